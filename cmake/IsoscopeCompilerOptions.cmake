@@ -1,0 +1,39 @@
+# Language level, warnings and sanitizers, as INTERFACE targets that IsoscopeTargets.cmake links.
+
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
+endif()
+
+find_program(ISOSCOPE_CCACHE ccache)
+if(ISOSCOPE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+  set(CMAKE_CXX_COMPILER_LAUNCHER "${ISOSCOPE_CCACHE}")
+endif()
+
+add_library(isoscope_warnings INTERFACE)
+add_library(isoscope::warnings ALIAS isoscope_warnings)
+target_compile_options(isoscope_warnings INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wold-style-cast
+  -Wnon-virtual-dtor -Woverloaded-virtual -Wdouble-promotion -Wformat=2 -Wimplicit-fallthrough
+  -Wundef
+  $<$<CXX_COMPILER_ID:GNU>:-Wduplicated-cond -Wduplicated-branches -Wlogical-op>
+  $<$<CXX_COMPILER_ID:Clang>:-Wthread-safety>)
+
+# Reproducible floating point: two compilers and two blocks must compute the same vertex
+# (docs/numerics.md), so contraction into fused multiply-add is off everywhere.
+add_library(isoscope_fp_strict INTERFACE)
+add_library(isoscope::fp_strict ALIAS isoscope_fp_strict)
+target_compile_options(isoscope_fp_strict INTERFACE -ffp-contract=off -fno-fast-math)
+
+add_library(isoscope_sanitizers INTERFACE)
+add_library(isoscope::sanitizers ALIAS isoscope_sanitizers)
+if(ISOSCOPE_SANITIZE)
+  target_compile_options(isoscope_sanitizers INTERFACE
+    -fsanitize=${ISOSCOPE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  target_link_options(isoscope_sanitizers INTERFACE -fsanitize=${ISOSCOPE_SANITIZE})
+endif()

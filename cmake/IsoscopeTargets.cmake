@@ -1,0 +1,79 @@
+# The only way to make a target in this project. Every helper adds the include root (the top of the
+# repository), the warnings, strict floating point and the sanitizers.
+
+# isoscope_library(NAME store SRCS a.cc HDRS a.h DEPS isoscope::base PRIVATE_DEPS PkgConfig::ZSTD)
+#
+# Makes the static library isoscope_store with the alias isoscope::store.
+function(isoscope_library)
+  cmake_parse_arguments(ARG "" "NAME" "SRCS;HDRS;DEPS;PRIVATE_DEPS" ${ARGN})
+  set(target isoscope_${ARG_NAME})
+  if(ARG_SRCS)
+    add_library(${target} STATIC ${ARG_SRCS} ${ARG_HDRS})
+    set(scope PUBLIC)
+    target_link_libraries(${target}
+      PUBLIC ${ARG_DEPS} isoscope::fp_strict isoscope::sanitizers
+      PRIVATE ${ARG_PRIVATE_DEPS} isoscope::warnings)
+  else()
+    add_library(${target} INTERFACE ${ARG_HDRS})
+    set(scope INTERFACE)
+    target_link_libraries(${target} INTERFACE ${ARG_DEPS} isoscope::fp_strict isoscope::sanitizers)
+  endif()
+  target_include_directories(${target} ${scope} "${PROJECT_SOURCE_DIR}")
+  add_library(isoscope::${ARG_NAME} ALIAS ${target})
+endfunction()
+
+# isoscope_executable(NAME isoscope-agent SRCS main.cc DEPS isoscope::agent)
+function(isoscope_executable)
+  cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
+  add_executable(${ARG_NAME} ${ARG_SRCS})
+  target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${ARG_NAME} PRIVATE
+    ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+endfunction()
+
+# isoscope_test(NAME foo_test SRCS foo_test.cc DEPS isoscope::store LABELS unit)
+#
+# Registers one CTest entry for the whole binary. Labels: unit, integration, golden, gpu, slow.
+function(isoscope_test)
+  cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "SRCS;DEPS;LABELS" ${ARGN})
+  if(NOT ARG_LABELS)
+    set(ARG_LABELS unit)
+  endif()
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 300)
+  endif()
+  add_executable(${ARG_NAME} ${ARG_SRCS})
+  target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${ARG_NAME} PRIVATE
+    ${ARG_DEPS} isoscope::test_support GTest::gmock GTest::gtest_main
+    isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+  set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
+  add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME})
+  set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT})
+endfunction()
+
+# isoscope_benchmark(NAME extract_benchmark SRCS extract_benchmark.cc DEPS isoscope::extract)
+#
+# CTest runs one short iteration of it, so that it never rots.
+function(isoscope_benchmark)
+  cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
+  add_executable(${ARG_NAME} ${ARG_SRCS})
+  target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${ARG_NAME} PRIVATE
+    ${ARG_DEPS} isoscope::test_support benchmark::benchmark benchmark::benchmark_main
+    isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+  set_target_properties(${ARG_NAME} PROPERTIES
+    RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/benchmarks")
+  add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --benchmark_min_time=0.01)
+  set_tests_properties(${ARG_NAME} PROPERTIES LABELS benchmark TIMEOUT 300)
+endfunction()
+
+# isoscope_fuzzer(NAME manifest_fuzz SRCS manifest_fuzz.cc DEPS isoscope::store): clang only.
+function(isoscope_fuzzer)
+  cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
+  add_executable(${ARG_NAME} ${ARG_SRCS})
+  target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${ARG_NAME} PRIVATE
+    ${ARG_DEPS} isoscope::test_support isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+  target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
+endfunction()

@@ -1,0 +1,46 @@
+// A fixed number of threads behind a bounded queue. It refuses work instead of growing: gRPC
+// reactions hand their work to one and return at once.
+
+#ifndef ISOSCOPE_CORE_BASE_EXECUTOR_H_
+#define ISOSCOPE_CORE_BASE_EXECUTOR_H_
+
+#include <cstddef>
+#include <deque>
+#include <thread>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/functional/any_invocable.h"
+#include "absl/synchronization/mutex.h"
+
+namespace isoscope::base {
+
+// Thread-safe. The destructor runs what is queued, then joins the threads.
+class Executor {
+ public:
+  using Task = absl::AnyInvocable<void() &&>;
+
+  // REQUIRES: thread_count >= 1. At most `max_queued` tasks wait beside those that run.
+  Executor(std::size_t thread_count, std::size_t max_queued);
+  ~Executor();
+
+  Executor(const Executor&) = delete;
+  Executor& operator=(const Executor&) = delete;
+
+  // Queues `task`. Returns false, and drops it unrun, when the queue is full or the executor is
+  // being destroyed.
+  [[nodiscard]] bool TrySchedule(Task task);
+
+ private:
+  void Run();
+
+  const std::size_t max_queued_;
+  absl::Mutex mutex_;
+  std::deque<Task> queue_ ABSL_GUARDED_BY(mutex_);
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_EXECUTOR_H_

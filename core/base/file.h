@@ -1,0 +1,76 @@
+// Files: the only place that knows POSIX I/O. Interfaces, so that tests can inject short reads,
+// EIO and ENOSPC (tests/support/fault_file.h).
+//
+// Every error names the path and the system's reason: NOT_FOUND (no such file or directory),
+// PERMISSION_DENIED, ALREADY_EXISTS, RESOURCE_EXHAUSTED (disk or quota full, too many open files),
+// DATA_LOSS (EIO; a file shorter than expected), INTERNAL otherwise.
+
+#ifndef ISOSCOPE_CORE_BASE_FILE_H_
+#define ISOSCOPE_CORE_BASE_FILE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::base {
+
+// A file of fixed content, read by position. Thread-safe.
+class RandomAccessFile {
+ public:
+  virtual ~RandomAccessFile() = default;
+
+  // Reads exactly `size` bytes from `offset` into `out`. DATA_LOSS if the file ends before.
+  [[nodiscard]] virtual absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                            char* out) const = 0;
+  [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
+  [[nodiscard]] virtual const std::string& path() const = 0;
+};
+
+// A file that is written once, front to back. Thread-compatible. Nothing is promised to be on disk
+// before Close() has returned OK; the destructor closes without a promise.
+class WritableFile {
+ public:
+  virtual ~WritableFile() = default;
+
+  [[nodiscard]] virtual absl::Status Append(absl::string_view bytes) = 0;
+  // Overwrites bytes that were appended before.
+  [[nodiscard]] virtual absl::Status WriteAt(std::int64_t offset, absl::string_view bytes) = 0;
+  // Flushes to disk (fsync) and closes.
+  [[nodiscard]] virtual absl::Status Close() = 0;
+  [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
+};
+
+absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path);
+
+// Creates `path`, which must not exist.
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path);
+
+// Reads a whole file of at most `max_size_bytes`; a larger one is INVALID_ARGUMENT.
+absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::int64_t max_size_bytes);
+
+// Writes `bytes` to a new file and flushes it.
+absl::Status WriteWholeFile(const std::string& path, absl::string_view bytes);
+
+// Creates one directory; its parent must exist, it must not.
+absl::Status CreateDirectory(const std::string& path);
+// Renames within one file system and flushes both parent directories. `to` must not exist, unless
+// both are files: then it is replaced in one step.
+absl::Status RenamePath(const std::string& from, const std::string& to);
+// Flushes a directory's entries to disk.
+absl::Status SyncDirectory(const std::string& path);
+// Removes a file or a whole directory tree; OK if there is none.
+absl::Status RemoveRecursively(const std::string& path);
+bool PathExists(const std::string& path);
+bool IsDirectory(const std::string& path);
+
+// Maps errno to a status that names `what` and `path`.
+absl::Status ErrnoToStatus(int error_number, absl::string_view what, absl::string_view path);
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_FILE_H_

@@ -1,0 +1,89 @@
+#include "core/base/log.h"
+
+#include <memory>
+
+#include "absl/strings/str_cat.h"
+
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+namespace isoscope::base {
+namespace {
+
+spdlog::logger& Logger() {
+  static spdlog::logger* const logger = [] {
+    auto sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
+    auto* made = new spdlog::logger("isoscope", std::move(sink));
+    made->set_pattern("%Y-%m-%dT%H:%M:%S.%eZ %l %v", spdlog::pattern_time_type::utc);
+    made->flush_on(spdlog::level::trace);
+    return made;
+  }();
+  return *logger;
+}
+
+spdlog::level::level_enum ToSpdlog(LogLevel level) {
+  switch (level) {
+    case LogLevel::kDebug:
+      return spdlog::level::debug;
+    case LogLevel::kInfo:
+      return spdlog::level::info;
+    case LogLevel::kWarning:
+      return spdlog::level::warn;
+    case LogLevel::kError:
+      return spdlog::level::err;
+    case LogLevel::kOff:
+      return spdlog::level::off;
+  }
+  return spdlog::level::info;
+}
+
+void AppendValue(absl::string_view value, std::string* line) {
+  if (!value.empty() && value.find_first_of(" \"\\=\n\r\t") == absl::string_view::npos) {
+    line->append(value.data(), value.size());
+    return;
+  }
+  line->push_back('"');
+  for (const char c : value) {
+    switch (c) {
+      case '\n':
+        line->append("\\n");
+        break;
+      case '\r':
+        line->append("\\r");
+        break;
+      case '\t':
+        line->append("\\t");
+        break;
+      case '"':
+      case '\\':
+        line->push_back('\\');
+        [[fallthrough]];
+      default:
+        line->push_back(c);
+    }
+  }
+  line->push_back('"');
+}
+
+}  // namespace
+
+void SetLogLevel(LogLevel level) { Logger().set_level(ToSpdlog(level)); }
+
+std::string FormatLogLine(absl::string_view event, std::initializer_list<LogField> fields) {
+  std::string line(event);
+  for (const LogField& field : fields) {
+    absl::StrAppend(&line, " ", field.key, "=");
+    AppendValue(field.value, &line);
+  }
+  return line;
+}
+
+void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField> fields) {
+  const spdlog::level::level_enum spdlog_level = ToSpdlog(level);
+  if (!Logger().should_log(spdlog_level)) {
+    return;
+  }
+  Logger().log(spdlog_level, "{}", FormatLogLine(event, fields));
+}
+
+}  // namespace isoscope::base

@@ -1,0 +1,33 @@
+// ISOSCOPE_RETURN_IF_ERROR and ISOSCOPE_ASSIGN_OR_RETURN, spelled as upstream spells them.
+
+#ifndef ISOSCOPE_CORE_BASE_STATUS_MACROS_H_
+#define ISOSCOPE_CORE_BASE_STATUS_MACROS_H_
+
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+// Returns from the enclosing function if `expression`, an absl::Status, is an error.
+#define ISOSCOPE_RETURN_IF_ERROR(expression)                \
+  do {                                                      \
+    absl::Status isoscope_status_ = (expression);           \
+    if (!isoscope_status_.ok()) [[unlikely]] {              \
+      return isoscope_status_;                              \
+    }                                                       \
+  } while (false)
+
+// ISOSCOPE_ASSIGN_OR_RETURN(auto value, MakeValue()); returns the error of the StatusOr, if any.
+#define ISOSCOPE_ASSIGN_OR_RETURN(declaration, expression) \
+  ISOSCOPE_ASSIGN_OR_RETURN_(ISOSCOPE_CONCAT_(isoscope_statusor_, __LINE__), declaration, expression)
+
+#define ISOSCOPE_CONCAT_INNER_(a, b) a##b
+#define ISOSCOPE_CONCAT_(a, b) ISOSCOPE_CONCAT_INNER_(a, b)
+#define ISOSCOPE_ASSIGN_OR_RETURN_(statusor, declaration, expression) \
+  auto statusor = (expression);                                       \
+  if (!statusor.ok()) [[unlikely]] {                                  \
+    return std::move(statusor).status();                              \
+  }                                                                   \
+  declaration = *std::move(statusor)
+
+#endif  // ISOSCOPE_CORE_BASE_STATUS_MACROS_H_

@@ -1,0 +1,43 @@
+// Extracts the isosurface of one block (marching cubes; docs/numerics.md).
+
+#ifndef ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
+#define ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
+
+#include <memory>
+
+#include "absl/status/status.h"
+#include "core/mesh/block_mesh.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/block_samples.h"
+#include "core/volume/grid_geometry.h"
+
+namespace isoscope::extract {
+
+struct ExtractOptions {
+  bool with_edge_keys = false;  // fill BlockMesh::edge_keys
+};
+
+// Holds scratch space that grows to the largest block and is reused. Thread-compatible: one for
+// each thread.
+class BlockExtractor {
+ public:
+  BlockExtractor(const volume::GridGeometry& geometry, const volume::BlockLayout& layout);
+  ~BlockExtractor();
+  BlockExtractor(BlockExtractor&&) noexcept;
+  BlockExtractor& operator=(BlockExtractor&&) noexcept;
+
+  // Replaces `mesh` by the isosurface of the block. `samples` as BlockSamples says; isovalue in
+  // field units. Cells that touch a NaN sample have no triangles. A vertex lies at
+  // t = (isovalue - a) / (b - a) between the edge's lower sample a and upper sample b.
+  // REQUIRES: isovalue is finite. Complexity: O(samples); at most 5 triangles a cell.
+  void Extract(const volume::BlockSamples& samples, double isovalue,
+               const ExtractOptions& options, mesh::BlockMesh* mesh);
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace isoscope::extract
+
+#endif  // ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_

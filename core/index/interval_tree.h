@@ -1,0 +1,61 @@
+// The external interval tree of a shard: which blocks have an isovalue in their span, by reading
+// O(log_B N + T/B) pages. Source: Arge and Vitter 1996/2003; Chiang and Silva 1997 (references.bib).
+
+#ifndef ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_
+#define ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/base/file.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/scalar_span.h"
+
+namespace isoscope::index {
+
+// A span and whose it is.
+struct BlockInterval {
+  volume::ScalarSpan span;
+  volume::BlockId block_id = 0;
+  std::uint32_t ordinal = 0;  // the block's place in its shard
+
+  friend bool operator==(const BlockInterval&, const BlockInterval&) = default;
+};
+
+struct QueryResult {
+  std::vector<BlockInterval> active;  // ascending by ordinal
+  std::int64_t page_read_count = 0;   // pages the query asked for
+  std::int64_t read_bytes = 0;        // bytes that came from the file, not from the page cache
+};
+
+// Immutable after Open; Query is thread-safe.
+class IntervalTree {
+ public:
+  // Opens and verifies the header. DATA_LOSS if it is damaged.
+  static absl::StatusOr<std::unique_ptr<IntervalTree>> Open(
+      std::unique_ptr<base::RandomAccessFile> file, std::int64_t page_cache_bytes);
+  ~IntervalTree();
+
+  // All intervals with IsActive(span, isovalue). REQUIRES: isovalue is finite.
+  // DATA_LOSS, naming file and page, if a page is damaged. Reads at most
+  // MaxPageReads(interval_count(), result) pages.
+  [[nodiscard]] absl::StatusOr<QueryResult> Query(double isovalue) const;
+
+  [[nodiscard]] std::int64_t interval_count() const;
+
+  // The stated bound (docs/format/interval_tree.md): a constant times log_B N plus one times T/B.
+  static std::int64_t MaxPageReads(std::int64_t interval_count, std::int64_t active_count);
+
+ private:
+  class Impl;
+  explicit IntervalTree(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace isoscope::index
+
+#endif  // ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_

@@ -1,0 +1,60 @@
+// A source volume, read in z-slabs.
+
+#ifndef ISOSCOPE_CORE_INGEST_VOLUME_SOURCE_H_
+#define ISOSCOPE_CORE_INGEST_VOLUME_SOURCE_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/volume/grid_geometry.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::ingest {
+
+// Thread-compatible.
+class VolumeSource {
+ public:
+  virtual ~VolumeSource() = default;
+
+  [[nodiscard]] virtual const volume::GridGeometry& geometry() const = 0;
+  [[nodiscard]] virtual volume::ScalarType scalar_type() const = 0;
+  // Path or name, for messages.
+  [[nodiscard]] virtual const std::string& name() const = 0;
+
+  // Reads samples [begin_z, end_z) as [z][y][x], x fastest, little-endian, into `out`, which holds
+  // (end_z - begin_z) * ny * nx * SizeOf(type) bytes. Slabs may overlap; they are asked for in
+  // ascending order of begin_z within a pass; a pass may start over at 0.
+  // INVALID_ARGUMENT if the file ends early (names bytes expected and found), DATA_LOSS if it is
+  // damaged or can't be decoded.
+  virtual absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) = 0;
+};
+
+// What the command line says about a raw file; ignored for formats that carry it themselves, except
+// that a flag given for those is an error (the caller checks is_raw).
+struct RawFormat {
+  math::Index3 dims;
+  volume::ScalarType type = volume::ScalarType::kUint8;
+  bool is_big_endian = false;
+  std::int64_t header_bytes = 0;
+  math::Vec3d spacing{1, 1, 1};
+  math::Vec3d origin;
+};
+
+// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd) by ITK.
+// NOT_FOUND, INVALID_ARGUMENT (unknown format: lists those known, and says how to read it as raw;
+// not three-dimensional; more than one component), DATA_LOSS.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);
+// Opens a raw file. INVALID_ARGUMENT if it is smaller than the flags promise (names both sizes).
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,
+                                                          const RawFormat& format);
+// Samples in memory, [z][y][x], x fastest: generated fields in tests and benchmarks.
+std::unique_ptr<VolumeSource> MakeMemorySource(const volume::GridGeometry& geometry,
+                                               volume::ScalarType type, std::string samples,
+                                               std::string name);
+
+}  // namespace isoscope::ingest
+
+#endif  // ISOSCOPE_CORE_INGEST_VOLUME_SOURCE_H_

@@ -1,0 +1,43 @@
+// The isosurface inside one block: what extraction makes and renderers draw.
+
+#ifndef ISOSCOPE_CORE_MESH_BLOCK_MESH_H_
+#define ISOSCOPE_CORE_MESH_BLOCK_MESH_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/math/vec.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::mesh {
+
+// Indexed triangles. Thread-compatible; shared between threads once it is const.
+struct BlockMesh {
+  volume::BlockId block_id = 0;
+  // In index space (samples): what two blocks share on a face is bit-identical in both.
+  std::vector<math::Vec3f> positions;
+  // One for each position: world space, unit length, the negated gradient, so it points to where
+  // the field is smaller. (0, 0, 0) where the gradient vanishes or is not finite.
+  std::vector<math::Vec3f> normals;
+  // Three for each triangle, counter-clockwise in index space seen from where the field is below
+  // the isovalue.
+  std::vector<std::uint32_t> indices;
+  // One for each position, only if it was asked for: the grid edge the vertex lies on,
+  // 3 * (linear index of the edge's lower sample in the volume) + axis. Equal keys: same vertex.
+  std::vector<std::int64_t> edge_keys;
+  // Crossed grid edges whose lower sample is this block's: the volume's sum is its unique vertices.
+  std::int64_t owned_vertex_count = 0;
+
+  [[nodiscard]] std::int64_t triangle_count() const {
+    return static_cast<std::int64_t>(indices.size() / 3);
+  }
+  [[nodiscard]] std::size_t size_bytes() const {
+    return positions.size() * sizeof(math::Vec3f) + normals.size() * sizeof(math::Vec3f) +
+           indices.size() * sizeof(std::uint32_t) + edge_keys.size() * sizeof(std::int64_t);
+  }
+};
+
+}  // namespace isoscope::mesh
+
+#endif  // ISOSCOPE_CORE_MESH_BLOCK_MESH_H_

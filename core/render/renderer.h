@@ -1,0 +1,55 @@
+// Drawing block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and
+// CPU (docs/architecture.md).
+//
+// The promise that makes culling exact: a pixel shows the fragment with the smallest FragmentKey
+// (depth, then block id; within a block, the triangle with the lowest index), and neither depth nor
+// colour of a fragment depends on what else is drawn, on the order, or on how meshes are spread over
+// passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1].
+
+#ifndef ISOSCOPE_CORE_RENDER_RENDERER_H_
+#define ISOSCOPE_CORE_RENDER_RENDERER_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/base/cancellation.h"
+#include "core/image/frame_image.h"
+#include "core/mesh/block_mesh.h"
+#include "core/render/appearance.h"
+#include "core/view/view.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::render {
+
+// One picture in the making. Destroying it unfinished abandons it.
+class RenderPass {
+ public:
+  virtual ~RenderPass() = default;
+
+  // Draws `mesh`, now or by Finish(). Thread-safe; any order. Each block at most once in a pass;
+  // an empty mesh is fine. REQUIRES: mesh is not null and no longer changes.
+  virtual absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) = 0;
+
+  // Completes the picture. Call once, after every Add has returned. Returns the error of
+  // `cancellation` if it fires.
+  virtual absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) = 0;
+};
+
+// Thread-safe; one for a process. Passes of several frames may be open at a time.
+class Renderer {
+ public:
+  virtual ~Renderer() = default;
+
+  // `view` is copied; `layout` must be that of the blocks to come and is copied too.
+  virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(
+      const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance) = 0;
+
+  // For people: "egl: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa 22.3.6".
+  [[nodiscard]] virtual std::string description() const = 0;
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_RENDERER_H_

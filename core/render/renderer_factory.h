@@ -1,0 +1,36 @@
+// Chooses a back end by name.
+
+#ifndef ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
+#define ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "core/render/renderer.h"
+
+namespace isoscope::render {
+
+enum class RendererKind {
+  kAuto,  // EGL if it is real hardware, else CPU
+  kEgl,
+  kCpu,
+};
+
+struct RendererOptions {
+  RendererKind kind = RendererKind::kAuto;
+  // Which EGL device, as `isoscope-agent --list-egl-devices` numbers them; -1: the first that works.
+  int egl_device = -1;
+};
+
+// "auto", "egl", "cpu"; INVALID_ARGUMENT otherwise.
+absl::StatusOr<RendererKind> RendererKindFromName(absl::string_view name);
+
+// FAILED_PRECONDITION if EGL can't start: says which platforms and devices were tried, what each
+// answered, and what to install.
+absl::StatusOr<std::unique_ptr<Renderer>> MakeRenderer(const RendererOptions& options);
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_

@@ -1,0 +1,56 @@
+// The manifest of a dataset: what every shard must agree on. JSON that carries its own CRC-32C
+// (docs/format/dataset.md); the same bytes lie in the dataset directory and in each shard directory.
+
+#ifndef ISOSCOPE_CORE_STORE_MANIFEST_H_
+#define ISOSCOPE_CORE_STORE_MANIFEST_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/grid_geometry.h"
+#include "core/volume/scalar_span.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::store {
+
+enum class Distribution { kRandom, kGreedy };
+absl::string_view NameOf(Distribution distribution);
+absl::StatusOr<Distribution> DistributionFromName(absl::string_view name);
+
+struct ShardSummary {
+  std::int64_t block_count = 0;
+  std::int64_t block_bytes = 0;       // size of blocks.bin
+  std::uint32_t block_index_crc32c = 0;  // of the whole index file: ties the shard to the dataset
+
+  friend bool operator==(const ShardSummary&, const ShardSummary&) = default;
+};
+
+struct Manifest {
+  std::string dataset_id;  // 32 hex digits; a digest of content and parameters: same input, same id
+  std::string name;        // what clients ask for; from the output folder's name
+  std::string source;      // file name (no folder) of the source volume, for people
+  volume::GridGeometry geometry;
+  volume::ScalarType scalar_type = volume::ScalarType::kUint8;
+  volume::ScalarSpan value_range;  // over all samples that are not NaN
+  math::Index3 block_cells;
+  Distribution distribution = Distribution::kRandom;
+  std::uint64_t seed = 0;
+  std::uint32_t range_table_crc32c = 0;  // of the whole range table file
+  std::vector<ShardSummary> shards;      // by shard index
+
+  friend bool operator==(const Manifest&, const Manifest&) = default;
+};
+
+std::string EncodeManifest(const Manifest& manifest);
+// DATA_LOSS if the bytes are damaged (their CRC-32C does not match), FAILED_PRECONDITION if they
+// are of a newer format version. `where` names the file in messages.
+absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_view where);
+
+}  // namespace isoscope::store
+
+#endif  // ISOSCOPE_CORE_STORE_MANIFEST_H_

@@ -1,0 +1,94 @@
+// Reads one shard directory.
+
+#ifndef ISOSCOPE_CORE_STORE_SHARD_READER_H_
+#define ISOSCOPE_CORE_STORE_SHARD_READER_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "core/base/file.h"
+#include "core/store/manifest.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/block_samples.h"
+#include "core/volume/range_table.h"
+
+namespace isoscope::store {
+
+// A dataset directory's own description (not a shard's).
+struct DatasetDescription {
+  Manifest manifest;
+  volume::RangeTable ranges;
+  std::vector<std::string> shard_directories;  // by shard index; those that exist, else ""
+};
+// NOT_FOUND if `directory` holds no finished dataset, DATA_LOSS if it is damaged.
+absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory);
+
+// True if `directory` looks like a dataset directory / a shard directory.
+bool IsDatasetDirectory(const std::string& directory);
+bool IsShardDirectory(const std::string& directory);
+
+// Immutable after Open; thread-safe.
+class ShardReader {
+ public:
+  // Verifies manifest, range table, shard file and block index (checksums, sizes, and that they
+  // belong together). Blocks are verified as they are read.
+  // NOT_FOUND: no shard there. DATA_LOSS: damaged; the message names file and offset.
+  static absl::StatusOr<std::unique_ptr<ShardReader>> Open(const std::string& directory);
+
+  [[nodiscard]] const std::string& directory() const { return directory_; }
+  [[nodiscard]] const Manifest& manifest() const { return manifest_; }
+  [[nodiscard]] int shard_index() const { return shard_index_; }
+  [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
+  [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_; }
+  [[nodiscard]] std::int64_t block_count() const;
+  [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
+
+  // One run of neighbouring blocks on disk: read with one request.
+  struct Run {
+    std::int64_t offset = 0;
+    std::int64_t size = 0;
+    std::size_t first = 0;  // index into the ordinals that were planned
+    std::size_t count = 0;
+  };
+  // Groups ascending `ordinals` into runs: blocks whose gap is at most kMaxGapBytes are read
+  // together, up to kMaxRunBytes.
+  [[nodiscard]] std::vector<Run> PlanRuns(absl::Span<const std::uint32_t> ordinals) const;
+  static constexpr std::int64_t kMaxGapBytes = 32 * 1024;
+  static constexpr std::int64_t kMaxRunBytes = 1024 * 1024;
+
+  // Reads one run of `ordinals` into `buffer` (grown as needed, reused by the caller), checks each
+  // block's CRC-32C and calls `visit` in order; the samples live until the next call with that
+  // buffer. DATA_LOSS names dataset, shard, block, file and offset. Thread-safe.
+  absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
+                       std::string* buffer,
+                       absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
+
+ private:
+  ShardReader() = default;
+
+  struct Entry {
+    volume::BlockId block_id = 0;
+    std::uint32_t size = 0;
+    std::int64_t offset = 0;
+    std::uint32_t crc32c = 0;
+  };
+
+  std::string directory_;
+  Manifest manifest_;
+  std::uint32_t manifest_crc32c_ = 0;
+  int shard_index_ = 0;
+  volume::BlockLayout layout_;
+  volume::RangeTable ranges_;
+  std::vector<Entry> entries_;  // by ordinal
+  std::unique_ptr<base::RandomAccessFile> blocks_file_;
+};
+
+}  // namespace isoscope::store
+
+#endif  // ISOSCOPE_CORE_STORE_SHARD_READER_H_

@@ -1,0 +1,57 @@
+// Cameras, with VTK's conventions (docs/numerics.md): eye, target and up in world space.
+
+#ifndef ISOSCOPE_CORE_VIEW_CAMERA_H_
+#define ISOSCOPE_CORE_VIEW_CAMERA_H_
+
+#include "absl/status/status.h"
+#include "core/math/box.h"
+#include "core/math/vec.h"
+
+namespace isoscope::view {
+
+enum class Projection { kPerspective, kOrthographic };
+
+struct Camera {
+  math::Vec3d eye;
+  math::Vec3d target;
+  math::Vec3d up{0, 1, 0};
+  Projection projection = Projection::kPerspective;
+  double fov_y_radians = 0;  // perspective: full vertical angle, in (0, pi)
+  double view_height = 0;    // orthographic: world height of the image, > 0
+
+  friend bool operator==(const Camera&, const Camera&) = default;
+};
+
+struct Viewport {
+  int width_px = 0;
+  int height_px = 0;
+
+  friend bool operator==(const Viewport&, const Viewport&) = default;
+};
+
+inline constexpr int kMaxViewportPx = 16384;
+
+// INVALID_ARGUMENT, naming the field and its value, unless all is finite, eye != target, up is not
+// parallel to the view direction, and the angle or height is in its range.
+absl::Status Validate(const Camera& camera);
+// INVALID_ARGUMENT unless both sides are in [1, kMaxViewportPx].
+absl::Status Validate(const Viewport& viewport);
+
+// The camera that vtkRenderer::ResetCamera gives: target = centre of `bounds`, eye along +z from it
+// at distance R / sin(fov/2), R = half the diagonal, up = +y, fov 30 degrees.
+Camera MakeDefaultCamera(const math::Box3d& bounds);
+
+// Turns the eye about `up` through the target (vtkCamera::Azimuth, its sign).
+void Azimuth(double radians, Camera* camera);
+// Turns the eye about the camera's right axis through the target (vtkCamera::Elevation, its sign),
+// and keeps `up` as it is. Callers orthogonalize if they turn on.
+void Elevation(double radians, Camera* camera);
+// Makes `up` perpendicular to the view direction (vtkCamera::OrthogonalizeViewUp).
+void OrthogonalizeUp(Camera* camera);
+// Divides the angle (perspective) or the height (orthographic) by `factor` (vtkCamera::Zoom).
+// REQUIRES: factor > 0.
+void Zoom(double factor, Camera* camera);
+
+}  // namespace isoscope::view
+
+#endif  // ISOSCOPE_CORE_VIEW_CAMERA_H_

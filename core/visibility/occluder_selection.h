@@ -1,0 +1,58 @@
+// Step 1 of a frame: rays through the blocks find a first guess of what can be seen. No sample is
+// read, only spans. Source: the paper, section 3.1 (references.bib: zhang-random-distribution).
+
+#ifndef ISOSCOPE_CORE_VISIBILITY_OCCLUDER_SELECTION_H_
+#define ISOSCOPE_CORE_VISIBILITY_OCCLUDER_SELECTION_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "core/view/view.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/range_table.h"
+
+namespace isoscope::visibility {
+
+// The rays of a frame, numbered 0 .. count() - 1 in spatially coherent order: first the centres of
+// all boundary faces of all boundary blocks, then random points of the image plane. A ray is a pure
+// function of (view, layout, seed, number): it does not depend on who casts it.
+// Immutable; thread-safe. The view and the layout must outlive it.
+class RaySet {
+ public:
+  RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed);
+
+  [[nodiscard]] std::int64_t count() const { return face_ray_count_ + image_ray_count_; }
+
+  // Casts rays [begin, end). Each stops at the first active block it meets at or behind the eye
+  // and inside the frustum's side planes; returns the blocks hit, ascending, each once.
+  [[nodiscard]] std::vector<volume::BlockId> Cast(std::int64_t begin, std::int64_t end,
+                                                  const volume::BlockSet& active) const;
+
+ private:
+  const view::View& view_;
+  const volume::BlockLayout& layout_;
+  std::uint64_t seed_;
+  std::int64_t face_ray_count_ = 0;
+  std::int64_t image_ray_count_ = 0;
+};
+
+// The share of an agent: rays [Begin, End) of `ray_count` for agent `agent_index` of `agent_count`.
+struct RayShare {
+  std::int64_t begin = 0;
+  std::int64_t end = 0;
+};
+RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count);
+
+// The reduce of step 1: the union of sorted hit lists, sorted, each block once. Associative,
+// commutative, idempotent.
+std::vector<volume::BlockId> UnionOfHits(const std::vector<volume::BlockId>& a,
+                                         const std::vector<volume::BlockId>& b);
+
+// The occluding blocks: the hits and those of their 26 neighbours that are active.
+volume::BlockSet OccludingBlocks(const std::vector<volume::BlockId>& hits,
+                                 const volume::BlockLayout& layout,
+                                 const volume::BlockSet& active);
+
+}  // namespace isoscope::visibility
+
+#endif  // ISOSCOPE_CORE_VISIBILITY_OCCLUDER_SELECTION_H_

@@ -1,0 +1,27 @@
+// What one agent is asked to do for one frame; no wire types.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_FRAME_REQUEST_H_
+#define ISOSCOPE_PARTITION_AGENT_FRAME_REQUEST_H_
+
+#include <cstdint>
+
+#include "core/render/appearance.h"
+#include "core/view/camera.h"
+#include "core/visibility/culling.h"
+
+namespace isoscope::agent {
+
+struct FrameRequest {
+  double isovalue = 0;  // finite
+  view::Camera camera;
+  view::Viewport viewport;
+  visibility::Culling culling = visibility::Culling::kDepth;
+  render::Appearance appearance;
+  std::uint64_t ray_seed = 0;
+  int agent_index = 0;  // its part of the rays: agent_index of agent_count
+  int agent_count = 1;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_FRAME_REQUEST_H_

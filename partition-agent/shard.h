@@ -1,0 +1,27 @@
+// One opened shard: its blocks and its index.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_SHARD_H_
+#define ISOSCOPE_PARTITION_AGENT_SHARD_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "core/index/interval_tree.h"
+#include "core/store/shard_reader.h"
+
+namespace isoscope::agent {
+
+// Immutable; thread-safe.
+struct Shard {
+  std::unique_ptr<store::ShardReader> reader;
+  std::unique_ptr<index::IntervalTree> tree;
+};
+
+// Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if the
+// index does not belong to the blocks.
+absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory);
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_SHARD_H_

@@ -1,0 +1,66 @@
+// One agent's part in one frame, as the coordinator sees it; no gRPC types. agent_client makes them
+// from streams, tests from FramePipeline directly.
+
+#ifndef ISOSCOPE_SERVER_AGENT_LINK_H_
+#define ISOSCOPE_SERVER_AGENT_LINK_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::server {
+
+// The numbers of isoscope.v1.AgentStatistics.
+struct AgentStatistics {
+  std::string agent_address;
+  std::vector<int> shard_indices;
+  std::int64_t active_block_count = 0;
+  std::int64_t occluding_block_count = 0;
+  std::int64_t visible_block_count = 0;
+  std::int64_t triangle_count = 0;
+  std::int64_t unique_vertex_count = 0;
+  std::int64_t read_bytes = 0;
+  std::int64_t index_page_read_count = 0;
+  absl::Duration extract_duration;
+  absl::Duration render_duration;
+  absl::Duration busy_duration;
+};
+
+// What an agent says during a frame, in order of arrival. Called from any thread, never two calls at
+// a time for one agent; must be quick and must not call back into the link.
+class AgentListener {
+ public:
+  virtual ~AgentListener() = default;
+  virtual void OnRayHits(std::vector<volume::BlockId> hits) = 0;
+  virtual void OnPixels(std::string band) = 0;  // docs/format/wire.md
+  virtual void OnOccludersDone() = 0;
+  virtual void OnFrameDone(AgentStatistics statistics) = 0;
+  // The last call. OK only after OnFrameDone. Errors name the agent and its shards.
+  virtual void OnEnd(absl::Status status) = 0;
+};
+
+// Thread-safe. The frame was begun when the link was made.
+class AgentLink {
+ public:
+  // Cancels the frame if it has not ended, and waits until OnEnd has returned.
+  virtual ~AgentLink() = default;
+
+  virtual void SendOccluders(const std::vector<volume::BlockId>& hits) = 0;
+  virtual void SendOcclusionMap(const std::string& encoded) = 0;
+  // Stops the agent's work; OnEnd follows soon.
+  virtual void Cancel() = 0;
+
+  // "agent 10.0.0.7:50052 (shards 3, 7)".
+  [[nodiscard]] virtual std::string name() const = 0;
+  // Bytes of messages so far, both ways.
+  [[nodiscard]] virtual std::int64_t network_bytes() const = 0;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_AGENT_LINK_H_
