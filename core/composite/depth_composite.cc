@@ -1,0 +1,1 @@
+#include "core/composite/depth_composite.h"

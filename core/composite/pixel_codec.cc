@@ -1,0 +1,1 @@
+#include "core/composite/pixel_codec.h"

@@ -1,0 +1,1 @@
+#include "core/extract/block_extractor.h"

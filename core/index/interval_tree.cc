@@ -1,0 +1,1 @@
+#include "core/index/interval_tree.h"

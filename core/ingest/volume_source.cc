@@ -1,0 +1,1 @@
+#include "core/ingest/volume_source.h"

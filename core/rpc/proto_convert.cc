@@ -1,0 +1,1 @@
+#include "core/rpc/proto_convert.h"

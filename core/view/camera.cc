@@ -1,0 +1,1 @@
+#include "core/view/camera.h"

@@ -1,0 +1,1 @@
+#include "core/visibility/occluder_selection.h"

@@ -1,0 +1,1 @@
+#include "core/visibility/occlusion_map.h"

@@ -1,0 +1,1 @@
+#include "core/volume/synthetic_fields.h"

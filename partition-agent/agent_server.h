@@ -1,0 +1,53 @@
+// A running agent: its shards behind a gRPC server. Used by isoscope-agent's main and by the embedded
+// cluster of the command line.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
+#define ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <grpcpp/channel.h>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "core/render/renderer.h"
+
+#include <oneapi/tbb/task_arena.h>
+
+namespace isoscope::agent {
+
+struct AgentServerOptions {
+  // Shard directories, or dataset directories: then all shards in them.
+  std::vector<std::string> directories;
+  // "HOST:PORT"; port 0 takes a free one. Empty: no port, in-process channels only.
+  std::string listen_address;
+  // Shared by all agents of a process.
+  std::shared_ptr<render::Renderer> renderer;
+  std::shared_ptr<tbb::task_arena> arena;
+  // Frames in work at a time; more wait, then are refused with RESOURCE_EXHAUSTED.
+  int max_concurrent_frames = 4;
+  int max_queued_frames = 64;
+};
+
+// Thread-safe.
+class AgentServer {
+ public:
+  // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as OpenShard;
+  // UNAVAILABLE if the address can't be bound.
+  static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
+  // Shutdown with no grace.
+  virtual ~AgentServer() = default;
+
+  // The bound port, or 0 without one.
+  [[nodiscard]] virtual int port() const = 0;
+  virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
+  // Health NOT_SERVING, no new calls, waits for those in work up to `grace`, then cancels them. Blocks.
+  virtual void Shutdown(absl::Duration grace) = 0;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_

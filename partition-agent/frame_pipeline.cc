@@ -1,0 +1,1 @@
+#include "partition-agent/frame_pipeline.h"

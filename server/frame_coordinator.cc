@@ -1,0 +1,1 @@
+#include "server/frame_coordinator.h"
