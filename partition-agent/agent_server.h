@@ -44,6 +44,8 @@ class AgentServer {
   // The bound port, or 0 without one.
   [[nodiscard]] virtual int port() const = 0;
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
+  // For people: "head 0,2 of 4; noise 1 of 2".
+  [[nodiscard]] virtual std::string shard_summary() const = 0;
   // Health NOT_SERVING, no new calls, waits for those in work up to `grace`, then cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;
 };

@@ -31,20 +31,26 @@ class RandomAccessFile {
   [[nodiscard]] virtual const std::string& path() const = 0;
 };
 
-// A file that is written once, front to back. Thread-compatible. Nothing is promised to be on disk
-// before Close() has returned OK; the destructor closes without a promise.
+// A new file. Thread-compatible. Writes are buffered: nothing is promised to be on disk before
+// Close() has returned OK, and the destructor closes without a promise. The first error stays:
+// every later call returns it.
 class WritableFile {
  public:
   virtual ~WritableFile() = default;
 
+  // Writes at size_bytes().
   [[nodiscard]] virtual absl::Status Append(absl::string_view bytes) = 0;
-  // Overwrites bytes that were appended before.
+  // Writes at any offset >= 0, inside or beyond what was written: in any order, once or again.
+  // Bytes that are never written read as zeros.
   [[nodiscard]] virtual absl::Status WriteAt(std::int64_t offset, absl::string_view bytes) = 0;
-  // Flushes to disk (fsync) and closes.
+  // Flushes to disk (fsync) and closes. Writing after it is FAILED_PRECONDITION; closing again is
+  // OK.
   [[nodiscard]] virtual absl::Status Close() = 0;
+  // The end of the furthest write, flushed or not.
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
 };
 
+// FAILED_PRECONDITION if `path` is no regular file.
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path);
 
 // Creates `path`, which must not exist.
@@ -52,8 +58,10 @@ absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::stri
 
 // Reads a whole file of at most `max_size_bytes`; a larger one is INVALID_ARGUMENT.
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::int64_t max_size_bytes);
+absl::StatusOr<std::string> ReadWholeFile(const RandomAccessFile& file,
+                                          std::int64_t max_size_bytes);
 
-// Writes `bytes` to a new file and flushes it.
+// Writes `bytes` to a new file and flushes it; removes it again on an error.
 absl::Status WriteWholeFile(const std::string& path, absl::string_view bytes);
 
 // Creates one directory; its parent must exist, it must not.

@@ -13,6 +13,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+
 #include "core/image/frame_image.h"
 
 namespace isoscope::composite {

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "absl/status/status.h"
+
 #include "core/mesh/block_mesh.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
@@ -30,8 +31,8 @@ class BlockExtractor {
   // field units. Cells that touch a NaN sample have no triangles. A vertex lies at
   // t = (isovalue - a) / (b - a) between the edge's lower sample a and upper sample b.
   // REQUIRES: isovalue is finite. Complexity: O(samples); at most 5 triangles a cell.
-  void Extract(const volume::BlockSamples& samples, double isovalue,
-               const ExtractOptions& options, mesh::BlockMesh* mesh);
+  void Extract(const volume::BlockSamples& samples, double isovalue, const ExtractOptions& options,
+               mesh::BlockMesh* mesh);
 
  private:
   class Impl;

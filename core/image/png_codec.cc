@@ -1,1 +1,219 @@
 #include "core/image/png_codec.h"
+
+#include <png.h>
+
+#include <algorithm>
+#include <array>
+#include <csetjmp>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <new>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+
+#include "core/base/check.h"
+
+// libpng reports errors by longjmp. The rule here: a function that calls setjmp, and the callbacks,
+// own nothing that has a destructor; their callers own it.
+
+namespace isoscope::image {
+namespace {
+
+static_assert(sizeof(Rgba8) == 4, "rows are handed to libpng as they lie in memory");
+
+// Measured on a bumpy isosurface of 1024 x 1024 (CPU milliseconds, kilobytes), filter "up": level
+// 1: 11.8, 359; level 2: 12.5, 354; level 3: 15.5, 346; level 6: 29.9, 346. Without a filter level
+// 1 takes 10.8 and 356, but smooth surfaces profit from one.
+constexpr int kCompressionLevel = 1;
+constexpr int kFilters = PNG_FILTER_UP;
+// libpng's default buffer of 8 KiB would make an IDAT chunk of every 8 KiB.
+constexpr std::size_t kIdatBytes = 1 << 18;
+
+struct ErrorText {
+  std::array<char, 200> text{};
+};
+
+[[noreturn]] void OnError(png_structp png, png_const_charp message) {
+  auto* error = static_cast<ErrorText*>(png_get_error_ptr(png));
+  std::strncpy(error->text.data(), message, error->text.size() - 1);
+  png_longjmp(png, 1);
+}
+
+void OnWarning(png_structp /*png*/, png_const_charp /*message*/) {}
+
+void AppendToString(png_structp png, png_bytep data, std::size_t size) {
+  auto* out = static_cast<std::string*>(png_get_io_ptr(png));
+  bool appended = true;
+  try {
+    out->append(reinterpret_cast<const char*>(data), size);
+  } catch (const std::bad_alloc&) {
+    appended = false;
+  }
+  if (!appended) {
+    png_error(png, "out of memory");
+  }
+}
+
+void DoNotFlush(png_structp /*png*/) {}
+
+struct PngBytes {
+  const char* data = nullptr;
+  std::size_t size = 0;
+  std::size_t position = 0;
+};
+
+void ReadFromBytes(png_structp png, png_bytep data, std::size_t size) {
+  auto* in = static_cast<PngBytes*>(png_get_io_ptr(png));
+  if (size > in->size - in->position) {
+    png_error(png, "the bytes end too early");
+  }
+  std::memcpy(data, in->data + in->position, size);
+  in->position += size;
+}
+
+bool WriteImage(png_structp png, png_infop info, int width, int height, bool opaque,
+                const Rgba8* pixels) {
+  if (setjmp(png_jmpbuf(png)) != 0) {  // NOLINT(cert-err52-cpp): libpng's way
+    return false;
+  }
+  png_set_compression_level(png, kCompressionLevel);
+  png_set_filter(png, PNG_FILTER_TYPE_BASE, kFilters);
+  png_set_compression_buffer_size(png, kIdatBytes);
+  png_set_user_limits(png, PNG_UINT_31_MAX, PNG_UINT_31_MAX);
+  png_set_IHDR(png, info, static_cast<png_uint_32>(width), static_cast<png_uint_32>(height), 8,
+               opaque ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE,
+               PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+  png_set_sRGB(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
+  png_write_info(png, info);
+  if (opaque) {
+    png_set_filler(png, 0, PNG_FILLER_AFTER);  // drops the fourth byte
+  }
+  for (int y = 0; y < height; ++y) {
+    const Rgba8* row = pixels + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
+    png_write_row(png, reinterpret_cast<png_const_bytep>(row));
+  }
+  png_write_end(png, info);
+  return true;
+}
+
+struct Header {
+  png_uint_32 width = 0;
+  png_uint_32 height = 0;
+  std::size_t raw_row_bytes = 0;  // as stored
+  std::size_t row_bytes = 0;      // as delivered
+};
+
+bool ReadHeader(png_structp png, png_infop info, Header* header) {
+  if (setjmp(png_jmpbuf(png)) != 0) {  // NOLINT(cert-err52-cpp): libpng's way
+    return false;
+  }
+  png_set_user_limits(png, kMaxPngSidePx, kMaxPngSidePx);
+  png_set_chunk_malloc_max(png, 1 << 20);
+  png_set_chunk_cache_max(png, 16);
+  png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
+  png_set_benign_errors(png, 0);
+  png_read_info(png, info);
+  header->width = png_get_image_width(png, info);
+  header->height = png_get_image_height(png, info);
+  header->raw_row_bytes = png_get_rowbytes(png, info);
+  png_set_expand(png);
+  png_set_scale_16(png);
+  png_set_gray_to_rgb(png);
+  png_set_add_alpha(png, 0xff, PNG_FILLER_AFTER);
+  png_set_interlace_handling(png);
+  png_read_update_info(png, info);
+  header->row_bytes = png_get_rowbytes(png, info);
+  return true;
+}
+
+bool ReadRows(png_structp png, png_infop info, png_bytep* rows) {
+  if (setjmp(png_jmpbuf(png)) != 0) {  // NOLINT(cert-err52-cpp): libpng's way
+    return false;
+  }
+  png_read_image(png, rows);
+  png_read_end(png, info);
+  return true;
+}
+
+// Owns libpng's structs.
+struct Writer {
+  Writer() = default;
+  Writer(const Writer&) = delete;
+  Writer& operator=(const Writer&) = delete;
+  ~Writer() { png_destroy_write_struct(&png, &info); }
+
+  ErrorText error;
+  png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &error, OnError, OnWarning);
+  png_infop info = png != nullptr ? png_create_info_struct(png) : nullptr;
+};
+
+struct Reader {
+  Reader() = default;
+  Reader(const Reader&) = delete;
+  Reader& operator=(const Reader&) = delete;
+  ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
+
+  ErrorText error;
+  png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &error, OnError, OnWarning);
+  png_infop info = png != nullptr ? png_create_info_struct(png) : nullptr;
+};
+
+absl::Status Damaged(const Reader& reader, const PngBytes& in) {
+  return absl::DataLossError(absl::StrCat("PNG of ", in.size, " bytes, near byte ", in.position,
+                                          ": ", reader.error.text.data(),
+                                          "; expected a complete PNG"));
+}
+
+}  // namespace
+
+std::string EncodePng(int width, int height, const std::vector<Rgba8>& pixels) {
+  ISOSCOPE_CHECK_GE(width, 1);
+  ISOSCOPE_CHECK_GE(height, 1);
+  ISOSCOPE_CHECK_EQ(pixels.size(),
+                    static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  const bool opaque =
+      std::all_of(pixels.begin(), pixels.end(), [](const Rgba8& pixel) { return pixel.a == 255; });
+  std::string out;
+  Writer writer;
+  ISOSCOPE_CHECK(writer.info != nullptr);
+  png_set_write_fn(writer.png, &out, AppendToString, DoNotFlush);
+  // Encoding valid pixels fails only when memory runs out.
+  ISOSCOPE_CHECK(WriteImage(writer.png, writer.info, width, height, opaque, pixels.data()));
+  return out;
+}
+
+absl::StatusOr<RgbaImage> DecodePng(absl::string_view png) {
+  PngBytes in{.data = png.data(), .size = png.size()};
+  Reader reader;
+  ISOSCOPE_CHECK(reader.info != nullptr);
+  png_set_read_fn(reader.png, &in, ReadFromBytes);
+  Header header;
+  if (!ReadHeader(reader.png, reader.info, &header)) {
+    return Damaged(reader, in);
+  }
+  // Deflate makes at most 1032 bytes of one: what claims more is a lie, found out before memory is
+  // asked for it.
+  constexpr std::size_t kMaxDeflateRatio = 1032;
+  if (header.raw_row_bytes * header.height / kMaxDeflateRatio > png.size()) {
+    return absl::DataLossError(absl::StrCat(
+        "PNG of ", png.size(), " bytes claims ", header.width, " x ", header.height,
+        " pixels; at most ", kMaxDeflateRatio * png.size(), " bytes of pixels fit in so few"));
+  }
+  RgbaImage image;
+  image.width = static_cast<int>(header.width);
+  image.height = static_cast<int>(header.height);
+  ISOSCOPE_CHECK_EQ(header.row_bytes, std::size_t{header.width} * sizeof(Rgba8));
+  image.pixels.resize(std::size_t{header.width} * header.height);
+  std::vector<png_bytep> rows(header.height);
+  for (std::size_t y = 0; y < rows.size(); ++y) {
+    rows[y] = reinterpret_cast<png_bytep>(image.pixels.data() + y * header.width);
+  }
+  if (!ReadRows(reader.png, reader.info, rows.data())) {
+    return Damaged(reader, in);
+  }
+  return image;
+}
+
+}  // namespace isoscope::image

@@ -1,4 +1,4 @@
-// PNG files in memory, by libpng: 8-bit RGBA, sRGB. The same pixels give the same bytes.
+// PNG files in memory, by libpng: 8-bit sRGB. The same pixels give the same bytes.
 
 #ifndef ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_
 #define ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_
@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+
 #include "core/image/frame_image.h"
 
 namespace isoscope::image {
@@ -20,11 +21,18 @@ struct RgbaImage {
   friend bool operator==(const RgbaImage&, const RgbaImage&) = default;
 };
 
-// Encodes `pixels`, width * height of them; opaque images are written as RGB.
+// Encodes `pixels`, width * height of them, row 0 at the top; an image whose pixels are all opaque
+// is written as RGB, any other as RGBA.
 // REQUIRES: width, height >= 1. Thread-safe.
 std::string EncodePng(int width, int height, const std::vector<Rgba8>& pixels);
 
-// Decodes any 8-bit PNG to RGBA. DATA_LOSS if the bytes are no complete PNG. Thread-safe.
+// The largest width and height that DecodePng accepts.
+inline constexpr int kMaxPngSidePx = 16384;
+
+// Decodes a PNG to RGBA: grey, palettes and transparent colours are expanded, 16 bits scaled to 8.
+// Bytes after the end of the PNG are ignored. Safe on hostile bytes: an image whose pixels can't
+// fit in the bytes given is refused before memory is asked for it. DATA_LOSS if the bytes are no
+// complete, undamaged PNG. Thread-safe.
 absl::StatusOr<RgbaImage> DecodePng(absl::string_view png);
 
 }  // namespace isoscope::image

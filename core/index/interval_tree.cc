@@ -1,1 +1,336 @@
 #include "core/index/interval_tree.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/page_file.h"
+#include "core/base/status_macros.h"
+#include "core/index/interval_tree_format.h"
+
+namespace isoscope::index {
+namespace {
+
+using format::kEntriesPerPage;
+
+// Below this, comparing beats counting.
+constexpr std::size_t kRadixSortMinSize = 2048;
+
+// Stable. Three passes of counting at most, where std::sort takes 20 comparisons an element.
+void SortByOrdinal(std::vector<BlockInterval>* intervals) {
+  if (intervals->size() < kRadixSortMinSize) {
+    std::stable_sort(
+        intervals->begin(), intervals->end(),
+        [](const BlockInterval& a, const BlockInterval& b) { return a.ordinal < b.ordinal; });
+    return;
+  }
+  constexpr unsigned kDigitBits = 11;
+  constexpr std::uint32_t kDigitCount = 1u << kDigitBits;
+  std::uint32_t greatest = 0;
+  for (const BlockInterval& interval : *intervals) {
+    greatest = std::max(greatest, interval.ordinal);
+  }
+  std::vector<BlockInterval> sorted(intervals->size());
+  for (unsigned shift = 0; shift < 32 && (greatest >> shift) != 0; shift += kDigitBits) {
+    const auto digit_of = [shift](const BlockInterval& interval) {
+      return (interval.ordinal >> shift) & (kDigitCount - 1);
+    };
+    std::array<std::size_t, kDigitCount + 1> next{};
+    for (const BlockInterval& interval : *intervals) {
+      ++next[digit_of(interval) + 1];
+    }
+    for (std::size_t digit = 1; digit < next.size(); ++digit) {
+      next[digit] += next[digit - 1];
+    }
+    for (const BlockInterval& interval : *intervals) {
+      sorted[next[digit_of(interval)]++] = interval;
+    }
+    intervals->swap(sorted);
+  }
+}
+
+// L(N): nodes on the longest path of a tree of `interval_count` intervals, for more than B of them.
+std::int64_t MaxLevelCount(std::int64_t interval_count) {
+  constexpr std::int64_t kHalfSlabs = format::kMaxSlabs / 2;
+  std::int64_t levels = 0;
+  for (std::int64_t count = interval_count; count > kEntriesPerPage; ++levels) {
+    count = (count + kHalfSlabs - 1) / kHalfSlabs - 1;
+  }
+  return levels;
+}
+
+}  // namespace
+
+class IntervalTree::Impl {
+ public:
+  explicit Impl(std::unique_ptr<base::PageFile> pages) : pages_(std::move(pages)) {}
+
+  absl::Status ReadHeader();
+  [[nodiscard]] absl::StatusOr<QueryResult> Query(double isovalue) const;
+  [[nodiscard]] std::int64_t interval_count() const {
+    return static_cast<std::int64_t>(header_.interval_count);
+  }
+
+ private:
+  // What one query carries along.
+  struct QueryState {
+    double isovalue = 0.0;
+    base::PageReadCost cost;
+    std::vector<BlockInterval> active;
+    // The entry page read last: neighbouring lists share pages.
+    std::optional<base::PageFile::Page> page;
+    base::PageNumber page_number = 0;
+  };
+
+  // Positions [begin, end) of a run.
+  struct Range {
+    std::uint32_t begin = 0;
+    std::uint32_t end = 0;
+  };
+
+  // What a query does at one node.
+  struct NodeVisit {
+    base::PageNumber run_page = 0;  // the first of its run
+    std::uint32_t run_size = 0;     // entries
+    volume::ScalarSpan slab;        // its bounds
+    Range left;
+    Range right;
+    Range window;
+    Range leaf;
+    base::PageNumber child_page = 0;
+  };
+
+  // What to make of a list's entries.
+  enum class ListKind {
+    kSorted,  // active ones come first: reading ends with the first other one
+    kWindow,  // only those that cover the slab: the others are in its left or right list, if active
+    kLeaf,    // all that are active
+  };
+
+  // Reads a node and picks out the isovalue's slab. DATA_LOSS unless everything is in range.
+  [[nodiscard]] absl::StatusOr<NodeVisit> VisitNode(base::PageNumber page, QueryState* state) const;
+  [[nodiscard]] absl::Status CheckVisit(base::PageNumber page, const format::NodeHeader& header,
+                                        const NodeVisit& visit) const;
+  // Reports the active intervals of a list, each exactly once in the lists of a slab.
+  [[nodiscard]] absl::Status ReadList(const NodeVisit& visit, Range range, ListKind kind,
+                                      QueryState* state) const;
+  // Makes `state->page` the entry page `page_in_run` of the run.
+  [[nodiscard]] absl::Status LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
+                                           QueryState* state) const;
+
+  std::unique_ptr<base::PageFile> pages_;
+  format::Header header_;
+};
+
+absl::Status IntervalTree::Impl::ReadHeader() {
+  base::PageReadCost cost;
+  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageFile::Page page, pages_->Read(0, &cost));
+  const absl::string_view payload = page.payload();
+  if (payload.substr(0, format::kMagicBytes) !=
+      absl::string_view(format::kMagic, format::kMagicBytes)) {
+    return pages_->PageError(0, "does not begin with ISOTREE1: not an interval tree");
+  }
+  header_ = format::DecodeHeader(payload.data());
+  if (header_.version != format::kVersion) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(pages_->path(), ": interval tree of version ", header_.version,
+                     ", this program reads version ", format::kVersion,
+                     "; partition the volume again or use the program that wrote it"));
+  }
+  if (header_.page_bytes != base::kPageBytes || header_.entry_bytes != format::kEntryBytes ||
+      header_.max_slabs != static_cast<std::uint32_t>(format::kMaxSlabs)) {
+    return pages_->PageError(
+        0, absl::StrCat("pages of ", header_.page_bytes, " bytes, entries of ", header_.entry_bytes,
+                        " and ", header_.max_slabs, " slabs, expected ", base::kPageBytes, ", ",
+                        format::kEntryBytes, " and ", format::kMaxSlabs));
+  }
+  if (static_cast<std::int64_t>(header_.page_count) != pages_->page_count()) {
+    return pages_->PageError(0, absl::StrCat("header says ", header_.page_count,
+                                             " pages, the file has ", pages_->page_count()));
+  }
+  const bool is_empty = header_.interval_count == 0;
+  if (header_.interval_count > static_cast<std::uint64_t>(format::kMaxIntervalCount) ||
+      is_empty != (header_.root_page == 0) || is_empty != (header_.page_count == 1) ||
+      header_.root_page >= header_.page_count) {
+    return pages_->PageError(
+        0, absl::StrCat("root page ", header_.root_page, " of ", header_.page_count, " pages for ",
+                        header_.interval_count, " intervals is impossible"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<QueryResult> IntervalTree::Impl::Query(double isovalue) const {
+  if (!std::isfinite(isovalue)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(pages_->path(), ": isovalue ", isovalue, ", expected a finite number"));
+  }
+  QueryState state;
+  state.isovalue = isovalue;
+  int level = 0;
+  for (base::PageNumber page = header_.root_page; page != 0; ++level) {
+    if (level == format::kMaxLevels) {
+      return pages_->PageError(page,
+                               absl::StrCat("is a node below ", level, " others, expected fewer"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const NodeVisit visit, VisitNode(page, &state));
+    ISOSCOPE_RETURN_IF_ERROR(ReadList(visit, visit.left, ListKind::kSorted, &state));
+    ISOSCOPE_RETURN_IF_ERROR(ReadList(visit, visit.right, ListKind::kSorted, &state));
+    ISOSCOPE_RETURN_IF_ERROR(ReadList(visit, visit.window, ListKind::kWindow, &state));
+    ISOSCOPE_RETURN_IF_ERROR(ReadList(visit, visit.leaf, ListKind::kLeaf, &state));
+    page = visit.child_page;
+  }
+  SortByOrdinal(&state.active);
+  return QueryResult{.active = std::move(state.active),
+                     .page_read_count = state.cost.page_read_count,
+                     .read_bytes = state.cost.read_bytes};
+}
+
+absl::StatusOr<IntervalTree::Impl::NodeVisit> IntervalTree::Impl::VisitNode(
+    base::PageNumber page, QueryState* state) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageFile::Page node, pages_->Read(page, &state->cost));
+  const char* payload = node.payload().data();
+  const auto kind = base::LoadLittleEndian<std::uint16_t>(payload);
+  const format::NodeHeader header = format::DecodeNodeHeader(payload);
+  if (kind != format::kNodeKind || header.slab_count < 1 || header.slab_count > format::kMaxSlabs) {
+    return pages_->PageError(page, absl::StrCat("kind ", kind, " with ", header.slab_count,
+                                                " slabs, expected a node (kind ", format::kNodeKind,
+                                                ") with 1 to ", format::kMaxSlabs));
+  }
+  // The last slab that begins below the isovalue.
+  std::int64_t slab = 0;
+  for (std::int64_t end = header.slab_count; end - slab > 1;) {
+    const std::int64_t middle = (slab + end) / 2;
+    const auto lower = base::LoadLittleEndian<double>(payload + format::SlabRecordOffset(middle));
+    (lower < state->isovalue ? slab : end) = middle;
+  }
+  const format::SlabRecord record =
+      format::DecodeSlabRecord(payload + format::SlabRecordOffset(slab));
+  format::SlabRecord next{.lower = std::numeric_limits<double>::infinity(),
+                          .left_begin = header.left_end,
+                          .right_begin = header.right_end,
+                          .leaf_begin = header.leaf_end};
+  if (slab + 1 < header.slab_count) {
+    next = format::DecodeSlabRecord(payload + format::SlabRecordOffset(slab + 1));
+  }
+  NodeVisit visit;
+  visit.run_page = page + 1;
+  visit.run_size = header.leaf_end;
+  visit.slab = {.min = record.lower, .max = next.lower};
+  visit.left = {record.left_begin, next.left_begin};
+  visit.right = {record.right_begin, next.right_begin};
+  // Wraps around if damaged, and is then refused.
+  visit.window = {record.window_begin, record.window_begin + record.window_size};
+  visit.leaf = {record.leaf_begin, next.leaf_begin};
+  visit.child_page = record.child_page;
+  ISOSCOPE_RETURN_IF_ERROR(CheckVisit(page, header, visit));
+  return visit;
+}
+
+absl::Status IntervalTree::Impl::CheckVisit(base::PageNumber page, const format::NodeHeader& header,
+                                            const NodeVisit& visit) const {
+  const auto within = [](Range range, std::uint32_t begin, std::uint32_t end) {
+    return begin <= range.begin && range.begin <= range.end && range.end <= end;
+  };
+  if (!within(visit.left, 0, header.left_end) ||
+      !within(visit.right, header.left_end, header.right_end) ||
+      !within(visit.window, header.right_end, header.window_end) ||
+      !within(visit.leaf, header.window_end, header.leaf_end)) {
+    return pages_->PageError(
+        page, absl::StrCat("lists [", visit.left.begin, ", ", visit.left.end, "), [",
+                           visit.right.begin, ", ", visit.right.end, "), [", visit.window.begin,
+                           ", ", visit.window.end, "), [", visit.leaf.begin, ", ", visit.leaf.end,
+                           ") are not within their sections, which end at ", header.left_end, ", ",
+                           header.right_end, ", ", header.window_end, ", ", header.leaf_end));
+  }
+  const std::int64_t run_end =
+      std::int64_t{page} + 1 +
+      (std::int64_t{visit.run_size} + kEntriesPerPage - 1) / kEntriesPerPage;
+  if (run_end > pages_->page_count() ||
+      (visit.child_page != 0 && (std::int64_t{visit.child_page} < run_end ||
+                                 std::int64_t{visit.child_page} >= pages_->page_count()))) {
+    return pages_->PageError(
+        page,
+        absl::StrCat("entry pages end at page ", run_end, ", child node at page ", visit.child_page,
+                     ", expected them in this order and below page ", pages_->page_count()));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status IntervalTree::Impl::ReadList(const NodeVisit& visit, Range range, ListKind kind,
+                                          QueryState* state) const {
+  constexpr auto kPerPage = static_cast<std::uint32_t>(kEntriesPerPage);
+  for (std::uint32_t position = range.begin; position < range.end;) {
+    const std::uint32_t page_in_run = position / kPerPage;
+    ISOSCOPE_RETURN_IF_ERROR(LoadEntryPage(visit, page_in_run, state));
+    const char* entries = state->page->payload().data() + format::kEntryPageHeaderBytes;
+    const std::uint32_t in_page_end = std::min(range.end - page_in_run * kPerPage, kPerPage);
+    for (std::uint32_t i = position - page_in_run * kPerPage; i < in_page_end; ++i) {
+      const BlockInterval interval = format::DecodeEntry(entries + i * format::kEntryBytes);
+      const bool covers_slab =
+          interval.span.min <= visit.slab.min && visit.slab.max <= interval.span.max;
+      if (!volume::IsActive(interval.span, state->isovalue)) {
+        if (kind == ListKind::kSorted) {
+          return absl::OkStatus();
+        }
+      } else if (kind != ListKind::kWindow || covers_slab) {
+        state->active.push_back(interval);
+      }
+    }
+    position = page_in_run * kPerPage + in_page_end;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
+                                               QueryState* state) const {
+  const base::PageNumber number = visit.run_page + page_in_run;
+  if (state->page.has_value() && state->page_number == number) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(state->page, pages_->Read(number, &state->cost));
+  state->page_number = number;
+  const char* payload = state->page->payload().data();
+  const auto kind = base::LoadLittleEndian<std::uint16_t>(payload);
+  const auto count = base::LoadLittleEndian<std::uint16_t>(payload + 2);
+  const std::int64_t expected_count = std::min(
+      std::int64_t{visit.run_size} - std::int64_t{page_in_run} * kEntriesPerPage, kEntriesPerPage);
+  if (kind != format::kEntryPageKind || std::int64_t{count} != expected_count) {
+    return pages_->PageError(
+        number, absl::StrCat("kind ", kind, " with ", count, " entries, expected kind ",
+                             format::kEntryPageKind, " with ", expected_count));
+  }
+  return absl::OkStatus();
+}
+
+IntervalTree::IntervalTree(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+IntervalTree::~IntervalTree() = default;
+
+absl::StatusOr<std::unique_ptr<IntervalTree>> IntervalTree::Open(
+    std::unique_ptr<base::RandomAccessFile> file, std::int64_t page_cache_bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(auto pages, base::PageFile::Open(std::move(file), page_cache_bytes));
+  auto impl = std::make_unique<Impl>(std::move(pages));
+  ISOSCOPE_RETURN_IF_ERROR(impl->ReadHeader());
+  return std::unique_ptr<IntervalTree>(new IntervalTree(std::move(impl)));
+}
+
+absl::StatusOr<QueryResult> IntervalTree::Query(double isovalue) const {
+  return impl_->Query(isovalue);
+}
+
+std::int64_t IntervalTree::interval_count() const { return impl_->interval_count(); }
+
+std::int64_t IntervalTree::MaxPageReads(std::int64_t interval_count, std::int64_t active_count) {
+  if (interval_count <= kEntriesPerPage) {
+    return interval_count > 0 ? 2 : 0;
+  }
+  return 8 * MaxLevelCount(interval_count) + 2 + 2 * active_count / kEntriesPerPage;
+}
+
+}  // namespace isoscope::index

@@ -1,5 +1,6 @@
 // The external interval tree of a shard: which blocks have an isovalue in their span, by reading
-// O(log_B N + T/B) pages. Source: Arge and Vitter 1996/2003; Chiang and Silva 1997 (references.bib).
+// O(log_B N + T/B) pages. Source: Arge and Vitter 1996/2003; Chiang and Silva 1997
+// (references.bib).
 
 #ifndef ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_
 #define ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_
@@ -11,6 +12,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+
 #include "core/base/file.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/scalar_span.h"
@@ -35,19 +37,22 @@ struct QueryResult {
 // Immutable after Open; Query is thread-safe.
 class IntervalTree {
  public:
-  // Opens and verifies the header. DATA_LOSS if it is damaged.
+  // Opens and verifies the header; holds no more of the tree in memory than `page_cache_bytes`.
+  // DATA_LOSS if the header is damaged or the file's size is not what it says,
+  // FAILED_PRECONDITION if the file's version is another.
   static absl::StatusOr<std::unique_ptr<IntervalTree>> Open(
       std::unique_ptr<base::RandomAccessFile> file, std::int64_t page_cache_bytes);
   ~IntervalTree();
 
-  // All intervals with IsActive(span, isovalue). REQUIRES: isovalue is finite.
-  // DATA_LOSS, naming file and page, if a page is damaged. Reads at most
-  // MaxPageReads(interval_count(), result) pages.
+  // All intervals with IsActive(span, isovalue), by reading at most
+  // MaxPageReads(interval_count(), active.size()) pages. INVALID_ARGUMENT unless isovalue is
+  // finite; DATA_LOSS, naming file and page, if a page is damaged.
   [[nodiscard]] absl::StatusOr<QueryResult> Query(double isovalue) const;
 
   [[nodiscard]] std::int64_t interval_count() const;
 
-  // The stated bound (docs/format/interval_tree.md): a constant times log_B N plus one times T/B.
+  // The stated bound, proved in docs/format/interval_tree.md: 0 for N = 0, 2 for N <= B = 170, else
+  // 8 L(N) + 2 + floor(2 T / B), where L(N) <= 1 + log_63(N / B) counts levels of nodes.
   static std::int64_t MaxPageReads(std::int64_t interval_count, std::int64_t active_count);
 
  private:

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+
 #include "core/base/cancellation.h"
 #include "core/base/units.h"
 #include "core/ingest/volume_source.h"

@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+
 #include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_type.h"
 

@@ -3,8 +3,10 @@
 //
 // The promise that makes culling exact: a pixel shows the fragment with the smallest FragmentKey
 // (depth, then block id; within a block, the triangle with the lowest index), and neither depth nor
-// colour of a fragment depends on what else is drawn, on the order, or on how meshes are spread over
-// passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1].
+// colour of a fragment depends on what else is drawn, on the order, or on how meshes are spread
+// over passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1], and
+// fragments outside Footprint::rect are dropped, so that rounding can't break what culling
+// concludes from the footprint. Even a fragment of depth 1 wins over the background.
 
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_H_
@@ -14,6 +16,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
 #include "core/mesh/block_mesh.h"
@@ -29,11 +32,14 @@ class RenderPass {
   virtual ~RenderPass() = default;
 
   // Draws `mesh`, now or by Finish(). Thread-safe; any order. Each block at most once in a pass;
-  // an empty mesh is fine. REQUIRES: mesh is not null and no longer changes.
+  // an empty mesh is fine. May wait for earlier meshes to be drawn, so that memory stays bounded.
+  // INVALID_ARGUMENT if the layout has no such block. An error of earlier drawing is returned here
+  // or by Finish(). REQUIRES: mesh is not null and no longer changes; one normal a position.
   virtual absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) = 0;
 
   // Completes the picture. Call once, after every Add has returned. Returns the error of
-  // `cancellation` if it fires.
+  // `cancellation` if it fires, without waiting for what is being drawn; RESOURCE_EXHAUSTED if the
+  // back end can't draw so large a picture or has no memory.
   virtual absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) = 0;
 };
 
@@ -43,8 +49,9 @@ class Renderer {
   virtual ~Renderer() = default;
 
   // `view` is copied; `layout` must be that of the blocks to come and is copied too.
-  virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(
-      const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance) = 0;
+  virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
+                                                                const volume::BlockLayout& layout,
+                                                                const Appearance& appearance) = 0;
 
   // For people: "egl: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa 22.3.6".
   [[nodiscard]] virtual std::string description() const = 0;

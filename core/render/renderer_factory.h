@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+
 #include "core/render/renderer.h"
 
 namespace isoscope::render {
@@ -20,7 +21,8 @@ enum class RendererKind {
 
 struct RendererOptions {
   RendererKind kind = RendererKind::kAuto;
-  // Which EGL device, as `isoscope-agent --list-egl-devices` numbers them; -1: the first that works.
+  // Which EGL device, as `isoscope-agent --list-egl-devices` numbers them; -1: the first that
+  // works.
   int egl_device = -1;
 };
 

@@ -1,0 +1,22 @@
+// The only place where absl::Status becomes grpc::Status and back. Codes have the same numbers and
+// meanings on both sides; messages are kept.
+
+#ifndef ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
+#define ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
+
+#include <grpcpp/support/status.h>
+
+#include "absl/status/status.h"
+
+namespace isoscope::rpc {
+
+// A message longer than kMaxStatusMessageBytes is cut: it travels in a header of limited size.
+grpc::Status ToGrpcStatus(const absl::Status& status);
+inline constexpr int kMaxStatusMessageBytes = 4096;
+
+// A code that gRPC does not define becomes UNKNOWN.
+absl::Status ToAbslStatus(const grpc::Status& status);
+
+}  // namespace isoscope::rpc
+
+#endif  // ISOSCOPE_CORE_RPC_GRPC_STATUS_H_

@@ -1,1 +1,396 @@
 #include "core/rpc/proto_convert.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numbers>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/base/status_macros.h"
+#include "core/store/shard_format.h"
+
+namespace isoscope::rpc {
+namespace {
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180;
+constexpr double kMaxByte = 255;
+constexpr std::int64_t kMaxDurationSeconds = 315'576'000'000;  // google.protobuf.Duration's limit
+
+absl::Status Invalid(absl::string_view path, const absl::AlphaNum& value,
+                     absl::string_view allowed) {
+  return absl::InvalidArgumentError(absl::StrCat(path, " is ", value, ": ", allowed));
+}
+
+std::string Join(absl::string_view path, absl::string_view field) {
+  return path.empty() ? std::string(field) : absl::StrCat(path, ".", field);
+}
+
+// The degrees that come back as `radians` after multiplication; the shortest decimal if there is one.
+double DegreesOf(double radians) {
+  const double degrees = radians / kRadiansPerDegree;
+  const double rounded = std::round(degrees * 1e9) / 1e9;
+  return rounded * kRadiansPerDegree == radians ? rounded : degrees;
+}
+
+// Takes "camera up ..." of core's own checks to the path of the field.
+absl::Status WithPath(const absl::Status& status, absl::string_view path) {
+  if (status.ok()) {
+    return status;
+  }
+  return absl::InvalidArgumentError(absl::StrCat(path, ": ", status.message()));
+}
+
+absl::StatusOr<math::Index3> DimensionsFromProto(const isoscope::v1::Dimensions& proto,
+                                                 std::int64_t min, absl::string_view path) {
+  const math::Index3 dims{proto.x(), proto.y(), proto.z()};
+  if (dims.x < min || dims.y < min || dims.z < min) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d x %d: each must be >= %d", path,
+                                                      dims.x, dims.y, dims.z, min));
+  }
+  return dims;
+}
+
+isoscope::v1::Dimensions ToProto(const math::Index3& dims) {
+  isoscope::v1::Dimensions proto;
+  proto.set_x(dims.x);
+  proto.set_y(dims.y);
+  proto.set_z(dims.z);
+  return proto;
+}
+
+absl::StatusOr<std::uint8_t> ChannelFromProto(float value, absl::string_view path) {
+  if (!(value >= 0.0F && value <= 1.0F)) {
+    return Invalid(path, value, "must be in [0, 1]");
+  }
+  return static_cast<std::uint8_t>(std::lround(static_cast<double>(value) * kMaxByte));
+}
+
+}  // namespace
+
+absl::Status CheckFinite(double value, absl::string_view path) {
+  if (!std::isfinite(value)) {
+    return Invalid(path, value, "must be finite");
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<math::Vec3d> VectorFromProto(const isoscope::v1::Vec3& proto,
+                                            absl::string_view path) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.x(), Join(path, "x")));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.y(), Join(path, "y")));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.z(), Join(path, "z")));
+  return math::Vec3d{proto.x(), proto.y(), proto.z()};
+}
+
+isoscope::v1::Vec3 ToProto(const math::Vec3d& vector) {
+  isoscope::v1::Vec3 proto;
+  proto.set_x(vector.x);
+  proto.set_y(vector.y);
+  proto.set_z(vector.z);
+  return proto;
+}
+
+absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
+                                             absl::string_view path) {
+  if (!proto.has_eye() || !proto.has_target()) {
+    return Invalid(Join(path, proto.has_eye() ? "target" : "eye"), "not set",
+                   "a camera needs eye, target and a projection");
+  }
+  view::Camera camera;
+  ISOSCOPE_ASSIGN_OR_RETURN(camera.eye, VectorFromProto(proto.eye(), Join(path, "eye")));
+  ISOSCOPE_ASSIGN_OR_RETURN(camera.target, VectorFromProto(proto.target(), Join(path, "target")));
+  if (proto.has_up()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(camera.up, VectorFromProto(proto.up(), Join(path, "up")));
+  }
+  switch (proto.projection_case()) {
+    case isoscope::v1::Camera::kPerspective: {
+      const double degrees = proto.perspective().fov_y_degrees();
+      if (!(degrees > 0 && degrees < 180)) {
+        return Invalid(Join(path, "perspective.fov_y_degrees"), degrees,
+                       "must be in (0, 180), exclusive");
+      }
+      camera.projection = view::Projection::kPerspective;
+      camera.fov_y_radians = degrees * kRadiansPerDegree;
+      break;
+    }
+    case isoscope::v1::Camera::kOrthographic: {
+      const double height = proto.orthographic().height();
+      if (!(std::isfinite(height) && height > 0)) {
+        return Invalid(Join(path, "orthographic.height"), height,
+                       "must be finite and greater than 0");
+      }
+      camera.projection = view::Projection::kOrthographic;
+      camera.view_height = height;
+      break;
+    }
+    case isoscope::v1::Camera::PROJECTION_NOT_SET:
+      return Invalid(Join(path, "projection"), "not set", "set perspective or orthographic");
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WithPath(view::Validate(camera), path));
+  return camera;
+}
+
+isoscope::v1::Camera ToProto(const view::Camera& camera) {
+  isoscope::v1::Camera proto;
+  *proto.mutable_eye() = ToProto(camera.eye);
+  *proto.mutable_target() = ToProto(camera.target);
+  *proto.mutable_up() = ToProto(camera.up);
+  if (camera.projection == view::Projection::kPerspective) {
+    proto.mutable_perspective()->set_fov_y_degrees(DegreesOf(camera.fov_y_radians));
+  } else {
+    proto.mutable_orthographic()->set_height(camera.view_height);
+  }
+  return proto;
+}
+
+absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& proto,
+                                                 absl::string_view path) {
+  const auto check = [&](absl::string_view field, std::int32_t value) {
+    if (value < 1 || value > view::kMaxViewportPx) {
+      return Invalid(Join(path, field), value,
+                     absl::StrCat("must be in [1, ", view::kMaxViewportPx, "]"));
+    }
+    return absl::OkStatus();
+  };
+  ISOSCOPE_RETURN_IF_ERROR(check("width_px", proto.width_px()));
+  ISOSCOPE_RETURN_IF_ERROR(check("height_px", proto.height_px()));
+  return view::Viewport{proto.width_px(), proto.height_px()};
+}
+
+isoscope::v1::Viewport ToProto(const view::Viewport& viewport) {
+  isoscope::v1::Viewport proto;
+  proto.set_width_px(viewport.width_px);
+  proto.set_height_px(viewport.height_px);
+  return proto;
+}
+
+absl::StatusOr<visibility::Culling> CullingFromProto(isoscope::v1::Culling proto,
+                                                     absl::string_view path) {
+  switch (proto) {
+    case isoscope::v1::CULLING_UNSPECIFIED:
+    case isoscope::v1::CULLING_DEPTH:
+      return visibility::Culling::kDepth;
+    case isoscope::v1::CULLING_MASK:
+      return visibility::Culling::kMask;
+    case isoscope::v1::CULLING_NONE:
+      return visibility::Culling::kNone;
+    default:
+      return Invalid(path, static_cast<int>(proto),
+                     "must be CULLING_DEPTH (1), CULLING_MASK (2) or CULLING_NONE (3)");
+  }
+}
+
+isoscope::v1::Culling ToProto(visibility::Culling culling) {
+  switch (culling) {
+    case visibility::Culling::kDepth:
+      return isoscope::v1::CULLING_DEPTH;
+    case visibility::Culling::kMask:
+      return isoscope::v1::CULLING_MASK;
+    case visibility::Culling::kNone:
+      return isoscope::v1::CULLING_NONE;
+  }
+  return isoscope::v1::CULLING_UNSPECIFIED;
+}
+
+absl::StatusOr<image::Rgba8> ColorFromProto(const isoscope::v1::Color& proto,
+                                            absl::string_view path) {
+  image::Rgba8 color;
+  ISOSCOPE_ASSIGN_OR_RETURN(color.r, ChannelFromProto(proto.red(), Join(path, "red")));
+  ISOSCOPE_ASSIGN_OR_RETURN(color.g, ChannelFromProto(proto.green(), Join(path, "green")));
+  ISOSCOPE_ASSIGN_OR_RETURN(color.b, ChannelFromProto(proto.blue(), Join(path, "blue")));
+  ISOSCOPE_ASSIGN_OR_RETURN(color.a, ChannelFromProto(proto.alpha(), Join(path, "alpha")));
+  return color;
+}
+
+isoscope::v1::Color ToProto(image::Rgba8 color) {
+  constexpr float kScale = 255.0F;
+  isoscope::v1::Color proto;
+  proto.set_red(static_cast<float>(color.r) / kScale);
+  proto.set_green(static_cast<float>(color.g) / kScale);
+  proto.set_blue(static_cast<float>(color.b) / kScale);
+  proto.set_alpha(static_cast<float>(color.a) / kScale);
+  return proto;
+}
+
+absl::StatusOr<volume::GridGeometry> GeometryFromProto(const isoscope::v1::GridGeometry& proto,
+                                                       absl::string_view path) {
+  volume::GridGeometry geometry;
+  ISOSCOPE_ASSIGN_OR_RETURN(geometry.sample_dims, DimensionsFromProto(proto.sample_dims(), 2,
+                                                                      Join(path, "sample_dims")));
+  ISOSCOPE_ASSIGN_OR_RETURN(geometry.spacing,
+                            VectorFromProto(proto.spacing(), Join(path, "spacing")));
+  ISOSCOPE_ASSIGN_OR_RETURN(geometry.origin,
+                            VectorFromProto(proto.origin(), Join(path, "origin")));
+  const std::string columns_path = Join(path, "direction_columns");
+  const int column_count = proto.direction_columns_size();
+  if (column_count != 0 && column_count != 3) {
+    return Invalid(columns_path, absl::StrCat("a list of ", column_count),
+                   "must have 3 columns, or none for the identity");
+  }
+  for (int i = 0; i < column_count; ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        geometry.direction.columns[static_cast<std::size_t>(i)],
+        VectorFromProto(proto.direction_columns(i), absl::StrCat(columns_path, "[", i, "]")));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WithPath(volume::Validate(geometry), path));
+  return geometry;
+}
+
+isoscope::v1::GridGeometry ToProto(const volume::GridGeometry& geometry) {
+  isoscope::v1::GridGeometry proto;
+  *proto.mutable_sample_dims() = ToProto(geometry.sample_dims);
+  *proto.mutable_spacing() = ToProto(geometry.spacing);
+  *proto.mutable_origin() = ToProto(geometry.origin);
+  for (const math::Vec3d& column : geometry.direction.columns) {
+    *proto.add_direction_columns() = ToProto(column);
+  }
+  return proto;
+}
+
+isoscope::v1::SampleType ToProto(volume::ScalarType type) {
+  switch (type) {
+    case volume::ScalarType::kUint8:
+      return isoscope::v1::SAMPLE_TYPE_UINT8;
+    case volume::ScalarType::kInt8:
+      return isoscope::v1::SAMPLE_TYPE_INT8;
+    case volume::ScalarType::kUint16:
+      return isoscope::v1::SAMPLE_TYPE_UINT16;
+    case volume::ScalarType::kInt16:
+      return isoscope::v1::SAMPLE_TYPE_INT16;
+    case volume::ScalarType::kUint32:
+      return isoscope::v1::SAMPLE_TYPE_UINT32;
+    case volume::ScalarType::kInt32:
+      return isoscope::v1::SAMPLE_TYPE_INT32;
+    case volume::ScalarType::kFloat32:
+      return isoscope::v1::SAMPLE_TYPE_FLOAT32;
+    case volume::ScalarType::kFloat64:
+      return isoscope::v1::SAMPLE_TYPE_FLOAT64;
+  }
+  return isoscope::v1::SAMPLE_TYPE_UNSPECIFIED;
+}
+
+isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
+  isoscope::v1::Dataset proto;
+  proto.set_name(manifest.name);
+  proto.set_dataset_id(manifest.dataset_id);
+  proto.set_source(manifest.source);
+  *proto.mutable_geometry() = ToProto(manifest.geometry);
+  proto.set_sample_type(ToProto(manifest.scalar_type));
+  if (manifest.value_range.min <= manifest.value_range.max) {
+    proto.mutable_value_range()->set_min(manifest.value_range.min);
+    proto.mutable_value_range()->set_max(manifest.value_range.max);
+  }
+  *proto.mutable_block_cells() = ToProto(manifest.block_cells);
+  const absl::StatusOr<volume::BlockLayout> layout =
+      volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells);
+  proto.set_block_count(layout.ok() ? layout->block_count() : 0);
+  proto.set_shard_count(static_cast<std::int32_t>(manifest.shards.size()));
+  return proto;
+}
+
+absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view path) {
+  if (dataset.name().empty()) {
+    return Invalid(Join(path, "name"), "empty", "must be set");
+  }
+  const std::string& id = dataset.dataset_id();
+  const bool is_hex =
+      std::all_of(id.begin(), id.end(), [](char c) { return absl::ascii_isxdigit(
+                                            static_cast<unsigned char>(c)); });
+  if (id.size() != 32 || !is_hex) {
+    return Invalid(Join(path, "dataset_id"), absl::StrCat("\"", id, "\""),
+                   "must be 32 hexadecimal digits");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            GeometryFromProto(dataset.geometry(), Join(path, "geometry")));
+  ISOSCOPE_ASSIGN_OR_RETURN(const math::Index3 block_cells,
+                            DimensionsFromProto(dataset.block_cells(), 1,
+                                                Join(path, "block_cells")));
+  const absl::StatusOr<volume::BlockLayout> layout =
+      volume::BlockLayout::Make(geometry.sample_dims, block_cells);
+  ISOSCOPE_RETURN_IF_ERROR(WithPath(layout.status(), Join(path, "block_cells")));
+  if (dataset.block_count() != layout->block_count()) {
+    return Invalid(Join(path, "block_count"), dataset.block_count(),
+                   absl::StrCat("the grid has ", layout->block_count()));
+  }
+  if (dataset.shard_count() < 1 || dataset.shard_count() > store::kMaxShardCount) {
+    return Invalid(Join(path, "shard_count"), dataset.shard_count(),
+                   absl::StrCat("must be in [1, ", store::kMaxShardCount, "]"));
+  }
+  const isoscope::v1::ValueRange& range = dataset.value_range();
+  // Infinite samples are samples; NaN is none.
+  if (dataset.has_value_range() && !(range.min() <= range.max())) {
+    return Invalid(Join(path, "value_range"), absl::StrCat(range.min(), " to ", range.max()),
+                   "min must be <= max");
+  }
+  return absl::OkStatus();
+}
+
+isoscope::internal::v1::BlockList ToProto(const std::vector<volume::BlockId>& ids) {
+  isoscope::internal::v1::BlockList proto;
+  proto.mutable_block_id_deltas()->Reserve(static_cast<int>(ids.size()));
+  std::int64_t previous = 0;
+  for (const volume::BlockId id : ids) {
+    proto.add_block_id_deltas(std::int64_t{id} - previous);
+    previous = id;
+  }
+  return proto;
+}
+
+absl::StatusOr<std::vector<volume::BlockId>> BlockListFromProto(
+    const isoscope::internal::v1::BlockList& proto, std::int64_t block_count,
+    absl::string_view path) {
+  std::vector<volume::BlockId> ids;
+  ids.reserve(static_cast<std::size_t>(proto.block_id_deltas_size()));
+  std::int64_t id = 0;
+  for (int i = 0; i < proto.block_id_deltas_size(); ++i) {
+    const std::int64_t delta = proto.block_id_deltas(i);
+    const std::int64_t min = i == 0 ? 0 : 1;
+    // Against the room that is left: the sum can't overflow.
+    if (delta < min || delta >= block_count - id) {
+      return Invalid(absl::StrCat(path, ".block_id_deltas[", i, "]"), delta,
+                     absl::StrCat("ids must ascend and lie in [0, ", block_count,
+                                  "); the one before is ", id));
+    }
+    id += delta;
+    ids.push_back(static_cast<volume::BlockId>(id));
+  }
+  return ids;
+}
+
+absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
+    const google::protobuf::RepeatedField<std::int32_t>& proto, int shard_count,
+    absl::string_view path) {
+  if (proto.empty()) {
+    return Invalid(path, "empty", "must name at least one shard");
+  }
+  std::vector<int> indices;
+  indices.reserve(static_cast<std::size_t>(proto.size()));
+  for (int i = 0; i < proto.size(); ++i) {
+    const std::int32_t index = proto.Get(i);
+    if (index < 0 || index >= shard_count || (i > 0 && index <= indices.back())) {
+      return Invalid(absl::StrCat(path, "[", i, "]"), index,
+                     absl::StrCat("must ascend and lie in [0, ", shard_count, ")"));
+    }
+    indices.push_back(index);
+  }
+  return indices;
+}
+
+google::protobuf::Duration ToProto(absl::Duration duration) {
+  const absl::Duration clamped = std::clamp(duration, -absl::Seconds(kMaxDurationSeconds),
+                                            absl::Seconds(kMaxDurationSeconds));
+  absl::Duration rest;
+  google::protobuf::Duration proto;
+  proto.set_seconds(absl::IDivDuration(clamped, absl::Seconds(1), &rest));
+  proto.set_nanos(static_cast<std::int32_t>(absl::ToInt64Nanoseconds(rest)));
+  return proto;
+}
+
+absl::Duration DurationFromProto(const google::protobuf::Duration& proto) {
+  return absl::Seconds(std::clamp(proto.seconds(), -kMaxDurationSeconds, kMaxDurationSeconds)) +
+         absl::Nanoseconds(proto.nanos());
+}
+
+}  // namespace isoscope::rpc

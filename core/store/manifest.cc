@@ -1,1 +1,208 @@
 #include "core/store/manifest.h"
+
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/store/json_fields.h"
+#include "core/store/sealed_json.h"
+#include "core/store/shard_format.h"
+
+namespace isoscope::store {
+namespace {
+
+constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
+
+Json JsonFromIndex(const math::Index3& index) { return Json::array({index.x, index.y, index.z}); }
+
+Json JsonFromVector(const math::Vec3d& vector) {
+  return Json::array(
+      {JsonFromDouble(vector.x), JsonFromDouble(vector.y), JsonFromDouble(vector.z)});
+}
+
+void ReadIndex(const char* name, std::int64_t min, std::int64_t max, JsonFields* fields,
+               math::Index3* index) {
+  std::int64_t values[3] = {};
+  fields->ReadIntegers(name, 3, min, max, values);
+  *index = {values[0], values[1], values[2]};
+}
+
+void ReadVector(const char* name, JsonFields* fields, math::Vec3d* vector) {
+  double values[3] = {};
+  fields->ReadDoubles(name, 3, values);
+  *vector = {values[0], values[1], values[2]};
+}
+
+absl::Status WithContext(absl::string_view where, const absl::Status& status) {
+  return absl::DataLossError(absl::StrCat(where, ": ", status.message()));
+}
+
+absl::Status ReadDirection(const Json& json, absl::string_view where, math::Mat3d* direction) {
+  JsonFields fields(json, where);
+  ReadVector("x", &fields, &direction->columns[0]);
+  ReadVector("y", &fields, &direction->columns[1]);
+  ReadVector("z", &fields, &direction->columns[2]);
+  return fields.status();
+}
+
+absl::Status ReadRange(const Json& json, absl::string_view where, volume::ScalarSpan* range) {
+  JsonFields fields(json, where);
+  fields.ReadDouble("min", &range->min);
+  fields.ReadDouble("max", &range->max);
+  return fields.status();
+}
+
+absl::Status ReadShards(const Json& json, absl::string_view where,
+                        std::vector<ShardSummary>* shards) {
+  if (json.empty() || json.size() > static_cast<std::size_t>(kMaxShardCount)) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: %d shards, expected 1 to %d", where, json.size(), kMaxShardCount));
+  }
+  shards->reserve(json.size());
+  for (const Json& element : json) {
+    ShardSummary shard;
+    JsonFields fields(element, where);
+    fields.Read("block_count", 0, volume::kMaxBlockCount, &shard.block_count);
+    fields.Read("block_bytes", 0, kMaxInt64, &shard.block_bytes);
+    fields.ReadCrc32c("block_index_crc32c", &shard.block_index_crc32c);
+    ISOSCOPE_RETURN_IF_ERROR(fields.status());
+    shards->push_back(shard);
+  }
+  return absl::OkStatus();
+}
+
+bool IsDatasetId(const std::string& id) {
+  return id.size() == 32 && id.find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
+// What the members must fulfil together.
+absl::Status CheckConsistency(const Manifest& manifest, absl::string_view where) {
+  if (!IsDatasetId(manifest.dataset_id)) {
+    return absl::DataLossError(
+        absl::StrCat(where, ": member \"dataset_id\": expected 32 lower-case hex digits"));
+  }
+  if (const absl::Status status = volume::Validate(manifest.geometry); !status.ok()) {
+    return WithContext(where, status);
+  }
+  const auto layout =
+      volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells);
+  if (!layout.ok()) {
+    return WithContext(where, layout.status());
+  }
+  std::int64_t block_count = 0;
+  for (const ShardSummary& shard : manifest.shards) {
+    block_count += shard.block_count;
+  }
+  if (block_count != layout->block_count()) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: the shards hold %d blocks together, expected %d", where, block_count,
+                        layout->block_count()));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::string_view NameOf(Distribution distribution) {
+  switch (distribution) {
+    case Distribution::kRandom:
+      return "random";
+    case Distribution::kGreedy:
+      return "greedy";
+  }
+  base::CheckFailed(__FILE__, __LINE__, "distribution out of range");
+}
+
+absl::StatusOr<Distribution> DistributionFromName(absl::string_view name) {
+  for (const Distribution distribution : {Distribution::kRandom, Distribution::kGreedy}) {
+    if (name == NameOf(distribution)) {
+      return distribution;
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("distribution \"", name, "\": expected random or greedy"));
+}
+
+std::string EncodeManifest(const Manifest& manifest) {
+  const volume::GridGeometry& geometry = manifest.geometry;
+  Json shards = Json::array();
+  for (const ShardSummary& shard : manifest.shards) {
+    shards.push_back(Json{{"block_count", shard.block_count},
+                          {"block_bytes", shard.block_bytes},
+                          {"block_index_crc32c", JsonFromCrc32c(shard.block_index_crc32c)}});
+  }
+  Json json;
+  json["format"] = std::string(kManifestFormat);
+  json["format_version"] = kFormatVersion;
+  json["crc32c"] = JsonFromCrc32c(0);
+  json["dataset_id"] = manifest.dataset_id;
+  json["name"] = manifest.name;
+  json["source"] = manifest.source;
+  json["sample_dims"] = JsonFromIndex(geometry.sample_dims);
+  json["scalar_type"] = std::string(volume::NameOf(manifest.scalar_type));
+  json["value_range"] = Json{{"min", JsonFromDouble(manifest.value_range.min)},
+                             {"max", JsonFromDouble(manifest.value_range.max)}};
+  json["spacing"] = JsonFromVector(geometry.spacing);
+  json["origin"] = JsonFromVector(geometry.origin);
+  json["direction"] = Json{{"x", JsonFromVector(geometry.direction.columns[0])},
+                           {"y", JsonFromVector(geometry.direction.columns[1])},
+                           {"z", JsonFromVector(geometry.direction.columns[2])}};
+  json["block_cells"] = JsonFromIndex(manifest.block_cells);
+  json["distribution"] = std::string(NameOf(manifest.distribution));
+  json["seed"] = manifest.seed;
+  json["range_table_crc32c"] = JsonFromCrc32c(manifest.range_table_crc32c);
+  json["shards"] = std::move(shards);
+  return SealJson(DumpJson(json));
+}
+
+absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_view where) {
+  ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, where).status());
+  Json json;
+  ISOSCOPE_RETURN_IF_ERROR(ParseJsonFile(bytes, where, kManifestFormat, kFormatVersion, &json));
+
+  Manifest manifest;
+  JsonFields fields(json, where);
+  fields.Read("dataset_id", &manifest.dataset_id);
+  fields.Read("name", &manifest.name);
+  fields.Read("source", &manifest.source);
+  ReadIndex("sample_dims", 2, kMaxInt64, &fields, &manifest.geometry.sample_dims);
+  std::string scalar_type;
+  fields.Read("scalar_type", &scalar_type);
+  if (const Json* range = fields.ReadObject("value_range")) {
+    fields.Fail(ReadRange(*range, where, &manifest.value_range));
+  }
+  ReadVector("spacing", &fields, &manifest.geometry.spacing);
+  ReadVector("origin", &fields, &manifest.geometry.origin);
+  if (const Json* direction = fields.ReadObject("direction")) {
+    fields.Fail(ReadDirection(*direction, where, &manifest.geometry.direction));
+  }
+  ReadIndex("block_cells", 1, volume::BlockLayout::kMaxBlockCells, &fields, &manifest.block_cells);
+  std::string distribution;
+  fields.Read("distribution", &distribution);
+  fields.Read("seed", &manifest.seed);
+  fields.ReadCrc32c("range_table_crc32c", &manifest.range_table_crc32c);
+  if (const Json* shards = fields.ReadArray("shards")) {
+    fields.Fail(ReadShards(*shards, where, &manifest.shards));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(fields.status());
+
+  const auto type = volume::ScalarTypeFromName(scalar_type);
+  if (!type.ok()) {
+    return WithContext(where, type.status());
+  }
+  manifest.scalar_type = *type;
+  const auto known_distribution = DistributionFromName(distribution);
+  if (!known_distribution.ok()) {
+    return WithContext(where, known_distribution.status());
+  }
+  manifest.distribution = *known_distribution;
+  ISOSCOPE_RETURN_IF_ERROR(CheckConsistency(manifest, where));
+  return manifest;
+}
+
+}  // namespace isoscope::store

@@ -1,5 +1,6 @@
 // The manifest of a dataset: what every shard must agree on. JSON that carries its own CRC-32C
-// (docs/format/dataset.md); the same bytes lie in the dataset directory and in each shard directory.
+// (docs/format/dataset.md); the same bytes lie in the dataset directory and in each shard
+// directory.
 
 #ifndef ISOSCOPE_CORE_STORE_MANIFEST_H_
 #define ISOSCOPE_CORE_STORE_MANIFEST_H_
@@ -11,6 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_span.h"
@@ -24,7 +26,7 @@ absl::StatusOr<Distribution> DistributionFromName(absl::string_view name);
 
 struct ShardSummary {
   std::int64_t block_count = 0;
-  std::int64_t block_bytes = 0;       // size of blocks.bin
+  std::int64_t block_bytes = 0;          // size of blocks.bin
   std::uint32_t block_index_crc32c = 0;  // of the whole index file: ties the shard to the dataset
 
   friend bool operator==(const ShardSummary&, const ShardSummary&) = default;

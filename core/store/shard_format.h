@@ -3,9 +3,18 @@
 #ifndef ISOSCOPE_CORE_STORE_SHARD_FORMAT_H_
 #define ISOSCOPE_CORE_STORE_SHARD_FORMAT_H_
 
+#include <cstddef>
+#include <cstdint>
 #include <string>
+#include <utility>
 
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/units.h"
+#include "core/volume/block_layout.h"
 
 namespace isoscope::store {
 
@@ -25,6 +34,57 @@ inline std::string ShardDirectoryName(int shard_index, int shard_count) {
 }
 
 inline constexpr int kMaxShardCount = 65536;
+
+// Values of "format" and "format_version" in the JSON files.
+inline constexpr absl::string_view kManifestFormat = "isoscope-dataset";
+inline constexpr absl::string_view kShardFormat = "isoscope-shard";
+inline constexpr int kFormatVersion = 1;
+
+// What a reader accepts before it allocates. The largest manifest, of kMaxShardCount shards, takes
+// about 9 MiB.
+inline constexpr std::int64_t kMaxManifestBytes = 16 * base::kMiB;
+inline constexpr std::int64_t kMaxShardFileBytes = base::kMiB;
+
+// Part of the interval tree file whose CRC-32C is verified when a shard is opened.
+inline constexpr std::int64_t kIntervalTreeHeadBytes = 4 * base::kKiB;
+
+// The header of the binary files, kBinaryHeaderBytes long. Offsets in it:
+//
+//   0 magic, 8 bytes           4 bytes each: 8 version, 12 header CRC-32C, 16 scalar type,
+//   24 count, 8 bytes          20 entry size, 32 payload CRC-32C
+//   40 payload size, 8 bytes   the rest is reserved: written as 0, ignored when read
+inline constexpr std::size_t kBinaryHeaderBytes = 64;
+inline constexpr absl::string_view kRangeTableMagic = "ISORANGE";
+inline constexpr absl::string_view kBlockIndexMagic = "ISOBLKIX";
+inline constexpr std::uint32_t kBinaryVersion = 1;
+
+struct BinaryHeader {
+  std::uint32_t scalar_type = 0;
+  std::uint32_t entry_size = 0;
+  std::int64_t count = 0;            // entries
+  std::uint32_t payload_crc32c = 0;  // of all bytes after the header
+  std::int64_t data_size = 0;        // block index: size of blocks.bin; range table: 0
+};
+
+// `magic` has 8 characters.
+std::string EncodeBinaryHeader(absl::string_view magic, const BinaryHeader& header);
+// Takes the whole file, and verifies magic, version, both checksums and the size. DATA_LOSS naming
+// `where` if it is damaged, FAILED_PRECONDITION if it is of a newer version.
+absl::StatusOr<BinaryHeader> DecodeBinaryFile(absl::string_view magic, absl::string_view bytes,
+                                              absl::string_view where);
+
+// An entry of the block index. Offsets in it: 0 block id, 4 encoding, 8 offset (8 bytes), 16 stored
+// size, 20 raw size, 24 CRC-32C of the stored bytes, 28 reserved.
+inline constexpr std::size_t kBlockIndexEntryBytes = 32;
+
+// How the bytes of a block are stored. Reaches files: the numbers must never change. 1 (LZ4 block)
+// and 2 (Zstandard frame) are reserved.
+enum class BlockEncoding : std::uint32_t { kRaw = 0 };
+
+// The order of blocks in a shard: the Morton code of the block's index, then the id (codes hold 21
+// bits an axis and repeat beyond).
+std::pair<std::uint64_t, volume::BlockId> BlockOrderKey(const volume::BlockLayout& layout,
+                                                        volume::BlockId id);
 
 }  // namespace isoscope::store
 

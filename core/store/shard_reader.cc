@@ -1,1 +1,353 @@
 #include "core/store/shard_reader.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/crc32c.h"
+#include "core/base/status_macros.h"
+#include "core/store/json_fields.h"
+#include "core/store/sealed_json.h"
+#include "core/store/shard_format.h"
+#include "core/store/shard_writer.h"
+
+namespace isoscope::store {
+namespace {
+
+constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
+
+std::string PathIn(const std::string& directory, absl::string_view name) {
+  return absl::StrCat(directory, "/", name);
+}
+
+// Opens a file that a finished directory must have.
+absl::StatusOr<std::unique_ptr<base::RandomAccessFile>> OpenPart(
+    const std::string& path, const ShardReader::OpenFile& open_file) {
+  auto file = open_file(path);
+  if (absl::IsNotFound(file.status())) {
+    return absl::DataLossError(
+        absl::StrCat(path, ": is missing; copy the directory again or partition anew"));
+  }
+  return file;
+}
+
+// Reads a whole file that must have `size` bytes (a larger or smaller one is damaged).
+absl::StatusOr<std::string> ReadPart(const std::string& path, std::int64_t size,
+                                     const ShardReader::OpenFile& open_file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenPart(path, open_file));
+  if (file->size_bytes() != size) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: %d bytes, expected %d", path, file->size_bytes(), size));
+  }
+  return base::ReadWholeFile(*file, size);
+}
+
+// Reads a sealed JSON file of at most `max_size` bytes.
+absl::StatusOr<std::string> ReadJsonPart(const std::string& path, std::int64_t max_size,
+                                         const ShardReader::OpenFile& open_file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenPart(path, open_file));
+  if (file->size_bytes() > max_size) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: %d bytes, expected at most %d", path, file->size_bytes(), max_size));
+  }
+  return base::ReadWholeFile(*file, max_size);
+}
+
+struct Descriptions {
+  Manifest manifest;
+  std::uint32_t manifest_crc32c = 0;
+  volume::BlockLayout layout;
+  volume::RangeTable ranges;
+};
+
+// Reads what dataset and shard directories have in common.
+absl::StatusOr<Descriptions> ReadDescriptions(const std::string& directory,
+                                              const ShardReader::OpenFile& open_file) {
+  Descriptions descriptions;
+  const std::string manifest_path = PathIn(directory, kManifestFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string manifest_bytes,
+                            ReadJsonPart(manifest_path, kMaxManifestBytes, open_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(descriptions.manifest_crc32c,
+                            VerifySeal(manifest_bytes, manifest_path));
+  ISOSCOPE_ASSIGN_OR_RETURN(descriptions.manifest, DecodeManifest(manifest_bytes, manifest_path));
+  const Manifest& manifest = descriptions.manifest;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      descriptions.layout,
+      volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells));
+
+  const std::string ranges_path = PathIn(directory, kRangeTableFileName);
+  const auto entry_size = static_cast<std::int64_t>(2 * volume::SizeOf(manifest.scalar_type));
+  const std::int64_t ranges_size = static_cast<std::int64_t>(kBinaryHeaderBytes) +
+                                   entry_size * descriptions.layout.block_count();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string ranges_bytes,
+                            ReadPart(ranges_path, ranges_size, open_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(descriptions.ranges, DecodeRangeTable(ranges_bytes, ranges_path));
+  const std::uint32_t ranges_crc32c = base::Crc32c(ranges_bytes);
+  if (ranges_crc32c != manifest.range_table_crc32c) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: crc32c of the file 0x%08x, the manifest expects 0x%08x: it is of another dataset",
+        ranges_path, ranges_crc32c, manifest.range_table_crc32c));
+  }
+  if (descriptions.ranges.type() != manifest.scalar_type ||
+      descriptions.ranges.block_count() != descriptions.layout.block_count()) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: %d blocks of %s, the manifest expects %d of %s", ranges_path,
+        descriptions.ranges.block_count(), volume::NameOf(descriptions.ranges.type()),
+        descriptions.layout.block_count(), volume::NameOf(manifest.scalar_type)));
+  }
+  return descriptions;
+}
+
+}  // namespace
+
+absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory) {
+  if (!base::PathExists(PathIn(directory, kManifestFileName))) {
+    return absl::NotFoundError(absl::StrCat(
+        directory, ": no ", kManifestFileName,
+        " in it: no dataset, or one whose partitioning did not finish; run `isoscope partition`"));
+  }
+  if (IsShardDirectory(directory)) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        directory, ": is one shard of a dataset, expected the dataset directory that holds it"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions,
+                            ReadDescriptions(directory, base::OpenRandomAccessFile));
+  DatasetDescription dataset;
+  const auto shard_count = static_cast<int>(descriptions.manifest.shards.size());
+  for (int shard = 0; shard < shard_count; ++shard) {
+    std::string path = PathIn(directory, ShardDirectoryName(shard, shard_count));
+    dataset.shard_directories.push_back(base::IsDirectory(path) ? std::move(path) : "");
+  }
+  dataset.manifest = std::move(descriptions.manifest);
+  dataset.ranges = std::move(descriptions.ranges);
+  return dataset;
+}
+
+bool IsDatasetDirectory(const std::string& directory) {
+  return base::PathExists(PathIn(directory, kManifestFileName)) && !IsShardDirectory(directory);
+}
+
+bool IsShardDirectory(const std::string& directory) {
+  return base::PathExists(PathIn(directory, kShardFileName));
+}
+
+absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string& directory,
+                                                               const OpenFile& open_file) {
+  const bool has_manifest = base::PathExists(PathIn(directory, kManifestFileName));
+  if (!has_manifest && base::PathExists(PathIn(directory, kBlocksFileName))) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(directory, ": a shard without ", kManifestFileName,
+                     ": its partitioning or copying did not finish; do it again"));
+  }
+  if (!has_manifest) {
+    return absl::NotFoundError(
+        absl::StrCat(directory, ": no ", kManifestFileName, " in it, expected a shard directory"));
+  }
+  if (!IsShardDirectory(directory) && !base::PathExists(PathIn(directory, kBlocksFileName))) {
+    return absl::NotFoundError(absl::StrCat(
+        directory, ": no ", kShardFileName,
+        " in it, expected a shard directory (a dataset directory holds them as shard-*-of-*)"));
+  }
+  auto reader = std::unique_ptr<ShardReader>(new ShardReader);
+  reader->directory_ = directory;
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions, ReadDescriptions(directory, open_file));
+  reader->manifest_ = std::move(descriptions.manifest);
+  reader->manifest_crc32c_ = descriptions.manifest_crc32c;
+  reader->layout_ = descriptions.layout;
+  reader->ranges_ = std::move(descriptions.ranges);
+  ISOSCOPE_RETURN_IF_ERROR(reader->ReadShardFile(open_file));
+  ISOSCOPE_RETURN_IF_ERROR(reader->ReadBlockIndex(open_file));
+  return reader;
+}
+
+absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
+  const std::string path = PathIn(directory_, kShardFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
+                            ReadJsonPart(path, kMaxShardFileBytes, open_file));
+  ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, path).status());
+  Json json;
+  ISOSCOPE_RETURN_IF_ERROR(ParseJsonFile(bytes, path, kShardFormat, kFormatVersion, &json));
+  JsonFields fields(json, path);
+  std::string dataset_id;
+  fields.Read("dataset_id", &dataset_id);
+  const auto manifest_shard_count = static_cast<std::int64_t>(manifest_.shards.size());
+  std::int64_t shard_count = 0;
+  fields.Read("shard_count", 1, kMaxShardCount, &shard_count);
+  std::int64_t shard_index = 0;
+  fields.Read("shard_index", 0, manifest_shard_count - 1, &shard_index);
+  std::uint32_t manifest_crc32c = 0;
+  fields.ReadCrc32c("manifest_crc32c", &manifest_crc32c);
+  ShardSummary summary;
+  fields.ReadCrc32c("block_index_crc32c", &summary.block_index_crc32c);
+  fields.Read("blocks_bytes", 0, kMaxInt64, &summary.block_bytes);
+  std::int64_t tree_bytes = 0;
+  fields.Read("interval_tree_bytes", 0, kMaxInt64, &tree_bytes);
+  std::uint32_t tree_head_crc32c = 0;
+  fields.ReadCrc32c("interval_tree_head_crc32c", &tree_head_crc32c);
+  ISOSCOPE_RETURN_IF_ERROR(fields.status());
+  shard_index_ = static_cast<int>(shard_index);
+
+  const ShardSummary& expected = manifest_.shards[static_cast<std::size_t>(shard_index)];
+  summary.block_count = expected.block_count;
+  if (dataset_id != manifest_.dataset_id || shard_count != manifest_shard_count ||
+      manifest_crc32c != manifest_crc32c_ || summary != expected) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: describes shard %d of %d of dataset %s, manifest crc32c 0x%08x; the manifest beside "
+        "it is of dataset %s with %d shards, crc32c 0x%08x: files of different datasets are mixed",
+        path, shard_index, shard_count, dataset_id, manifest_crc32c, manifest_.dataset_id,
+        manifest_shard_count, manifest_crc32c_));
+  }
+
+  const std::string tree_path = PathIn(directory_, kIntervalTreeFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto tree_file, OpenPart(tree_path, open_file));
+  if (tree_file->size_bytes() != tree_bytes) {
+    return absl::DataLossError(absl::StrFormat("%s: %d bytes, expected %d", tree_path,
+                                               tree_file->size_bytes(), tree_bytes));
+  }
+  std::string head(static_cast<std::size_t>(std::min(tree_bytes, kIntervalTreeHeadBytes)), '\0');
+  ISOSCOPE_RETURN_IF_ERROR(tree_file->ReadAt(0, head.size(), head.data()));
+  if (const std::uint32_t computed = base::Crc32c(head); computed != tree_head_crc32c) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: %d bytes at offset 0: crc32c 0x%08x stored in %s, 0x%08x computed",
+                        tree_path, head.size(), tree_head_crc32c, path, computed));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
+  const ShardSummary& expected = manifest_.shards[static_cast<std::size_t>(shard_index_)];
+  const std::string path = PathIn(directory_, kBlockIndexFileName);
+  const std::int64_t size = static_cast<std::int64_t>(kBinaryHeaderBytes) +
+                            static_cast<std::int64_t>(kBlockIndexEntryBytes) * expected.block_count;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadPart(path, size, open_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(const BinaryHeader header,
+                            DecodeBinaryFile(kBlockIndexMagic, bytes, path));
+  if (const std::uint32_t crc32c = base::Crc32c(bytes); crc32c != expected.block_index_crc32c) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: crc32c of the file 0x%08x, the manifest expects 0x%08x: it is of another shard", path,
+        crc32c, expected.block_index_crc32c));
+  }
+  if (header.scalar_type != static_cast<std::uint32_t>(manifest_.scalar_type) ||
+      header.entry_size != kBlockIndexEntryBytes || header.count != expected.block_count ||
+      header.data_size != expected.block_bytes) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: header states %d entries of %d bytes, sample type %d, %d bytes of blocks; expected "
+        "%d, %d, %d, %d",
+        path, header.count, header.entry_size, header.scalar_type, header.data_size,
+        expected.block_count, kBlockIndexEntryBytes, static_cast<int>(manifest_.scalar_type),
+        expected.block_bytes));
+  }
+
+  entries_.reserve(static_cast<std::size_t>(header.count));
+  std::int64_t offset = 0;
+  for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
+    const char* in = bytes.data() + at;
+    Entry entry;
+    entry.block_id = base::LoadLittleEndian<volume::BlockId>(in);
+    const auto encoding = base::LoadLittleEndian<std::uint32_t>(in + 4);
+    entry.offset = base::LoadLittleEndian<std::int64_t>(in + 8);
+    entry.size = base::LoadLittleEndian<std::uint32_t>(in + 16);
+    const auto raw_size = base::LoadLittleEndian<std::uint32_t>(in + 20);
+    entry.crc32c = base::LoadLittleEndian<std::uint32_t>(in + 24);
+    if (encoding != static_cast<std::uint32_t>(BlockEncoding::kRaw)) {
+      return absl::FailedPreconditionError(absl::StrFormat(
+          "%s: offset %d: block %d is stored in encoding %d, this program reads 0 (raw); use a "
+          "newer program",
+          path, at, entry.block_id, encoding));
+    }
+    const bool is_in_order = entry.block_id < layout_.block_count() &&
+                             (entries_.empty() || BlockOrderKey(layout_, entries_.back().block_id) <
+                                                      BlockOrderKey(layout_, entry.block_id));
+    if (!is_in_order) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: offset %d: block %d, expected ids below %d in Morton order", path,
+                          at, entry.block_id, layout_.block_count()));
+    }
+    const std::size_t stored_size =
+        volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
+    if (entry.size != stored_size || raw_size != stored_size || entry.offset != offset) {
+      return absl::DataLossError(absl::StrFormat(
+          "%s: offset %d: block %d of %d stored and %d raw bytes at %d, expected %d at %d", path,
+          at, entry.block_id, entry.size, raw_size, entry.offset, stored_size, offset));
+    }
+    offset += entry.size;
+    entries_.push_back(entry);
+  }
+
+  const std::string blocks_path = PathIn(directory_, kBlocksFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenPart(blocks_path, open_file));
+  if (offset != expected.block_bytes || blocks_file_->size_bytes() != offset) {
+    return absl::DataLossError(
+        absl::StrFormat("%s: %d bytes, the manifest expects %d and the block index %d", blocks_path,
+                        blocks_file_->size_bytes(), expected.block_bytes, offset));
+  }
+  return absl::OkStatus();
+}
+
+std::int64_t ShardReader::block_count() const { return static_cast<std::int64_t>(entries_.size()); }
+
+std::string ShardReader::Where() const {
+  return absl::StrFormat("dataset %s (%s), shard %d of %d", manifest_.name, manifest_.dataset_id,
+                         shard_index_, manifest_.shards.size());
+}
+
+std::vector<ShardReader::Run> ShardReader::PlanRuns(
+    absl::Span<const std::uint32_t> ordinals) const {
+  std::vector<Run> runs;
+  for (std::size_t i = 0; i < ordinals.size(); ++i) {
+    ISOSCOPE_CHECK_LT(ordinals[i], entries_.size());
+    ISOSCOPE_DCHECK(i == 0 || ordinals[i - 1] < ordinals[i]);
+    const Entry& entry = entries_[ordinals[i]];
+    const std::int64_t end = entry.offset + entry.size;
+    if (!runs.empty()) {
+      Run& run = runs.back();
+      if (entry.offset - (run.offset + run.size) <= kMaxGapBytes &&
+          end - run.offset <= kMaxRunBytes) {
+        run.size = end - run.offset;
+        ++run.count;
+        continue;
+      }
+    }
+    runs.push_back({.offset = entry.offset, .size = entry.size, .first = i, .count = 1});
+  }
+  return runs;
+}
+
+absl::Status ShardReader::ReadRun(
+    const Run& run, absl::Span<const std::uint32_t> ordinals, std::string* buffer,
+    absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
+  ISOSCOPE_CHECK_LE(run.first + run.count, ordinals.size());
+  const auto size = static_cast<std::size_t>(run.size);
+  if (buffer->size() < size) {
+    buffer->resize(size);
+  }
+  if (const absl::Status status = blocks_file_->ReadAt(run.offset, size, buffer->data());
+      !status.ok()) {
+    return {status.code(), absl::StrCat(Where(), ": ", status.message())};
+  }
+  for (const std::uint32_t ordinal : ordinals.subspan(run.first, run.count)) {
+    ISOSCOPE_CHECK_LT(ordinal, entries_.size());
+    const Entry& entry = entries_[ordinal];
+    ISOSCOPE_CHECK_GE(entry.offset, run.offset);
+    ISOSCOPE_CHECK_LE(entry.offset + entry.size, run.offset + run.size);
+    const char* bytes = buffer->data() + (entry.offset - run.offset);
+    const std::uint32_t computed = base::ExtendCrc32c(0, bytes, entry.size);
+    if (computed != entry.crc32c) {
+      return absl::DataLossError(absl::StrFormat(
+          "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "
+          "the shard again or partition anew",
+          Where(), entry.block_id, entry.size, entry.offset, blocks_file_->path(), entry.crc32c,
+          computed));
+    }
+    ISOSCOPE_RETURN_IF_ERROR(
+        visit({.block_id = entry.block_id, .type = manifest_.scalar_type, .bytes = bytes}));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::store

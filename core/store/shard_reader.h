@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_STORE_SHARD_READER_H_
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+
 #include "core/base/file.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
@@ -26,7 +28,8 @@ struct DatasetDescription {
   volume::RangeTable ranges;
   std::vector<std::string> shard_directories;  // by shard index; those that exist, else ""
 };
-// NOT_FOUND if `directory` holds no finished dataset, DATA_LOSS if it is damaged.
+// NOT_FOUND if `directory` holds no finished dataset, FAILED_PRECONDITION if it is a shard
+// directory or of a newer format version, DATA_LOSS if it is damaged.
 absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory);
 
 // True if `directory` looks like a dataset directory / a shard directory.
@@ -38,8 +41,13 @@ class ShardReader {
  public:
   // Verifies manifest, range table, shard file and block index (checksums, sizes, and that they
   // belong together). Blocks are verified as they are read.
-  // NOT_FOUND: no shard there. DATA_LOSS: damaged; the message names file and offset.
-  static absl::StatusOr<std::unique_ptr<ShardReader>> Open(const std::string& directory);
+  // NOT_FOUND: no shard there. FAILED_PRECONDITION: a shard that was never finished, or of a newer
+  // format version. DATA_LOSS: damaged; the message names file and offset. `open_file` opens each
+  // file: tests inject faults.
+  using OpenFile = std::function<absl::StatusOr<std::unique_ptr<base::RandomAccessFile>>(
+      const std::string& path)>;
+  static absl::StatusOr<std::unique_ptr<ShardReader>> Open(
+      const std::string& directory, const OpenFile& open_file = base::OpenRandomAccessFile);
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
@@ -47,6 +55,7 @@ class ShardReader {
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
   [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_; }
   [[nodiscard]] std::int64_t block_count() const;
+  // Of manifest.json: what its member "crc32c" says. Equal in all shards of a dataset.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
 
   // One run of neighbouring blocks on disk: read with one request.
@@ -56,21 +65,27 @@ class ShardReader {
     std::size_t first = 0;  // index into the ordinals that were planned
     std::size_t count = 0;
   };
-  // Groups ascending `ordinals` into runs: blocks whose gap is at most kMaxGapBytes are read
-  // together, up to kMaxRunBytes.
+  // Groups ascending `ordinals`, all < block_count(), into runs: blocks whose gap is at most
+  // kMaxGapBytes are read together, up to kMaxRunBytes.
   [[nodiscard]] std::vector<Run> PlanRuns(absl::Span<const std::uint32_t> ordinals) const;
   static constexpr std::int64_t kMaxGapBytes = 32 * 1024;
   static constexpr std::int64_t kMaxRunBytes = 1024 * 1024;
 
   // Reads one run of `ordinals` into `buffer` (grown as needed, reused by the caller), checks each
   // block's CRC-32C and calls `visit` in order; the samples live until the next call with that
-  // buffer. DATA_LOSS names dataset, shard, block, file and offset. Thread-safe.
+  // buffer. DATA_LOSS names dataset, shard, block, file and offset; an error of `visit` is returned
+  // at once. Thread-safe.
   absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
                        std::string* buffer,
                        absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
  private:
   ShardReader() = default;
+
+  absl::Status ReadShardFile(const OpenFile& open_file);
+  absl::Status ReadBlockIndex(const OpenFile& open_file);
+  // "dataset NAME (ID), shard 3 of 16".
+  [[nodiscard]] std::string Where() const;
 
   struct Entry {
     volume::BlockId block_id = 0;

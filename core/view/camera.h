@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_VIEW_CAMERA_H_
 
 #include "absl/status/status.h"
+
 #include "core/math/box.h"
 #include "core/math/vec.h"
 

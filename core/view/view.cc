@@ -1,1 +1,260 @@
 #include "core/view/view.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "absl/strings/str_format.h"
+
+#include "core/base/status_macros.h"
+
+namespace isoscope::view {
+namespace {
+
+// The near plane is at least this part of the far distance (VTK's choice for deep buffers): at the
+// far end one step of a 32-bit float depth is then 6e-5 of the far distance, less than a cell.
+constexpr double kMinNearFraction = 1e-3;
+// How far the planes keep from the volume, so that nothing on its boundary is clipped: a part of
+// its depth, and what float32 clip coordinates may be wrong by (kClipError, with room).
+constexpr double kPlaneSlack = 1e-3;
+constexpr double kPlaneRoundingSlack = 4e-6;
+
+// Bounds of what a renderer in float32 may do to a vertex (docs/numerics.md, "Camera"). u is half
+// a unit in the last place of 1.
+constexpr double kFloatRounding = 0x1p-24;
+// A clip coordinate is wrong by at most this times sum |m_k p_k|: 5 u for rounding the matrix and
+// for four products and three sums in any order, 3 u for a vertex made by clipping an edge; twice.
+constexpr double kClipError = 16 * kFloatRounding;
+// Perspective division and viewport transform, relative to |ndc| + 1: 2.5 u for the division (as
+// GPUs are allowed), 3 u for the transform, rounded up.
+constexpr double kViewportError = 8 * kFloatRounding;
+// Vertices are snapped to a sub-pixel grid of at least 4 bits (OpenGL's minimum).
+constexpr double kSnapErrorPx = 1.0 / 16;
+// A block whose rectangle would need a wider margin is given the whole viewport.
+constexpr double kMaxMarginPx = 4;
+
+constexpr float kNearestDepthMax = 0x1.fffffep-1F;  // 1 - 2^-24
+
+// The largest float that is not above `depth`, in [0, 1 - 2^-24].
+float RoundTowardViewer(double depth) {
+  const double inside = std::clamp(depth, 0.0, 1.0);
+  auto rounded = static_cast<float>(inside);
+  if (static_cast<double>(rounded) > inside) {
+    rounded = std::nextafter(rounded, 0.0F);
+  }
+  return std::min(rounded, kNearestDepthMax);
+}
+
+math::Mat4d ProjectionMatrix(const Camera& camera, const Viewport& viewport, double near_distance,
+                             double far_distance) {
+  const double aspect =
+      static_cast<double>(viewport.width_px) / static_cast<double>(viewport.height_px);
+  const double depth = far_distance - near_distance;
+  math::Mat4d clip_from_eye;
+  if (camera.projection == Projection::kPerspective) {
+    const double scale = 1 / std::tan(camera.fov_y_radians / 2);
+    clip_from_eye.At(0, 0) = scale / aspect;
+    clip_from_eye.At(1, 1) = scale;
+    clip_from_eye.At(2, 2) = -(far_distance + near_distance) / depth;
+    clip_from_eye.At(2, 3) = -2 * far_distance * near_distance / depth;
+    clip_from_eye.At(3, 2) = -1;
+    clip_from_eye.At(3, 3) = 0;
+  } else {
+    clip_from_eye.At(0, 0) = 2 / (camera.view_height * aspect);
+    clip_from_eye.At(1, 1) = 2 / camera.view_height;
+    clip_from_eye.At(2, 2) = -2 / depth;
+    clip_from_eye.At(2, 3) = -(far_distance + near_distance) / depth;
+  }
+  return clip_from_eye;
+}
+
+bool IsFinite(const math::Mat4d& matrix) {
+  return std::all_of(matrix.m.begin(), matrix.m.end(), [](double x) { return std::isfinite(x); });
+}
+
+// A box in clip space: its corners, and by how much float32 may be wrong in each coordinate.
+struct ClipBox {
+  std::array<math::Vec4d, 8> corners;
+  math::Vec4d error;
+};
+
+ClipBox ProjectBox(const math::Mat4d& m, const math::Vec3d& min, const math::Vec3d& max) {
+  ClipBox box;
+  const math::Box3d index_box{min, max};
+  const std::array<math::Vec3d, 8> corners = index_box.Corners();
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    box.corners[i] = m * math::Vec4d{corners[i].x, corners[i].y, corners[i].z, 1};
+  }
+  math::Mat4d magnitude = m;
+  for (double& entry : magnitude.m) {
+    entry = std::abs(entry);
+  }
+  const math::Vec4d sum = magnitude * math::Vec4d{std::max(std::abs(min.x), std::abs(max.x)),
+                                                  std::max(std::abs(min.y), std::abs(max.y)),
+                                                  std::max(std::abs(min.z), std::abs(max.z)), 1};
+  box.error = {kClipError * sum.x, kClipError * sum.y, kClipError * sum.z, kClipError * sum.w};
+  return box;
+}
+
+// True if all of the box is certainly outside one plane of the frustum, however it is rounded. The
+// planes are linear, so the corners decide, whatever the sign of w.
+bool IsOutside(const ClipBox& box) {
+  const math::Vec4d& e = box.error;
+  bool left = true;
+  bool right = true;
+  bool bottom = true;
+  bool top = true;
+  bool in_front = true;
+  bool beyond = true;
+  for (const math::Vec4d& c : box.corners) {
+    left = left && c.x + c.w < -(e.x + e.w);
+    right = right && c.x - c.w > e.x + e.w;
+    bottom = bottom && c.y + c.w < -(e.y + e.w);
+    top = top && c.y - c.w > e.y + e.w;
+    in_front = in_front && c.z + c.w < -(e.z + e.w);
+    beyond = beyond && c.z - c.w > e.z + e.w;
+  }
+  return left || right || bottom || top || in_front || beyond;
+}
+
+// The pixels [begin, end) of an axis whose centres lie within [min, max] +- margin.
+void CoverPixels(double min, double max, double margin, int size_px, int* begin, int* end) {
+  const double first = std::ceil(min - margin - 0.5);
+  const double last = std::floor(max + margin - 0.5);
+  *begin = static_cast<int>(std::clamp(first, 0.0, static_cast<double>(size_px)));
+  *end = static_cast<int>(std::clamp(last + 1, 0.0, static_cast<double>(size_px)));
+}
+
+}  // namespace
+
+absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
+                                const volume::GridGeometry& geometry) {
+  ISOSCOPE_RETURN_IF_ERROR(Validate(camera));
+  ISOSCOPE_RETURN_IF_ERROR(Validate(viewport));
+  ISOSCOPE_RETURN_IF_ERROR(volume::Validate(geometry));
+
+  View view;
+  view.camera_ = camera;
+  view.viewport_ = viewport;
+  view.geometry_ = geometry;
+  view.world_from_index_ = geometry.world_from_index();
+  view.index_from_world_ = geometry.index_from_world();
+  const double target_distance = math::Length(camera.target - camera.eye);
+  view.forward_ = math::Normalized(camera.target - camera.eye);
+  view.right_ = math::Normalized(math::Cross(view.forward_, math::Normalized(camera.up)));
+  view.up_ = math::Cross(view.right_, view.forward_);
+
+  // eye = rotation (world - eye position); x right, y up, z toward the viewer.
+  const math::Mat3d rotation = math::Transposed({{view.right_, view.up_, -view.forward_}});
+  const math::Mat4d eye_from_world = math::MakeAffine(rotation, -(rotation * camera.eye));
+  // Composed from origin - eye, not by multiplying matrices: a volume far from the world's origin
+  // keeps its digits.
+  math::Mat3d linear;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    linear.columns[axis] =
+        rotation * (geometry.direction.columns[axis] * geometry.spacing[static_cast<int>(axis)]);
+  }
+  const math::Mat4d eye_from_index =
+      math::MakeAffine(linear, rotation * (geometry.origin - camera.eye));
+
+  math::Box3d index_box;
+  index_box.Add({0, 0, 0});
+  index_box.Add({static_cast<double>(geometry.sample_dims.x - 1),
+                 static_cast<double>(geometry.sample_dims.y - 1),
+                 static_cast<double>(geometry.sample_dims.z - 1)});
+  double nearest = std::numeric_limits<double>::infinity();
+  double farthest = -std::numeric_limits<double>::infinity();
+  for (const math::Vec3d& corner : index_box.Corners()) {
+    const double distance = -math::TransformPoint(eye_from_index, corner).z;
+    nearest = std::min(nearest, distance);
+    farthest = std::max(farthest, distance);
+  }
+  const double slack = kPlaneSlack * (farthest - nearest) +
+                       kPlaneRoundingSlack * std::max(std::abs(nearest), std::abs(farthest));
+  nearest -= slack;
+  farthest += slack;
+  const bool is_perspective = camera.projection == Projection::kPerspective;
+  if (farthest > 0) {
+    view.far_distance_ = farthest;
+    view.near_distance_ = std::max(nearest, is_perspective ? kMinNearFraction * farthest : 0.0);
+  } else {
+    // All of the volume is behind the eye: any planes in front of it show the empty picture.
+    view.far_distance_ = target_distance;
+    view.near_distance_ = is_perspective ? kMinNearFraction * target_distance : 0.0;
+  }
+
+  const math::Mat4d clip_from_eye =
+      ProjectionMatrix(camera, viewport, view.near_distance_, view.far_distance_);
+  view.clip_from_world_ = clip_from_eye * eye_from_world;
+  view.clip_from_index_ = clip_from_eye * eye_from_index;
+  if (!IsFinite(view.clip_from_world_) || !IsFinite(view.clip_from_index_) ||
+      !IsFinite(view.index_from_world_)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "camera eye %g, %g, %g with volume origin %g, %g, %g: the numbers are too large or too "
+        "small for a projection",
+        camera.eye.x, camera.eye.y, camera.eye.z, geometry.origin.x, geometry.origin.y,
+        geometry.origin.z));
+  }
+  return view;
+}
+
+Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& index_max) const {
+  const ClipBox box = ProjectBox(clip_from_index_, index_min, index_max);
+  if (IsOutside(box)) {
+    return {.rect = {}, .nearest_depth = kNearestDepthMax};
+  }
+  const Footprint everything{.rect = {0, 0, viewport_.width_px, viewport_.height_px},
+                             .nearest_depth = 0};
+  const math::Vec4d& e = box.error;
+  double min_w = std::numeric_limits<double>::infinity();
+  for (const math::Vec4d& c : box.corners) {
+    if (c.z + c.w < e.z + e.w) {
+      return everything;  // reaches the near plane, where a renderer clips
+    }
+    min_w = std::min(min_w, c.w);
+  }
+  min_w -= e.w;
+  if (!(min_w > 0)) {
+    return everything;
+  }
+
+  math::Box3d ndc;
+  for (const math::Vec4d& c : box.corners) {
+    const double inverse_w = 1 / c.w;
+    ndc.Add({c.x * inverse_w, c.y * inverse_w, c.z * inverse_w});
+  }
+  const double half_width = 0.5 * viewport_.width_px;
+  const double half_height = 0.5 * viewport_.height_px;
+  const double reach_x = std::max(std::abs(ndc.min.x), std::abs(ndc.max.x));
+  const double reach_y = std::max(std::abs(ndc.min.y), std::abs(ndc.max.y));
+  const double margin_x =
+      half_width * ((e.x + reach_x * e.w) / min_w + kViewportError * (reach_x + 1)) + kSnapErrorPx;
+  const double margin_y =
+      half_height * ((e.y + reach_y * e.w) / min_w + kViewportError * (reach_y + 1)) + kSnapErrorPx;
+  if (!(std::max(margin_x, margin_y) <= kMaxMarginPx)) {
+    return everything;
+  }
+
+  Footprint footprint;
+  CoverPixels(half_width * (ndc.min.x + 1), half_width * (ndc.max.x + 1), margin_x,
+              viewport_.width_px, &footprint.rect.begin_x, &footprint.rect.end_x);
+  CoverPixels(half_height * (1 - ndc.max.y), half_height * (1 - ndc.min.y), margin_y,
+              viewport_.height_px, &footprint.rect.begin_y, &footprint.rect.end_y);
+  if (footprint.rect.empty()) {
+    footprint.rect = {};
+  }
+  footprint.nearest_depth = RoundTowardViewer(0.5 * ndc.min.z + 0.5);
+  return footprint;
+}
+
+Footprint View::FootprintOf(const volume::BlockLayout& layout, volume::BlockId id) const {
+  const math::IndexBox cells = layout.CellsOf(id);
+  return FootprintOf({static_cast<double>(cells.begin.x), static_cast<double>(cells.begin.y),
+                      static_cast<double>(cells.begin.z)},
+                     {static_cast<double>(cells.end.x), static_cast<double>(cells.end.y),
+                      static_cast<double>(cells.end.z)});
+}
+
+}  // namespace isoscope::view

@@ -5,6 +5,7 @@
 #define ISOSCOPE_CORE_VIEW_VIEW_H_
 
 #include "absl/status/statusor.h"
+
 #include "core/math/box.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"

@@ -5,13 +5,21 @@
 #define ISOSCOPE_CORE_VISIBILITY_OCCLUDER_SELECTION_H_
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "core/math/vec.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/range_table.h"
 
 namespace isoscope::visibility {
+
+// The half-line origin + t * direction, t >= 0, in index space (samples).
+struct Ray {
+  math::Vec3d origin;
+  math::Vec3d direction;
+};
 
 // The rays of a frame, numbered 0 .. count() - 1 in spatially coherent order: first the centres of
 // all boundary faces of all boundary blocks, then random points of the image plane. A ray is a pure
@@ -19,21 +27,42 @@ namespace isoscope::visibility {
 // Immutable; thread-safe. The view and the layout must outlive it.
 class RaySet {
  public:
+  // REQUIRES: the layout is that of the view's volume. There is about one random ray for every
+  // 8 x 8 pixels, at least 1024 and at most 65536 or so, one in each cell of a grid over the
+  // viewport.
   RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed);
 
   [[nodiscard]] std::int64_t count() const { return face_ray_count_ + image_ray_count_; }
 
+  // Ray `number`; none if it goes through a face centre that the viewport does not show. It starts
+  // at the eye (perspective) or on the near plane (orthographic).
+  // REQUIRES: 0 <= number < count().
+  [[nodiscard]] std::optional<Ray> RayOf(std::int64_t number) const;
+
   // Casts rays [begin, end). Each stops at the first active block it meets at or behind the eye
   // and inside the frustum's side planes; returns the blocks hit, ascending, each once.
+  // REQUIRES: 0 <= begin <= end <= count(). O(blocks on an axis) for each ray. Source of the walk:
+  // Amanatides, Woo 1987, "A fast voxel traversal algorithm for ray tracing".
   [[nodiscard]] std::vector<volume::BlockId> Cast(std::int64_t begin, std::int64_t end,
                                                   const volume::BlockSet& active) const;
 
  private:
+  [[nodiscard]] std::optional<Ray> FaceRay(std::int64_t number) const;
+  [[nodiscard]] Ray ImageRay(std::int64_t number) const;
+
   const view::View& view_;
   const volume::BlockLayout& layout_;
   std::uint64_t seed_;
   std::int64_t face_ray_count_ = 0;
   std::int64_t image_ray_count_ = 0;
+  std::int64_t grid_columns_ = 0;  // cells of random rays
+  std::int64_t grid_rows_ = 0;
+  // The camera in index space: the eye, and what one unit of depth, half an image to the right and
+  // half an image up are (perspective: at distance 1).
+  math::Vec3d eye_;
+  math::Vec3d forward_;
+  math::Vec3d half_right_;
+  math::Vec3d half_up_;
 };
 
 // The share of an agent: rays [Begin, End) of `ray_count` for agent `agent_index` of `agent_count`.
@@ -50,8 +79,7 @@ std::vector<volume::BlockId> UnionOfHits(const std::vector<volume::BlockId>& a,
 
 // The occluding blocks: the hits and those of their 26 neighbours that are active.
 volume::BlockSet OccludingBlocks(const std::vector<volume::BlockId>& hits,
-                                 const volume::BlockLayout& layout,
-                                 const volume::BlockSet& active);
+                                 const volume::BlockLayout& layout, const volume::BlockSet& active);
 
 }  // namespace isoscope::visibility
 

@@ -15,6 +15,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
 
@@ -25,15 +26,15 @@ namespace isoscope::visibility {
 class DepthQuantizer {
  public:
   explicit DepthQuantizer(const view::View& view);
-  // 0 .. 65534; background has kUncovered.
+  // 0 .. 65534; background has kUncovered. REQUIRES: 0 <= window_depth <= 1.
   [[nodiscard]] std::uint16_t Quantize(float window_depth) const;
 
   static constexpr std::uint16_t kUncovered = 65535;
 
  private:
-  double near_;
-  double far_;
-  bool is_perspective_;
+  // t(d) = scale d / (1 - bend d) is 0 at the near plane, 1 at the far plane, linear in distance.
+  double scale_ = 1;
+  double bend_ = 0;
 };
 
 enum class MapKind {
@@ -44,25 +45,30 @@ enum class MapKind {
 // Row 0 is the top. Immutable after construction; thread-safe.
 class OcclusionMap {
  public:
+  static constexpr int kMaxLevel = 14;  // one texel for the largest viewport
+
   // Covers nothing: hides no block (an occlusion map for CULLING_NONE).
   OcclusionMap() = default;
 
   // Builds the map of a composited image: texels of 2^level x 2^level pixels.
+  // REQUIRES: the image is not empty; 0 <= level <= kMaxLevel. O(pixels).
   static OcclusionMap FromImage(const image::FrameImage& image, const DepthQuantizer& quantizer,
                                 MapKind kind, int level);
 
   // True if no fragment of a block with this footprint can win a pixel over what the map was built
-  // from (kDepth), or if all its pixels are covered (kMask). O(1) texels for large footprints by
-  // a pyramid of farthest depths.
+  // from (kDepth), or if all its pixels are covered (kMask). The answer is that of all texels the
+  // rectangle touches; a pyramid of farthest depths finds it by looking at few. An empty rectangle
+  // is hidden by every map but the default one.
   [[nodiscard]] bool Hides(const view::Footprint& footprint, const DepthQuantizer& quantizer) const;
 
   // True if a fragment of this depth at this pixel has certainly lost: step 3 need not send it.
+  // A mask is never certain.
   [[nodiscard]] bool HidesFragment(int x, int y, float window_depth,
                                    const DepthQuantizer& quantizer) const;
 
   // Bytes for the wire (docs/format/wire.md): header, delta-coded texels, Zstandard.
   [[nodiscard]] std::string Encode() const;
-  // INVALID_ARGUMENT or DATA_LOSS if the bytes are no map of this viewport.
+  // DATA_LOSS if the bytes are damaged, INVALID_ARGUMENT if they are a map of another viewport.
   static absl::StatusOr<OcclusionMap> Decode(absl::string_view bytes,
                                              const view::Viewport& viewport);
 
@@ -73,8 +79,14 @@ class OcclusionMap {
     std::vector<std::uint16_t> texels;
   };
   void BuildPyramid();
+  // True if all texels of the half-open rectangle `texels` of pyramid_[0] that lie in texel
+  // (x, y) of pyramid_[step] are below `limit`.
+  [[nodiscard]] bool IsBelow(int step, int x, int y, const view::PixelRect& texels,
+                             std::uint16_t limit) const;
 
   MapKind kind_ = MapKind::kDepth;
+  int width_px_ = 0;
+  int height_px_ = 0;
   int level_ = 0;
   std::vector<Level> pyramid_;  // [0] is what is sent; each next one halves both sides
 };

@@ -34,7 +34,7 @@ MATCHER_P2(StatusIs, code, message_matcher,
                                        result_listener);
 }
 inline auto StatusIs(absl::StatusCode code) {
-  return StatusIs(code, ::testing::An<const std::string&>());
+  return StatusIs(code, ::testing::_);
 }
 
 }  // namespace isoscope::testing

@@ -1,0 +1,49 @@
+// The camera of a request, from flags.
+
+#ifndef ISOSCOPE_CLIENT_CLI_CAMERA_FLAGS_H_
+#define ISOSCOPE_CLIENT_CLI_CAMERA_FLAGS_H_
+
+#include <optional>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/math/box.h"
+#include "core/math/vec.h"
+#include "core/view/camera.h"
+
+namespace CLI {
+class App;
+}  // namespace CLI
+
+namespace isoscope::cli {
+
+// Either the first four or the last three; what is not given is as in the default camera.
+struct CameraFlags {
+  std::optional<math::Vec3d> eye;
+  std::optional<math::Vec3d> target;
+  std::optional<math::Vec3d> up;
+  std::optional<double> fov_y_degrees;
+
+  std::optional<double> azimuth_degrees;
+  std::optional<double> elevation_degrees;
+  std::optional<double> zoom;
+};
+
+// `flags` must outlive the parsing.
+void AddCameraFlags(CLI::App* app, CameraFlags* flags);
+
+// UsageError if flags of both kinds are given, or the angle is out of (0, 180).
+absl::Status CheckUsage(const CameraFlags& flags);
+
+// The camera for a volume with these bounds. As in VTK, azimuth comes first, then elevation, then
+// `up` is made perpendicular to the view direction, then zoom.
+// INVALID_ARGUMENT if it can't see: eye on target, up along the view direction.
+absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const math::Box3d& bounds);
+
+// `camera` turned by frame_index * orbit_degrees about its `up` through the target.
+view::Camera OrbitCamera(const view::Camera& camera, double orbit_degrees, int frame_index);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_CAMERA_FLAGS_H_

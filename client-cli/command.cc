@@ -1,0 +1,167 @@
+#include "client-cli/command.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <ostream>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client-cli/usage.h"
+#include <CLI/CLI.hpp>
+
+namespace isoscope::cli {
+namespace {
+
+bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
+
+std::string Overview() {
+  std::string text =
+      "isoscope: isosurfaces of volumes too large for one machine\n\n"
+      "Usage: isoscope COMMAND ...\n\nCommands:\n";
+  for (const Command& command : Commands()) {
+    absl::StrAppendFormat(&text, "  %-10s %s\n", command.name, command.summary);
+  }
+  absl::StrAppend(&text,
+                  "\nOptions:\n"
+                  "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
+                  "  --version   print the version\n"
+                  "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
+                  "\nExample:\n"
+                  "  isoscope render head.nii.gz --isovalue 60 --output head.png\n");
+  return text;
+}
+
+std::vector<std::string> CommandNames() {
+  std::vector<std::string> names;
+  for (const Command& command : Commands()) {
+    names.push_back(command.name);
+  }
+  return names;
+}
+
+const Command* FindCommand(const std::string& name) {
+  const std::vector<Command>& commands = Commands();
+  const auto found = std::find_if(commands.begin(), commands.end(),
+                                  [&](const Command& command) { return command.name == name; });
+  return found == commands.end() ? nullptr : &*found;
+}
+
+absl::Status UnknownCommand(const std::string& name) {
+  const std::string nearest = NearestName(name, CommandNames());
+  return UsageError(absl::StrCat("'", name, "' is no command",
+                                 nearest.empty() ? "" : ", did you mean '" + nearest + "'?",
+                                 " There are: ", absl::StrJoin(CommandNames(), ", ")));
+}
+
+// CLI11 takes "-.5" for flags of one letter; "-0.5" it knows.
+std::string ReadableNumber(const std::string& argument) {
+  if (argument.size() > 2 && absl::StartsWith(argument, "-.") &&
+      absl::ascii_isdigit(static_cast<unsigned char>(argument[2]))) {
+    return absl::StrCat("-0", argument.substr(1));
+  }
+  return argument;
+}
+
+absl::Status UnknownArgument(const CLI::App& app, const std::string& argument) {
+  if (!absl::StartsWith(argument, "-")) {
+    return UsageError(absl::StrCat("'", argument, "' is one argument too many"));
+  }
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) {
+      names.push_back(absl::StrCat("--", name));
+    }
+  }
+  const std::string typed = argument.substr(0, argument.find('='));
+  const std::string nearest = NearestName(typed, names);
+  return UsageError(absl::StrCat("unknown flag ", typed,
+                                 nearest.empty() ? "" : "; did you mean " + nearest + "?"));
+}
+
+// Reads `arguments` (behind the command's name) and runs the command.
+absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
+                 const Context& context) {
+  CLI::App app(
+      absl::StrCat(command.summary, "\n\nUsage: isoscope ", command.name, " ", command.usage));
+  app.name(absl::StrCat("isoscope ", command.name));
+  app.allow_extras();
+  app.footer(absl::StrCat("\nExamples:\n", command.examples));
+  app.get_formatter()->column_width(34);
+  const Action action = command.register_flags(&app);
+
+  std::vector<std::string> reversed;  // as CLI11 wants them
+  std::transform(arguments.rbegin(), arguments.rend(), std::back_inserter(reversed),
+                 ReadableNumber);
+  try {
+    app.parse(reversed);
+  } catch (const CLI::CallForHelp&) {
+    *context.out << app.help();
+    return absl::OkStatus();
+  } catch (const CLI::ParseError& error) {
+    return UsageError(error.what());
+  }
+  const std::vector<std::string> extras = app.remaining();
+  if (!extras.empty()) {
+    return UnknownArgument(app, extras.front());
+  }
+  return action(context);
+}
+
+absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* command_name,
+                      const Context& context) {
+  if (arguments.empty()) {
+    return UsageError(
+        absl::StrCat("a command is missing; there are: ", absl::StrJoin(CommandNames(), ", ")));
+  }
+  if (IsHelp(arguments[0]) || (arguments[0] == "help" && arguments.size() == 1)) {
+    *context.out << Overview();
+    return absl::OkStatus();
+  }
+  if (arguments[0] == "--version") {
+    *context.out << "isoscope " << Version() << "\n";
+    return absl::OkStatus();
+  }
+  std::vector<std::string> rest(arguments.begin() + 1, arguments.end());
+  std::string name = arguments[0];
+  if (name == "help") {
+    name = rest[0];
+    rest = {"--help"};
+  }
+  const Command* command = FindCommand(name);
+  if (command == nullptr) {
+    return absl::StartsWith(name, "-")
+               ? UsageError(absl::StrCat("unknown flag ", name, "; a command comes first: ",
+                                         absl::StrJoin(CommandNames(), ", ")))
+               : UnknownCommand(name);
+  }
+  *command_name = name;
+  return Run(*command, rest, context);
+}
+
+}  // namespace
+
+const std::vector<Command>& Commands() {
+  static const auto* const commands = new std::vector<Command>{
+      PartitionCommand(), InfoCommand(), ServeCommand(), RenderCommand(), ExportCommand()};
+  return *commands;
+}
+
+int RunCommandLine(const std::vector<std::string>& arguments, const Context& context) {
+  std::string command;
+  const absl::Status status = Dispatch(arguments, &command, context);
+  context.out->flush();
+  if (!status.ok()) {
+    *context.err << FormatError(command, status) << std::endl;
+  } else if (!context.out->good()) {
+    *context.err << "isoscope: DATA_LOSS: standard output could not be written" << std::endl;
+    return kExitFailed;
+  }
+  return ExitCodeOf(status);
+}
+
+std::string Version() { return ISOSCOPE_VERSION; }
+
+}  // namespace isoscope::cli

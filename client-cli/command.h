@@ -1,0 +1,58 @@
+// A sub-command of the command line, and what runs it.
+
+#ifndef ISOSCOPE_CLIENT_CLI_COMMAND_H_
+#define ISOSCOPE_CLIENT_CLI_COMMAND_H_
+
+#include <functional>
+#include <iosfwd>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "client-cli/interrupt.h"
+
+namespace CLI {
+class App;
+}  // namespace CLI
+
+namespace isoscope::cli {
+
+// What a command works with. Nothing is owned.
+struct Context {
+  std::ostream* out = nullptr;  // standard output
+  std::ostream* err = nullptr;  // standard error: progress, and text beside `--stats -`
+  bool err_is_terminal = false;
+  Interrupt* interrupt = nullptr;
+};
+
+// What a command does once its flags are read. A UsageError ends the process with 2, any other
+// error with 1.
+using Action = std::function<absl::Status(const Context&)>;
+
+struct Command {
+  std::string name;
+  std::string summary;   // one line
+  std::string usage;     // what follows "isoscope NAME" in the first line of --help
+  std::string examples;  // the last lines of --help
+  // Adds the flags to `app`. The action owns what they are read into.
+  Action (*register_flags)(CLI::App* app);
+};
+
+Command PartitionCommand();
+Command InfoCommand();
+Command ServeCommand();
+Command RenderCommand();
+Command ExportCommand();
+
+// All of them, in the order of --help.
+const std::vector<Command>& Commands();
+
+// Runs the command line without the program's name; returns the exit code.
+int RunCommandLine(const std::vector<std::string>& arguments, const Context& context);
+
+// The version of the program: "0.1.0".
+std::string Version();
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_COMMAND_H_

@@ -1,0 +1,160 @@
+#include "client-cli/dataset_json.h"
+
+#include <cstddef>
+#include <cstdint>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
+#include "client-cli/output.h"
+
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+Json ToJson(const v1::Dimensions& dims) { return Json::array({dims.x(), dims.y(), dims.z()}); }
+Json ToJson(const v1::Vec3& v) { return Json::array({v.x(), v.y(), v.z()}); }
+
+// "SAMPLE_TYPE_UINT8" is "uint8".
+std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
+  return absl::AsciiStrToLower(absl::StripPrefix(name, prefix));
+}
+
+// "1 x 2 x 3".
+std::string Joined(const Json& array, absl::string_view separator) {
+  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
+    absl::StrAppend(out, element.dump());
+  });
+}
+
+std::string Text(const Json& object, const char* key) { return object.at(key).get<std::string>(); }
+
+}  // namespace
+
+Json DatasetToJson(const v1::Dataset& dataset) {
+  Json json;
+  json["name"] = dataset.name();
+  json["dataset_id"] = dataset.dataset_id();
+  json["source"] = dataset.source();
+  json["sample_dims"] = ToJson(dataset.geometry().sample_dims());
+  json["spacing"] = ToJson(dataset.geometry().spacing());
+  json["origin"] = ToJson(dataset.geometry().origin());
+  json["direction"] = Json::array({{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}});
+  if (dataset.geometry().direction_columns_size() == 3) {
+    for (int column = 0; column < 3; ++column) {
+      json["direction"][static_cast<std::size_t>(column)] =
+          ToJson(dataset.geometry().direction_columns(column));
+    }
+  }
+  json["sample_type"] = WithoutPrefix(v1::SampleType_Name(dataset.sample_type()), "SAMPLE_TYPE_");
+  if (dataset.has_value_range()) {
+    json["value_range"] = Json::array({dataset.value_range().min(), dataset.value_range().max()});
+  } else {
+    json["value_range"] = nullptr;
+  }
+  json["block_cells"] = ToJson(dataset.block_cells());
+  json["block_count"] = dataset.block_count();
+  json["shard_count"] = dataset.shard_count();
+  json["missing_shards"] = Json::array();
+  for (const int shard : dataset.missing_shards()) {
+    json["missing_shards"].push_back(shard);
+  }
+  return json;
+}
+
+Json AgentToJson(const v1::AgentStatus& agent) {
+  Json json;
+  json["address"] = agent.address();
+  json["state"] = agent.state() == v1::AgentStatus::STATE_REACHABLE     ? "reachable"
+                  : agent.state() == v1::AgentStatus::STATE_UNREACHABLE ? "unreachable"
+                                                                        : "unknown";
+  json["message"] = agent.message();
+  json["version"] = agent.version();
+  json["renderer"] = agent.renderer();
+  json["shards"] = Json::array();
+  for (const v1::ServedShard& shard : agent.shards()) {
+    json["shards"].push_back({{"dataset", shard.dataset()},
+                              {"shard", shard.shard_index()},
+                              {"block_count", shard.block_count()}});
+  }
+  return json;
+}
+
+Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
+  const store::Manifest& manifest = description.manifest;
+  v1::Dataset dataset = rpc::ToProto(manifest);
+  for (std::size_t i = 0; i < description.shard_directories.size(); ++i) {
+    if (description.shard_directories[i].empty()) {
+      dataset.add_missing_shards(static_cast<std::int32_t>(i));
+    }
+  }
+  Json json = DatasetToJson(dataset);
+  json["distribution"] = std::string(store::NameOf(manifest.distribution));
+  json["seed"] = manifest.seed;
+  json["shards"] = Json::array();
+  for (std::size_t i = 0; i < manifest.shards.size(); ++i) {
+    json["shards"].push_back({{"shard", i},
+                              {"block_count", manifest.shards[i].block_count},
+                              {"block_bytes", manifest.shards[i].block_bytes}});
+  }
+  return json;
+}
+
+std::string DescribeDataset(const Json& dataset) {
+  std::string text;
+  const auto line = [&text](absl::string_view name, const std::string& value) {
+    absl::StrAppend(&text, name, std::string(14 - name.size(), ' '), value, "\n");
+  };
+  line("dataset", Text(dataset, "name"));
+  line("id", Text(dataset, "dataset_id"));
+  line("source", Text(dataset, "source"));
+  line("samples", absl::StrCat(Joined(dataset.at("sample_dims"), " x "), " of ",
+                               Text(dataset, "sample_type")));
+  const Json& range = dataset.at("value_range");
+  line("values", range.is_null() ? "none but NaN" : Joined(range, " to "));
+  line("spacing", Joined(dataset.at("spacing"), ", "));
+  line("origin", Joined(dataset.at("origin"), ", "));
+  line("direction",
+       absl::StrJoin(dataset.at("direction"), "; ", [](std::string* out, const Json& column) {
+         absl::StrAppend(out, Joined(column, ", "));
+       }));
+  line("blocks", absl::StrCat(FormatCount(dataset.at("block_count").get<std::int64_t>()), " of ",
+                              Joined(dataset.at("block_cells"), " x "), " cells"));
+  const Json& missing = dataset.at("missing_shards");
+  line("shards",
+       absl::StrCat(
+           dataset.at("shard_count").dump(),
+           missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
+  if (dataset.contains("shards")) {
+    line("distribution",
+         absl::StrCat(Text(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
+    Table table({"shard", "blocks", "size"});
+    for (const Json& shard : dataset.at("shards")) {
+      table.AddRow({shard.at("shard").dump(),
+                    FormatCount(shard.at("block_count").get<std::int64_t>()),
+                    FormatMebibytes(shard.at("block_bytes").get<std::int64_t>())});
+    }
+    absl::StrAppend(&text, "\n", table.ToString());
+  }
+  return text;
+}
+
+std::string DescribeAgents(const Json& agents) {
+  Table table({"agent", "state", "version", "shards", "renderer", "message"});
+  for (const Json& agent : agents) {
+    const std::string shards =
+        absl::StrJoin(agent.at("shards"), ",", [](std::string* out, const Json& shard) {
+          absl::StrAppend(out, Text(shard, "dataset"), "/", shard.at("shard").dump());
+        });
+    table.AddRow({Text(agent, "address"), Text(agent, "state"), Text(agent, "version"), shards,
+                  Text(agent, "renderer"), Text(agent, "message")});
+  }
+  return table.ToString();
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,36 @@
+// What `info` prints: datasets and agents as JSON and as text.
+
+#ifndef ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_
+#define ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_
+
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "core/store/shard_reader.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+
+namespace isoscope::cli {
+
+using Json = nlohmann::ordered_json;
+
+// {"name", "dataset_id", "source", "sample_dims", "spacing", "origin", "direction", "sample_type",
+// "value_range", "block_cells", "block_count", "shard_count", "missing_shards"}; direction is a
+// list of three columns; value_range is null if every sample is NaN.
+Json DatasetToJson(const isoscope::v1::Dataset& dataset);
+// {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
+// "block_count"}]}; state is "reachable", "unreachable" or "unknown".
+Json AgentToJson(const isoscope::v1::AgentStatus& agent);
+// DatasetToJson with what only the folder knows: "distribution", "seed", and "shards": [{"shard",
+// "block_count", "block_bytes"}].
+Json DatasetDirectoryToJson(const store::DatasetDescription& description);
+
+// The same for people, from the JSON above.
+std::string DescribeDataset(const Json& dataset);
+// A table with one row for each agent.
+std::string DescribeAgents(const Json& agents);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_

@@ -1,0 +1,84 @@
+#include "client-cli/embedded_cluster.h"
+
+#include <cstddef>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+#include <oneapi/tbb/task_arena.h>
+
+#include "core/base/status_macros.h"
+#include "core/store/shard_reader.h"
+
+namespace isoscope::cli {
+namespace {
+
+// Agents in the same process answer at once; this is for a machine under heavy load.
+constexpr absl::Duration kReadyTimeout = absl::Seconds(60);
+
+absl::Status CheckAllShardsPresent(const store::DatasetDescription& dataset,
+                                   const std::string& directory) {
+  std::vector<std::size_t> missing;
+  for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
+    if (dataset.shard_directories[i].empty()) {
+      missing.push_back(i);
+    }
+  }
+  if (missing.empty()) {
+    return absl::OkStatus();
+  }
+  return absl::FailedPreconditionError(
+      absl::StrCat("'", directory, "' lacks ", missing.size(), " of its ",
+                   dataset.shard_directories.size(), " shards (", absl::StrJoin(missing, ", "),
+                   "); serve them where they are with isoscope-agent, or copy them back"));
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
+    const EmbeddedClusterOptions& options) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
+                            store::OpenDataset(options.dataset_directory));
+  ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(dataset, options.dataset_directory));
+
+  std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_, render::MakeRenderer({.kind = options.renderer}));
+  const auto arena = std::make_shared<tbb::task_arena>(
+      options.thread_count > 0 ? options.thread_count : tbb::task_arena::automatic);
+
+  server::CoordinatorServerOptions coordinator_options;
+  for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
+    agent::AgentServerOptions agent_options;
+    agent_options.directories = {dataset.shard_directories[i]};
+    agent_options.renderer = cluster->renderer_;
+    agent_options.arena = arena;
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
+                              agent::AgentServer::Start(agent_options));
+    coordinator_options.agents.push_back(
+        {.target = absl::StrCat("in-process:", i), .channel = agent->InProcessChannel()});
+    cluster->agents_.push_back(std::move(agent));
+  }
+  coordinator_options.listen_address = options.listen_address;
+  coordinator_options.max_frame_duration = options.max_frame_duration;
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,
+                            server::CoordinatorServer::Start(coordinator_options));
+  ISOSCOPE_RETURN_IF_ERROR(cluster->coordinator_->WaitUntilReady(absl::Now() + kReadyTimeout));
+  return cluster;
+}
+
+EmbeddedCluster::~EmbeddedCluster() {
+  // The coordinator calls the agents: it goes first.
+  coordinator_.reset();
+  agents_.clear();
+}
+
+void EmbeddedCluster::Shutdown(absl::Duration grace) {
+  coordinator_->Shutdown(grace);
+  for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {
+    agent->Shutdown(absl::ZeroDuration());
+  }
+}
+
+}  // namespace isoscope::cli

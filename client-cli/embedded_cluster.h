@@ -1,0 +1,61 @@
+// A coordinator and one agent for each shard of a dataset, in this process: the same servers as
+// isoscope-coordinator and isoscope-agent run, joined by in-process channels.
+
+#ifndef ISOSCOPE_CLIENT_CLI_EMBEDDED_CLUSTER_H_
+#define ISOSCOPE_CLIENT_CLI_EMBEDDED_CLUSTER_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <grpcpp/channel.h>
+
+#include "core/render/renderer_factory.h"
+#include "partition-agent/agent_server.h"
+#include "server/coordinator_server.h"
+
+namespace isoscope::cli {
+
+struct EmbeddedClusterOptions {
+  std::string dataset_directory;
+  render::RendererKind renderer = render::RendererKind::kAuto;
+  // Threads that extract and draw, for all agents together; 0: one for each core.
+  int thread_count = 0;
+  // "HOST:PORT"; empty: reached in-process only.
+  std::string listen_address;
+  // The server's limit for one request.
+  absl::Duration max_frame_duration = absl::Minutes(5);
+};
+
+// Thread-safe. The destructor shuts down with no grace.
+class EmbeddedCluster {
+ public:
+  // Returns once frames can be rendered.
+  // NOT_FOUND: no dataset there. FAILED_PRECONDITION: shards are missing (names them), or the
+  // renderer can't start. DATA_LOSS: damaged. UNAVAILABLE: the address can't be bound.
+  static absl::StatusOr<std::unique_ptr<EmbeddedCluster>> Start(
+      const EmbeddedClusterOptions& options);
+  ~EmbeddedCluster();
+
+  std::shared_ptr<grpc::Channel> Channel() { return coordinator_->InProcessChannel(); }
+  // The bound port, or 0 without one.
+  [[nodiscard]] int port() const { return coordinator_->port(); }
+  [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
+  // What draws, for people.
+  [[nodiscard]] std::string renderer_description() const { return renderer_->description(); }
+  // Lets frames in work finish for at most `grace`. Blocks.
+  void Shutdown(absl::Duration grace);
+
+ private:
+  EmbeddedCluster() = default;
+
+  std::shared_ptr<render::Renderer> renderer_;
+  std::vector<std::unique_ptr<agent::AgentServer>> agents_;
+  std::unique_ptr<server::CoordinatorServer> coordinator_;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_EMBEDDED_CLUSTER_H_

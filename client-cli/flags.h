@@ -1,0 +1,41 @@
+// Flags with our own parsers and messages, on top of CLI11.
+
+#ifndef ISOSCOPE_CLIENT_CLI_FLAGS_H_
+#define ISOSCOPE_CLIENT_CLI_FLAGS_H_
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include <CLI/CLI.hpp>
+
+namespace isoscope::cli {
+
+// Adds a flag (or, without dashes, a positional argument) whose text `parse` turns into
+// absl::StatusOr<T>; an error of it is wrong usage. `value` stays unset if the flag is not given;
+// it must outlive the parsing.
+template <typename T, typename Parser>
+CLI::Option* AddFlag(CLI::App* app, const std::string& name, const std::string& type_name,
+                     std::optional<T>* value, Parser parse, const std::string& help) {
+  CLI::Option* option = app->add_option_function<std::string>(
+      name, [value, parse](const std::string& text) { *value = *parse(text); }, help);
+  option->check([parse](const std::string& text) {
+    const absl::StatusOr<T> parsed = parse(text);
+    return parsed.ok() ? std::string() : std::string(parsed.status().message());
+  });
+  return option->type_name(type_name);
+}
+
+// Any text that is not empty.
+inline absl::StatusOr<std::string> ParseText(absl::string_view text) {
+  if (text.empty()) {
+    return absl::InvalidArgumentError("is empty");
+  }
+  return std::string(text);
+}
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_FLAGS_H_

@@ -1,0 +1,29 @@
+// The statistics of frames, as the JSON of `--stats` and as tables for people.
+
+#ifndef ISOSCOPE_CLIENT_CLI_FRAME_STATISTICS_H_
+#define ISOSCOPE_CLIENT_CLI_FRAME_STATISTICS_H_
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "isoscope/v1/frame.pb.h"
+
+namespace isoscope::cli {
+
+struct FrameRecord {
+  double wall_ms = 0;  // the client's clock around one request
+  isoscope::v1::RenderStatistics statistics;
+};
+
+// {"frames": [...]}: a contract with scripts (README, "Statistics"); members may be added, never
+// renamed or moved. Times are milliseconds with three decimals.
+nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames);
+
+// Three tables: frames, their steps, and the agents of the last frame.
+std::string DescribeStatistics(const std::vector<FrameRecord>& frames);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_FRAME_STATISTICS_H_

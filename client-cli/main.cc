@@ -1,0 +1,21 @@
+// The command line of Isoscope. Everything is in the library isoscope::cli.
+
+#include <unistd.h>
+
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "client-cli/command.h"
+#include "client-cli/interrupt.h"
+
+int main(int argc, char** argv) {
+  // Never destroyed: its thread waits until the process ends.
+  auto* const interrupt = new isoscope::cli::Interrupt();
+  interrupt->InstallForProcess();
+  const isoscope::cli::Context context{.out = &std::cout,
+                                       .err = &std::cerr,
+                                       .err_is_terminal = isatty(STDERR_FILENO) == 1,
+                                       .interrupt = interrupt};
+  return isoscope::cli::RunCommandLine(std::vector<std::string>(argv + 1, argv + argc), context);
+}

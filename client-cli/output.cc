@@ -1,0 +1,211 @@
+#include "client-cli/output.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <filesystem>
+#include <fstream>
+#include <ostream>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+
+#include "core/base/check.h"
+#include "core/base/file.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+
+namespace isoscope::cli {
+namespace {
+
+constexpr int kBarWidth = 24;
+
+// Puts a comma before every third digit of the whole part.
+std::string WithSeparators(const std::string& number) {
+  const std::size_t begin = number[0] == '-' ? 1 : 0;
+  const std::size_t end = std::min(number.find('.'), number.size());
+  std::string grouped = number.substr(0, begin);
+  for (std::size_t i = begin; i < end; ++i) {
+    if (i > begin && (end - i) % 3 == 0) {
+      grouped += ',';
+    }
+    grouped += number[i];
+  }
+  return grouped + number.substr(end);
+}
+
+bool IsSpecialFile(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  return std::filesystem::exists(status) && std::filesystem::is_other(status);
+}
+
+}  // namespace
+
+std::string FormatCount(std::int64_t value) { return WithSeparators(absl::StrCat(value)); }
+
+std::string FormatMebibytes(std::int64_t bytes) {
+  return WithSeparators(absl::StrFormat(
+             "%.1f", static_cast<double>(bytes) / static_cast<double>(base::kMiB))) +
+         " MiB";
+}
+
+std::string FormatMilliseconds(double milliseconds) {
+  return WithSeparators(absl::StrFormat("%.1f", milliseconds));
+}
+
+std::string FormatElapsed(absl::Duration duration) {
+  const std::int64_t seconds = absl::ToInt64Seconds(duration + absl::Milliseconds(500));
+  if (seconds < 60) {
+    return absl::StrFormat("%d s", seconds);
+  }
+  if (seconds < 3600) {
+    return absl::StrFormat("%d min %02d s", seconds / 60, seconds % 60);
+  }
+  return absl::StrFormat("%d h %02d min", seconds / 3600, seconds / 60 % 60);
+}
+
+Table::Table(std::vector<std::string> header) { rows_.push_back(std::move(header)); }
+
+void Table::AddRow(std::vector<std::string> cells) {
+  ISOSCOPE_CHECK_EQ(cells.size(), rows_[0].size());
+  rows_.push_back(std::move(cells));
+}
+
+std::string Table::ToString() const {
+  std::vector<std::size_t> widths(rows_[0].size());
+  for (const std::vector<std::string>& row : rows_) {
+    for (std::size_t column = 0; column < row.size(); ++column) {
+      widths[column] = std::max(widths[column], row[column].size());
+    }
+  }
+  std::string text;
+  for (const std::vector<std::string>& row : rows_) {
+    std::string line;
+    for (std::size_t column = 0; column < row.size(); ++column) {
+      const std::string padding(widths[column] - row[column].size(), ' ');
+      line += column == 0 ? row[column] + padding : "  " + padding + row[column];
+    }
+    line.erase(line.find_last_not_of(' ') + 1);
+    text += line + "\n";
+  }
+  return text;
+}
+
+std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
+                           std::int64_t total_bytes, absl::Duration elapsed) {
+  const double fraction =
+      std::clamp(static_cast<double>(done_bytes) / static_cast<double>(total_bytes), 0.0, 1.0);
+  std::string done = FormatMebibytes(done_bytes);
+  done.erase(done.size() - 4);  // the unit stands behind the total
+  std::string text =
+      absl::StrFormat("%-16s %3d %%  %s of %s", phase, static_cast<int>(std::floor(fraction * 100)),
+                      done, FormatMebibytes(total_bytes));
+  const double seconds = absl::ToDoubleSeconds(elapsed);
+  if (seconds > 0 && done_bytes > 0) {
+    absl::StrAppend(
+        &text, "  ",
+        FormatMebibytes(static_cast<std::int64_t>(static_cast<double>(done_bytes) / seconds)),
+        "/s  ", FormatElapsed(elapsed * ((1 - fraction) / fraction)), " left");
+  }
+  return text;
+}
+
+ProgressLine::ProgressLine(std::ostream* err, bool is_terminal)
+    : err_(err), is_terminal_(is_terminal), start_(absl::Now()), last_draw_(start_) {}
+
+ProgressLine::~ProgressLine() {
+  if (is_drawn_ && is_terminal_) {
+    *err_ << "\r\x1b[K" << std::flush;
+  }
+}
+
+bool ProgressLine::IsDue() {
+  const absl::Time now = absl::Now();
+  const absl::Duration interval = is_terminal_ ? absl::Milliseconds(100) : absl::Seconds(10);
+  if (now - last_draw_ < interval) {
+    return false;
+  }
+  last_draw_ = now;
+  return true;
+}
+
+void ProgressLine::Draw(const std::string& text) {
+  if (is_terminal_) {
+    *err_ << "\r" << text << "\x1b[K" << std::flush;
+  } else {
+    *err_ << text << std::endl;
+  }
+  is_drawn_ = true;
+}
+
+void ProgressLine::Update(absl::string_view phase, std::int64_t done_bytes,
+                          std::int64_t total_bytes) {
+  if (!IsDue()) {
+    return;
+  }
+  std::string text = FormatProgress(phase, done_bytes, total_bytes, absl::Now() - start_);
+  if (is_terminal_) {
+    const auto filled = static_cast<std::size_t>(
+        std::clamp(static_cast<double>(done_bytes) / static_cast<double>(total_bytes) * kBarWidth,
+                   0.0, static_cast<double>(kBarWidth)));
+    text = absl::StrCat("[", std::string(filled, '#'), std::string(kBarWidth - filled, '.'), "] ",
+                        text);
+  }
+  Draw(text);
+}
+
+void ProgressLine::Update(absl::string_view text) {
+  if (IsDue()) {
+    Draw(std::string(text));
+  }
+}
+
+std::string PartialName(const std::string& path) {
+  return absl::StrCat(path, ".partial-", getpid());
+}
+
+absl::Status CheckWritable(const std::string& path) {
+  if (IsSpecialFile(path)) {
+    return absl::OkStatus();
+  }
+  if (base::IsDirectory(path)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("'", path, "' is a folder; the name of a file is expected"));
+  }
+  const std::string partial = PartialName(path);
+  ISOSCOPE_RETURN_IF_ERROR(base::RemoveRecursively(partial));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<base::WritableFile> file,
+                            base::CreateWritableFile(partial));
+  return base::RemoveRecursively(partial);
+}
+
+absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes) {
+  if (IsSpecialFile(path)) {
+    std::ofstream out(path, std::ios::binary);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    out.close();
+    return out.good() ? absl::OkStatus()
+                      : absl::DataLossError(absl::StrCat("can't write to '", path, "'"));
+  }
+  const std::string partial = PartialName(path);
+  absl::Status status = base::RemoveRecursively(partial);
+  if (status.ok()) {
+    status = base::WriteWholeFile(partial, bytes);
+  }
+  if (status.ok()) {
+    status = base::RenamePath(partial, path);
+  }
+  if (!status.ok()) {
+    // What went wrong first is what counts.
+    base::RemoveRecursively(partial).IgnoreError();
+  }
+  return status;
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,85 @@
+// Text for people: numbers, tables, progress; and files that appear whole or not at all.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_H_
+
+#include <cstdint>
+#include <iosfwd>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+namespace isoscope::cli {
+
+// "-1,234,567".
+std::string FormatCount(std::int64_t value);
+// "1,234.5 MiB"; always MiB, one decimal.
+std::string FormatMebibytes(std::int64_t bytes);
+// "1,234.5": milliseconds, one decimal.
+std::string FormatMilliseconds(double milliseconds);
+// "41 s", "3 min 05 s", "2 h 07 min"; >= 0.
+std::string FormatElapsed(absl::Duration duration);
+
+// Rows of cells in aligned columns: the first column to the left, all others to the right.
+class Table {
+ public:
+  explicit Table(std::vector<std::string> header);
+
+  // REQUIRES: as many cells as the header has.
+  void AddRow(std::vector<std::string> cells);
+  // Two spaces between columns, lines end in a line feed, no spaces at their ends.
+  [[nodiscard]] std::string ToString() const;
+
+ private:
+  std::vector<std::vector<std::string>> rows_;
+};
+
+// "reading ranges   42 %  1,024.0 of 2,437.5 MiB  310.2 MiB/s  4 s left".
+std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
+                           std::int64_t total_bytes, absl::Duration elapsed);
+
+// Tells how far long work is: on a terminal one line that is written over, with a bar; elsewhere a
+// plain line every ten seconds. Thread-compatible.
+class ProgressLine {
+ public:
+  // `err` must outlive it.
+  ProgressLine(std::ostream* err, bool is_terminal);
+  // Clears the line on a terminal.
+  ~ProgressLine();
+  ProgressLine(const ProgressLine&) = delete;
+  ProgressLine& operator=(const ProgressLine&) = delete;
+
+  // Cheap; draws at most ten times a second. total_bytes > 0.
+  void Update(absl::string_view phase, std::int64_t done_bytes, std::int64_t total_bytes);
+  // The same with a text in place of the figures, for work of unknown length.
+  void Update(absl::string_view text);
+
+ private:
+  bool IsDue();
+  void Draw(const std::string& text);
+
+  std::ostream* const err_;
+  const bool is_terminal_;
+  const absl::Time start_;
+  absl::Time last_draw_;
+  bool is_drawn_ = false;
+};
+
+// OK if a file can be made at `path`, or one there be replaced; leaves no trace. Errors name the
+// path and the reason.
+absl::Status CheckWritable(const std::string& path);
+
+// Writes `bytes` to `path` under another name first and renames it: `path` is the old file or the
+// whole new one. A device or a pipe is written as it is.
+absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes);
+
+// The name under which `path` is written before it is whole; of this process alone.
+std::string PartialName(const std::string& path);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_H_

@@ -1,0 +1,225 @@
+#include "client-cli/parse_value.h"
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::cli {
+namespace {
+
+absl::Status Malformed(absl::string_view text, absl::string_view expected) {
+  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is not ", expected));
+}
+
+// `count` numbers between commas.
+absl::StatusOr<std::vector<double>> ParseList(absl::string_view text, std::size_t min_count,
+                                              std::size_t max_count, absl::string_view expected) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ',');
+  if (parts.size() < min_count || parts.size() > max_count) {
+    return Malformed(text, expected);
+  }
+  std::vector<double> values;
+  for (const absl::string_view part : parts) {
+    double value = 0;
+    if (!absl::SimpleAtod(part, &value) || !std::isfinite(value)) {
+      return Malformed(text, expected);
+    }
+    values.push_back(value);
+  }
+  return values;
+}
+
+absl::StatusOr<math::Index3> ParseIndex3(absl::string_view text, char separator, std::int64_t min,
+                                         std::int64_t max, absl::string_view expected) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, separator);
+  if (parts.size() != 3) {
+    return Malformed(text, expected);
+  }
+  math::Index3 result;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::int64_t value = 0;
+    if (!absl::SimpleAtoi(parts[static_cast<std::size_t>(axis)], &value) || value < min ||
+        value > max) {
+      return Malformed(text, expected);
+    }
+    result[axis] = value;
+  }
+  return result;
+}
+
+}  // namespace
+
+absl::StatusOr<std::int64_t> ParseInteger(absl::string_view text, std::int64_t min,
+                                          std::int64_t max) {
+  std::int64_t value = 0;
+  if (!absl::SimpleAtoi(text, &value) || value < min || value > max) {
+    return Malformed(text, absl::StrCat("a whole number from ", min, " to ", max));
+  }
+  return value;
+}
+
+absl::StatusOr<std::uint64_t> ParseUnsigned(absl::string_view text) {
+  std::uint64_t value = 0;
+  if (!absl::SimpleAtoi(text, &value)) {
+    return Malformed(
+        text, absl::StrCat("a whole number from 0 to ", std::numeric_limits<std::uint64_t>::max()));
+  }
+  return value;
+}
+
+absl::StatusOr<double> ParseNumber(absl::string_view text) {
+  double value = 0;
+  if (!absl::SimpleAtod(text, &value) || !std::isfinite(value)) {
+    return Malformed(text, "a finite number");
+  }
+  return value;
+}
+
+absl::StatusOr<double> ParsePositiveNumber(absl::string_view text) {
+  double value = 0;
+  if (!absl::SimpleAtod(text, &value) || !std::isfinite(value) || value <= 0) {
+    return Malformed(text, "a number above 0");
+  }
+  return value;
+}
+
+absl::StatusOr<math::Vec3d> ParseVector(absl::string_view text) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values,
+                            ParseList(text, 3, 3, "X,Y,Z, three numbers between commas"));
+  return math::Vec3d{values[0], values[1], values[2]};
+}
+
+absl::StatusOr<math::Vec3d> ParsePositiveVector(absl::string_view text) {
+  constexpr absl::string_view kExpected = "X,Y,Z, three numbers above 0 between commas";
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values, ParseList(text, 3, 3, kExpected));
+  for (const double value : values) {
+    if (value <= 0) {
+      return Malformed(text, kExpected);
+    }
+  }
+  return math::Vec3d{values[0], values[1], values[2]};
+}
+
+absl::StatusOr<math::Index3> ParseDims(absl::string_view text) {
+  return ParseIndex3(text, ',', 2, std::numeric_limits<std::int32_t>::max(),
+                     "X,Y,Z, three whole numbers of samples, each at least 2");
+}
+
+absl::StatusOr<math::Index3> ParseBlockCells(absl::string_view text) {
+  constexpr std::int64_t kMax = volume::BlockLayout::kMaxBlockCells;
+  const std::string expected =
+      absl::StrCat("N or NXxNYxNZ, whole numbers of cells from 1 to ", kMax);
+  if (absl::StrContains(text, 'x')) {
+    return ParseIndex3(text, 'x', 1, kMax, expected);
+  }
+  std::int64_t value = 0;
+  if (!absl::SimpleAtoi(text, &value) || value < 1 || value > kMax) {
+    return Malformed(text, expected);
+  }
+  return math::Index3{value, value, value};
+}
+
+absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text) {
+  constexpr absl::string_view kExpected =
+      "a size of at least one byte: a number, then K, M, G, T, KiB, MiB, GiB, TiB or nothing";
+  constexpr std::array<std::pair<absl::string_view, std::int64_t>, 4> kUnits = {
+      {{"K", base::kKiB}, {"M", base::kMiB}, {"G", base::kGiB}, {"T", 1024 * base::kGiB}}};
+  absl::string_view number = text;
+  std::int64_t unit = 1;
+  for (const auto& [name, factor] : kUnits) {
+    if (absl::EndsWith(number, absl::StrCat(name, "iB"))) {
+      number.remove_suffix(3);
+      unit = factor;
+      break;
+    }
+    if (absl::EndsWith(number, name)) {
+      number.remove_suffix(1);
+      unit = factor;
+      break;
+    }
+  }
+  double value = 0;
+  // A digit at the end rules out "1 K", "infK" and "1e".
+  if (number.empty() || !absl::ascii_isdigit(static_cast<unsigned char>(number.back())) ||
+      !absl::SimpleAtod(number, &value)) {
+    return Malformed(text, kExpected);
+  }
+  const double bytes = std::floor(value * static_cast<double>(unit));
+  if (!(bytes >= 1 && bytes < 9.0e18)) {
+    return Malformed(text, kExpected);
+  }
+  return static_cast<std::int64_t>(bytes);
+}
+
+absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text) {
+  double seconds = 0;
+  absl::Duration duration;
+  if (absl::SimpleAtod(text, &seconds)) {
+    duration = std::isfinite(seconds) ? absl::Seconds(seconds) : absl::ZeroDuration();
+  } else if (!absl::ParseDuration(text, &duration)) {
+    duration = absl::ZeroDuration();
+  }
+  if (duration <= absl::ZeroDuration() || duration == absl::InfiniteDuration()) {
+    return Malformed(text, "a number of seconds above 0 (30, 1.5s, 2m)");
+  }
+  return duration;
+}
+
+absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
+  constexpr absl::string_view kExpected =
+      "HOST:PORT with a port from 0 to 65535 (an IPv6 address in brackets: [::1]:50051)";
+  const std::size_t colon = text.rfind(':');
+  if (colon == absl::string_view::npos || colon == 0) {
+    return Malformed(text, kExpected);
+  }
+  const absl::string_view host = text.substr(0, colon);
+  const absl::string_view port = text.substr(colon + 1);
+  const bool is_bracketed = host.size() > 2 && host.front() == '[' && host.back() == ']';
+  std::int64_t number = 0;
+  if ((absl::StrContains(host, ':') && !is_bracketed) || absl::StrContains(text, ' ') ||
+      !absl::SimpleAtoi(port, &number) || number < 0 || number > 65535) {
+    return Malformed(text, kExpected);
+  }
+  return std::string(text);
+}
+
+namespace {
+
+absl::StatusOr<Color> ParseChannels(absl::string_view text, std::size_t max_count,
+                                    absl::string_view expected) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values,
+                            ParseList(text, 3, max_count, expected));
+  for (const double value : values) {
+    if (value < 0 || value > 1) {
+      return Malformed(text, expected);
+    }
+  }
+  const auto channel = [&](std::size_t i) { return static_cast<float>(values[i]); };
+  return Color{.red = channel(0),
+               .green = channel(1),
+               .blue = channel(2),
+               .alpha = values.size() > 3 ? channel(3) : 1.0F};
+}
+
+}  // namespace
+
+absl::StatusOr<Color> ParseColor(absl::string_view text) {
+  return ParseChannels(text, 3, "R,G,B, three numbers from 0 to 1 between commas");
+}
+
+absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text) {
+  return ParseChannels(text, 4, "R,G,B or R,G,B,A, numbers from 0 to 1 between commas");
+}
+
+}  // namespace isoscope::cli

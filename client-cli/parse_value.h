@@ -1,0 +1,76 @@
+// From the text of a flag to its value. Every error is INVALID_ARGUMENT, quotes the text and says
+// what is allowed.
+
+#ifndef ISOSCOPE_CLIENT_CLI_PARSE_VALUE_H_
+#define ISOSCOPE_CLIENT_CLI_PARSE_VALUE_H_
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+#include "core/math/vec.h"
+
+namespace isoscope::cli {
+
+// A decimal whole number in [min, max].
+absl::StatusOr<std::int64_t> ParseInteger(absl::string_view text, std::int64_t min,
+                                          std::int64_t max);
+// Any 64-bit unsigned whole number.
+absl::StatusOr<std::uint64_t> ParseUnsigned(absl::string_view text);
+// A finite number.
+absl::StatusOr<double> ParseNumber(absl::string_view text);
+// A finite number > 0.
+absl::StatusOr<double> ParsePositiveNumber(absl::string_view text);
+// "X,Y,Z": three finite numbers.
+absl::StatusOr<math::Vec3d> ParseVector(absl::string_view text);
+// "X,Y,Z", all > 0.
+absl::StatusOr<math::Vec3d> ParsePositiveVector(absl::string_view text);
+// "X,Y,Z": three whole numbers >= 2, the samples of a volume.
+absl::StatusOr<math::Index3> ParseDims(absl::string_view text);
+// "N" or "NXxNYxNZ", each in [1, BlockLayout::kMaxBlockCells].
+absl::StatusOr<math::Index3> ParseBlockCells(absl::string_view text);
+// A whole or decimal number of bytes, with K, M, G, T or KiB, MiB, GiB, TiB (all powers of 1024) if
+// wanted: "512MiB", "1.5G". >= 1.
+absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text);
+// A number of seconds > 0, with s, ms, m or h if wanted: "30", "1.5s", "2m".
+absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text);
+// "HOST:PORT", port 0 to 65535; an IPv6 address in brackets. Returns the text.
+absl::StatusOr<std::string> ParseHostPort(absl::string_view text);
+
+// sRGB values with straight alpha, each in [0, 1].
+struct Color {
+  float red = 0;
+  float green = 0;
+  float blue = 0;
+  float alpha = 1;
+
+  friend bool operator==(const Color&, const Color&) = default;
+};
+// "R,G,B": opaque.
+absl::StatusOr<Color> ParseColor(absl::string_view text);
+// "R,G,B" or "R,G,B,A".
+absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text);
+
+// One of a few words, each with its value.
+template <typename T>
+absl::StatusOr<T> ParseChoice(absl::string_view text,
+                              const std::vector<std::pair<std::string, T>>& choices) {
+  std::string allowed;
+  for (const auto& [name, value] : choices) {
+    if (text == name) {
+      return value;
+    }
+    allowed += (allowed.empty() ? "" : ", ") + name;
+  }
+  return absl::InvalidArgumentError("'" + std::string(text) + "' is none of: " + allowed);
+}
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_PARSE_VALUE_H_

@@ -1,0 +1,120 @@
+// isoscope partition INPUT --output DIR
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "client-cli/command.h"
+#include "client-cli/flags.h"
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/partition_volume.h"
+#include "client-cli/source_flags.h"
+#include "client-cli/usage.h"
+
+#include "core/base/status_macros.h"
+#include "core/ingest/partitioner.h"
+#include "core/math/vec.h"
+#include "core/store/manifest.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::cli {
+namespace {
+
+struct PartitionFlags {
+  std::optional<std::string> input;
+  std::optional<std::string> output;
+  std::optional<std::int64_t> shard_count;
+  std::optional<math::Index3> block_cells;
+  std::optional<store::Distribution> distribution;
+  std::optional<std::uint64_t> seed;
+  std::optional<std::int64_t> memory_limit_bytes;
+  SourceFlags source;
+};
+
+absl::Status CheckUsage(const PartitionFlags& flags) {
+  if (!flags.input) {
+    return UsageError("INPUT is missing: the volume file to partition");
+  }
+  if (!flags.output) {
+    return UsageError("--output DIR is missing: the dataset folder to make");
+  }
+  return CheckUsage(flags.source, *flags.input);
+}
+
+std::string Summarize(const store::Manifest& manifest, const std::string& directory,
+                      absl::Duration elapsed) {
+  std::int64_t block_count = 0;
+  std::int64_t block_bytes = 0;
+  for (const store::ShardSummary& shard : manifest.shards) {
+    block_count += shard.block_count;
+    block_bytes += shard.block_bytes;
+  }
+  const math::Index3& dims = manifest.geometry.sample_dims;
+  const std::int64_t source_bytes =
+      math::Volume(dims) * static_cast<std::int64_t>(volume::SizeOf(manifest.scalar_type));
+  return absl::StrCat(manifest.source, ": ", dims.x, " x ", dims.y, " x ", dims.z, " samples of ",
+                      volume::NameOf(manifest.scalar_type), ", ", FormatMebibytes(source_bytes),
+                      "\n", directory, ": ", FormatCount(block_count), " blocks in ",
+                      manifest.shards.size(),
+                      manifest.shards.size() == 1 ? " shard, " : " shards, ",
+                      FormatMebibytes(block_bytes), ", values ", manifest.value_range.min, " to ",
+                      manifest.value_range.max, ", in ", FormatElapsed(elapsed), "\n");
+}
+
+absl::Status Run(const PartitionFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  ingest::PartitionOptions options;
+  options.output_directory = *flags.output;
+  while (options.output_directory.size() > 1 && options.output_directory.back() == '/') {
+    options.output_directory.pop_back();
+  }
+  options.shard_count = static_cast<int>(flags.shard_count.value_or(options.shard_count));
+  options.block_cells = flags.block_cells.value_or(options.block_cells);
+  options.distribution = flags.distribution.value_or(options.distribution);
+  options.seed = flags.seed.value_or(options.seed);
+  options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
+  const absl::Time start = absl::Now();
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
+                            PartitionVolume(flags.source, *flags.input, options, context));
+  *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<PartitionFlags>();
+  AddFlag(app, "input", "INPUT", &flags->input, ParseText,
+          "NIfTI, NRRD or MetaImage file, or a raw file");
+  AddFlag(app, "--output", "DIR", &flags->output, ParseText,
+          "the dataset folder; must not exist yet");
+  AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
+          "parts, one for each agent (default: 1)");
+  AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
+          "cells of a block (default: 16)");
+  AddFlag(app, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
+          "how blocks are dealt out (default: random)");
+  AddFlag(app, "--seed", "S", &flags->seed, ParseUnsigned,
+          "seed of the random distribution (default: 1)");
+  AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseByteSize,
+          "memory for samples, as in 512MiB or 2G (default: 1GiB)");
+  AddSourceFlags(app, &flags->source);
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command PartitionCommand() {
+  return {.name = "partition",
+          .summary = "Cuts a volume into a dataset folder of one or more shards",
+          .usage = "INPUT --output DIR [OPTIONS]",
+          .examples =
+              "  isoscope partition head.nii.gz --output head --shards 4\n"
+              "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,36 @@
+#include "client-cli/partition_volume.h"
+
+#include <memory>
+
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+
+#include "core/base/status_macros.h"
+#include "core/store/shard_format.h"
+
+namespace isoscope::cli {
+
+absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text) {
+  return ParseInteger(text, 1, store::kMaxShardCount);
+}
+
+absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
+                                                ingest::PartitionOptions options,
+                                                const Context& context) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeSource> source,
+                            OpenSource(flags, input));
+  ProgressLine line(context.err, context.err_is_terminal);
+  options.progress = [&line](const ingest::PartitionProgress& progress) {
+    if (progress.total_bytes > 0) {
+      line.Update(progress.phase, progress.done_bytes, progress.total_bytes);
+    }
+  };
+  absl::StatusOr<store::Manifest> manifest =
+      ingest::Partition(*source, options, context.interrupt->cancellation());
+  if (!manifest.ok() && context.interrupt->cancellation().is_cancelled()) {
+    return absl::CancelledError("interrupted while partitioning; nothing was left behind");
+  }
+  return manifest;
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,30 @@
+// Partitioning with progress on standard error: what `partition` does, and `render` for a volume.
+
+#ifndef ISOSCOPE_CLIENT_CLI_PARTITION_VOLUME_H_
+#define ISOSCOPE_CLIENT_CLI_PARTITION_VOLUME_H_
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "client-cli/command.h"
+#include "client-cli/source_flags.h"
+
+#include "core/ingest/partitioner.h"
+#include "core/store/manifest.h"
+
+namespace isoscope::cli {
+
+// A number of shards, 1 or more; how many a volume can have, the partitioner says.
+absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text);
+
+// Opens `input` and partitions it. `options.progress` is replaced. CANCELLED, with nothing left
+// behind, on an interrupt; other errors as OpenSource and ingest::Partition.
+absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
+                                                ingest::PartitionOptions options,
+                                                const Context& context);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_PARTITION_VOLUME_H_

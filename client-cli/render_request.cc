@@ -1,0 +1,89 @@
+#include "client-cli/render_request.h"
+
+#include <cstddef>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "client-cli/flags.h"
+#include "client-cli/usage.h"
+
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::cli {
+namespace {
+
+absl::StatusOr<std::int64_t> ParseSide(absl::string_view text) {
+  return ParseInteger(text, 1, view::kMaxViewportPx);
+}
+
+absl::StatusOr<visibility::Culling> ParseCulling(absl::string_view text) {
+  return ParseChoice<visibility::Culling>(text, {{"depth", visibility::Culling::kDepth},
+                                                 {"mask", visibility::Culling::kMask},
+                                                 {"none", visibility::Culling::kNone}});
+}
+
+isoscope::v1::Color ToProto(const Color& color) {
+  isoscope::v1::Color proto;
+  proto.set_red(color.red);
+  proto.set_green(color.green);
+  proto.set_blue(color.blue);
+  proto.set_alpha(color.alpha);
+  return proto;
+}
+
+}  // namespace
+
+void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
+  AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels (default: 1024)");
+  AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels (default: 1024)");
+  AddFlag(app, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
+          "how hidden blocks are left out: depth (default) keeps the picture exact, mask is "
+          "approximate, none draws all");
+  AddFlag(app, "--color", "R,G,B", &flags->base_color, ParseColor,
+          "colour of the surface, 0 to 1 each (default: a light clay)");
+  AddFlag(app, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
+          "colour behind it, 0 to 1 each (default: 0,0,0,1)");
+  AddCameraFlags(app, &flags->camera);
+}
+
+absl::Status CheckUsage(const RequestFlags& flags) {
+  if (!flags.isovalue) {
+    return UsageError("--isovalue V is missing: the level of the surface, in field units");
+  }
+  return CheckUsage(flags.camera);
+}
+
+isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
+                                                  const std::string& dataset,
+                                                  const view::Camera& camera) {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.set_dataset(dataset);
+  request.set_isovalue(flags.isovalue.value_or(0));
+  *request.mutable_camera() = rpc::ToProto(camera);
+  request.mutable_viewport()->set_width_px(
+      static_cast<std::int32_t>(flags.width.value_or(kDefaultSidePx)));
+  request.mutable_viewport()->set_height_px(
+      static_cast<std::int32_t>(flags.height.value_or(kDefaultSidePx)));
+  request.set_culling(rpc::ToProto(flags.culling.value_or(visibility::Culling::kDepth)));
+  if (flags.base_color) {
+    *request.mutable_base_color() = ToProto(*flags.base_color);
+  }
+  if (flags.background_color) {
+    *request.mutable_background_color() = ToProto(*flags.background_color);
+  }
+  return request;
+}
+
+std::string FrameFileName(absl::string_view pattern, int frame_index) {
+  for (const absl::string_view place : {absl::string_view("%d"), absl::string_view("{}")}) {
+    const std::size_t position = pattern.find(place);
+    if (position != absl::string_view::npos) {
+      return absl::StrCat(pattern.substr(0, position), frame_index,
+                          pattern.substr(position + place.size()));
+    }
+  }
+  return std::string(pattern);
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,49 @@
+// What a frame is asked for with, from flags.
+
+#ifndef ISOSCOPE_CLIENT_CLI_RENDER_REQUEST_H_
+#define ISOSCOPE_CLIENT_CLI_RENDER_REQUEST_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "client-cli/camera_flags.h"
+#include "client-cli/parse_value.h"
+
+#include "core/view/camera.h"
+#include "core/visibility/culling.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::cli {
+
+inline constexpr std::int64_t kDefaultSidePx = 1024;
+
+struct RequestFlags {
+  std::optional<double> isovalue;
+  std::optional<std::int64_t> width;
+  std::optional<std::int64_t> height;
+  CameraFlags camera;
+  std::optional<visibility::Culling> culling;
+  std::optional<Color> base_color;
+  std::optional<Color> background_color;
+};
+
+// `flags` must outlive the parsing.
+void AddRequestFlags(CLI::App* app, RequestFlags* flags);
+
+// UsageError.
+absl::Status CheckUsage(const RequestFlags& flags);
+
+// REQUIRES: CheckUsage(flags) is OK.
+isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
+                                                  const std::string& dataset,
+                                                  const view::Camera& camera);
+
+// `pattern` with its first "%d" or "{}" replaced by the number; as it is if it has none.
+std::string FrameFileName(absl::string_view pattern, int frame_index);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_RENDER_REQUEST_H_

@@ -1,0 +1,93 @@
+// isoscope serve DIR [--listen HOST:PORT]
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+#include "client-cli/command.h"
+#include "client-cli/embedded_cluster.h"
+#include "client-cli/flags.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/usage.h"
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/render/renderer_factory.h"
+
+namespace isoscope::cli {
+namespace {
+
+constexpr const char* kDefaultAddress = "127.0.0.1:50051";
+// How long frames in work may take once SIGTERM has come.
+constexpr absl::Duration kGrace = absl::Seconds(30);
+
+struct ServeFlags {
+  std::optional<std::string> directory;
+  std::optional<std::string> listen_address;
+  std::optional<render::RendererKind> renderer;
+  std::optional<std::int64_t> thread_count;
+};
+
+absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
+  return ParseInteger(text, 1, 1024);
+}
+
+absl::Status Run(const ServeFlags& flags, const Context& context) {
+  if (!flags.directory) {
+    return UsageError("DIR is missing: the dataset folder to serve");
+  }
+  EmbeddedClusterOptions options;
+  options.dataset_directory = *flags.directory;
+  options.listen_address = flags.listen_address.value_or(kDefaultAddress);
+  options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
+  options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<EmbeddedCluster> cluster,
+                            EmbeddedCluster::Start(options));
+  // The port asked for may be 0.
+  const std::string host = options.listen_address.substr(0, options.listen_address.rfind(':'));
+  const std::string address = absl::StrCat(host, ":", cluster->port());
+  base::LogInfo("serving", {{"address", address},
+                            {"directory", options.dataset_directory},
+                            {"shards", cluster->shard_count()},
+                            {"renderer", cluster->renderer_description()}});
+  *context.out << address << std::endl;
+  context.interrupt->Wait();
+  base::LogInfo("draining", {{"grace_s", absl::ToInt64Seconds(kGrace)}});
+  cluster->Shutdown(kGrace);
+  base::LogInfo("stopped");
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<ServeFlags>();
+  AddFlag(app, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
+  AddFlag(
+      app, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
+      absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
+  AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+          "back end (default: auto, EGL on a GPU, else the CPU)");
+  AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
+          "threads of all agents together (default: one for each core)");
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command ServeCommand() {
+  return {
+      .name = "serve",
+      .summary = "Serves a dataset folder: coordinator and all agents in this process",
+      .usage = "DIR [--listen HOST:PORT]",
+      .examples =
+          "  isoscope serve head\n"
+          "  isoscope serve head --listen 0.0.0.0:50051\n"
+          "\nPrints the address on standard output once frames can be rendered; log lines go to\n"
+          "standard error. SIGTERM and SIGINT let frames in work finish, then it ends with 0.\n",
+      .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

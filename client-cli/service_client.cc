@@ -1,0 +1,115 @@
+#include "client-cli/service_client.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+
+#include "core/base/status_macros.h"
+#include "core/rpc/grpc_status.h"
+
+namespace isoscope::cli {
+
+namespace v1 = isoscope::v1;
+
+ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
+                             Interrupt* interrupt)
+    : channel_(std::move(channel)),
+      address_(std::move(address)),
+      interrupt_(interrupt),
+      isosurface_(v1::IsosurfaceService::NewStub(channel_)),
+      dataset_(v1::DatasetService::NewStub(channel_)),
+      cluster_(v1::ClusterService::NewStub(channel_)) {}
+
+absl::Status ServiceClient::Explain(const grpc::Status& status) const {
+  if (status.ok()) {
+    return absl::OkStatus();
+  }
+  if (interrupt_->cancellation().is_cancelled()) {
+    return absl::CancelledError("interrupted");
+  }
+  absl::Status explained = rpc::ToAbslStatus(status);
+  if (absl::IsUnavailable(explained) && !address_.empty() &&
+      channel_->GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_READY) {
+    return absl::UnavailableError(absl::StrCat(
+        "no coordinator answers at ", address_, " (", explained.message(),
+        "); start one with 'isoscope serve DIR --listen ", address_, "' or isoscope-coordinator"));
+  }
+  return explained;
+}
+
+absl::Status ServiceClient::Call(absl::Duration timeout,
+                                 absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const {
+  grpc::ClientContext context;
+  if (timeout < absl::InfiniteDuration()) {
+    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+  }
+  const Interrupt::Scope on_interrupt(interrupt_, [&context] { context.TryCancel(); });
+  return Explain(call(&context));
+}
+
+absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,
+                                                      absl::Duration timeout) {
+  v1::GetDatasetRequest request;
+  request.set_name(name);
+  v1::GetDatasetResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return dataset_->GetDataset(context, request, &response);
+  }));
+  return std::move(*response.mutable_dataset());
+}
+
+absl::StatusOr<v1::ListDatasetsResponse> ServiceClient::ListDatasets(absl::Duration timeout) {
+  v1::ListDatasetsResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return dataset_->ListDatasets(context, v1::ListDatasetsRequest(), &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::GetCapabilitiesResponse> ServiceClient::GetCapabilities(absl::Duration timeout) {
+  v1::GetCapabilitiesResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return cluster_->GetCapabilities(context, v1::GetCapabilitiesRequest(), &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::GetClusterStatusResponse> ServiceClient::GetClusterStatus(
+    absl::Duration timeout) {
+  v1::GetClusterStatusResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return cluster_->GetClusterStatus(context, v1::GetClusterStatusRequest(), &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurface(
+    const v1::RenderIsosurfaceRequest& request, absl::Duration timeout) {
+  v1::RenderIsosurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return isosurface_->RenderIsosurface(context, request, &response);
+  }));
+  return response;
+}
+
+absl::Status ServiceClient::ExportIsosurface(
+    const v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
+    absl::FunctionRef<absl::Status(const v1::ExportIsosurfaceResponse&)> visit) {
+  absl::Status visited = absl::OkStatus();
+  const absl::Status called = Call(timeout, [&](grpc::ClientContext* context) {
+    const std::unique_ptr<grpc::ClientReader<v1::ExportIsosurfaceResponse>> reader =
+        isosurface_->ExportIsosurface(context, request);
+    v1::ExportIsosurfaceResponse chunk;
+    while (visited.ok() && reader->Read(&chunk)) {
+      visited = visit(chunk);
+    }
+    if (!visited.ok()) {
+      context->TryCancel();
+    }
+    return reader->Finish();
+  });
+  return visited.ok() ? called : visited;
+}
+
+}  // namespace isoscope::cli

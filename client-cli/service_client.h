@@ -1,0 +1,60 @@
+// Isoscope's public services as blocking calls: the same over the network and in-process.
+
+#ifndef ISOSCOPE_CLIENT_CLI_SERVICE_CLIENT_H_
+#define ISOSCOPE_CLIENT_CLI_SERVICE_CLIENT_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "client-cli/interrupt.h"
+#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
+
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+
+namespace isoscope::cli {
+
+// Every call ends with DEADLINE_EXCEEDED after its `timeout`, and with CANCELLED on an interrupt.
+// Thread-safe.
+class ServiceClient {
+ public:
+  // `address`: for messages; "" for an in-process channel. `interrupt` must outlive the client.
+  ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address, Interrupt* interrupt);
+
+  // Errors of the service; UNAVAILABLE says how to start a server if none is there.
+  absl::StatusOr<isoscope::v1::Dataset> GetDataset(const std::string& name, absl::Duration timeout);
+  absl::StatusOr<isoscope::v1::ListDatasetsResponse> ListDatasets(absl::Duration timeout);
+  absl::StatusOr<isoscope::v1::GetCapabilitiesResponse> GetCapabilities(absl::Duration timeout);
+  absl::StatusOr<isoscope::v1::GetClusterStatusResponse> GetClusterStatus(absl::Duration timeout);
+  absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> RenderIsosurface(
+      const isoscope::v1::RenderIsosurfaceRequest& request, absl::Duration timeout);
+
+  // Calls `visit` for every chunk, in order; an error of it ends the call and is returned.
+  absl::Status ExportIsosurface(
+      const isoscope::v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
+      absl::FunctionRef<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit);
+
+ private:
+  // The error of a call; OK stays OK.
+  absl::Status Explain(const grpc::Status& status) const;
+  // Makes one call: deadline, interrupt, errors.
+  absl::Status Call(absl::Duration timeout,
+                    absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;
+
+  const std::shared_ptr<grpc::Channel> channel_;
+  const std::string address_;
+  Interrupt* const interrupt_;
+  const std::unique_ptr<isoscope::v1::IsosurfaceService::Stub> isosurface_;
+  const std::unique_ptr<isoscope::v1::DatasetService::Stub> dataset_;
+  const std::unique_ptr<isoscope::v1::ClusterService::Stub> cluster_;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_SERVICE_CLIENT_H_

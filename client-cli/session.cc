@@ -1,0 +1,172 @@
+#include "client-cli/session.h"
+
+#include <ostream>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client-cli/dataset_cache.h"
+#include "client-cli/flags.h"
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/partition_volume.h"
+#include "client-cli/usage.h"
+
+#include "core/base/file.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/ingest/partitioner.h"
+#include "core/rpc/channel.h"
+#include "core/store/shard_reader.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::cli {
+namespace {
+
+constexpr std::int64_t kMaxThreadCount = 1024;
+
+absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
+  return ParseInteger(text, 1, kMaxThreadCount);
+}
+
+// Opens everything that agents will open.
+absl::Status VerifyDatasetDirectory(const std::string& directory) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(directory));
+  for (const std::string& shard : dataset.shard_directories) {
+    if (shard.empty()) {
+      return absl::NotFoundError(absl::StrCat("'", directory, "' lacks a shard"));
+    }
+    ISOSCOPE_RETURN_IF_ERROR(agent::OpenShard(shard).status());
+  }
+  return absl::OkStatus();
+}
+
+// The cached dataset of a source volume.
+absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags, const Context& context) {
+  const std::string& input = *flags.input;
+  ingest::PartitionOptions options;
+  options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::string key,
+      CacheKey(input, absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count, "\n",
+                                   options.block_cells.x, "x", options.block_cells.y, "x",
+                                   options.block_cells.z)));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory());
+  bool was_made = false;
+  const auto make = [&](const std::string& directory) -> absl::Status {
+    was_made = true;
+    if (context.err_is_terminal) {
+      *context.err << "partitioning '" << input << "' into the cache, " << cache_directory
+                   << std::endl;
+    }
+    options.output_directory = directory;
+    return PartitionVolume(flags.source, input, options, context).status();
+  };
+  ISOSCOPE_ASSIGN_OR_RETURN(std::string directory,
+                            FindOrMakeDataset(cache_directory, key, make, VerifyDatasetDirectory));
+  if (context.err_is_terminal && !was_made) {
+    *context.err << "using the cached dataset " << directory << std::endl;
+  }
+  return directory;
+}
+
+// The dataset directory that the flags mean.
+absl::StatusOr<std::string> PrepareInput(const SessionFlags& flags, const Context& context) {
+  const std::string& input = *flags.input;
+  if (!base::PathExists(input)) {
+    return absl::NotFoundError(absl::StrCat(
+        "'", input, "' does not exist; a volume file or a dataset folder is expected"));
+  }
+  if (!base::IsDirectory(input)) {
+    return PrepareVolume(flags, context);
+  }
+  if (const char* given = flags.source.FirstGiven(); given != nullptr) {
+    return UsageError(absl::StrCat(given, " is for raw files only; '", input, "' is a folder"));
+  }
+  if (!store::IsDatasetDirectory(input)) {
+    return absl::NotFoundError(absl::StrCat("'", input, "' holds no finished dataset",
+                                            store::IsShardDirectory(input)
+                                                ? "; it is one shard: isoscope-agent serves it"
+                                                : "; 'isoscope partition' makes one"));
+  }
+  if (flags.shard_count) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(input));
+    if (*flags.shard_count != static_cast<std::int64_t>(dataset.manifest.shards.size())) {
+      return UsageError(absl::StrCat("--shards ", *flags.shard_count, ": '", input,
+                                     "' was cut into ", dataset.manifest.shards.size(),
+                                     " shards; leave --shards out, or partition anew"));
+    }
+  }
+  return input;
+}
+
+}  // namespace
+
+void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
+  AddFlag(app, "input", "INPUT|DIR", &flags->input, ParseText,
+          "volume file (partitioned into a cache first) or dataset folder");
+  AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort,
+          "ask a coordinator instead of starting everything here");
+  AddFlag(app, "--dataset", "NAME", &flags->dataset, ParseText,
+          "which dataset of the server (default: its only one)");
+  AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
+          "cut a volume file into P shards, one agent each (default: 1)");
+  AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
+          "threads of the embedded agents together (default: one for each core)");
+  AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
+          "give up a request after this time (default: the server's limit)");
+  app->add_flag("--verbose", flags->is_verbose, "log lines of the embedded servers");
+  AddSourceFlags(app, &flags->source);
+}
+
+void AddRendererFlag(CLI::App* app, SessionFlags* flags) {
+  AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+          "back end of the embedded agents (default: auto, EGL on a GPU, else the CPU)");
+}
+
+absl::Status CheckUsage(const SessionFlags& flags) {
+  if (flags.input.has_value() == flags.server.has_value()) {
+    return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
+                                  : "give a volume file, a dataset folder or --server HOST:PORT");
+  }
+  if (flags.server) {
+    const char* embedded_only = flags.renderer       ? "--renderer"
+                                : flags.shard_count  ? "--shards"
+                                : flags.thread_count ? "--threads"
+                                                     : flags.source.FirstGiven();
+    if (embedded_only != nullptr) {
+      return UsageError(absl::StrCat(embedded_only,
+                                     " can't be used with --server: that is settled where the "
+                                     "agents and the dataset are"));
+    }
+    return absl::OkStatus();
+  }
+  if (flags.dataset) {
+    return UsageError("--dataset is for --server; a file or folder is one dataset");
+  }
+  return CheckUsage(flags.source, *flags.input);
+}
+
+absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags,
+                                                       const Context& context) {
+  base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
+  std::unique_ptr<Session> session(new Session());
+  session->timeout_ = flags.timeout.value_or(absl::InfiniteDuration());
+  if (flags.server) {
+    session->dataset_name_ = flags.dataset.value_or("");
+    session->client_ = std::make_unique<ServiceClient>(rpc::MakeChannel(*flags.server),
+                                                       *flags.server, context.interrupt);
+    return session;
+  }
+  EmbeddedClusterOptions options;
+  ISOSCOPE_ASSIGN_OR_RETURN(options.dataset_directory, PrepareInput(flags, context));
+  options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
+  options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
+  // Nobody else waits for this process: --timeout alone decides.
+  options.max_frame_duration = absl::Hours(24 * 365);
+  ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
+  session->client_ =
+      std::make_unique<ServiceClient>(session->cluster_->Channel(), "", context.interrupt);
+  return session;
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,70 @@
+// What `render` and `export` work on: a source volume, a dataset directory or a server.
+
+#ifndef ISOSCOPE_CLIENT_CLI_SESSION_H_
+#define ISOSCOPE_CLIENT_CLI_SESSION_H_
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "client-cli/command.h"
+#include "client-cli/embedded_cluster.h"
+#include "client-cli/service_client.h"
+#include "client-cli/source_flags.h"
+
+#include "core/render/renderer_factory.h"
+
+namespace isoscope::cli {
+
+struct SessionFlags {
+  std::optional<std::string> input;   // source volume or dataset directory
+  std::optional<std::string> server;  // HOST:PORT
+  std::optional<std::string> dataset;
+  SourceFlags source;
+  std::optional<std::int64_t> shard_count;
+  std::optional<std::int64_t> thread_count;
+  std::optional<render::RendererKind> renderer;
+  std::optional<absl::Duration> timeout;
+  bool is_verbose = false;
+};
+
+// `flags` must outlive the parsing.
+void AddSessionFlags(CLI::App* app, SessionFlags* flags);
+// Registers --renderer, which only `render` has.
+void AddRendererFlag(CLI::App* app, SessionFlags* flags);
+
+// UsageError if it is not exactly one of input and server, or flags do not fit what it is.
+absl::Status CheckUsage(const SessionFlags& flags);
+
+// An opened one. Thread-safe.
+class Session {
+ public:
+  // Partitions a source volume into the cache first, if it is not there, and starts an embedded
+  // cluster for it or for a dataset directory.
+  // UsageError if --shards differs from what the dataset has. Other errors as ingest::Partition and
+  // EmbeddedCluster::Start.
+  static absl::StatusOr<std::unique_ptr<Session>> Open(const SessionFlags& flags,
+                                                       const Context& context);
+
+  ServiceClient& client() { return *client_; }
+  // Name of the dataset in requests; "" is the only one of the cluster.
+  [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
+  // Of each request; infinite if the server's own limit holds.
+  [[nodiscard]] absl::Duration timeout() const { return timeout_; }
+
+ private:
+  Session() = default;
+
+  std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
+  std::unique_ptr<ServiceClient> client_;
+  std::string dataset_name_;
+  absl::Duration timeout_ = absl::InfiniteDuration();
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_SESSION_H_

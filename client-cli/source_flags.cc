@@ -1,0 +1,105 @@
+#include "client-cli/source_flags.h"
+
+#include <limits>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client-cli/flags.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/usage.h"
+
+namespace isoscope::cli {
+namespace {
+
+absl::StatusOr<bool> ParseIsBigEndian(absl::string_view text) {
+  return ParseChoice<bool>(text, {{"little", false}, {"big", true}});
+}
+
+absl::StatusOr<std::int64_t> ParseHeaderBytes(absl::string_view text) {
+  return ParseInteger(text, 0, std::numeric_limits<std::int64_t>::max());
+}
+
+}  // namespace
+
+const char* SourceFlags::FirstGiven() const {
+  return dims            ? "--dims"
+         : type          ? "--type"
+         : spacing       ? "--spacing"
+         : origin        ? "--origin"
+         : is_big_endian ? "--endian"
+         : header_bytes  ? "--header-bytes"
+                         : nullptr;
+}
+
+void AddSourceFlags(CLI::App* app, SourceFlags* flags) {
+  const auto add = [](CLI::Option* option) { option->group("Raw files"); };
+  add(AddFlag(app, "--dims", "X,Y,Z", &flags->dims, ParseDims, "samples on each axis, x fastest"));
+  add(AddFlag(app, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
+              "uint8, int8, uint16, int16, uint32, int32, float32 or float64"));
+  add(AddFlag(app, "--spacing", "X,Y,Z", &flags->spacing, ParsePositiveVector,
+              "world units between samples (default: 1,1,1)"));
+  add(AddFlag(app, "--origin", "X,Y,Z", &flags->origin, ParseVector,
+              "world position of the first sample (default: 0,0,0)"));
+  add(AddFlag(app, "--endian", "little|big", &flags->is_big_endian, ParseIsBigEndian,
+              "byte order (default: little)"));
+  add(AddFlag(app, "--header-bytes", "N", &flags->header_bytes, ParseHeaderBytes,
+              "bytes before the first sample (default: 0)"));
+}
+
+bool HasSelfDescribingName(const std::string& path) {
+  const std::string name = absl::AsciiStrToLower(path);
+  for (const char* ending :
+       {".nii", ".nii.gz", ".hdr", ".img", ".img.gz", ".nrrd", ".nhdr", ".mha", ".mhd"}) {
+    if (absl::EndsWith(name, ending)) {
+      return true;
+    }
+  }
+  return false;
+}
+
+absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
+  const char* given = flags.FirstGiven();
+  if (given == nullptr) {
+    return absl::OkStatus();
+  }
+  if (HasSelfDescribingName(path)) {
+    return UsageError(absl::StrCat(given, " is for raw files only; '", path,
+                                   "' carries its own dimensions and type"));
+  }
+  if (!flags.dims || !flags.type) {
+    return UsageError(absl::StrCat("a raw file needs both --dims X,Y,Z and --type TYPE; ",
+                                   flags.dims ? "--type" : "--dims", " is missing"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFlags& flags,
+                                                                 const std::string& path) {
+  if (!flags.dims) {
+    return ingest::OpenVolumeFile(path);
+  }
+  return ingest::OpenRawFile(
+      path, ingest::RawFormat{.dims = *flags.dims,
+                              .type = flags.type.value_or(volume::ScalarType::kUint8),
+                              .is_big_endian = flags.is_big_endian.value_or(false),
+                              .header_bytes = flags.header_bytes.value_or(0),
+                              .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),
+                              .origin = flags.origin.value_or(math::Vec3d{})});
+}
+
+std::string DescribeForKey(const SourceFlags& flags) {
+  if (!flags.dims) {
+    return "self-describing";
+  }
+  const math::Vec3d spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1});
+  const math::Vec3d origin = flags.origin.value_or(math::Vec3d{});
+  return absl::StrFormat(
+      "raw %d,%d,%d %s %a,%a,%a %a,%a,%a %d %d", flags.dims->x, flags.dims->y, flags.dims->z,
+      volume::NameOf(flags.type.value_or(volume::ScalarType::kUint8)), spacing.x, spacing.y,
+      spacing.z, origin.x, origin.y, origin.z, flags.is_big_endian.value_or(false) ? 1 : 0,
+      flags.header_bytes.value_or(0));
+}
+
+}  // namespace isoscope::cli

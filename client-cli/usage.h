@@ -1,0 +1,36 @@
+// Exit codes, and the difference between wrong usage and a request that failed.
+
+#ifndef ISOSCOPE_CLIENT_CLI_USAGE_H_
+#define ISOSCOPE_CLIENT_CLI_USAGE_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::cli {
+
+// What a process ends with: a contract with scripts.
+enum ExitCode : int {
+  kExitDone = 0,
+  kExitFailed = 1,
+  kExitWrongUsage = 2,
+};
+
+// An INVALID_ARGUMENT that is the fault of the command line itself, not of the request.
+// `message`: what was wrong and what is allowed.
+absl::Status UsageError(absl::string_view message);
+bool IsUsageError(const absl::Status& status);
+
+ExitCode ExitCodeOf(const absl::Status& status);
+// The one line that goes to standard error, without its end: "isoscope render: what (see 'isoscope
+// render --help')" for wrong usage, else "isoscope: NOT_FOUND: what". REQUIRES: !status.ok().
+std::string FormatError(absl::string_view command, const absl::Status& status);
+
+// The element of `known` that `typed` was probably meant to be, or "" if none is near.
+std::string NearestName(absl::string_view typed, const std::vector<std::string>& known);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_USAGE_H_

@@ -1,0 +1,27 @@
+// Waiting for SIGTERM or SIGINT without a signal handler.
+
+#ifndef ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
+#define ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
+
+#include "absl/strings/string_view.h"
+
+namespace isoscope::base {
+
+// Blocks SIGTERM and SIGINT in this thread and in all that it starts later, and ignores SIGPIPE:
+// make one at the top of main, before any other thread. One for a process.
+class ShutdownSignal {
+ public:
+  ShutdownSignal();
+
+  ShutdownSignal(const ShutdownSignal&) = delete;
+  ShutdownSignal& operator=(const ShutdownSignal&) = delete;
+
+  // Blocks until the first of the two and returns its name, "SIGTERM" or "SIGINT". From then on the
+  // default action holds again: another one ends the process at once.
+  // REQUIRES: called once, by the thread that made this.
+  absl::string_view Wait();
+};
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_

@@ -1,0 +1,69 @@
+#include "core/extract/block_shape.h"
+
+#include "core/math/box.h"
+
+namespace isoscope::extract {
+namespace {
+
+// Sets the bits of the samples in `box`, given in the block's own sample coordinates.
+BitRow MaskOf(const BlockShape& shape, const math::IndexBox& box) {
+  BitRow mask(shape.word_count);
+  for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+    for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
+      for (std::int64_t x = box.begin.x; x < box.end.x; ++x) {
+        const std::size_t bit = static_cast<std::size_t>(x) +
+                                static_cast<std::size_t>(y) * shape.row +
+                                static_cast<std::size_t>(z) * shape.slice;
+        mask[bit / 64] |= std::uint64_t{1} << bit % 64;
+      }
+    }
+  }
+  return mask;
+}
+
+}  // namespace
+
+BlockShape MakeBlockShape(const volume::BlockLayout& layout, volume::BlockId id) {
+  const math::IndexBox stored = layout.StoredSamplesOf(id);
+  const math::IndexBox cells = layout.CellsOf(id);
+  const math::IndexBox own = layout.OwnSamplesOf(id);
+  BlockShape shape;
+  shape.stored_dims = stored.dims();
+  shape.row = static_cast<std::size_t>(shape.stored_dims.x);
+  shape.slice = shape.row * static_cast<std::size_t>(shape.stored_dims.y);
+  shape.sample_count = shape.slice * static_cast<std::size_t>(shape.stored_dims.z);
+  shape.word_count = (shape.sample_count + 63) / 64;
+  const math::IndexBox local_cells{cells.begin - stored.begin, cells.end - stored.begin};
+  shape.cells = MaskOf(shape, local_cells);
+  shape.interior = MaskOf(shape, {{1, 1, 1}, shape.stored_dims - math::Index3{2, 2, 2}});
+  for (int axis = 0; axis < 3; ++axis) {
+    shape.touches_border |= own.begin[axis] == 0 || own.end[axis] == layout.sample_dims()[axis];
+    math::IndexBox edges = local_cells;
+    math::IndexBox owned = local_cells;
+    for (int other = 0; other < 3; ++other) {
+      if (other == axis) {
+        continue;
+      }
+      ++edges.end[other];
+      if (own.end[other] == layout.sample_dims()[other]) {
+        ++owned.end[other];
+      }
+    }
+    shape.edges[static_cast<std::size_t>(axis)] = MaskOf(shape, edges);
+    shape.owned_edges[static_cast<std::size_t>(axis)] = MaskOf(shape, owned);
+  }
+  return shape;
+}
+
+std::size_t ShapeClassOf(const volume::BlockLayout& layout, volume::BlockId id) {
+  const math::Index3 index = layout.IndexOf(id);
+  std::size_t shape_class = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::size_t first = index[axis] == 0 ? 1 : 0;
+    const std::size_t last = index[axis] == layout.block_dims()[axis] - 1 ? 2 : 0;
+    shape_class = shape_class * 4 + first + last;
+  }
+  return shape_class;
+}
+
+}  // namespace isoscope::extract

@@ -1,1 +1,0 @@
-#include "core/ingest/itk_source.h"

@@ -1,1 +1,0 @@
-#include "core/ingest/raw_source.h"

@@ -1,0 +1,218 @@
+#include "core/render/egl_renderer.h"
+
+#include <atomic>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/synchronization/notification.h"
+#include "absl/time/time.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/composite/depth_composite.h"
+#include "core/render/gl_mesh_drawer.h"
+
+namespace isoscope::render {
+namespace {
+
+// How soon a waiting Finish notices that its frame was cancelled.
+constexpr absl::Duration kPollInterval = absl::Milliseconds(5);
+
+// What a pass hands to the GL thread. Shared by both, so that neither has to wait for the other
+// when a frame is given up.
+struct Batch {
+  Batch(const view::View& batch_view, const Appearance& batch_appearance,
+        std::vector<DrawItem> batch_items)
+      : view(batch_view), appearance(batch_appearance), items(std::move(batch_items)) {}
+
+  const view::View view;
+  const Appearance appearance;
+  std::vector<DrawItem> items;  // taken by the GL thread
+  std::atomic<bool> abandoned{false};
+  // Written by the GL thread before `done`.
+  absl::StatusOr<image::FrameImage> result = absl::UnknownError("not drawn");
+  absl::Notification done;
+};
+
+class EglRenderPass : public RenderPass {
+ public:
+  EglRenderPass(const view::View& view, const volume::BlockLayout& layout,
+                const Appearance& appearance, std::size_t batch_bytes, GlThread* thread,
+                GlMeshDrawer* drawer)
+      : view_(view),
+        layout_(layout),
+        appearance_(appearance),
+        batch_bytes_(batch_bytes),
+        thread_(*thread),
+        drawer_(*drawer) {}
+
+  EglRenderPass(const EglRenderPass&) = delete;
+  EglRenderPass& operator=(const EglRenderPass&) = delete;
+
+  ~EglRenderPass() override {
+    if (in_flight_ != nullptr) {
+      in_flight_->abandoned.store(true, std::memory_order_release);
+    }
+  }
+
+  absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) override {
+    ISOSCOPE_CHECK(mesh != nullptr);
+    ISOSCOPE_CHECK_EQ(mesh->positions.size(), mesh->normals.size());
+    if (mesh->block_id >= layout_.block_count()) {
+      return absl::InvalidArgumentError(absl::StrCat("a mesh of block ", mesh->block_id,
+                                                     ", but the layout has only ",
+                                                     layout_.block_count(), " blocks"));
+    }
+    if (mesh->indices.empty()) {
+      return absl::OkStatus();
+    }
+    const view::Footprint footprint = view_.FootprintOf(layout_, mesh->block_id);
+    if (footprint.rect.empty()) {
+      return absl::OkStatus();
+    }
+    {
+      const absl::MutexLock lock(&mutex_);
+      collected_bytes_ += mesh->size_bytes();
+      collected_.push_back({.mesh = std::move(mesh), .footprint = footprint});
+      if (collected_bytes_ < batch_bytes_) {
+        return absl::OkStatus();
+      }
+    }
+    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    {
+      // Another thread may have drawn it while this one waited for its turn.
+      const absl::MutexLock lock(&mutex_);
+      if (collected_bytes_ < batch_bytes_) {
+        return absl::OkStatus();
+      }
+    }
+    // At most one batch is with the GL thread while the next is collected.
+    ISOSCOPE_RETURN_IF_ERROR(Absorb(nullptr));
+    SubmitCollected();
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
+    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
+    // An empty pass is drawn too if nothing was before: a picture that is too large fails whether
+    // or not a block is on it.
+    if (!image_.has_value() || HasCollected()) {
+      SubmitCollected();
+      ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
+    }
+    return *std::move(image_);
+  }
+
+ private:
+  bool HasCollected() {
+    const absl::MutexLock lock(&mutex_);
+    return !collected_.empty();
+  }
+
+  void SubmitCollected() ABSL_EXCLUSIVE_LOCKS_REQUIRED(drawing_mutex_) {
+    std::vector<DrawItem> items;
+    {
+      const absl::MutexLock lock(&mutex_);
+      items = std::exchange(collected_, {});
+      collected_bytes_ = 0;
+    }
+    in_flight_ = std::make_shared<Batch>(view_, appearance_, std::move(items));
+    thread_.Submit([batch = in_flight_, &drawer = drawer_]() {
+      const auto poll = [&batch]() {
+        return batch->abandoned.load(std::memory_order_acquire)
+                   ? absl::CancelledError("the frame was given up")
+                   : absl::OkStatus();
+      };
+      batch->result = drawer.Draw(batch->view, batch->appearance, std::move(batch->items), poll);
+      batch->done.Notify();
+    });
+  }
+
+  // Waits for the batch in flight, if any, and composites it. The error of drawing sticks.
+  absl::Status Absorb(const base::Cancellation* cancellation)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(drawing_mutex_) {
+    ISOSCOPE_RETURN_IF_ERROR(status_);
+    if (in_flight_ == nullptr) {
+      return absl::OkStatus();
+    }
+    if (cancellation == nullptr) {
+      in_flight_->done.WaitForNotification();
+    } else {
+      while (!in_flight_->done.WaitForNotificationWithTimeout(kPollInterval)) {
+        status_ = cancellation->Check();
+        if (!status_.ok()) {
+          in_flight_->abandoned.store(true, std::memory_order_release);
+          return status_;
+        }
+      }
+    }
+    const std::shared_ptr<Batch> batch = std::exchange(in_flight_, nullptr);
+    status_ = batch->result.status();
+    ISOSCOPE_RETURN_IF_ERROR(status_);
+    if (image_.has_value()) {
+      composite::CompositeInto(*batch->result, &*image_);
+    } else {
+      image_ = *std::move(batch->result);
+    }
+    return absl::OkStatus();
+  }
+
+  const view::View view_;
+  const volume::BlockLayout layout_;
+  const Appearance appearance_;
+  const std::size_t batch_bytes_;
+  GlThread& thread_;
+  GlMeshDrawer& drawer_;
+
+  // Held while a batch is exchanged with the GL thread; taken before mutex_.
+  absl::Mutex drawing_mutex_;
+  std::shared_ptr<Batch> in_flight_ ABSL_GUARDED_BY(drawing_mutex_);
+  std::optional<image::FrameImage> image_ ABSL_GUARDED_BY(drawing_mutex_);
+  absl::Status status_ ABSL_GUARDED_BY(drawing_mutex_);
+
+  absl::Mutex mutex_;
+  std::vector<DrawItem> collected_ ABSL_GUARDED_BY(mutex_);
+  std::size_t collected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<EglRenderer>> EglRenderer::Make(const EglRendererOptions& options) {
+  std::unique_ptr<EglRenderer> made(new EglRenderer);
+  made->batch_bytes_ = options.batch_bytes;
+  ISOSCOPE_ASSIGN_OR_RETURN(made->thread_, GlThread::Start(options.egl_device));
+  absl::Status status;
+  absl::Notification done;
+  made->thread_->Submit([&made, &status, &done]() {
+    absl::StatusOr<std::unique_ptr<GlMeshDrawer>> drawer = GlMeshDrawer::Make();
+    status = drawer.status();
+    if (drawer.ok()) {
+      made->drawer_ = *std::move(drawer);
+    }
+    done.Notify();
+  });
+  done.WaitForNotification();
+  ISOSCOPE_RETURN_IF_ERROR(status);
+  return made;
+}
+
+EglRenderer::~EglRenderer() {
+  if (thread_ != nullptr) {
+    thread_->Submit([this]() { drawer_.reset(); });
+    thread_.reset();
+  }
+}
+
+absl::StatusOr<std::unique_ptr<RenderPass>> EglRenderer::BeginPass(
+    const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance) {
+  return std::make_unique<EglRenderPass>(view, layout, appearance, batch_bytes_, thread_.get(),
+                                         drawer_.get());
+}
+
+}  // namespace isoscope::render

@@ -1,0 +1,55 @@
+// The OpenGL back end: a context without a window system (egl_context.h) on a thread of its own,
+// which draws for all frames in turn.
+
+#ifndef ISOSCOPE_CORE_RENDER_EGL_RENDERER_H_
+#define ISOSCOPE_CORE_RENDER_EGL_RENDERER_H_
+
+#include <cstddef>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+
+#include "core/render/gl_thread.h"
+#include "core/render/renderer.h"
+
+namespace isoscope::render {
+
+class GlMeshDrawer;
+
+struct EglRendererOptions {
+  // As ListEglDevices numbers them; -1: the first that works.
+  int egl_device = -1;
+  // A pass draws what it has collected once that is so large: larger costs memory (each open pass
+  // can hold about twice this), smaller costs a read-back of the picture each time.
+  std::size_t batch_bytes = std::size_t{256} << 20;
+};
+
+// Thread-safe. Passes must not outlive it.
+class EglRenderer : public Renderer {
+ public:
+  // EglContext::Make's errors, or INTERNAL if the driver refuses the shaders.
+  static absl::StatusOr<std::unique_ptr<EglRenderer>> Make(const EglRendererOptions& options);
+  ~EglRenderer() override;
+
+  EglRenderer(const EglRenderer&) = delete;
+  EglRenderer& operator=(const EglRenderer&) = delete;
+
+  absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
+                                                        const volume::BlockLayout& layout,
+                                                        const Appearance& appearance) override;
+  [[nodiscard]] std::string description() const override { return thread_->description(); }
+  // Whether a GPU draws.
+  [[nodiscard]] bool is_hardware() const { return thread_->is_hardware(); }
+
+ private:
+  EglRenderer() = default;
+
+  std::size_t batch_bytes_ = 0;
+  std::unique_ptr<GlThread> thread_;
+  std::unique_ptr<GlMeshDrawer> drawer_;  // used, and freed, on thread_
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_EGL_RENDERER_H_

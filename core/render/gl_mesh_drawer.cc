@@ -1,0 +1,280 @@
+#include "core/render/gl_mesh_drawer.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/math/matrix.h"
+#include "core/math/vec.h"
+
+namespace isoscope::render {
+namespace {
+
+// A chunk is what is uploaded and drawn at once: large enough that calls cost nothing, small enough
+// that its buffers are reused from the cache and cancellation is noticed within milliseconds.
+constexpr std::size_t kMaxChunkVertices = 1 << 17;
+constexpr std::size_t kMaxChunkIndices = 1 << 19;
+
+constexpr GLuint kPositionAttribute = 0;
+constexpr GLuint kNormalAttribute = 1;
+constexpr GLuint kSlotAttribute = 2;
+
+constexpr const char* kVertexShader = R"(#version 330 core
+layout(location = 0) in vec3 position;  // index space
+layout(location = 1) in vec3 normal;    // world space
+layout(location = 2) in uint slot;
+uniform vec3 center;
+uniform mat4 clip_from_centered;
+invariant gl_Position;
+out vec3 fragment_normal;
+flat out uint fragment_slot;
+void main() {
+  gl_Position = clip_from_centered * vec4(position - center, 1.0);
+  fragment_normal = normal;
+  fragment_slot = slot;
+}
+)";
+
+constexpr const char* kFragmentShader = R"(#version 330 core
+in vec3 fragment_normal;
+flat in uint fragment_slot;
+// For each slot: block id, bits of the nearest depth, first pixel (x | y << 16), end pixel.
+uniform usamplerBuffer blocks;
+// The direction from the eye to the pixel at p is ray_origin + ray_x * p.x + ray_y * p.y.
+uniform vec3 ray_origin;
+uniform vec3 ray_x;
+uniform vec3 ray_y;
+uniform vec4 base_color;
+uniform vec3 shading;  // ambient, specular, shininess
+layout(location = 0) out vec4 color;
+layout(location = 1) out uint block_id;
+void main() {
+  uvec4 block = texelFetch(blocks, int(fragment_slot));
+  uvec2 pixel = uvec2(gl_FragCoord.xy);
+  uvec2 first = uvec2(block.z & 0xffffu, block.z >> 16);
+  uvec2 end = uvec2(block.w & 0xffffu, block.w >> 16);
+  if (any(lessThan(pixel, first)) || any(greaterThanEqual(pixel, end))) {
+    discard;
+  }
+  gl_FragDepth = clamp(gl_FragCoord.z, uintBitsToFloat(block.y), 1.0);
+  block_id = block.x;
+  vec3 ray = ray_origin + ray_x * gl_FragCoord.x + ray_y * gl_FragCoord.y;
+  float normal_squared = dot(fragment_normal, fragment_normal);
+  float facing = 1.0;
+  if (normal_squared > 1e-12) {
+    facing = abs(dot(fragment_normal, ray)) * inversesqrt(normal_squared * dot(ray, ray));
+    facing = clamp(facing, 0.0, 1.0);
+  }
+  float diffuse = shading.x + (1.0 - shading.x) * facing;
+  float highlight = shading.y * pow(max(facing, 1e-6), shading.z);
+  color = vec4(clamp(base_color.rgb * diffuse + highlight, 0.0, 1.0), base_color.a);
+}
+)";
+
+// What the fragment shader reads of a block.
+struct BlockTexel {
+  std::uint32_t block_id = 0;
+  std::uint32_t nearest_depth_bits = 0;
+  std::uint32_t first_pixel = 0;
+  std::uint32_t end_pixel = 0;
+};
+static_assert(sizeof(BlockTexel) == 16);
+
+std::uint32_t PackPixel(int x, int y) {
+  return static_cast<std::uint32_t>(x) | static_cast<std::uint32_t>(y) << 16;
+}
+static_assert(view::kMaxViewportPx <= 0xffff, "pixels are packed in 16 + 16 bits");
+
+void SetVec3(GLint location, const math::Vec3d& v) {
+  glUniform3f(location, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make() {
+  std::unique_ptr<GlMeshDrawer> made(new GlMeshDrawer);
+  ISOSCOPE_ASSIGN_OR_RETURN(made->program_, GlProgram::Make(kVertexShader, kFragmentShader));
+  made->positions_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
+  made->normals_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
+  made->slots_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
+  made->indices_ = std::make_unique<GlStreamBuffer>(GL_ELEMENT_ARRAY_BUFFER);
+  made->blocks_ = std::make_unique<GlStreamBuffer>(GL_TEXTURE_BUFFER);
+
+  GLint max_texels = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &max_texels);
+  made->max_blocks_in_chunk_ = static_cast<std::size_t>(max_texels);
+
+  glGenVertexArrays(1, &made->vertex_array_);
+  glBindVertexArray(made->vertex_array_);
+  made->positions_->Bind();
+  glVertexAttribPointer(kPositionAttribute, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  made->normals_->Bind();
+  glVertexAttribPointer(kNormalAttribute, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  made->slots_->Bind();
+  glVertexAttribIPointer(kSlotAttribute, 1, GL_UNSIGNED_INT, 0, nullptr);
+  for (const GLuint attribute : {kPositionAttribute, kNormalAttribute, kSlotAttribute}) {
+    glEnableVertexAttribArray(attribute);
+  }
+  made->indices_->Bind();
+
+  glGenTextures(1, &made->blocks_texture_);
+  glActiveTexture(GL_TEXTURE0);
+  made->blocks_->Bind();
+  glBindTexture(GL_TEXTURE_BUFFER, made->blocks_texture_);
+  glTexBuffer(GL_TEXTURE_BUFFER, GL_RGBA32UI, made->blocks_->name());
+
+  glDisable(GL_DITHER);
+  glDisable(GL_BLEND);
+  glDisable(GL_MULTISAMPLE);
+  glDisable(GL_CULL_FACE);
+  glDisable(GL_SCISSOR_TEST);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LEQUAL);
+  ISOSCOPE_RETURN_IF_ERROR(GlStatus("set up drawing"));
+  return made;
+}
+
+GlMeshDrawer::~GlMeshDrawer() {
+  glDeleteTextures(1, &blocks_texture_);
+  glDeleteVertexArrays(1, &vertex_array_);
+}
+
+void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appearance) {
+  // Positions are taken relative to the volume's centre, near which cameras look: the matrix then
+  // has no large translation that cancels in floats. Whole numbers, so the subtraction is exact for
+  // all but the vertices near index 0.
+  const math::Index3& dims = view.geometry().sample_dims;
+  const math::Vec3d center{std::floor(static_cast<double>(dims.x) / 2),
+                           std::floor(static_cast<double>(dims.y) / 2),
+                           std::floor(static_cast<double>(dims.z) / 2)};
+  // Upside down, so that row 0 of the framebuffer is the top of the image.
+  math::Mat4d flip;
+  flip.At(1, 1) = -1;
+  const math::Mat4d clip_from_centered =
+      flip * view.clip_from_index() * math::MakeAffine(math::Mat3d{}, center);
+  std::array<float, 16> matrix{};
+  std::transform(clip_from_centered.m.begin(), clip_from_centered.m.end(), matrix.begin(),
+                 [](double value) { return static_cast<float>(value); });
+
+  const view::Camera& camera = view.camera();
+  const double width = view.viewport().width_px;
+  const double height = view.viewport().height_px;
+  // The half sides of the image plane at distance 1; orthographic rays are all parallel.
+  const double half_y = camera.projection == view::Projection::kPerspective
+                            ? std::tan(camera.fov_y_radians / 2)
+                            : 0.0;
+  const double half_x = half_y * width / height;
+
+  glUseProgram(program_->name());
+  SetVec3(program_->Uniform("center"), center);
+  glUniformMatrix4fv(program_->Uniform("clip_from_centered"), 1, GL_FALSE, matrix.data());
+  SetVec3(program_->Uniform("ray_origin"),
+          view.forward() - view.right() * half_x + view.up() * half_y);
+  SetVec3(program_->Uniform("ray_x"), view.right() * (2 * half_x / width));
+  SetVec3(program_->Uniform("ray_y"), view.up() * (-2 * half_y / height));
+  const image::Rgba8& base = appearance.base_color;
+  glUniform4f(program_->Uniform("base_color"), static_cast<float>(base.r) / 255.0F,
+              static_cast<float>(base.g) / 255.0F, static_cast<float>(base.b) / 255.0F,
+              static_cast<float>(base.a) / 255.0F);
+  glUniform3f(program_->Uniform("shading"), appearance.ambient, appearance.specular,
+              appearance.shininess);
+  glUniform1i(program_->Uniform("blocks"), 0);
+}
+
+absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
+                                                     const Appearance& appearance,
+                                                     std::vector<DrawItem> items,
+                                                     absl::FunctionRef<absl::Status()> poll) {
+  ISOSCOPE_RETURN_IF_ERROR(poll());
+  std::sort(items.begin(), items.end(), [](const DrawItem& a, const DrawItem& b) {
+    return a.mesh->block_id > b.mesh->block_id;
+  });
+  const int width = view.viewport().width_px;
+  const int height = view.viewport().height_px;
+  if (framebuffer_ == nullptr || framebuffer_->width() != width ||
+      framebuffer_->height() != height) {
+    framebuffer_.reset();
+    ISOSCOPE_ASSIGN_OR_RETURN(framebuffer_, GlFramebuffer::Make(width, height));
+  }
+  framebuffer_->BindAndClear();
+  SetUniforms(view, appearance);
+
+  std::size_t begin = 0;
+  while (begin < items.size()) {
+    ISOSCOPE_RETURN_IF_ERROR(poll());
+    std::size_t end = begin;
+    std::size_t vertices = 0;
+    std::size_t indices = 0;
+    // At least one item; a single large mesh makes a large chunk.
+    do {
+      vertices += items[end].mesh->positions.size();
+      indices += items[end].mesh->indices.size();
+      ++end;
+    } while (end < items.size() && end - begin < max_blocks_in_chunk_ &&
+             vertices + items[end].mesh->positions.size() <= kMaxChunkVertices &&
+             indices + items[end].mesh->indices.size() <= kMaxChunkIndices);
+    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin)));
+    begin = end;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(poll());
+  image::FrameImage image(width, height);
+  ISOSCOPE_RETURN_IF_ERROR(framebuffer_->ReadInto(&image));
+  return image;
+}
+
+absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
+  std::size_t vertex_count = 0;
+  std::size_t index_count = 0;
+  for (const DrawItem& item : items) {
+    vertex_count += item.mesh->positions.size();
+    index_count += item.mesh->indices.size();
+  }
+  glBindVertexArray(vertex_array_);
+  ISOSCOPE_ASSIGN_OR_RETURN(void* positions, positions_->Map(vertex_count * sizeof(math::Vec3f)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* normals, normals_->Map(vertex_count * sizeof(math::Vec3f)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* slots, slots_->Map(vertex_count * sizeof(std::uint32_t)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* indices, indices_->Map(index_count * sizeof(std::uint32_t)));
+  ISOSCOPE_ASSIGN_OR_RETURN(void* blocks, blocks_->Map(items.size() * sizeof(BlockTexel)));
+  auto* position_out = static_cast<math::Vec3f*>(positions);
+  auto* normal_out = static_cast<math::Vec3f*>(normals);
+  auto* slot_out = static_cast<std::uint32_t*>(slots);
+  auto* index_out = static_cast<std::uint32_t*>(indices);
+  auto* block_out = static_cast<BlockTexel*>(blocks);
+  std::uint32_t slot = 0;
+  std::uint32_t first_vertex = 0;
+  for (const DrawItem& item : items) {
+    const mesh::BlockMesh& mesh = *item.mesh;
+    const view::PixelRect& rect = item.footprint.rect;
+    *block_out++ = {
+        .block_id = mesh.block_id,
+        .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
+        .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
+        .end_pixel = PackPixel(rect.end_x, rect.end_y)};
+    const std::size_t count = mesh.positions.size();
+    position_out = std::copy_n(mesh.positions.data(), count, position_out);
+    normal_out = std::copy_n(mesh.normals.data(), count, normal_out);
+    slot_out = std::fill_n(slot_out, count, slot);
+    for (std::size_t i = mesh.indices.size(); i >= 3; i -= 3) {
+      *index_out++ = first_vertex + mesh.indices[i - 3];
+      *index_out++ = first_vertex + mesh.indices[i - 2];
+      *index_out++ = first_vertex + mesh.indices[i - 1];
+    }
+    first_vertex += static_cast<std::uint32_t>(count);
+    ++slot;
+  }
+  for (GlStreamBuffer* buffer :
+       {positions_.get(), normals_.get(), slots_.get(), indices_.get(), blocks_.get()}) {
+    ISOSCOPE_RETURN_IF_ERROR(buffer->Unmap());
+  }
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_BUFFER, blocks_texture_);
+  glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(index_count), GL_UNSIGNED_INT, nullptr);
+  return GlStatus("draw a chunk of blocks");
+}
+
+}  // namespace isoscope::render

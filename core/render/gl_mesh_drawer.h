@@ -1,0 +1,76 @@
+// Draws block meshes with OpenGL into a FrameImage. How the promise of renderer.h is kept:
+//
+// * A fragment's colour and depth come from its triangle and the view alone: one program, vertex
+//   positions relative to one point of the volume, no blending, dithering or multisampling.
+// * Depth is written by the fragment shader: the interpolated depth, clamped from below to the
+//   block's nearest depth. Fragments outside the block's rectangle are dropped.
+// * The depth test is GL_LEQUAL, so of equal depths the last drawn stays; blocks are drawn from the
+//   highest id to the lowest and triangles from the last to the first. So the smallest FragmentKey
+//   stays, and even depth 1 wins over the background.
+
+#ifndef ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
+#define ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include <epoxy/gl.h>
+
+#include "core/image/frame_image.h"
+#include "core/mesh/block_mesh.h"
+#include "core/render/appearance.h"
+#include "core/render/gl_objects.h"
+#include "core/view/view.h"
+
+namespace isoscope::render {
+
+// A mesh and where its block can appear.
+struct DrawItem {
+  std::shared_ptr<const mesh::BlockMesh> mesh;
+  view::Footprint footprint;
+};
+
+// GL thread only.
+class GlMeshDrawer {
+ public:
+  static absl::StatusOr<std::unique_ptr<GlMeshDrawer>> Make();
+  ~GlMeshDrawer();
+  GlMeshDrawer(const GlMeshDrawer&) = delete;
+  GlMeshDrawer& operator=(const GlMeshDrawer&) = delete;
+
+  // Draws `items`, in whatever order they come, on a background of its own.
+  //
+  // poll: called between draws; its error ends the work and is returned.
+  // RESOURCE_EXHAUSTED if the driver can't have so large a picture or has no memory.
+  absl::StatusOr<image::FrameImage> Draw(const view::View& view, const Appearance& appearance,
+                                         std::vector<DrawItem> items,
+                                         absl::FunctionRef<absl::Status()> poll);
+
+ private:
+  GlMeshDrawer() = default;
+
+  void SetUniforms(const view::View& view, const Appearance& appearance);
+  // Uploads and draws items that fit the buffers together, in their order.
+  absl::Status DrawChunk(std::span<const DrawItem> items);
+
+  std::unique_ptr<GlProgram> program_;
+  std::unique_ptr<GlFramebuffer> framebuffer_;  // of the last size
+  std::unique_ptr<GlStreamBuffer> positions_;
+  std::unique_ptr<GlStreamBuffer> normals_;
+  std::unique_ptr<GlStreamBuffer> slots_;
+  std::unique_ptr<GlStreamBuffer> indices_;
+  std::unique_ptr<GlStreamBuffer> blocks_;  // behind blocks_texture_
+  GLuint blocks_texture_ = 0;
+  GLuint vertex_array_ = 0;
+  std::size_t max_blocks_in_chunk_ = 0;
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_

@@ -1,0 +1,94 @@
+// OpenGL objects that free themselves. All of this: GL thread only, with the context current, from
+// construction to destruction.
+
+#ifndef ISOSCOPE_CORE_RENDER_GL_OBJECTS_H_
+#define ISOSCOPE_CORE_RENDER_GL_OBJECTS_H_
+
+#include <cstddef>
+#include <memory>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include <epoxy/gl.h>
+
+#include "core/image/frame_image.h"
+
+namespace isoscope::render {
+
+// OK, or what glGetError tells about the calls so far: RESOURCE_EXHAUSTED for GL_OUT_OF_MEMORY,
+// INTERNAL otherwise. `what`: "draw 17 blocks".
+absl::Status GlStatus(const char* what);
+
+// A buffer that is rewritten again and again and keeps the largest size it had.
+class GlStreamBuffer {
+ public:
+  explicit GlStreamBuffer(GLenum target);
+  ~GlStreamBuffer();
+  GlStreamBuffer(const GlStreamBuffer&) = delete;
+  GlStreamBuffer& operator=(const GlStreamBuffer&) = delete;
+
+  [[nodiscard]] GLuint name() const { return name_; }
+  void Bind() const;
+  // Binds it and maps `size_bytes` (> 0) for writing; what it held is lost. Draws already issued
+  // still see what they were issued with. RESOURCE_EXHAUSTED if the driver has no memory.
+  absl::StatusOr<void*> Map(std::size_t size_bytes);
+  // INTERNAL if the driver lost the contents meanwhile.
+  absl::Status Unmap();
+
+ private:
+  const GLenum target_;
+  GLuint name_ = 0;
+  std::size_t capacity_bytes_ = 0;
+  bool is_mapped_ = false;  // still, if an error came between Map and Unmap
+};
+
+// A linked vertex and fragment shader.
+class GlProgram {
+ public:
+  // INTERNAL, with the compiler's log, if they don't compile.
+  static absl::StatusOr<std::unique_ptr<GlProgram>> Make(const char* vertex_source,
+                                                         const char* fragment_source);
+  ~GlProgram();
+  GlProgram(const GlProgram&) = delete;
+  GlProgram& operator=(const GlProgram&) = delete;
+
+  [[nodiscard]] GLuint name() const { return name_; }
+  [[nodiscard]] GLint Uniform(const char* uniform) const;
+
+ private:
+  GlProgram() = default;
+  GLuint name_ = 0;
+};
+
+// Colour (RGBA8), block id (R32UI) and depth (32-bit float) of one size.
+class GlFramebuffer {
+ public:
+  // RESOURCE_EXHAUSTED if the driver can't have one so large; the message has its limit.
+  static absl::StatusOr<std::unique_ptr<GlFramebuffer>> Make(int width, int height);
+  ~GlFramebuffer();
+  GlFramebuffer(const GlFramebuffer&) = delete;
+  GlFramebuffer& operator=(const GlFramebuffer&) = delete;
+
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
+
+  // Makes it the target of drawing, the viewport its size, and all pixels background.
+  void BindAndClear() const;
+  // Reads the three planes; framebuffer row 0 becomes image row 0.
+  // REQUIRES: `image` has this size.
+  absl::Status ReadInto(image::FrameImage* image) const;
+
+ private:
+  GlFramebuffer() = default;
+
+  int width_ = 0;
+  int height_ = 0;
+  GLuint framebuffer_ = 0;
+  GLuint color_ = 0;
+  GLuint block_id_ = 0;
+  GLuint depth_ = 0;
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_GL_OBJECTS_H_

@@ -1,0 +1,56 @@
+// The one thread that owns an OpenGL context. Everybody else hands it work.
+
+#ifndef ISOSCOPE_CORE_RENDER_GL_THREAD_H_
+#define ISOSCOPE_CORE_RENDER_GL_THREAD_H_
+
+#include <deque>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/functional/any_invocable.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/synchronization/mutex.h"
+
+namespace isoscope::render {
+
+// Thread-safe. The destructor runs what is queued, then destroys the context on its thread.
+class GlThread {
+ public:
+  using Job = absl::AnyInvocable<void() &&>;
+
+  // EglContext::Make's errors.
+  static absl::StatusOr<std::unique_ptr<GlThread>> Start(int egl_device);
+  ~GlThread();
+
+  GlThread(const GlThread&) = delete;
+  GlThread& operator=(const GlThread&) = delete;
+
+  // Queues `job`; jobs run one after another in the order they came, with the context current.
+  void Submit(Job job);
+
+  // "egl: llvmpipe (...), OpenGL 4.5 (Core Profile) Mesa 22.3.6, device 0 (software)".
+  [[nodiscard]] const std::string& description() const { return description_; }
+  [[nodiscard]] bool is_hardware() const { return is_hardware_; }
+
+ private:
+  GlThread() = default;
+  void Run(int egl_device);
+
+  // Written by the thread before started_ is set, constant after.
+  std::string description_;
+  bool is_hardware_ = false;
+
+  absl::Mutex mutex_;
+  bool started_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status start_status_ ABSL_GUARDED_BY(mutex_);
+  bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  std::deque<Job> queue_ ABSL_GUARDED_BY(mutex_);
+  std::thread thread_;
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_GL_THREAD_H_

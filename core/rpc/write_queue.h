@@ -1,0 +1,118 @@
+// The sending half of a streaming reaction: one write in flight, a queue bounded by bytes, and an
+// end that waits for what was queued. Worker threads push and block when the peer is slow; gRPC's
+// reactions only hand over and never block.
+
+#ifndef ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_
+#define ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_
+
+#include <cstddef>
+#include <deque>
+#include <functional>
+#include <optional>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/synchronization/mutex.h"
+
+namespace isoscope::rpc {
+
+// `Message` is movable and has ByteSizeLong(). Thread-safe.
+//
+// `start_write(message)` begins a write; its end is reported by OnWriteDone. `finish(status)` is
+// called once, when Finish was called and no write is in flight; nothing follows it. Both are called
+// with the queue's lock held: they must not block nor call back.
+template <typename Message>
+class WriteQueue {
+ public:
+  WriteQueue(std::size_t max_bytes, std::function<void(const Message*)> start_write,
+             std::function<void(const absl::Status&)> finish)
+      : max_bytes_(max_bytes), start_write_(std::move(start_write)), finish_(std::move(finish)) {}
+
+  // Queues `message`, waiting while `max_bytes` or more are queued. Returns false, and drops the
+  // message, once the queue is closed or finished: the caller stops working.
+  bool Push(Message message) {
+    absl::MutexLock lock(&mutex_);
+    const auto has_room_or_ends = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return closed_ || status_.has_value() || queued_bytes_ < max_bytes_;
+    };
+    mutex_.Await(absl::Condition(&has_room_or_ends));
+    if (closed_ || status_.has_value()) {
+      return false;
+    }
+    queued_bytes_ += message.ByteSizeLong();
+    queue_.push_back(std::move(message));
+    StartNext();
+    return true;
+  }
+
+  // The write in flight has ended. `ok` false: the stream is broken; the queue closes.
+  void OnWriteDone(bool ok) {
+    absl::MutexLock lock(&mutex_);
+    is_writing_ = false;
+    if (!ok) {
+      DropQueued();
+      closed_ = true;
+    }
+    StartNext();
+  }
+
+  // Drops what is queued and wakes who waits in Push. Finish must still be called.
+  void Close() {
+    absl::MutexLock lock(&mutex_);
+    closed_ = true;
+    DropQueued();
+  }
+
+  // Ends the stream: with OK after all that is queued was written, with an error after the write in
+  // flight. Only the first call counts.
+  void Finish(const absl::Status& status) {
+    absl::MutexLock lock(&mutex_);
+    if (status_.has_value()) {
+      return;
+    }
+    status_ = status;
+    if (!status.ok()) {
+      DropQueued();
+    }
+    StartNext();
+  }
+
+ private:
+  void DropQueued() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    queue_.clear();
+    queued_bytes_ = 0;
+  }
+
+  void StartNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (is_writing_) {
+      return;
+    }
+    if (!queue_.empty()) {
+      in_flight_ = std::move(queue_.front());
+      queue_.pop_front();
+      queued_bytes_ -= in_flight_.ByteSizeLong();
+      is_writing_ = true;
+      start_write_(&in_flight_);
+    } else if (status_.has_value() && !is_finished_) {
+      is_finished_ = true;
+      finish_(*status_);
+    }
+  }
+
+  const std::size_t max_bytes_;
+  const std::function<void(const Message*)> start_write_;
+  const std::function<void(const absl::Status&)> finish_;
+  absl::Mutex mutex_;
+  std::deque<Message> queue_ ABSL_GUARDED_BY(mutex_);
+  std::size_t queued_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  Message in_flight_ ABSL_GUARDED_BY(mutex_);
+  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool closed_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
+  std::optional<absl::Status> status_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace isoscope::rpc
+
+#endif  // ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_

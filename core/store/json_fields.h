@@ -1,0 +1,67 @@
+// Type-checked reading of JSON members. Internal to core/store: the only place, with the encoders,
+// that knows the JSON library, and no exception of it escapes.
+
+#ifndef ISOSCOPE_CORE_STORE_JSON_FIELDS_H_
+#define ISOSCOPE_CORE_STORE_JSON_FIELDS_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "nlohmann/json.hpp"
+
+namespace isoscope::store {
+
+using Json = nlohmann::ordered_json;
+
+// Numbers that JSON lacks become the strings "inf" and "-inf". REQUIRES: `value` is not NaN.
+Json JsonFromDouble(double value);
+// 8 lower-case hex digits.
+Json JsonFromCrc32c(std::uint32_t crc32c);
+// Indented by two, with a final newline. Bytes that are not UTF-8 become U+FFFD.
+std::string DumpJson(const Json& json);
+
+// Reads members and remembers the first error, so that a decoder checks status() once at the end.
+// After an error, every read leaves its target as it was. Errors are DATA_LOSS naming `where`, the
+// member and what was expected. Views `json` and `where`, which must outlive it. Thread-compatible.
+class JsonFields {
+ public:
+  JsonFields(const Json& json, absl::string_view where);
+
+  void Read(const char* name, std::string* value);
+  // In [min, max].
+  void Read(const char* name, std::int64_t min, std::int64_t max, std::int64_t* value);
+  void Read(const char* name, std::uint64_t* value);
+  // Of exactly `count` elements.
+  void ReadDoubles(const char* name, std::size_t count, double* values);
+  void ReadIntegers(const char* name, std::size_t count, std::int64_t min, std::int64_t max,
+                    std::int64_t* values);
+  void ReadDouble(const char* name, double* value);
+  void ReadCrc32c(const char* name, std::uint32_t* value);
+  // A member that is an array or object, or null after an error.
+  const Json* ReadArray(const char* name);
+  const Json* ReadObject(const char* name);
+
+  // Takes over an error found elsewhere.
+  void Fail(const absl::Status& status);
+  [[nodiscard]] const absl::Status& status() const { return status_; }
+
+ private:
+  const Json* Find(const char* name);
+  void Expected(const char* name, absl::string_view what);
+
+  const Json& json_;
+  const absl::string_view where_;
+  absl::Status status_;
+};
+
+// Parses sealed text whose seal was verified, and checks its members "format" and "format_version".
+// DATA_LOSS: no JSON object of that format. FAILED_PRECONDITION: of a newer version.
+absl::Status ParseJsonFile(absl::string_view text, absl::string_view where,
+                           absl::string_view format, std::int64_t newest_version, Json* json);
+
+}  // namespace isoscope::store
+
+#endif  // ISOSCOPE_CORE_STORE_JSON_FIELDS_H_

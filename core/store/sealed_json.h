@@ -1,0 +1,23 @@
+// JSON text that carries its own CRC-32C: its member "crc32c" holds, as 8 lower-case hex digits,
+// the CRC-32C of the text with these digits replaced by 00000000 (docs/format/dataset.md).
+
+#ifndef ISOSCOPE_CORE_STORE_SEALED_JSON_H_
+#define ISOSCOPE_CORE_STORE_SEALED_JSON_H_
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::store {
+
+// Replaces the digits. REQUIRES: `text` holds `"crc32c": "00000000"` exactly once.
+std::string SealJson(std::string text);
+
+// The checksum of sealed text. DATA_LOSS, naming `where`, if it has none or does not match it.
+absl::StatusOr<std::uint32_t> VerifySeal(absl::string_view text, absl::string_view where);
+
+}  // namespace isoscope::store
+
+#endif  // ISOSCOPE_CORE_STORE_SEALED_JSON_H_

@@ -1,0 +1,574 @@
+#include "partition-agent/partition_agent_service_impl.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "core/base/cancellation.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/base/version.h"
+#include "core/composite/pixel_codec.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/write_queue.h"
+#include "core/visibility/occlusion_map.h"
+#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/surface_extraction.h"
+
+namespace isoscope::agent {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+// Pixels or surface that wait for the network before the worker waits too: a few messages.
+constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
+// A message of ExtractSurface is sent once it has this many bytes.
+constexpr std::size_t kSurfaceMessageBytes = 1 * base::kMiB;
+
+v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shard>>& shards,
+                                    const render::Renderer& renderer) {
+  v1::DescribeShardsResponse description;
+  description.set_version(std::string(base::Version()));
+  description.set_renderer(renderer.description());
+  std::vector<const store::ShardReader*> readers;
+  readers.reserve(shards.size());
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    readers.push_back(shard->reader.get());
+  }
+  std::sort(readers.begin(), readers.end(),
+            [](const store::ShardReader* a, const store::ShardReader* b) {
+              return std::pair(a->manifest().name, a->shard_index()) <
+                     std::pair(b->manifest().name, b->shard_index());
+            });
+  for (const store::ShardReader* reader : readers) {
+    v1::ShardDescription* shard = description.add_shards();
+    *shard->mutable_dataset() = rpc::ToProto(reader->manifest());
+    shard->set_manifest_crc32c(reader->manifest_crc32c());
+    shard->set_range_table_crc32c(reader->manifest().range_table_crc32c);
+    shard->set_shard_index(reader->shard_index());
+    shard->set_block_count(reader->block_count());
+  }
+  return description;
+}
+
+absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) {
+  FrameRequest request;
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(begin.isovalue(), "begin.isovalue"));
+  request.isovalue = begin.isovalue();
+  ISOSCOPE_ASSIGN_OR_RETURN(request.camera, rpc::CameraFromProto(begin.camera(), "begin.camera"));
+  ISOSCOPE_ASSIGN_OR_RETURN(request.viewport,
+                            rpc::ViewportFromProto(begin.viewport(), "begin.viewport"));
+  ISOSCOPE_ASSIGN_OR_RETURN(request.culling,
+                            rpc::CullingFromProto(begin.culling(), "begin.culling"));
+  if (begin.has_base_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(request.appearance.base_color,
+                              rpc::ColorFromProto(begin.base_color(), "begin.base_color"));
+  }
+  request.ray_seed = static_cast<std::uint64_t>(begin.ray_seed());
+  request.agent_index = begin.agent_index();
+  request.agent_count = begin.agent_count();
+  if (request.agent_index < 0 || request.agent_index >= request.agent_count) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("begin.agent_index is ", request.agent_index, " of begin.agent_count ",
+                     request.agent_count, ": must lie in [0, agent_count)"));
+  }
+  return request;
+}
+
+isoscope::v1::AgentStatistics ToProto(const AgentStatistics& statistics) {
+  isoscope::v1::AgentStatistics proto;
+  proto.set_active_block_count(statistics.active_block_count);
+  proto.set_occluding_block_count(statistics.occluding_block_count);
+  proto.set_visible_block_count(statistics.visible_block_count);
+  proto.set_triangle_count(statistics.triangle_count);
+  proto.set_unique_vertex_count(statistics.unique_vertex_count);
+  proto.set_read_bytes(statistics.read_bytes);
+  proto.set_index_page_read_count(statistics.index_page_read_count);
+  *proto.mutable_extract_duration() = rpc::ToProto(statistics.extract_duration);
+  *proto.mutable_render_duration() = rpc::ToProto(statistics.render_duration);
+  *proto.mutable_busy_duration() = rpc::ToProto(statistics.busy_duration);
+  return proto;
+}
+
+template <typename T>
+std::string AsBytes(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+
+void AddBlock(const mesh::BlockMesh& mesh, v1::ExtractSurfaceResponse* response) {
+  v1::BlockSurface* block = response->add_blocks();
+  block->set_block_id(mesh.block_id);
+  block->set_positions(AsBytes(mesh.positions));
+  block->set_normals(AsBytes(mesh.normals));
+  block->set_edge_keys(AsBytes(mesh.edge_keys));
+  block->set_triangles(AsBytes(mesh.indices));
+}
+
+std::string Milliseconds(absl::Duration duration) {
+  return absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(duration));
+}
+
+}  // namespace
+
+// One frame. It owns itself until gRPC is done with it; a running step shares it.
+class PartitionAgentServiceImpl::RenderFrameCall final
+    : public grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
+ public:
+  static RenderFrameCall* Start(PartitionAgentServiceImpl* service,
+                                grpc::CallbackServerContext* context) {
+    std::shared_ptr<RenderFrameCall> call(new RenderFrameCall(service, context));
+    call->self_ = call;
+    call->StartRead(&call->incoming_);
+    return call.get();
+  }
+
+  ~RenderFrameCall() override {
+    if (is_admitted_) {
+      service_->frame_count_.fetch_sub(1);
+    }
+  }
+
+  void OnReadDone(bool ok) override {
+    if (!ok) {
+      OnReadsEnded();
+      return;
+    }
+    v1::RenderFrameRequest message;
+    message.Swap(&incoming_);
+    const absl::Status status = Accept(std::move(message));
+    if (!status.ok()) {
+      Fail(status);
+      return;
+    }
+    StartRead(&incoming_);
+  }
+
+  void OnWriteDone(bool ok) override { outgoing_.OnWriteDone(ok); }
+
+  void OnCancel() override {
+    outgoing_.Close();
+    Fail(absl::CancelledError("the coordinator cancelled the frame, or its deadline passed"));
+  }
+
+  void OnDone() override { const std::shared_ptr<RenderFrameCall> last_use = std::move(self_); }
+
+ private:
+  // What happens next: the coordinator speaks (kExpect...) or a step runs.
+  enum class Phase {
+    kExpectBegin,
+    kSelecting,
+    kExpectOccluders,
+    kRenderingOccluders,
+    kExpectOcclusionMap,
+    kRenderingRest,
+    kEnded,
+  };
+
+  RenderFrameCall(PartitionAgentServiceImpl* service, grpc::CallbackServerContext* context)
+      : service_(service),
+        context_(context),
+        cancellation_(rpc::DeadlineOf(*context)),
+        outgoing_(
+            kMaxQueuedBytes,
+            [this](const v1::RenderFrameResponse* message) { StartWrite(message); },
+            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+
+  static const char* NameOf(Phase phase) {
+    switch (phase) {
+      case Phase::kExpectBegin:
+        return "begin was expected";
+      case Phase::kExpectOccluders:
+        return "occluders was expected";
+      case Phase::kExpectOcclusionMap:
+        return "occlusion_map was expected";
+      case Phase::kSelecting:
+      case Phase::kRenderingOccluders:
+      case Phase::kRenderingRest:
+      case Phase::kEnded:
+        return "no message was expected before the agent's answer";
+    }
+    return "";
+  }
+
+  // Checks that the message is the one that is due and hands it to the executor.
+  absl::Status Accept(v1::RenderFrameRequest message) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    using Message = v1::RenderFrameRequest;
+    if (phase_ == Phase::kExpectBegin && message.message_case() == Message::kBegin) {
+      ISOSCOPE_RETURN_IF_ERROR(Admit());
+      frame_number_ = message.begin().frame_number();
+      phase_ = Phase::kSelecting;
+      return Schedule([this, begin = std::move(*message.mutable_begin())] { return Begin(begin); });
+    }
+    if (phase_ == Phase::kExpectOccluders && message.message_case() == Message::kOccluders) {
+      phase_ = Phase::kRenderingOccluders;
+      return Schedule([this, occluders = std::move(*message.mutable_occluders())] {
+        return RenderOccluders(occluders);
+      });
+    }
+    if (phase_ == Phase::kExpectOcclusionMap && message.message_case() == Message::kOcclusionMap) {
+      phase_ = Phase::kRenderingRest;
+      return Schedule([this, map = std::move(*message.mutable_occlusion_map())] {
+        return RenderVisible(map);
+      });
+    }
+    const google::protobuf::FieldDescriptor* field =
+        Message::descriptor()->FindFieldByNumber(message.message_case());
+    return absl::InvalidArgumentError(
+        absl::StrCat("message ", field == nullptr ? "(none)" : field->name(), ", but ",
+                     NameOf(phase_)));
+  }
+
+  absl::Status Admit() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const int before = service_->frame_count_.fetch_add(1);
+    is_admitted_ = true;
+    if (before >= service_->max_frames_) {
+      return absl::ResourceExhaustedError(absl::StrCat(
+          before, " frames are in work or wait, the most this agent takes (--max-concurrent-frames "
+                  "plus its queue): retry later"));
+    }
+    return absl::OkStatus();
+  }
+
+  // Runs `step` on the executor. Room for one step of each admitted frame is always there.
+  template <typename Step>
+  absl::Status Schedule(Step step) {
+    const bool is_scheduled = service_->frame_executor_.TrySchedule(
+        [call = self_, step = std::move(step)]() mutable {
+          const absl::Status status = step();
+          if (!status.ok()) {
+            call->Fail(status);
+          }
+        });
+    if (!is_scheduled) {
+      return absl::UnavailableError("the agent is shutting down");
+    }
+    return absl::OkStatus();
+  }
+
+  void OnReadsEnded() ABSL_LOCKS_EXCLUDED(mutex_) {
+    if (context_->IsCancelled()) {
+      return;  // OnCancel ends the frame
+    }
+    {
+      absl::MutexLock lock(&mutex_);
+      if (phase_ == Phase::kRenderingRest || phase_ == Phase::kEnded) {
+        return;
+      }
+    }
+    Fail(absl::InvalidArgumentError("the coordinator ended its side before the frame was done"));
+  }
+
+  // The step is over; messages may come now. Called before what the coordinator answers to is sent.
+  void EnterPhase(Phase phase) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    if (phase_ != Phase::kEnded) {
+      phase_ = phase;
+    }
+  }
+
+  absl::Status Send(v1::RenderFrameResponse message) {
+    if (outgoing_.Push(std::move(message))) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    return absl::CancelledError("the stream has ended");
+  }
+
+  absl::Status SendPixels(const image::FrameImage& image) {
+    for (std::string& band : composite::EncodePixels(image, nullptr)) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      v1::RenderFrameResponse message;
+      message.set_pixels(std::move(band));
+      ISOSCOPE_RETURN_IF_ERROR(Send(std::move(message)));
+    }
+    return absl::OkStatus();
+  }
+
+  // Steps 0 and 1; the whole frame with CULLING_NONE.
+  absl::Status Begin(const v1::BeginFrame& begin) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::shared_ptr<const Shard>> shards,
+                              service_->FindShards(begin.dataset_id(), begin.shard_indices()));
+    ISOSCOPE_ASSIGN_OR_RETURN(request_, FrameRequestFromProto(begin));
+    shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
+    block_count_ = shards.front()->reader->layout().block_count();
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        pipeline_, FramePipeline::Make(std::move(shards), request_, service_->renderer_.get(),
+                                       service_->arena_.get(), &cancellation_));
+    if (request_.culling == visibility::Culling::kNone) {
+      EnterPhase(Phase::kRenderingRest);
+      ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
+      return SendLast(image);
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> hits,
+                              pipeline_->SelectOccluders());
+    v1::RenderFrameResponse message;
+    *message.mutable_ray_hits() = rpc::ToProto(hits);
+    EnterPhase(Phase::kExpectOccluders);
+    return Send(std::move(message));
+  }
+
+  // Step 2.
+  absl::Status RenderOccluders(const v1::Occluders& occluders) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::vector<volume::BlockId> hits,
+        rpc::BlockListFromProto(occluders.hits(), block_count_, "occluders.hits"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderOccluders(hits));
+    ISOSCOPE_RETURN_IF_ERROR(SendPixels(image));
+    v1::RenderFrameResponse message;
+    message.mutable_occluders_done();
+    EnterPhase(Phase::kExpectOcclusionMap);
+    return Send(std::move(message));
+  }
+
+  // Step 3.
+  absl::Status RenderVisible(const v1::OcclusionMap& proto) {
+    visibility::OcclusionMap map;
+    if (!proto.encoded().empty()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          map, visibility::OcclusionMap::Decode(proto.encoded(), request_.viewport));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderVisible(map));
+    return SendLast(image);
+  }
+
+  // The last pixels, the statistics, and the end.
+  absl::Status SendLast(const image::FrameImage& image) {
+    ISOSCOPE_RETURN_IF_ERROR(SendPixels(image));
+    const AgentStatistics& statistics = pipeline_->statistics();
+    v1::RenderFrameResponse message;
+    isoscope::v1::AgentStatistics* proto = message.mutable_frame_done()->mutable_statistics();
+    *proto = ToProto(statistics);
+    for (const int index : shard_indices_) {
+      proto->add_shard_indices(index);
+    }
+    ISOSCOPE_RETURN_IF_ERROR(Send(std::move(message)));
+    EnterPhase(Phase::kEnded);
+    outgoing_.Finish(absl::OkStatus());
+    base::LogInfo("frame_done",
+                  {{"frame", frame_number_},
+                   {"duration_ms", Milliseconds(absl::Now() - start_)},
+                   {"busy_ms", Milliseconds(statistics.busy_duration)},
+                   {"active_blocks", statistics.active_block_count},
+                   {"visible_blocks", statistics.visible_block_count},
+                   {"triangles", statistics.triangle_count}});
+    return absl::OkStatus();
+  }
+
+  // Ends the frame with an error; only the first one counts.
+  void Fail(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::int64_t frame_number = 0;
+    {
+      absl::MutexLock lock(&mutex_);
+      if (phase_ == Phase::kEnded) {
+        return;
+      }
+      phase_ = Phase::kEnded;
+      frame_number = frame_number_;
+    }
+    cancellation_.Cancel();  // a step may still run
+    outgoing_.Finish(status);
+    base::LogWarning("frame_failed", {{"frame", frame_number},
+                                      {"duration_ms", Milliseconds(absl::Now() - start_)},
+                                      {"status", status}});
+  }
+
+  PartitionAgentServiceImpl* const service_;
+  grpc::CallbackServerContext* const context_;
+  const absl::Time start_ = absl::Now();
+  base::Cancellation cancellation_;
+  rpc::WriteQueue<v1::RenderFrameResponse> outgoing_;
+  v1::RenderFrameRequest incoming_;
+  std::shared_ptr<RenderFrameCall> self_;  // reset by OnDone
+
+  absl::Mutex mutex_;
+  Phase phase_ ABSL_GUARDED_BY(mutex_) = Phase::kExpectBegin;
+  std::int64_t frame_number_ = 0;  // set before the first step
+  bool is_admitted_ = false;       // set before the first step
+
+  // Used by the steps, one after the other.
+  FrameRequest request_;
+  std::vector<int> shard_indices_;
+  std::int64_t block_count_ = 0;
+  std::unique_ptr<FramePipeline> pipeline_;
+};
+
+// One ExtractSurface. It owns itself as a RenderFrameCall does.
+class PartitionAgentServiceImpl::ExtractSurfaceCall final
+    : public grpc::ServerWriteReactor<v1::ExtractSurfaceResponse> {
+ public:
+  static ExtractSurfaceCall* Start(PartitionAgentServiceImpl* service,
+                                   grpc::CallbackServerContext* context,
+                                   const v1::ExtractSurfaceRequest* request) {
+    std::shared_ptr<ExtractSurfaceCall> call(new ExtractSurfaceCall(service, context, *request));
+    call->self_ = call;
+    const bool is_scheduled =
+        service->extraction_executor_.TrySchedule([call] { call->Run(); });
+    if (!is_scheduled) {
+      call->outgoing_.Finish(absl::ResourceExhaustedError(
+          absl::StrCat(kMaxConcurrentExtractions, " extractions are in work and ",
+                       kMaxQueuedExtractions, " wait, the most this agent takes: retry later")));
+    }
+    return call.get();
+  }
+
+  void OnWriteDone(bool ok) override { outgoing_.OnWriteDone(ok); }
+
+  void OnCancel() override {
+    cancellation_.Cancel();
+    outgoing_.Close();
+    outgoing_.Finish(absl::CancelledError("the coordinator cancelled the extraction"));
+  }
+
+  void OnDone() override { const std::shared_ptr<ExtractSurfaceCall> last_use = std::move(self_); }
+
+ private:
+  ExtractSurfaceCall(PartitionAgentServiceImpl* service, grpc::CallbackServerContext* context,
+                     const v1::ExtractSurfaceRequest& request)
+      : service_(service),
+        request_(request),
+        cancellation_(rpc::DeadlineOf(*context)),
+        outgoing_(
+            kMaxQueuedBytes,
+            [this](const v1::ExtractSurfaceResponse* message) { StartWrite(message); },
+            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+
+  void Run() {
+    const absl::Time start = absl::Now();
+    const absl::Status status = Extract();
+    outgoing_.Finish(status);
+    base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              status.ok() ? "extraction_done" : "extraction_failed",
+              {{"dataset_id", request_.dataset_id()},
+               {"isovalue", request_.isovalue()},
+               {"duration_ms", Milliseconds(absl::Now() - start)},
+               {"triangles", triangle_count_},
+               {"status", status}});
+  }
+
+  absl::Status Extract() {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        std::vector<std::shared_ptr<const Shard>> shards,
+        service_->FindShards(request_.dataset_id(), request_.shard_indices()));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<SurfaceExtraction> extraction,
+        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), service_->arena_.get(),
+                                &cancellation_));
+    v1::ExtractSurfaceResponse message;
+    std::size_t message_bytes = 0;
+    while (true) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes,
+                                extraction->NextBatch());
+      if (meshes.empty()) {
+        break;
+      }
+      for (const mesh::BlockMesh& mesh : meshes) {
+        if (message_bytes > 0 && message_bytes + mesh.size_bytes() > kSurfaceMessageBytes) {
+          ISOSCOPE_RETURN_IF_ERROR(Send(&message));
+          message_bytes = 0;
+        }
+        AddBlock(mesh, &message);
+        message_bytes += mesh.size_bytes();
+        triangle_count_ += mesh.triangle_count();
+      }
+    }
+    return message_bytes > 0 ? Send(&message) : absl::OkStatus();
+  }
+
+  absl::Status Send(v1::ExtractSurfaceResponse* message) {
+    v1::ExtractSurfaceResponse full;
+    full.Swap(message);
+    if (outgoing_.Push(std::move(full))) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    return absl::CancelledError("the stream has ended");
+  }
+
+  PartitionAgentServiceImpl* const service_;
+  const v1::ExtractSurfaceRequest request_;
+  base::Cancellation cancellation_;
+  rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
+  std::int64_t triangle_count_ = 0;
+  std::shared_ptr<ExtractSurfaceCall> self_;  // reset by OnDone
+};
+
+PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options)
+    : shards_(options.shards),
+      renderer_(options.renderer),
+      arena_(options.arena),
+      max_frames_(options.max_concurrent_frames + options.max_queued_frames),
+      description_(Describe(options.shards, *options.renderer)),
+      frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
+                      // A refused frame never gets here, so each frame's one step fits.
+                      static_cast<std::size_t>(max_frames_)),
+      extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions) {}
+
+PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
+
+grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
+    grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* /*request*/,
+    v1::DescribeShardsResponse* response) {
+  *response = description_;
+  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+  reactor->Finish(grpc::Status::OK);
+  return reactor;
+}
+
+grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse>*
+PartitionAgentServiceImpl::RenderFrame(grpc::CallbackServerContext* context) {
+  return RenderFrameCall::Start(this, context);
+}
+
+grpc::ServerWriteReactor<v1::ExtractSurfaceResponse>* PartitionAgentServiceImpl::ExtractSurface(
+    grpc::CallbackServerContext* context, const v1::ExtractSurfaceRequest* request) {
+  return ExtractSurfaceCall::Start(this, context, request);
+}
+
+absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> PartitionAgentServiceImpl::FindShards(
+    const std::string& dataset_id,
+    const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const {
+  std::vector<std::shared_ptr<const Shard>> of_dataset;
+  std::vector<int> served;
+  for (const std::shared_ptr<const Shard>& shard : shards_) {
+    if (shard->reader->manifest().dataset_id == dataset_id) {
+      of_dataset.push_back(shard);
+      served.push_back(shard->reader->shard_index());
+    }
+  }
+  if (of_dataset.empty()) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
+  }
+  const int shard_count =
+      static_cast<int>(of_dataset.front()->reader->manifest().shards.size());
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::vector<int> wanted,
+      rpc::ShardIndicesFromProto(shard_indices, shard_count, "shard_indices"));
+  std::vector<std::shared_ptr<const Shard>> found;
+  for (const int index : wanted) {
+    const auto place = std::find(served.begin(), served.end(), index);
+    if (place == served.end()) {
+      std::sort(served.begin(), served.end());
+      return absl::FailedPreconditionError(absl::StrCat(
+          "shard ", index, " of dataset \"", of_dataset.front()->reader->manifest().name,
+          "\" is not served by this agent (any more); it serves ", absl::StrJoin(served, ", ")));
+    }
+    found.push_back(of_dataset[static_cast<std::size_t>(place - served.begin())]);
+  }
+  return found;
+}
+
+}  // namespace isoscope::agent

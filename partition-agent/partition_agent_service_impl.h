@@ -1,0 +1,79 @@
+// PartitionAgentService over gRPC's callback API: reactions hand over to executors; the work is in
+// frame_pipeline and surface_extraction.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
+#define ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/base/executor.h"
+#include "core/render/renderer.h"
+#include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "partition-agent/shard.h"
+
+#include <oneapi/tbb/task_arena.h>
+
+namespace isoscope::agent {
+
+struct PartitionAgentServiceOptions {
+  std::vector<std::shared_ptr<const Shard>> shards;  // at least one
+  std::shared_ptr<render::Renderer> renderer;
+  std::shared_ptr<tbb::task_arena> arena;
+  int max_concurrent_frames = 4;  // >= 1
+  int max_queued_frames = 64;     // >= 0
+};
+
+// Thread-safe. Destroy it only after its server has shut down.
+//
+// Frames in work hold a thread only while a step runs, not while they wait for the coordinator. At
+// most max_concurrent_frames + max_queued_frames frames have begun at a time. Surfaces are extracted
+// on threads of their own, kMaxConcurrentExtractions at a time, because a slow reader holds one.
+class PartitionAgentServiceImpl final
+    : public isoscope::internal::v1::PartitionAgentService::CallbackService {
+ public:
+  static constexpr int kMaxConcurrentExtractions = 4;
+  static constexpr int kMaxQueuedExtractions = 16;
+
+  explicit PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options);
+  ~PartitionAgentServiceImpl() override;
+
+  grpc::ServerUnaryReactor* DescribeShards(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::DescribeShardsRequest* request,
+      isoscope::internal::v1::DescribeShardsResponse* response) override;
+  grpc::ServerBidiReactor<isoscope::internal::v1::RenderFrameRequest,
+                          isoscope::internal::v1::RenderFrameResponse>*
+  RenderFrame(grpc::CallbackServerContext* context) override;
+  grpc::ServerWriteReactor<isoscope::internal::v1::ExtractSurfaceResponse>* ExtractSurface(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::ExtractSurfaceRequest* request) override;
+
+ private:
+  class RenderFrameCall;
+  class ExtractSurfaceCall;
+
+  // The shards of a dataset by index. FAILED_PRECONDITION names what is not served; INVALID_ARGUMENT
+  // if the indices are malformed.
+  absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> FindShards(
+      const std::string& dataset_id,
+      const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const;
+
+  const std::vector<std::shared_ptr<const Shard>> shards_;
+  const std::shared_ptr<render::Renderer> renderer_;
+  const std::shared_ptr<tbb::task_arena> arena_;
+  const int max_frames_;
+  isoscope::internal::v1::DescribeShardsResponse description_;
+  std::atomic<int> frame_count_{0};  // begun and not yet ended
+  // Last: their threads use what is above.
+  base::Executor frame_executor_;
+  base::Executor extraction_executor_;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_

@@ -1,0 +1,47 @@
+// The whole surface of an agent's shards, block by block: what ExtractSurface streams. No gRPC types.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
+#define ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
+
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/base/cancellation.h"
+#include "core/mesh/block_mesh.h"
+#include "partition-agent/shard.h"
+
+#include <oneapi/tbb/task_arena.h>
+
+namespace isoscope::agent {
+
+// Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of a
+// batch are read and extracted in parallel in the arena, the next one only when it is asked for.
+// Memory is that of one batch: at most kMaxBatchSampleBytes of samples (or one block) and their
+// meshes. Thread-compatible. What it is given must outlive it.
+class SurfaceExtraction {
+ public:
+  // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.
+  // REQUIRES: isovalue is finite.
+  static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
+      std::vector<std::shared_ptr<const Shard>> shards, double isovalue, tbb::task_arena* arena,
+      const base::Cancellation* cancellation);
+  ~SurfaceExtraction();
+
+  // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left
+  // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadRun; CANCELLED,
+  // DEADLINE_EXCEEDED. Blocks.
+  absl::StatusOr<std::vector<mesh::BlockMesh>> NextBatch();
+
+  static constexpr std::size_t kMaxBatchSampleBytes = 16 << 20;
+  static constexpr std::size_t kMaxBatchBlocks = 1024;
+
+ private:
+  class Impl;
+  explicit SurfaceExtraction(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_

@@ -1,0 +1,64 @@
+# The Debian 12 packages that Isoscope needs, in one place. Source it; it runs nothing by itself:
+#
+#   . scripts/packages.sh
+#   install_packages "${ISOSCOPE_BUILD_PACKAGES[@]}" "${ISOSCOPE_TEST_PACKAGES[@]}"
+#
+# The container images and CONTRIBUTING.md take their lists from here:
+#
+#   bash -c '. scripts/packages.sh && echo "${ISOSCOPE_BUILD_PACKAGES[@]}"'
+
+# What the programs are built from and run with.
+ISOSCOPE_BUILD_PACKAGES=(
+  build-essential cmake ninja-build ccache pkg-config ca-certificates
+  libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
+  libtbb-dev libzstd-dev libpng-dev libisal-dev libssl-dev
+  libspdlog-dev libcli11-dev nlohmann-json3-dev
+  libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
+  libinsighttoolkit5-dev
+)
+
+# What the tests and benchmarks need besides.
+ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3)
+
+# The MRI heads that the quick start and some tests use.
+ISOSCOPE_DEMO_PACKAGES=(mricron-data)
+
+# What tools/format.sh and tools/check.sh need, and the clang and fuzz presets.
+ISOSCOPE_LINT_PACKAGES=(clang-format-14 clang-tidy-14 clang-14)
+
+# Prints those of the packages named that are not installed, one a line.
+missing_packages() {
+  local package
+  for package in "$@"; do
+    if [ "$(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>/dev/null)" != installed ]; then
+      echo "$package"
+    fi
+  done
+}
+
+# Installs what is missing of the packages named; does nothing, and needs no rights, if all are there.
+install_packages() {
+  if ! command -v dpkg-query >/dev/null; then
+    echo "isoscope: this is no Debian system; install by your own means: $*" >&2
+    return 1
+  fi
+  local names missing
+  names="$(missing_packages "$@")"
+  if [ -z "$names" ]; then
+    return 0
+  fi
+  mapfile -t missing <<<"$names"
+  local as_root=()
+  if [ "$(id -u)" -ne 0 ]; then
+    if ! command -v sudo >/dev/null; then
+      echo "isoscope: these Debian packages are missing, and this is neither root nor is there sudo;" \
+        "install them as root: apt-get install --no-install-recommends ${missing[*]}" >&2
+      return 1
+    fi
+    as_root=(sudo)
+  fi
+  echo "isoscope: installing ${#missing[@]} Debian packages: ${missing[*]}" >&2
+  "${as_root[@]}" apt-get update -qq </dev/null >&2 || return
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+    -o Dpkg::Use-Pty=0 "${missing[@]}" </dev/null >&2
+}

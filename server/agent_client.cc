@@ -1,0 +1,384 @@
+#include "server/agent_client.h"
+
+#include <cstring>
+#include <deque>
+#include <utility>
+
+#include <grpcpp/support/client_callback.h>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/synchronization/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
+  if (deadline != absl::InfiniteFuture()) {
+    context->set_deadline(absl::ToChronoTime(deadline));
+  }
+}
+
+AgentStatistics StatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
+  AgentStatistics statistics;
+  statistics.active_block_count = proto.active_block_count();
+  statistics.occluding_block_count = proto.occluding_block_count();
+  statistics.visible_block_count = proto.visible_block_count();
+  statistics.triangle_count = proto.triangle_count();
+  statistics.unique_vertex_count = proto.unique_vertex_count();
+  statistics.read_bytes = proto.read_bytes();
+  statistics.index_page_read_count = proto.index_page_read_count();
+  statistics.extract_duration = rpc::DurationFromProto(proto.extract_duration());
+  statistics.render_duration = rpc::DurationFromProto(proto.render_duration());
+  statistics.busy_duration = rpc::DurationFromProto(proto.busy_duration());
+  return statistics;
+}
+
+// Fills `values` from little-endian bytes. False if they are no whole number of values.
+template <typename T>
+bool Unpack(const std::string& bytes, std::vector<T>* values) {
+  if (bytes.size() % sizeof(T) != 0) {
+    return false;
+  }
+  values->resize(bytes.size() / sizeof(T));
+  if (!bytes.empty()) {
+    std::memcpy(values->data(), bytes.data(), bytes.size());
+  }
+  return true;
+}
+
+absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayout& layout,
+                         mesh::BlockMesh* block) {
+  if (proto.block_id() < 0 || proto.block_id() >= layout.block_count()) {
+    return absl::InvalidArgumentError(absl::StrCat("block_id is ", proto.block_id(),
+                                                   ": must lie in [0, ", layout.block_count(), ")"));
+  }
+  block->block_id = static_cast<volume::BlockId>(proto.block_id());
+  if (!Unpack(proto.positions(), &block->positions) || !Unpack(proto.normals(), &block->normals) ||
+      !Unpack(proto.edge_keys(), &block->edge_keys) || !Unpack(proto.triangles(), &block->indices) ||
+      block->normals.size() != block->positions.size() ||
+      block->edge_keys.size() != block->positions.size() || block->indices.size() % 3 != 0) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "block ", proto.block_id(), " has ", proto.positions().size(), " bytes of positions, ",
+        proto.normals().size(), " of normals, ", proto.edge_keys().size(), " of edge keys, ",
+        proto.triangles().size(), " of triangles: they do not fit together"));
+  }
+  for (const std::uint32_t index : block->indices) {
+    if (index >= block->positions.size()) {
+      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(),
+                                                     " has a triangle of vertex ", index, " of ",
+                                                     block->positions.size()));
+    }
+  }
+  const std::int64_t edge_count = 3 * math::Volume(layout.sample_dims());
+  for (const std::int64_t key : block->edge_keys) {
+    if (key < 0 || key >= edge_count) {
+      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(), " has edge key ",
+                                                     key, ": must lie in [0, ", edge_count, ")"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The stream of one frame. It owns itself until gRPC is done with it, and is shared by the link.
+class FrameStream final
+    : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
+ public:
+  FrameStream(AgentAssignment agent, std::int64_t block_count, absl::Time deadline,
+              AgentListener* listener)
+      : agent_(std::move(agent)),
+        block_count_(block_count),
+        listener_(listener),
+        stub_(v1::PartitionAgentService::NewStub(agent_.channel)) {
+    SetDeadline(deadline, &context_);
+  }
+
+  static void Start(const std::shared_ptr<FrameStream>& stream, v1::BeginFrame begin) {
+    stream->self_ = stream;
+    stream->stub_->async()->RenderFrame(&stream->context_, stream.get());
+    // Writes start outside reactions: the hold keeps the stream alive until reads have ended.
+    stream->AddHold();
+    v1::RenderFrameRequest request;
+    *request.mutable_begin() = std::move(begin);
+    stream->Send(std::move(request));
+    stream->StartRead(&stream->incoming_);
+    stream->StartCall();
+  }
+
+  void Send(v1::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    if (reads_have_ended_) {
+      return;  // OnEnd says why
+    }
+    outgoing_.push_back(std::move(request));
+    StartNextWrite();
+  }
+
+  void Cancel() {
+    was_cancelled_.store(true);
+    context_.TryCancel();
+  }
+
+  // Waits until OnEnd has returned.
+  void WaitUntilEnded() ABSL_LOCKS_EXCLUDED(mutex_) {
+    absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(&has_ended_));
+  }
+
+  [[nodiscard]] const AgentAssignment& agent() const { return agent_; }
+  [[nodiscard]] std::int64_t network_bytes() const { return network_bytes_.load(); }
+
+  void OnReadDone(bool ok) override {
+    if (!ok) {
+      absl::MutexLock lock(&mutex_);
+      reads_have_ended_ = true;
+      RemoveHold();
+      return;
+    }
+    network_bytes_.fetch_add(static_cast<std::int64_t>(incoming_.ByteSizeLong()));
+    // After a bad message only the end of the stream matters.
+    if (message_error_.ok()) {
+      message_error_ = Deliver(&incoming_);
+      if (!message_error_.ok()) {
+        context_.TryCancel();
+      }
+    }
+    StartRead(&incoming_);
+  }
+
+  void OnWriteDone(bool ok) override {
+    absl::MutexLock lock(&mutex_);
+    is_writing_ = false;
+    if (!ok) {
+      outgoing_.clear();  // the stream is broken: reads end too
+      return;
+    }
+    outgoing_.pop_front();
+    StartNextWrite();
+  }
+
+  void OnDone(const grpc::Status& grpc_status) override {
+    const std::shared_ptr<FrameStream> last_use = std::move(self_);
+    listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
+    absl::MutexLock lock(&mutex_);
+    has_ended_ = true;
+  }
+
+ private:
+  void StartNextWrite() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (is_writing_ || outgoing_.empty() || reads_have_ended_) {
+      return;
+    }
+    is_writing_ = true;
+    network_bytes_.fetch_add(static_cast<std::int64_t>(outgoing_.front().ByteSizeLong()));
+    StartWrite(&outgoing_.front());
+  }
+
+  // Hands one message to the listener.
+  absl::Status Deliver(v1::RenderFrameResponse* message) {
+    switch (message->message_case()) {
+      case v1::RenderFrameResponse::kRayHits: {
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            std::vector<volume::BlockId> hits,
+            rpc::BlockListFromProto(message->ray_hits(), block_count_, "ray_hits"));
+        listener_->OnRayHits(std::move(hits));
+        return absl::OkStatus();
+      }
+      case v1::RenderFrameResponse::kPixels:
+        listener_->OnPixels(std::move(*message->mutable_pixels()));
+        return absl::OkStatus();
+      case v1::RenderFrameResponse::kOccludersDone:
+        listener_->OnOccludersDone();
+        return absl::OkStatus();
+      case v1::RenderFrameResponse::kFrameDone: {
+        AgentStatistics statistics = StatisticsFromProto(message->frame_done().statistics());
+        statistics.agent_address = agent_.address;
+        statistics.shard_indices = agent_.shard_indices;
+        is_frame_done_ = true;
+        listener_->OnFrameDone(std::move(statistics));
+        return absl::OkStatus();
+      }
+      case v1::RenderFrameResponse::MESSAGE_NOT_SET:
+        break;
+    }
+    return absl::InvalidArgumentError("an empty message");
+  }
+
+  absl::Status EndStatus(const absl::Status& status) const {
+    if (!message_error_.ok()) {
+      return absl::InternalError(
+          absl::StrCat(NameOf(agent_), " sent a malformed message: ", message_error_.message()));
+    }
+    if (!status.ok()) {
+      return AgentError(agent_, status, was_cancelled_.load());
+    }
+    if (!is_frame_done_) {
+      return absl::InternalError(
+          absl::StrCat(NameOf(agent_), " ended the stream before the frame was done"));
+    }
+    return absl::OkStatus();
+  }
+
+  const AgentAssignment agent_;
+  const std::int64_t block_count_;
+  AgentListener* const listener_;
+  const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
+  grpc::ClientContext context_;
+  std::atomic<bool> was_cancelled_{false};
+  std::atomic<std::int64_t> network_bytes_{0};
+  std::shared_ptr<FrameStream> self_;  // reset by OnDone
+
+  // Touched by reads only, which follow one another.
+  v1::RenderFrameResponse incoming_;
+  absl::Status message_error_;
+  bool is_frame_done_ = false;
+
+  absl::Mutex mutex_;
+  std::deque<v1::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
+  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool reads_have_ended_ ABSL_GUARDED_BY(mutex_) = false;
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+class GrpcAgentLink final : public AgentLink {
+ public:
+  explicit GrpcAgentLink(std::shared_ptr<FrameStream> stream) : stream_(std::move(stream)) {}
+  ~GrpcAgentLink() override {
+    stream_->Cancel();
+    stream_->WaitUntilEnded();
+  }
+
+  void SendOccluders(const std::vector<volume::BlockId>& hits) override {
+    v1::RenderFrameRequest request;
+    *request.mutable_occluders()->mutable_hits() = rpc::ToProto(hits);
+    stream_->Send(std::move(request));
+  }
+  void SendOcclusionMap(const std::string& encoded) override {
+    v1::RenderFrameRequest request;
+    request.mutable_occlusion_map()->set_encoded(encoded);
+    stream_->Send(std::move(request));
+  }
+  void Cancel() override { stream_->Cancel(); }
+  [[nodiscard]] std::string name() const override { return NameOf(stream_->agent()); }
+  [[nodiscard]] std::int64_t network_bytes() const override { return stream_->network_bytes(); }
+
+ private:
+  const std::shared_ptr<FrameStream> stream_;
+};
+
+}  // namespace
+
+std::string NameOf(const AgentAssignment& agent) {
+  return absl::StrCat("agent ", agent.address,
+                      agent.shard_indices.size() == 1 ? " (shard " : " (shards ",
+                      absl::StrJoin(agent.shard_indices, ", "), ")");
+}
+
+absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status,
+                        bool was_cancelled_by_us) {
+  const std::string name = NameOf(agent);
+  const bool is_cut = (absl::IsCancelled(status) && !was_cancelled_by_us) ||
+                      (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
+  if (absl::IsUnavailable(status) || is_cut) {
+    return absl::UnavailableError(absl::StrCat(name, " was lost: ", status.message()));
+  }
+  const absl::StatusCode code =
+      absl::IsInvalidArgument(status) ? absl::StatusCode::kInternal : status.code();
+  return {code, absl::StrCat(name, ": ", status.message())};
+}
+
+void DescribeShards(const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
+                    std::function<void(absl::StatusOr<v1::DescribeShardsResponse>)> done) {
+  struct Call {
+    std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+    grpc::ClientContext context;
+    v1::DescribeShardsRequest request;
+    v1::DescribeShardsResponse response;
+  };
+  auto call = std::make_shared<Call>();
+  call->stub = v1::PartitionAgentService::NewStub(channel);
+  SetDeadline(deadline, &call->context);
+  call->stub->async()->DescribeShards(
+      &call->context, &call->request, &call->response,
+      [call, done = std::move(done)](const grpc::Status& status) {
+        if (status.ok()) {
+          done(std::move(call->response));
+        } else {
+          done(rpc::ToAbslStatus(status));
+        }
+      });
+}
+
+std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
+                                             std::int64_t block_count, absl::Time deadline,
+                                             AgentListener* listener) {
+  begin.clear_shard_indices();
+  for (const int index : agent.shard_indices) {
+    begin.add_shard_indices(index);
+  }
+  auto stream = std::make_shared<FrameStream>(agent, block_count, deadline, listener);
+  FrameStream::Start(stream, std::move(begin));
+  return std::make_unique<GrpcAgentLink>(std::move(stream));
+}
+
+SurfaceStream::SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
+                             const volume::BlockLayout& layout, double isovalue,
+                             absl::Time deadline)
+    : agent_(agent),
+      layout_(layout),
+      stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
+  SetDeadline(deadline, &context_);
+  v1::ExtractSurfaceRequest request;
+  request.set_dataset_id(dataset_id);
+  request.set_isovalue(isovalue);
+  for (const int index : agent.shard_indices) {
+    request.add_shard_indices(index);
+  }
+  reader_ = stub_->ExtractSurface(&context_, request);
+}
+
+SurfaceStream::~SurfaceStream() {
+  if (!has_ended_) {
+    context_.TryCancel();
+    reader_->Finish();
+  }
+}
+
+void SurfaceStream::Cancel() {
+  was_cancelled_.store(true);
+  context_.TryCancel();
+}
+
+absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
+  while (next_block_ == message_.blocks_size()) {
+    if (has_ended_) {
+      return false;
+    }
+    next_block_ = 0;
+    message_.Clear();
+    if (reader_->Read(&message_)) {
+      continue;
+    }
+    message_.Clear();
+    has_ended_ = true;
+    const grpc::Status status = reader_->Finish();
+    if (!status.ok()) {
+      return AgentError(agent_, rpc::ToAbslStatus(status), was_cancelled_.load());
+    }
+  }
+  const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
+  if (!status.ok()) {
+    return absl::InternalError(
+        absl::StrCat(NameOf(agent_), " sent a malformed block: ", status.message()));
+  }
+  return true;
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,71 @@
+#include "server/cluster_service_impl.h"
+
+#include <map>
+#include <set>
+#include <string>
+
+#include "absl/status/status.h"
+
+namespace isoscope::server {
+namespace {
+
+// What is wrong with an agent that answers: the error of a dataset it serves that contradicts others.
+std::string Complaint(const AgentState& agent,
+                      const std::map<std::string, DatasetState>& datasets) {
+  std::set<std::string> complaints;
+  for (const isoscope::internal::v1::ShardDescription& shard : agent.shards) {
+    const auto found = datasets.find(shard.dataset().name());
+    if (found != datasets.end() && !found->second.status.ok()) {
+      complaints.emplace(found->second.status.message());
+    }
+  }
+  return complaints.empty() ? "" : *complaints.begin();
+}
+
+isoscope::v1::AgentStatus ToProto(const AgentState& agent,
+                                  const std::map<std::string, DatasetState>& datasets) {
+  isoscope::v1::AgentStatus proto;
+  proto.set_address(agent.address);
+  proto.set_version(agent.version);
+  proto.set_renderer(agent.renderer);
+  if (!agent.status.ok()) {
+    proto.set_state(isoscope::v1::AgentStatus::STATE_UNREACHABLE);
+    proto.set_message(std::string(agent.status.message()));
+    return proto;
+  }
+  proto.set_state(isoscope::v1::AgentStatus::STATE_REACHABLE);
+  proto.set_message(Complaint(agent, datasets));
+  for (const isoscope::internal::v1::ShardDescription& shard : agent.shards) {
+    isoscope::v1::ServedShard* served = proto.add_shards();
+    served->set_dataset(shard.dataset().name());
+    served->set_dataset_id(shard.dataset().dataset_id());
+    served->set_shard_index(shard.shard_index());
+    served->set_block_count(shard.block_count());
+  }
+  return proto;
+}
+
+}  // namespace
+
+grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
+    grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* /*request*/,
+    isoscope::v1::GetCapabilitiesResponse* response) {
+  *response = capabilities_;
+  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+  reactor->Finish(grpc::Status::OK);
+  return reactor;
+}
+
+grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
+    grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* /*request*/,
+    isoscope::v1::GetClusterStatusResponse* response) {
+  const std::map<std::string, DatasetState> datasets = registry_->datasets();
+  for (const AgentState& agent : registry_->agents()) {
+    *response->add_agents() = ToProto(agent, datasets);
+  }
+  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
+  reactor->Finish(grpc::Status::OK);
+  return reactor;
+}
+
+}  // namespace isoscope::server

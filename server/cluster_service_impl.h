@@ -1,0 +1,34 @@
+// ClusterService: limits, and the agents as the registry last saw them.
+
+#ifndef ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
+#define ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
+
+#include <utility>
+
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "server/agent_registry.h"
+
+namespace isoscope::server {
+
+// Thread-safe. `registry` outlives it.
+class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackService {
+ public:
+  ClusterServiceImpl(const AgentRegistry* registry,
+                     isoscope::v1::GetCapabilitiesResponse capabilities)
+      : registry_(registry), capabilities_(std::move(capabilities)) {}
+
+  grpc::ServerUnaryReactor* GetCapabilities(
+      grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
+      isoscope::v1::GetCapabilitiesResponse* response) override;
+  grpc::ServerUnaryReactor* GetClusterStatus(
+      grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
+      isoscope::v1::GetClusterStatusResponse* response) override;
+
+ private:
+  const AgentRegistry* const registry_;
+  const isoscope::v1::GetCapabilitiesResponse capabilities_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_

@@ -1,0 +1,159 @@
+#include "server/coordinator_server.h"
+
+#include <utility>
+
+#include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
+#include "core/rpc/channel.h"
+#include "core/view/camera.h"
+#include "server/agent_registry.h"
+#include "server/cluster_service_impl.h"
+#include "server/dataset_service_impl.h"
+#include "server/isosurface_service_impl.h"
+
+namespace isoscope::server {
+namespace {
+
+isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
+  isoscope::v1::GetCapabilitiesResponse capabilities;
+  capabilities.set_version(std::string(base::Version()));
+  capabilities.set_max_viewport_px(view::kMaxViewportPx);
+  capabilities.set_max_concurrent_frame_count(options.max_concurrent_frames);
+  capabilities.set_max_queued_frame_count(options.max_queued_frames);
+  capabilities.set_max_message_bytes(rpc::kMaxMessageBytes);
+  capabilities.set_max_frame_seconds(absl::ToDoubleSeconds(options.max_frame_duration));
+  return capabilities;
+}
+
+// Sets health as datasets become complete and as the server stops. Thread-safe; it begins when both
+// the server and the registry's first answer are there, in any order.
+class HealthReporter {
+ public:
+  void SetReady(bool is_ready) {
+    absl::MutexLock lock(&mutex_);
+    is_ready_ = is_ready;
+    Report();
+  }
+  // Null when the server stops: then nothing is serving.
+  void SetServer(grpc::Server* server) {
+    absl::MutexLock lock(&mutex_);
+    if (server == nullptr && server_ != nullptr) {
+      server_->GetHealthCheckService()->SetServingStatus(false);
+      SetServing(isoscope::v1::IsosurfaceService::service_full_name(), false);
+      SetServing(isoscope::v1::DatasetService::service_full_name(), false);
+      SetServing(isoscope::v1::ClusterService::service_full_name(), false);
+    }
+    server_ = server;
+    if (server_ != nullptr) {
+      server_->GetHealthCheckService()->SetServingStatus(true);
+      SetServing(isoscope::v1::DatasetService::service_full_name(), true);
+      SetServing(isoscope::v1::ClusterService::service_full_name(), true);
+      Report();
+    }
+  }
+
+ private:
+  void Report() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (server_ != nullptr) {
+      SetServing(isoscope::v1::IsosurfaceService::service_full_name(), is_ready_);
+    }
+  }
+  void SetServing(const char* service, bool is_serving) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    server_->GetHealthCheckService()->SetServingStatus(service, is_serving);
+  }
+
+  absl::Mutex mutex_;
+  grpc::Server* server_ ABSL_GUARDED_BY(mutex_) = nullptr;
+  bool is_ready_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+class CoordinatorServerImpl final : public CoordinatorServer {
+ public:
+  CoordinatorServerImpl(const CoordinatorServerOptions& options,
+                        std::shared_ptr<HealthReporter> health,
+                        std::unique_ptr<AgentRegistry> registry)
+      : health_(std::move(health)),
+        registry_(std::move(registry)),
+        isosurface_service_({.registry = registry_.get(),
+                             .max_concurrent_frames = options.max_concurrent_frames,
+                             .max_queued_frames = options.max_queued_frames,
+                             .max_frame_duration = options.max_frame_duration}),
+        dataset_service_(registry_.get()),
+        cluster_service_(registry_.get(), CapabilitiesOf(options)) {}
+  ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }
+
+  absl::Status Listen(const std::string& address) {
+    rpc::EnableServerPlugins();
+    grpc::ServerBuilder builder;
+    rpc::ConfigureServer(&builder);
+    builder.RegisterService(&isosurface_service_);
+    builder.RegisterService(&dataset_service_);
+    builder.RegisterService(&cluster_service_);
+    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, address));
+    server_ = std::move(running.server);
+    port_ = running.port;
+    health_->SetServer(server_.get());
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] int port() const override { return port_; }
+
+  std::shared_ptr<grpc::Channel> InProcessChannel() override {
+    return server_->InProcessChannel(rpc::MakeChannelArguments());
+  }
+
+  absl::Status WaitUntilReady(absl::Time deadline) override {
+    return registry_->WaitUntilReady(deadline);
+  }
+
+  void Shutdown(absl::Duration grace) override {
+    if (server_ == nullptr) {
+      return;  // never listened
+    }
+    health_->SetServer(nullptr);
+    server_->Shutdown(absl::ToChronoTime(absl::Now() + grace));
+  }
+
+ private:
+  const std::shared_ptr<HealthReporter> health_;
+  const std::unique_ptr<AgentRegistry> registry_;
+  IsosurfaceServiceImpl isosurface_service_;  // services outlive the server
+  DatasetServiceImpl dataset_service_;
+  ClusterServiceImpl cluster_service_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
+    const CoordinatorServerOptions& options) {
+  if (options.max_concurrent_frames < 1 || options.max_queued_frames < 0 ||
+      options.max_frame_duration <= absl::ZeroDuration()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "max_concurrent_frames is ", options.max_concurrent_frames, ", max_queued_frames ",
+        options.max_queued_frames, ", max_frame_duration ",
+        absl::FormatDuration(options.max_frame_duration),
+        ": must be at least 1, at least 0, and greater than 0"));
+  }
+  const auto health = std::make_shared<HealthReporter>();
+  AgentRegistryOptions registry_options;
+  registry_options.endpoints = options.agents;
+  registry_options.poll_interval = options.poll_interval;
+  registry_options.on_readiness = [health](bool is_ready) { health->SetReady(is_ready); };
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AgentRegistry> registry,
+                            AgentRegistry::Start(registry_options));
+  auto server = std::make_unique<CoordinatorServerImpl>(options, health, std::move(registry));
+  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options.listen_address));
+  return server;
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,439 @@
+#include "server/isosurface_service_impl.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
+#include "core/base/cancellation.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/composite/depth_composite.h"
+#include "core/image/png_codec.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/write_queue.h"
+#include "core/view/camera.h"
+#include "core/view/view.h"
+#include "server/agent_client.h"
+#include "server/frame_coordinator.h"
+#include "server/surface_export.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace internal = isoscope::internal::v1;
+
+constexpr image::Rgba8 kOpaqueBlack{0, 0, 0, 255};
+// Chunks of a mesh that wait for a slow client before the merge waits too.
+constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
+
+// What is right or wrong whatever the cluster holds: checked before a request may wait.
+struct CheckedRequest {
+  view::Viewport viewport;
+  visibility::Culling culling = visibility::Culling::kDepth;
+  image::Rgba8 background_color = kOpaqueBlack;
+};
+
+absl::StatusOr<CheckedRequest> Check(const isoscope::v1::RenderIsosurfaceRequest& request) {
+  CheckedRequest checked;
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request.isovalue(), "isovalue"));
+  if (!request.has_viewport()) {
+    return absl::InvalidArgumentError("viewport is not set: must say the size of the image");
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(checked.viewport,
+                            rpc::ViewportFromProto(request.viewport(), "viewport"));
+  ISOSCOPE_ASSIGN_OR_RETURN(checked.culling, rpc::CullingFromProto(request.culling(), "culling"));
+  if (request.has_camera()) {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CameraFromProto(request.camera(), "camera").status());
+  }
+  if (request.has_base_color()) {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::ColorFromProto(request.base_color(), "base_color").status());
+    if (request.base_color().alpha() != 1.0F) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "base_color.alpha is ", request.base_color().alpha(), ": surfaces are opaque, must be 1"));
+    }
+  }
+  if (request.has_background_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(checked.background_color,
+                              rpc::ColorFromProto(request.background_color(), "background_color"));
+  }
+  return checked;
+}
+
+isoscope::v1::AgentStatistics ToProto(const AgentStatistics& statistics) {
+  isoscope::v1::AgentStatistics proto;
+  proto.set_agent_address(statistics.agent_address);
+  for (const int index : statistics.shard_indices) {
+    proto.add_shard_indices(index);
+  }
+  proto.set_active_block_count(statistics.active_block_count);
+  proto.set_occluding_block_count(statistics.occluding_block_count);
+  proto.set_visible_block_count(statistics.visible_block_count);
+  proto.set_triangle_count(statistics.triangle_count);
+  proto.set_unique_vertex_count(statistics.unique_vertex_count);
+  proto.set_read_bytes(statistics.read_bytes);
+  proto.set_index_page_read_count(statistics.index_page_read_count);
+  *proto.mutable_extract_duration() = rpc::ToProto(statistics.extract_duration);
+  *proto.mutable_render_duration() = rpc::ToProto(statistics.render_duration);
+  *proto.mutable_busy_duration() = rpc::ToProto(statistics.busy_duration);
+  return proto;
+}
+
+// Sums over agents, and what the coordinator measured; without the PNG's size and time.
+isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
+  isoscope::v1::RenderStatistics sum;
+  for (const AgentStatistics& agent : result.agents) {
+    sum.set_active_block_count(sum.active_block_count() + agent.active_block_count);
+    sum.set_occluding_block_count(sum.occluding_block_count() + agent.occluding_block_count);
+    sum.set_visible_block_count(sum.visible_block_count() + agent.visible_block_count);
+    sum.set_triangle_count(sum.triangle_count() + agent.triangle_count);
+    sum.set_unique_vertex_count(sum.unique_vertex_count() + agent.unique_vertex_count);
+    sum.set_read_bytes(sum.read_bytes() + agent.read_bytes);
+    *sum.add_agents() = ToProto(agent);
+  }
+  sum.set_ray_hit_block_count(result.ray_hit_block_count);
+  sum.set_culled_block_count(sum.active_block_count() - sum.visible_block_count());
+  sum.set_network_bytes(result.network_bytes);
+  isoscope::v1::StepDurations* durations = sum.mutable_durations();
+  *durations->mutable_occluder_selection_duration() =
+      rpc::ToProto(result.occluder_selection_duration);
+  *durations->mutable_occluder_rendering_duration() =
+      rpc::ToProto(result.occluder_rendering_duration);
+  *durations->mutable_visibility_culling_duration() =
+      rpc::ToProto(result.visibility_culling_duration);
+  *durations->mutable_composite_duration() = rpc::ToProto(result.composite_duration);
+  return sum;
+}
+
+std::string Milliseconds(absl::Duration duration) {
+  return absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(duration));
+}
+
+}  // namespace
+
+// One frame. It owns itself until gRPC is done with it; the thread that renders shares it.
+class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor {
+ public:
+  static RenderCall* Start(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
+                           const isoscope::v1::RenderIsosurfaceRequest* request,
+                           isoscope::v1::RenderIsosurfaceResponse* response) {
+    std::shared_ptr<RenderCall> call(new RenderCall(service, context, request, response));
+    call->self_ = call;
+    absl::StatusOr<CheckedRequest> checked = Check(*request);
+    if (!checked.ok()) {
+      call->Finish(rpc::ToGrpcStatus(checked.status()));
+      return call.get();
+    }
+    call->checked_ = *checked;
+    const IsosurfaceServiceOptions& options = service->options_;
+    call->is_counted_ = true;
+    if (service->frame_count_.fetch_add(1) >=
+            options.max_concurrent_frames + options.max_queued_frames ||
+        !service->frame_executor_.TrySchedule([call] { call->Run(); })) {
+      call->Finish(rpc::ToGrpcStatus(absl::ResourceExhaustedError(absl::StrCat(
+          options.max_concurrent_frames, " frames are in work and ", options.max_queued_frames,
+          " wait (--max-concurrent-frames, --max-queued-frames): retry later, with back-off"))));
+    }
+    return call.get();
+  }
+
+  ~RenderCall() override { Leave(); }
+
+  void OnCancel() override { cancellation_.Cancel(); }
+  void OnDone() override { const std::shared_ptr<RenderCall> last_use = std::move(self_); }
+
+ private:
+  RenderCall(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
+             const isoscope::v1::RenderIsosurfaceRequest* request,
+             isoscope::v1::RenderIsosurfaceResponse* response)
+      : service_(service),
+        request_(*request),
+        response_(response),
+        start_(absl::Now()),
+        cancellation_(std::min(rpc::DeadlineOf(*context),
+                               start_ + service->options_.max_frame_duration)) {}
+
+  void Run() {
+    const std::int64_t frame_number = service_->next_frame_number_.fetch_add(1);
+    const absl::Status status = Render(frame_number);
+    const std::string duration = Milliseconds(absl::Now() - start_);
+    if (status.ok()) {
+      const isoscope::v1::RenderStatistics& statistics = response_->statistics();
+      base::LogInfo("frame_done", {{"frame", frame_number},
+                                   {"dataset", dataset_name_},
+                                   {"isovalue", request_.isovalue()},
+                                   {"width", checked_.viewport.width_px},
+                                   {"height", checked_.viewport.height_px},
+                                   {"duration_ms", duration},
+                                   {"triangles", statistics.triangle_count()},
+                                   {"agents", statistics.agents_size()},
+                                   {"network_bytes", statistics.network_bytes()}});
+    } else {
+      base::LogWarning("frame_failed", {{"frame", frame_number},
+                                        {"dataset", request_.dataset()},
+                                        {"duration_ms", duration},
+                                        {"status", status}});
+    }
+    Leave();  // before the client hears of it: its next request finds the place free
+    Finish(rpc::ToGrpcStatus(status));
+  }
+
+  // Gives the frame's place to another one.
+  void Leave() {
+    if (std::exchange(is_counted_, false)) {
+      service_->frame_count_.fetch_sub(1);
+    }
+  }
+
+  absl::Status Render(std::int64_t frame_number) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const DatasetState dataset,
+        service_->options_.registry->FindComplete(request_.dataset(), cancellation_.deadline()));
+    dataset_name_ = dataset.dataset.name();
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const volume::GridGeometry geometry,
+        rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
+    // All agents get the camera as a message, and so does the coordinator: the same bits everywhere.
+    *response_->mutable_camera() =
+        request_.has_camera() ? request_.camera()
+                              : rpc::ToProto(view::MakeDefaultCamera(geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
+                              rpc::CameraFromProto(response_->camera(), "camera"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                              view::View::Make(camera, checked_.viewport, geometry));
+
+    const internal::BeginFrame begin = MakeBegin(frame_number, dataset);
+    const auto begin_on_agent =
+        [&](int agent_index,
+            AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+      internal::BeginFrame of_agent = begin;
+      of_agent.set_agent_index(agent_index);
+      return BeginFrameOnAgent(dataset.agents[static_cast<std::size_t>(agent_index)],
+                               std::move(of_agent), dataset.dataset.block_count(),
+                               cancellation_.deadline(), listener);
+    };
+    absl::StatusOr<FrameResult> result =
+        RunFrame(view, checked_.culling, begin.agent_count(), begin_on_agent, cancellation_);
+    if (!result.ok()) {
+      service_->ReportIfAgentFailed(dataset, result.status());
+      return result.status();
+    }
+    return Encode(*result);
+  }
+
+  internal::BeginFrame MakeBegin(std::int64_t frame_number, const DatasetState& dataset) const {
+    internal::BeginFrame begin;
+    begin.set_frame_number(frame_number);
+    begin.set_dataset_id(dataset.dataset.dataset_id());
+    begin.set_isovalue(request_.isovalue());
+    *begin.mutable_camera() = response_->camera();
+    *begin.mutable_viewport() = request_.viewport();
+    begin.set_culling(rpc::ToProto(checked_.culling));
+    if (request_.has_base_color()) {
+      *begin.mutable_base_color() = request_.base_color();
+    }
+    begin.set_ray_seed(request_.ray_seed());
+    begin.set_agent_count(static_cast<std::int32_t>(dataset.agents.size()));
+    return begin;
+  }
+
+  absl::Status Encode(const FrameResult& result) {
+    *response_->mutable_statistics() = StatisticsOf(result);
+    const absl::Time composite_start = absl::Now();
+    const std::vector<image::Rgba8> pixels =
+        composite::FlattenOver(result.image, checked_.background_color);
+    const absl::Time encode_start = absl::Now();
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    response_->set_png(image::EncodePng(result.image.width, result.image.height, pixels));
+    isoscope::v1::RenderStatistics* statistics = response_->mutable_statistics();
+    statistics->set_png_bytes(static_cast<std::int64_t>(response_->png().size()));
+    isoscope::v1::StepDurations* durations = statistics->mutable_durations();
+    *durations->mutable_composite_duration() =
+        rpc::ToProto(result.composite_duration + (encode_start - composite_start));
+    *durations->mutable_encode_duration() = rpc::ToProto(absl::Now() - encode_start);
+    return absl::OkStatus();
+  }
+
+  IsosurfaceServiceImpl* const service_;
+  const isoscope::v1::RenderIsosurfaceRequest request_;
+  isoscope::v1::RenderIsosurfaceResponse* const response_;  // gRPC's, until Finish
+  const absl::Time start_;
+  base::Cancellation cancellation_;
+  CheckedRequest checked_;
+  bool is_counted_ = false;
+  std::string dataset_name_;
+  std::shared_ptr<RenderCall> self_;  // reset by OnDone
+};
+
+// One export. It owns itself as a RenderCall does.
+class IsosurfaceServiceImpl::ExportCall final
+    : public grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse> {
+ public:
+  static ExportCall* Start(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
+                           const isoscope::v1::ExportIsosurfaceRequest* request) {
+    std::shared_ptr<ExportCall> call(new ExportCall(service, context, *request));
+    call->self_ = call;
+    const absl::Status status = rpc::CheckFinite(request->isovalue(), "isovalue");
+    if (!status.ok()) {
+      call->outgoing_.Finish(status);
+    } else if (!service->export_executor_.TrySchedule([call] { call->Run(); })) {
+      call->outgoing_.Finish(absl::ResourceExhaustedError(
+          absl::StrCat(kMaxConcurrentExports, " exports are in work and ", kMaxQueuedExports,
+                       " wait: retry later, with back-off")));
+    }
+    return call.get();
+  }
+
+  void OnWriteDone(bool ok) override { outgoing_.OnWriteDone(ok); }
+
+  void OnCancel() override {
+    cancellation_.Cancel();
+    outgoing_.Close();
+    {
+      absl::MutexLock lock(&streams_mutex_);
+      for (SurfaceStream* stream : streams_) {
+        stream->Cancel();
+      }
+    }
+    outgoing_.Finish(absl::CancelledError("the client cancelled the export"));
+  }
+
+  void OnDone() override { const std::shared_ptr<ExportCall> last_use = std::move(self_); }
+
+ private:
+  ExportCall(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
+             const isoscope::v1::ExportIsosurfaceRequest& request)
+      : service_(service),
+        request_(request),
+        cancellation_(rpc::DeadlineOf(*context)),
+        outgoing_(
+            kMaxQueuedExportBytes,
+            [this](const isoscope::v1::ExportIsosurfaceResponse* message) { StartWrite(message); },
+            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+
+  void Run() {
+    const absl::Time start = absl::Now();
+    const absl::Status status = Export();
+    outgoing_.Finish(status);
+    base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              status.ok() ? "export_done" : "export_failed",
+              {{"dataset", request_.dataset()},
+               {"isovalue", request_.isovalue()},
+               {"duration_ms", Milliseconds(absl::Now() - start)},
+               {"bytes", sent_bytes_},
+               {"status", status}});
+  }
+
+  absl::Status Export() {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const DatasetState dataset,
+        service_->options_.registry->FindComplete(request_.dataset(), cancellation_.deadline()));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const volume::GridGeometry geometry,
+        rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
+    const isoscope::v1::Dimensions& cells = dataset.dataset.block_cells();
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const volume::BlockLayout layout,
+        volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()}));
+
+    std::vector<std::unique_ptr<SurfaceStream>> streams;
+    std::vector<SurfaceSource*> sources;
+    for (const AgentAssignment& agent : dataset.agents) {
+      streams.push_back(std::make_unique<SurfaceStream>(agent, dataset.dataset.dataset_id(), layout,
+                                                        request_.isovalue(),
+                                                        cancellation_.deadline()));
+      sources.push_back(streams.back().get());
+    }
+    ShareStreams(streams);
+    const absl::Status status = ExportSurface(
+        geometry, layout, sources, [this](SurfaceChunk chunk) { return Send(std::move(chunk)); });
+    ShareStreams({});
+    if (!status.ok()) {
+      service_->ReportIfAgentFailed(dataset, status);
+    }
+    return status;
+  }
+
+  // Lets OnCancel reach the streams, as long as they live.
+  void ShareStreams(const std::vector<std::unique_ptr<SurfaceStream>>& streams) {
+    absl::MutexLock lock(&streams_mutex_);
+    streams_.clear();
+    for (const std::unique_ptr<SurfaceStream>& stream : streams) {
+      streams_.push_back(stream.get());
+      if (cancellation_.is_cancelled()) {
+        stream->Cancel();
+      }
+    }
+  }
+
+  absl::Status Send(SurfaceChunk chunk) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    sent_bytes_ += chunk.size_bytes();
+    isoscope::v1::ExportIsosurfaceResponse message;
+    message.set_positions(std::move(chunk.positions));
+    message.set_normals(std::move(chunk.normals));
+    message.set_triangles(std::move(chunk.triangles));
+    if (outgoing_.Push(std::move(message))) {
+      return absl::OkStatus();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    return absl::CancelledError("the stream has ended");
+  }
+
+  IsosurfaceServiceImpl* const service_;
+  const isoscope::v1::ExportIsosurfaceRequest request_;
+  base::Cancellation cancellation_;
+  rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
+  std::size_t sent_bytes_ = 0;
+  absl::Mutex streams_mutex_;
+  std::vector<SurfaceStream*> streams_ ABSL_GUARDED_BY(streams_mutex_);
+  std::shared_ptr<ExportCall> self_;  // reset by OnDone
+};
+
+IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options)
+    : options_(options),
+      frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
+                      // frame_count_ bounds the frames; each of them fits.
+                      static_cast<std::size_t>(options.max_concurrent_frames +
+                                               options.max_queued_frames)),
+      export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {}
+
+IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
+
+grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
+    grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest* request,
+    isoscope::v1::RenderIsosurfaceResponse* response) {
+  return RenderCall::Start(this, context, request, response);
+}
+
+grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>*
+IsosurfaceServiceImpl::ExportIsosurface(grpc::CallbackServerContext* context,
+                                        const isoscope::v1::ExportIsosurfaceRequest* request) {
+  return ExportCall::Start(this, context, request);
+}
+
+void IsosurfaceServiceImpl::ReportIfAgentFailed(const DatasetState& dataset,
+                                                const absl::Status& status) {
+  if (!absl::IsUnavailable(status) && !absl::IsFailedPrecondition(status)) {
+    return;
+  }
+  for (const AgentAssignment& agent : dataset.agents) {
+    if (absl::StrContains(status.message(), NameOf(agent))) {
+      options_.registry->ReportFailure(agent.address);
+    }
+  }
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,58 @@
+// IsosurfaceService over gRPC's callback API: reactions validate and hand over; frame_coordinator and
+// surface_export do the work.
+
+#ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
+#define ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
+
+#include <atomic>
+#include <cstdint>
+
+#include "absl/time/time.h"
+#include "core/base/executor.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/agent_registry.h"
+
+namespace isoscope::server {
+
+struct IsosurfaceServiceOptions {
+  AgentRegistry* registry = nullptr;  // outlives the service
+  int max_concurrent_frames = 4;      // >= 1
+  int max_queued_frames = 32;         // >= 0
+  absl::Duration max_frame_duration = absl::Minutes(5);
+};
+
+// Thread-safe. Destroy it only after its server has shut down. A frame holds a thread from its
+// beginning to its end; exports have threads of their own, because a slow client holds one.
+class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::CallbackService {
+ public:
+  static constexpr int kMaxConcurrentExports = 4;
+  static constexpr int kMaxQueuedExports = 16;
+
+  explicit IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options);
+  ~IsosurfaceServiceImpl() override;
+
+  grpc::ServerUnaryReactor* RenderIsosurface(
+      grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest* request,
+      isoscope::v1::RenderIsosurfaceResponse* response) override;
+  grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>* ExportIsosurface(
+      grpc::CallbackServerContext* context,
+      const isoscope::v1::ExportIsosurfaceRequest* request) override;
+
+ private:
+  class RenderCall;
+  class ExportCall;
+
+  // Tells the registry if the status says that an agent is not what it was.
+  void ReportIfAgentFailed(const DatasetState& dataset, const absl::Status& status);
+
+  const IsosurfaceServiceOptions options_;
+  std::atomic<std::int64_t> next_frame_number_{1};
+  std::atomic<int> frame_count_{0};  // in work or waiting
+  // Last: their threads use what is above.
+  base::Executor frame_executor_;
+  base::Executor export_executor_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_

@@ -1,0 +1,125 @@
+#include "server/surface_export.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+#include "core/math/matrix.h"
+#include "core/math/vec.h"
+#include "core/mesh/mesh_welder.h"
+
+namespace isoscope::server {
+namespace {
+
+constexpr std::size_t kVertexBytes = 2 * 3 * sizeof(float);
+constexpr std::size_t kTriangleBytes = 3 * sizeof(std::int64_t);
+
+void AppendVector(const math::Vec3f& vector, std::string* out) {
+  base::AppendLittleEndian(vector.x, out);
+  base::AppendLittleEndian(vector.y, out);
+  base::AppendLittleEndian(vector.z, out);
+}
+
+// Cuts welded parts into chunks: vertices first, so that a triangle only uses what has been sent.
+class Chunker {
+ public:
+  Chunker(const volume::GridGeometry& geometry,
+          absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
+      : world_from_index_(geometry.world_from_index()),
+        // A mirrored grid turns counter-clockwise in index space to clockwise in the world.
+        is_mirrored_(math::Determinant(geometry.direction) < 0),
+        emit_(emit) {}
+
+  absl::Status Add(const mesh::WeldedPart& part) {
+    for (std::size_t i = 0; i < part.positions.size(); ++i) {
+      ISOSCOPE_RETURN_IF_ERROR(MakeRoom(kVertexBytes));
+      const math::Vec3f& p = part.positions[i];
+      const math::Vec3d world = math::TransformPoint(
+          world_from_index_,
+          {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)});
+      AppendVector({static_cast<float>(world.x), static_cast<float>(world.y),
+                    static_cast<float>(world.z)},
+                   &chunk_.positions);
+      AppendVector(part.normals[i], &chunk_.normals);
+    }
+    for (std::size_t i = 0; i + 2 < part.triangles.size(); i += 3) {
+      ISOSCOPE_RETURN_IF_ERROR(MakeRoom(kTriangleBytes));
+      base::AppendLittleEndian(part.triangles[i], &chunk_.triangles);
+      base::AppendLittleEndian(part.triangles[is_mirrored_ ? i + 2 : i + 1], &chunk_.triangles);
+      base::AppendLittleEndian(part.triangles[is_mirrored_ ? i + 1 : i + 2], &chunk_.triangles);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status Flush() {
+    if (chunk_.size_bytes() == 0) {
+      return absl::OkStatus();
+    }
+    return emit_(std::exchange(chunk_, {}));
+  }
+
+ private:
+  absl::Status MakeRoom(std::size_t bytes) {
+    return chunk_.size_bytes() + bytes > kSurfaceChunkBytes ? Flush() : absl::OkStatus();
+  }
+
+  const math::Mat4d world_from_index_;
+  const bool is_mirrored_;
+  const absl::FunctionRef<absl::Status(SurfaceChunk)> emit_;
+  SurfaceChunk chunk_;
+};
+
+// The next block of a source.
+struct Head {
+  mesh::BlockMesh block;
+  std::size_t source_index = 0;
+};
+
+}  // namespace
+
+absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+                           const std::vector<SurfaceSource*>& sources,
+                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit) {
+  const auto is_later = [](const Head& a, const Head& b) {
+    return a.block.block_id > b.block.block_id;
+  };
+  std::vector<Head> heads;  // a heap: the smallest block id in front
+  const auto pull = [&](std::size_t source_index) -> absl::Status {
+    Head head;
+    head.source_index = source_index;
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_block, sources[source_index]->Next(&head.block));
+    if (has_block) {
+      heads.push_back(std::move(head));
+      std::push_heap(heads.begin(), heads.end(), is_later);
+    }
+    return absl::OkStatus();
+  };
+  for (std::size_t i = 0; i < sources.size(); ++i) {
+    ISOSCOPE_RETURN_IF_ERROR(pull(i));
+  }
+
+  mesh::MeshWelder welder(layout);
+  mesh::WeldedPart part;
+  Chunker chunker(geometry, emit);
+  std::int64_t previous_block = -1;
+  while (!heads.empty()) {
+    std::pop_heap(heads.begin(), heads.end(), is_later);
+    const Head head = std::move(heads.back());
+    heads.pop_back();
+    if (std::int64_t{head.block.block_id} <= previous_block) {
+      return absl::InternalError(absl::StrCat("agents sent block ", head.block.block_id,
+                                              " after block ", previous_block,
+                                              ": ids must ascend and be sent once"));
+    }
+    previous_block = head.block.block_id;
+    welder.Add(head.block, &part);
+    ISOSCOPE_RETURN_IF_ERROR(chunker.Add(part));
+    ISOSCOPE_RETURN_IF_ERROR(pull(head.source_index));
+  }
+  return chunker.Flush();
+}
+
+}  // namespace isoscope::server

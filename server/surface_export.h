@@ -1,0 +1,50 @@
+// The export of a whole isosurface: the agents' blocks merged by block id, welded, and taken to world
+// space. No gRPC types.
+
+#ifndef ISOSCOPE_SERVER_SURFACE_EXPORT_H_
+#define ISOSCOPE_SERVER_SURFACE_EXPORT_H_
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/mesh/block_mesh.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/grid_geometry.h"
+
+namespace isoscope::server {
+
+// The surface of one agent's blocks, one after the other.
+class SurfaceSource {
+ public:
+  virtual ~SurfaceSource() = default;
+  // Replaces `block` by the next one, with edge keys; block ids ascend. False: there are no more.
+  virtual absl::StatusOr<bool> Next(mesh::BlockMesh* block) = 0;
+};
+
+// A part of the welded mesh, as isoscope.v1.ExportIsosurfaceResponse says.
+struct SurfaceChunk {
+  std::string positions;
+  std::string normals;
+  std::string triangles;
+
+  [[nodiscard]] std::size_t size_bytes() const {
+    return positions.size() + normals.size() + triangles.size();
+  }
+};
+// The most bytes of a chunk.
+inline constexpr std::size_t kSurfaceChunkBytes = 1 << 20;
+
+// Pulls all sources to their ends and gives the welded mesh to `emit` in chunks of at most
+// kSurfaceChunkBytes, which do not depend on how blocks are spread over sources. Stops at the first
+// error of a source or of `emit`. INTERNAL if block ids do not ascend.
+absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+                           const std::vector<SurfaceSource*>& sources,
+                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_SURFACE_EXPORT_H_

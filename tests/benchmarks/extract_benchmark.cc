@@ -1,0 +1,118 @@
+// Extraction of all active blocks of a volume, one thread, samples in memory:
+//
+//   BM_Extract/<field>/<type>/<block edge>
+//
+// sphere: one smooth sheet; gyroid: a periodic sheet through everything; random: a smooth random
+// field with many sheets; ct: flat regions with sharp sheets and noise between them, as in a scan.
+// Counters: triangles/s; samples/s of the stored samples of active blocks; active blocks.
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "benchmark/benchmark.h"
+
+#include "core/base/random.h"
+#include "core/extract/block_extractor.h"
+#include "core/volume/synthetic_fields.h"
+#include "tests/support/block_cutter.h"
+
+namespace isoscope::extract {
+namespace {
+
+constexpr std::int64_t kEdge = 128;
+
+struct Scene {
+  const char* name;
+  double isovalue;
+};
+constexpr std::array<Scene, 4> kScenes{
+    {{"sphere", 100.5}, {"gyroid", 100.5}, {"random", 100.5}, {"ct", 60.5}}};
+
+volume::Field FieldOf(const std::string& name) {
+  if (name == "sphere") {
+    return volume::SphereField(0.8);
+  }
+  if (name == "gyroid") {
+    return volume::GyroidField(4);
+  }
+  if (name == "random") {
+    return volume::RandomField(1, 24, 12);
+  }
+  // Tissue at 1.4 with noise, air at 0: steep walls, speckle that crosses the isovalue.
+  return [smooth = volume::RandomField(2, 16, 5)](const math::Vec3d& p) {
+    const auto cell =
+        static_cast<std::uint64_t>((p.x + 1) * 1e3 + (p.y + 1) * 1e7 + (p.z + 1) * 1e11);
+    const double noise = base::RandomUnit(3, cell) - 0.5;
+    const double wall = smooth(p) > 0 ? 0.1 : -0.9;
+    return wall + 0.6 * noise;
+  };
+}
+
+const std::string& SamplesOf(const std::string& scene, volume::ScalarType type) {
+  static std::map<std::pair<std::string, volume::ScalarType>, std::string> cache;
+  std::string& bytes = cache[{scene, type}];
+  if (bytes.empty()) {
+    bytes = volume::SampleField(FieldOf(scene), {kEdge, kEdge, kEdge}, type, 50, 100);
+  }
+  return bytes;
+}
+
+void BM_Extract(benchmark::State& state, const Scene& scene, volume::ScalarType type,
+                std::int64_t block_edge) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {kEdge, kEdge, kEdge};
+  const volume::BlockLayout layout =
+      volume::BlockLayout::Make(geometry.sample_dims, {block_edge, block_edge, block_edge}).value();
+  const std::string& bytes = SamplesOf(scene.name, type);
+  BlockExtractor extractor(geometry, layout);
+  mesh::BlockMesh mesh;
+  std::vector<std::pair<volume::BlockId, std::string>> active;
+  std::int64_t samples = 0;
+  std::int64_t triangles = 0;
+  for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    std::string block = testing::CutBlock(layout, type, bytes, id);
+    extractor.Extract({id, type, block.data()}, scene.isovalue, {}, &mesh);
+    if (mesh.triangle_count() > 0) {
+      triangles += mesh.triangle_count();
+      samples += math::Volume(layout.StoredSamplesOf(id).dims());
+      active.emplace_back(id, std::move(block));
+    }
+  }
+  for (auto unused : state) {
+    for (const auto& [id, block] : active) {
+      extractor.Extract({id, type, block.data()}, scene.isovalue, {}, &mesh);
+      benchmark::DoNotOptimize(mesh.indices.data());
+    }
+  }
+  const auto rounds = static_cast<double>(state.iterations());
+  state.counters["triangles"] =
+      benchmark::Counter(rounds * static_cast<double>(triangles), benchmark::Counter::kIsRate);
+  state.counters["samples"] =
+      benchmark::Counter(rounds * static_cast<double>(samples), benchmark::Counter::kIsRate);
+  state.counters["active_blocks"] = static_cast<double>(active.size());
+}
+
+// Registers the cross product of scenes, types and block edges.
+const bool kRegistered = [] {
+  for (const Scene& scene : kScenes) {
+    for (const volume::ScalarType type :
+         {volume::ScalarType::kUint8, volume::ScalarType::kUint16, volume::ScalarType::kFloat32}) {
+      for (const std::int64_t edge : {8, 16, 32}) {
+        const std::string name = std::string("BM_Extract/") + scene.name + "/" +
+                                 std::string(volume::NameOf(type)) + "/" + std::to_string(edge);
+        benchmark::RegisterBenchmark(name.c_str(), [&scene, type, edge](benchmark::State& state) {
+          BM_Extract(state, scene, type, edge);
+        })->Unit(benchmark::kMillisecond);
+      }
+    }
+  }
+  return true;
+}();
+
+}  // namespace
+}  // namespace isoscope::extract

@@ -1,0 +1,30 @@
+// Files that fail on purpose: decorators that pass everything on until a chosen byte.
+
+#ifndef ISOSCOPE_TESTS_SUPPORT_FAULT_FILE_H_
+#define ISOSCOPE_TESTS_SUPPORT_FAULT_FILE_H_
+
+#include <cstdint>
+#include <memory>
+
+#include "core/base/file.h"
+
+namespace isoscope::testing {
+
+enum class ReadFault {
+  kIoError,    // as EIO: DATA_LOSS
+  kShortRead,  // as a file cut at the byte, whose size_bytes() is still the old one: DATA_LOSS
+  kFlippedBit  // the byte's lowest bit is wrong, without an error
+};
+
+// Reads that touch byte `fault_offset` of `file` suffer `fault`.
+std::unique_ptr<base::RandomAccessFile> MakeFaultyFile(std::unique_ptr<base::RandomAccessFile> file,
+                                                       ReadFault fault, std::int64_t fault_offset);
+
+// A disk that is full: writes that would bring the bytes written to more than `capacity_bytes`
+// write what fits and return RESOURCE_EXHAUSTED, as ENOSPC; so do all later calls, Close() too.
+std::unique_ptr<base::WritableFile> MakeFullDiskFile(std::unique_ptr<base::WritableFile> file,
+                                                     std::int64_t capacity_bytes);
+
+}  // namespace isoscope::testing
+
+#endif  // ISOSCOPE_TESTS_SUPPORT_FAULT_FILE_H_

@@ -1,0 +1,281 @@
+#include "client-cli/command.h"
+
+#include <fstream>
+#include <ostream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "client-cli/interrupt.h"
+#include "client-cli/source_flags.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/temp_dir.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::isoscope::testing::TempDir;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+struct Outcome {
+  int exit_code = 0;
+  std::string out;
+  std::string err;
+};
+
+Outcome Run(const std::vector<std::string>& arguments) {
+  Interrupt interrupt;
+  std::ostringstream out;
+  std::ostringstream err;
+  const int exit_code =
+      RunCommandLine(arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
+  return {exit_code, out.str(), err.str()};
+}
+
+// A wrong command line, and what its one line of standard error must say.
+struct WrongUsage {
+  std::vector<std::string> arguments;
+  std::vector<std::string> said;
+};
+
+std::ostream& operator<<(std::ostream& out, const WrongUsage& row) {
+  for (const std::string& argument : row.arguments) {
+    out << argument << " ";
+  }
+  return out;
+}
+
+class WrongUsageTest : public ::testing::TestWithParam<WrongUsage> {};
+
+TEST_P(WrongUsageTest, ExitsWithTwoAndOneLineThatHelps) {
+  const Outcome outcome = Run(GetParam().arguments);
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_THAT(outcome.err, StartsWith("isoscope"));
+  EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
+  for (const std::string& text : GetParam().said) {
+    EXPECT_THAT(outcome.err, HasSubstr(text));
+  }
+}
+
+std::vector<WrongUsage> GeneralRows() {
+  return {
+      {{}, {"a command is missing", "partition, info, serve, render, export"}},
+      {{"rendr"}, {"'rendr' is no command", "did you mean 'render'", "partition"}},
+      {{"help", "rendr"}, {"'rendr' is no command"}},
+      {{"qqqqqqq"}, {"'qqqqqqq' is no command", "There are: partition"}},
+      {{"--isovalue", "3"}, {"unknown flag --isovalue", "a command comes first"}},
+      {{"info"}, {"give a dataset folder or --server"}},
+      {{"info", "d", "--server", "h:1"}, {"can't be used with --server"}},
+      {{"info", "d", "--jsn"}, {"unknown flag --jsn", "did you mean --json"}},
+      {{"info", "d", "e"}, {"'e' is one argument too many"}},
+      {{"info", "--server", "h"}, {"--server", "'h' is not HOST:PORT"}},
+      {{"serve"}, {"DIR is missing"}},
+      {{"serve", "d", "--listen", "70000"}, {"--listen", "HOST:PORT"}},
+      {{"serve", "d", "--renderer", "gl"}, {"--renderer", "'gl'", "auto", "egl", "cpu"}},
+      {{"serve", "d", "--threads", "0"}, {"--threads", "'0' is not a whole number from 1"}},
+  };
+}
+
+std::vector<WrongUsage> PartitionRows() {
+  return {
+      {{"partition"}, {"INPUT is missing"}},
+      {{"partition", "v.nrrd"}, {"--output DIR is missing"}},
+      {{"partition", "v.nrrd", "--output"}, {"--output"}},
+      {{"partition", "v.nrrd", "--output", ""}, {"--output", "is empty"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "0"},
+       {"--shards", "'0' is not a whole number from 1"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "-2"}, {"--shards", "'-2'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "two"}, {"--shards", "'two'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "1", "--shards", "2"}, {"--shards"}},
+      {{"partition", "v.nrrd", "--output", "d", "--block-cells", "8x8"},
+       {"--block-cells", "N or NXxNYxNZ"}},
+      {{"partition", "v.nrrd", "--output", "d", "--distribution", "even"},
+       {"--distribution", "'even'", "greedy"}},
+      {{"partition", "v.nrrd", "--output", "d", "--seed", "-1"}, {"--seed", "'-1'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--memory-limit", "1kb"},
+       {"--memory-limit", "'1kb'", "MiB"}},
+      {{"partition", "v.nrrd", "--output", "d", "--dims", "4,4,4", "--type", "uint8"},
+       {"--dims is for raw files only", "'v.nrrd'"}},
+      {{"partition", "V.NII.GZ", "--output", "d", "--spacing", "1,1,1"},
+       {"--spacing is for raw files only"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4"}, {"--type is missing"}},
+      {{"partition", "v.raw", "--output", "d", "--type", "uint8"}, {"--dims is missing"}},
+      {{"partition", "v.raw", "--output", "d", "--header-bytes", "16"},
+       {"both --dims X,Y,Z and --type"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4", "--type", "uint8"},
+       {"--dims", "'4,4' is not X,Y,Z"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "byte"},
+       {"--type", "'byte'", "uint8"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8", "--endian",
+        "middle"},
+       {"--endian", "'middle' is none of: little, big"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8", "--spacing",
+        "0,1,1"},
+       {"--spacing", "above 0"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8",
+        "--header-bytes", "-1"},
+       {"--header-bytes"}},
+  };
+}
+
+// `render v.nrrd --isovalue 1 --output o.png` with `more`.
+WrongUsage Render(const std::vector<std::string>& more, const std::vector<std::string>& said) {
+  WrongUsage row{{"render", "v.nrrd", "--isovalue", "1", "--output", "o.png"}, said};
+  row.arguments.insert(row.arguments.end(), more.begin(), more.end());
+  return row;
+}
+
+WrongUsage RenderRemote(const std::vector<std::string>& more,
+                        const std::vector<std::string>& said) {
+  WrongUsage row{{"render", "--server", "h:1", "--isovalue", "1", "--output", "o.png"}, said};
+  row.arguments.insert(row.arguments.end(), more.begin(), more.end());
+  return row;
+}
+
+std::vector<WrongUsage> RenderRows() {
+  return {
+      {{"render"}, {"give a volume file, a dataset folder or --server"}},
+      {{"render", "v.nrrd"}, {"--isovalue V is missing"}},
+      {{"render", "v.nrrd", "--isovalue", "1"}, {"--output FILE.png is missing"}},
+      {{"render", "v.nrrd", "--isvalue", "1", "--output", "o.png"},
+       {"unknown flag --isvalue", "did you mean --isovalue"}},
+      {{"render", "v.nrrd", "--isovalue", "nan", "--output", "o.png"},
+       {"--isovalue", "'nan' is not a finite number"}},
+      {{"render", "v.nrrd", "--isovalue", "high", "--output", "o.png"}, {"--isovalue", "'high'"}},
+      Render({"--server", "h:1"}, {"can't be used with --server"}),
+      Render({"--width", "0"}, {"--width", "from 1 to 16384"}),
+      Render({"--height", "16385"}, {"--height", "from 1 to 16384"}),
+      Render({"--eye", "1,2"}, {"--eye", "'1,2' is not X,Y,Z"}),
+      Render({"--eye", "1,2,3", "--azimuth", "30"}, {"--eye can't be used with --azimuth"}),
+      Render({"--up", "0,0,1", "--zoom", "2"}, {"--up can't be used with --zoom"}),
+      Render({"--fov-y", "180"}, {"--fov-y", "below 180"}),
+      Render({"--zoom", "0"}, {"--zoom", "above 0"}),
+      Render({"--azimuth", "east"}, {"--azimuth", "'east'"}),
+      Render({"--culling", "all"}, {"--culling", "'all' is none of: depth, mask, none"}),
+      Render({"--renderer", "metal"}, {"--renderer", "'metal'"}),
+      Render({"--shards", "0"}, {"--shards", "'0'"}),
+      Render({"--threads", "0"}, {"--threads", "'0'"}),
+      Render({"--repeat", "0"}, {"--repeat", "'0'"}),
+      Render({"--orbit", "5"}, {"--orbit", "--repeat N"}),
+      Render({"--timeout", "0"}, {"--timeout", "seconds above 0"}),
+      Render({"--color", "1,1"}, {"--color", "R,G,B"}),
+      Render({"--background", "0,0,0,2"}, {"--background", "from 0 to 1"}),
+      Render({"--dims", "4,4,4", "--type", "uint8"}, {"--dims is for raw files only"}),
+      Render({"--dataset", "head"}, {"--dataset is for --server"}),
+      RenderRemote({"--renderer", "cpu"}, {"--renderer can't be used with --server"}),
+      RenderRemote({"--shards", "2"}, {"--shards can't be used with --server"}),
+      RenderRemote({"--threads", "2"}, {"--threads can't be used with --server"}),
+      RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
+      {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
+      {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE.ply is missing"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.ply", "--azimuth", "1"},
+       {"unknown flag --azimuth"}},
+  };
+}
+
+INSTANTIATE_TEST_SUITE_P(General, WrongUsageTest, ::testing::ValuesIn(GeneralRows()));
+INSTANTIATE_TEST_SUITE_P(Partition, WrongUsageTest, ::testing::ValuesIn(PartitionRows()));
+INSTANTIATE_TEST_SUITE_P(Render, WrongUsageTest, ::testing::ValuesIn(RenderRows()));
+
+TEST(CommandTest, VersionIsOneLine) {
+  for (const auto& arguments : std::vector<std::vector<std::string>>{{"--version"}}) {
+    const Outcome outcome = Run(arguments);
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_EQ(outcome.out, "isoscope " + Version() + "\n");
+  }
+}
+
+TEST(CommandTest, HelpListsEveryCommand) {
+  for (const char* flag : {"--help", "-h", "help"}) {
+    const Outcome outcome = Run({flag});
+    EXPECT_EQ(outcome.exit_code, 0);
+    for (const Command& command : Commands()) {
+      EXPECT_THAT(outcome.out, HasSubstr("  " + command.name));
+    }
+  }
+}
+
+TEST(CommandTest, HelpOfACommandHasExamplesAndDefaults) {
+  for (const Command& command : Commands()) {
+    const Outcome outcome = Run({command.name, "--help"});
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_THAT(outcome.out, HasSubstr("Usage: isoscope " + command.name));
+    EXPECT_THAT(outcome.out, HasSubstr("Examples:\n  isoscope " + command.name));
+    EXPECT_THAT(outcome.out, HasSubstr("default:"));
+    EXPECT_EQ(Run({"help", command.name}).out, outcome.out);
+  }
+}
+
+// The flags that scripts outside of the repository use.
+TEST(CommandTest, TheFlagsOfTheContractExist) {
+  const std::vector<std::pair<std::string, std::vector<std::string>>> contract = {
+      {"partition",
+       {"--output", "--shards", "--block-cells", "--distribution", "--seed", "--memory-limit",
+        "--dims", "--type", "--spacing", "--origin", "--endian", "--header-bytes"}},
+      {"info", {"--server", "--json"}},
+      {"serve", {"--listen"}},
+      {"render",
+       {"--server", "--isovalue", "--output", "--width", "--height", "--eye", "--target", "--up",
+        "--fov-y", "--azimuth", "--elevation", "--zoom", "--culling", "--renderer", "--shards",
+        "--threads", "--repeat", "--orbit", "--stats"}},
+      {"export", {"--server", "--isovalue", "--output"}}};
+  for (const auto& [command, flags] : contract) {
+    const std::string help = Run({command, "--help"}).out;
+    for (const std::string& flag : flags) {
+      EXPECT_THAT(help, HasSubstr("  " + flag + " ")) << command;
+    }
+  }
+}
+
+TEST(CommandTest, FailedRequestsExitWithOneAndNameTheCode) {
+  const TempDir folder;
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"info", folder.Sub("absent")},
+           {"serve", folder.Sub("absent"), "--listen", "127.0.0.1:0"},
+           {"partition", folder.Sub("absent.nrrd"), "--output", folder.Sub("d")},
+           {"render", folder.Sub("absent.nrrd"), "--isovalue", "1", "--output",
+            folder.Sub("o.png")},
+           {"render", folder.path(), "--isovalue", "1", "--output", folder.Sub("o.png")},
+           {"export", folder.Sub("absent"), "--isovalue", "1", "--output", folder.Sub("o.ply")}}) {
+    const Outcome outcome = Run(arguments);
+    EXPECT_EQ(outcome.exit_code, 1) << arguments[0];
+    EXPECT_EQ(outcome.out, "");
+    EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: "));
+    EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
+  }
+}
+
+TEST(CommandTest, UnwritableOutputIsFoundBeforeAnyWork) {
+  const TempDir folder;
+  const Outcome outcome = Run({"render", folder.Sub("absent.nrrd"), "--isovalue", "1", "--output",
+                               folder.Sub("no/such/folder/o.png")});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("no/such/folder/o.png"));
+}
+
+TEST(CommandTest, AbsentServerIsNamedWithAWayToStartOne) {
+  const TempDir folder;
+  // Port 1 needs privileges to listen on, and nothing of ours does.
+  const Outcome outcome = Run({"render", "--server", "127.0.0.1:1", "--isovalue", "-.5", "--output",
+                               folder.Sub("o.png"), "--timeout", "5"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err,
+              StartsWith("isoscope: UNAVAILABLE: no coordinator answers at 127.0.0.1:1"));
+  EXPECT_THAT(outcome.err, HasSubstr("isoscope serve"));
+}
+
+TEST(CommandTest, SelfDescribingNamesAreKnownInAnyCase) {
+  for (const char* name : {"a.nii", "a.nii.gz", "a.NRRD", "a.nhdr", "b/a.mha", "a.mhd", "a.hdr"}) {
+    EXPECT_TRUE(HasSelfDescribingName(name)) << name;
+  }
+  for (const char* name : {"a.raw", "a.nrrd.raw", "a", "nii", "a.gz"}) {
+    EXPECT_FALSE(HasSelfDescribingName(name)) << name;
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::cli

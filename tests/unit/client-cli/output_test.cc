@@ -1,0 +1,123 @@
+#include "client-cli/output.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <string>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <sys/stat.h>
+
+#include "core/base/file.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::isoscope::testing::IsOk;
+using ::isoscope::testing::TempDir;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+std::size_t EntryCount(const std::string& directory) {
+  std::size_t count = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(directory)) {
+    ++count;
+  }
+  return count;
+}
+
+TEST(OutputTest, CountsHaveSeparatorsEveryThreeDigits) {
+  EXPECT_EQ(FormatCount(0), "0");
+  EXPECT_EQ(FormatCount(999), "999");
+  EXPECT_EQ(FormatCount(1000), "1,000");
+  EXPECT_EQ(FormatCount(-100), "-100");
+  EXPECT_EQ(FormatCount(-1234567), "-1,234,567");
+  EXPECT_EQ(FormatCount(std::numeric_limits<std::int64_t>::min()), "-9,223,372,036,854,775,808");
+}
+
+TEST(OutputTest, SizesAndTimesHaveOneDecimal) {
+  EXPECT_EQ(FormatMebibytes(0), "0.0 MiB");
+  EXPECT_EQ(FormatMebibytes(1536 * 1024), "1.5 MiB");
+  EXPECT_EQ(FormatMebibytes(std::int64_t{5} << 32), "20,480.0 MiB");
+  EXPECT_EQ(FormatMilliseconds(12345.678), "12,345.7");
+  EXPECT_EQ(FormatElapsed(absl::Milliseconds(400)), "0 s");
+  EXPECT_EQ(FormatElapsed(absl::Seconds(59)), "59 s");
+  EXPECT_EQ(FormatElapsed(absl::Seconds(185)), "3 min 05 s");
+  EXPECT_EQ(FormatElapsed(absl::Minutes(127)), "2 h 07 min");
+}
+
+TEST(OutputTest, TableColumnsAreAligned) {
+  Table table({"agent", "blocks", "ms"});
+  table.AddRow({"a", "1,234", "5.0"});
+  table.AddRow({"localhost:1", "7", ""});
+  EXPECT_EQ(table.ToString(),
+            "agent        blocks   ms\n"
+            "a             1,234  5.0\n"
+            "localhost:1       7\n");
+}
+
+TEST(OutputTest, ProgressTellsRateAndTimeLeft) {
+  constexpr std::int64_t kMiB = 1 << 20;
+  EXPECT_EQ(FormatProgress("writing blocks", 25 * kMiB, 100 * kMiB, absl::Seconds(5)),
+            "writing blocks    25 %  25.0 of 100.0 MiB  5.0 MiB/s  15 s left");
+  EXPECT_EQ(FormatProgress("writing blocks", 0, 100 * kMiB, absl::ZeroDuration()),
+            "writing blocks     0 %  0.0 of 100.0 MiB");
+  EXPECT_THAT(FormatProgress("writing blocks", 101 * kMiB, 100 * kMiB, absl::Seconds(5)),
+              HasSubstr("100 %"));
+}
+
+TEST(OutputTest, ProgressOfShortWorkPrintsNothing) {
+  for (const bool is_terminal : {false, true}) {
+    std::ostringstream err;
+    {
+      ProgressLine line(&err, is_terminal);
+      line.Update("writing blocks", 1, 2);
+    }
+    EXPECT_EQ(err.str(), "");
+  }
+}
+
+TEST(OutputTest, AtomicWriteReplacesAndLeavesNothingElse) {
+  const TempDir folder;
+  const std::string path = folder.Sub("a.png");
+  ISOSCOPE_ASSERT_OK(WriteFileAtomically(path, "old"));
+  ISOSCOPE_ASSERT_OK(WriteFileAtomically(path, "new"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, base::ReadWholeFile(path, 100));
+  EXPECT_EQ(content, "new");
+  EXPECT_EQ(EntryCount(folder.path()), 1U);
+}
+
+TEST(OutputTest, FailedAtomicWriteKeepsTheOldState) {
+  const TempDir folder;
+  std::filesystem::create_directory(folder.Sub("taken"));
+  EXPECT_THAT(WriteFileAtomically(folder.Sub("taken"), "x"), Not(IsOk()));
+  EXPECT_THAT(WriteFileAtomically(folder.Sub("absent/a.png"), "x"), Not(IsOk()));
+  EXPECT_EQ(EntryCount(folder.path()), 1U);
+}
+
+TEST(OutputTest, DevicesAreWrittenAsTheyAre) {
+  ISOSCOPE_EXPECT_OK(CheckWritable("/dev/null"));
+  ISOSCOPE_EXPECT_OK(WriteFileAtomically("/dev/null", "x"));
+  struct stat info {};
+  ASSERT_EQ(stat("/dev/null", &info), 0);
+  EXPECT_TRUE(S_ISCHR(info.st_mode));
+}
+
+TEST(OutputTest, CheckWritableTellsWithoutATrace) {
+  const TempDir folder;
+  ISOSCOPE_EXPECT_OK(CheckWritable(folder.Sub("a.png")));
+  EXPECT_EQ(EntryCount(folder.path()), 0U);
+  std::ofstream(folder.Sub("b.png")) << "old";
+  ISOSCOPE_EXPECT_OK(CheckWritable(folder.Sub("b.png")));
+  EXPECT_EQ(EntryCount(folder.path()), 1U);
+  EXPECT_THAT(CheckWritable(folder.Sub("absent/a.png")), Not(IsOk()));
+  EXPECT_THAT(CheckWritable(folder.path()), Not(IsOk()));
+}
+
+}  // namespace
+}  // namespace isoscope::cli

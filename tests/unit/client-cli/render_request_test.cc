@@ -1,0 +1,64 @@
+#include "client-cli/render_request.h"
+
+#include "client-cli/usage.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+view::Camera SampleCamera() {
+  return {.eye = {0, 0, 10}, .target = {0, 0, 0}, .fov_y_radians = 0.5};
+}
+
+TEST(RenderRequestTest, DefaultsAreThoseOfTheContract) {
+  const v1::RenderIsosurfaceRequest request =
+      MakeRequest({.isovalue = -1.5}, "head", SampleCamera());
+  EXPECT_EQ(request.dataset(), "head");
+  EXPECT_EQ(request.isovalue(), -1.5);
+  EXPECT_EQ(request.viewport().width_px(), 1024);
+  EXPECT_EQ(request.viewport().height_px(), 1024);
+  EXPECT_EQ(request.culling(), v1::CULLING_DEPTH);
+  EXPECT_EQ(request.camera().eye().z(), 10);
+  EXPECT_FALSE(request.has_base_color());
+  EXPECT_FALSE(request.has_background_color());
+}
+
+TEST(RenderRequestTest, EveryFlagReachesItsField) {
+  const v1::RenderIsosurfaceRequest request =
+      MakeRequest({.isovalue = 1,
+                   .width = 640,
+                   .height = 480,
+                   .culling = visibility::Culling::kMask,
+                   .base_color = Color{.red = 0.25F, .green = 0.5F, .blue = 1},
+                   .background_color = Color{.red = 1, .alpha = 0.5F}},
+                  "", SampleCamera());
+  EXPECT_EQ(request.viewport().width_px(), 640);
+  EXPECT_EQ(request.viewport().height_px(), 480);
+  EXPECT_EQ(request.culling(), v1::CULLING_MASK);
+  EXPECT_EQ(request.base_color().red(), 0.25F);
+  EXPECT_EQ(request.base_color().green(), 0.5F);
+  EXPECT_EQ(request.base_color().blue(), 1.0F);
+  EXPECT_EQ(request.base_color().alpha(), 1.0F);
+  EXPECT_EQ(request.background_color().red(), 1.0F);
+  EXPECT_EQ(request.background_color().alpha(), 0.5F);
+}
+
+TEST(RenderRequestTest, IsovalueIsRequired) {
+  EXPECT_TRUE(IsUsageError(CheckUsage(RequestFlags{})));
+  ISOSCOPE_EXPECT_OK(CheckUsage(RequestFlags{.isovalue = 0}));
+}
+
+TEST(RenderRequestTest, FileNamesNumberTheFirstPlaceOnly) {
+  EXPECT_EQ(FrameFileName("a.png", 3), "a.png");
+  EXPECT_EQ(FrameFileName("a-%d.png", 12), "a-12.png");
+  EXPECT_EQ(FrameFileName("{}/a-{}.png", 0), "0/a-{}.png");
+  EXPECT_EQ(FrameFileName("100%.png", 1), "100%.png");
+  EXPECT_EQ(FrameFileName("%s%n%d.png", 1), "%s%n1.png");
+}
+
+}  // namespace
+}  // namespace isoscope::cli

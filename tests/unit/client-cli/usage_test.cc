@@ -1,0 +1,34 @@
+#include "client-cli/usage.h"
+
+#include "gtest/gtest.h"
+
+namespace isoscope::cli {
+namespace {
+
+TEST(UsageTest, ExitCodesSeparateWrongUsageFromFailedRequests) {
+  EXPECT_EQ(ExitCodeOf(absl::OkStatus()), 0);
+  EXPECT_EQ(ExitCodeOf(absl::InvalidArgumentError("a request that can't be right")), 1);
+  EXPECT_EQ(ExitCodeOf(absl::NotFoundError("no file")), 1);
+  EXPECT_EQ(ExitCodeOf(UsageError("--width is odd")), 2);
+}
+
+TEST(UsageTest, ErrorsAreOneLineThatNamesTheCode) {
+  EXPECT_EQ(FormatError("render", absl::DataLossError("block 7\nof shard 1")),
+            "isoscope: DATA_LOSS: block 7; of shard 1");
+  EXPECT_EQ(FormatError("render", UsageError("--zoom: 'a' is bad")),
+            "isoscope render: --zoom: 'a' is bad (see 'isoscope render --help')");
+  EXPECT_EQ(FormatError("", UsageError("a command is missing")),
+            "isoscope: a command is missing (see 'isoscope --help')");
+}
+
+TEST(UsageTest, NearestNameFindsTyposOnly) {
+  const std::vector<std::string> names = {"partition", "info", "serve", "render", "export"};
+  EXPECT_EQ(NearestName("rendr", names), "render");
+  EXPECT_EQ(NearestName("inf", names), "info");
+  EXPECT_EQ(NearestName("partiton", names), "partition");
+  EXPECT_EQ(NearestName("zzzzzz", names), "");
+  EXPECT_EQ(NearestName("x", {}), "");
+}
+
+}  // namespace
+}  // namespace isoscope::cli

@@ -1,0 +1,245 @@
+#include "core/store/manifest.h"
+
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/crc32c.h"
+#include "core/store/sealed_json.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::store {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::_;
+using ::testing::HasSubstr;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+Manifest MakeManifest() {
+  Manifest manifest;
+  manifest.dataset_id = "00112233445566778899aabbccddeeff";
+  manifest.name = "head";
+  manifest.source = "head.nii";
+  manifest.geometry.sample_dims = {5, 5, 3};
+  manifest.geometry.spacing = {0.5, 0.5, 2};
+  manifest.geometry.origin = {-1, 0, 10.25};
+  manifest.scalar_type = volume::ScalarType::kInt16;
+  manifest.value_range = {.min = -1000, .max = 3071};
+  manifest.block_cells = {4, 2, 2};
+  manifest.seed = 1;
+  manifest.range_table_crc32c = 0x0badcafe;
+  manifest.shards = {{.block_count = 2, .block_bytes = 240, .block_index_crc32c = 0x89abcdef}};
+  return manifest;
+}
+
+// The manifest of docs/format/dataset.md, letter by letter.
+constexpr char kText[] = R"({
+  "format": "isoscope-dataset",
+  "format_version": 1,
+  "crc32c": "@@@@@@@@",
+  "dataset_id": "00112233445566778899aabbccddeeff",
+  "name": "head",
+  "source": "head.nii",
+  "sample_dims": [
+    5,
+    5,
+    3
+  ],
+  "scalar_type": "int16",
+  "value_range": {
+    "min": -1000.0,
+    "max": 3071.0
+  },
+  "spacing": [
+    0.5,
+    0.5,
+    2.0
+  ],
+  "origin": [
+    -1.0,
+    0.0,
+    10.25
+  ],
+  "direction": {
+    "x": [
+      1.0,
+      0.0,
+      0.0
+    ],
+    "y": [
+      0.0,
+      1.0,
+      0.0
+    ],
+    "z": [
+      0.0,
+      0.0,
+      1.0
+    ]
+  },
+  "block_cells": [
+    4,
+    2,
+    2
+  ],
+  "distribution": "random",
+  "seed": 1,
+  "range_table_crc32c": "0badcafe",
+  "shards": [
+    {
+      "block_count": 2,
+      "block_bytes": 240,
+      "block_index_crc32c": "89abcdef"
+    }
+  ]
+}
+)";
+
+std::string Replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from;
+  return text.replace(at, from.size(), to);
+}
+
+std::string Sealed(const std::string& text) {
+  return SealJson(Replaced(text, "@@@@@@@@", "00000000"));
+}
+
+TEST(ManifestTest, BytesStayAsDocumented) {
+  // Written out, not computed: a change of it makes datasets on disk unreadable.
+  const std::string expected = Replaced(kText, "@@@@@@@@", "68bd3698");
+  EXPECT_EQ(EncodeManifest(MakeManifest()), expected);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded, DecodeManifest(expected, "m"));
+  EXPECT_EQ(decoded, MakeManifest());
+}
+
+TEST(ManifestTest, EveryDoubleRoundTripsExactly) {
+  const double values[] = {0.1,
+                           1.0 / 3,
+                           5e-324,
+                           1.7976931348623157e308,
+                           -0.0,
+                           123456789.123456789,
+                           std::nextafter(1.0, 2.0),
+                           2.2250738585072011e-308};
+  for (const double value : values) {
+    Manifest manifest = MakeManifest();
+    manifest.geometry.origin = {value, -value, value};
+    manifest.value_range = {.min = -std::abs(value), .max = std::abs(value)};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded,
+                                  DecodeManifest(EncodeManifest(manifest), "m"));
+    EXPECT_EQ(decoded, manifest);
+    EXPECT_EQ(std::signbit(decoded.geometry.origin.x), std::signbit(value));
+  }
+  Manifest manifest = MakeManifest();
+  manifest.value_range = {};  // a volume of NaN: empty, +inf to -inf
+  manifest.seed = std::numeric_limits<std::uint64_t>::max();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded,
+                                DecodeManifest(EncodeManifest(manifest), "m"));
+  EXPECT_EQ(decoded, manifest);
+  EXPECT_EQ(decoded.value_range.min, kInfinity);
+}
+
+TEST(ManifestTest, NamesThatLookLikeASealOrAreNoUtf8DoNoHarm) {
+  Manifest manifest = MakeManifest();
+  manifest.name = "a\"crc32c\": \"00000000\"\n\\";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded,
+                                DecodeManifest(EncodeManifest(manifest), "m"));
+  EXPECT_EQ(decoded, manifest);
+  manifest.name = "bad \xff\xfe bytes";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest replaced,
+                                DecodeManifest(EncodeManifest(manifest), "m"));
+  EXPECT_EQ(replaced.name, "bad \xef\xbf\xbd\xef\xbf\xbd bytes");
+}
+
+TEST(ManifestTest, EveryTruncationAndFlippedBitIsDataLoss) {
+  const std::string text = EncodeManifest(MakeManifest());
+  for (std::size_t size = 0; size < text.size(); ++size) {
+    const std::vector<char> exact(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(size));
+    ASSERT_THAT(DecodeManifest({exact.data(), exact.size()}, "m"),
+                StatusIs(absl::StatusCode::kDataLoss, _));
+  }
+  for (std::size_t bit = 0; bit < 8 * text.size(); ++bit) {
+    std::string damaged = text;
+    damaged[bit / 8] =
+        static_cast<char>(static_cast<unsigned char>(damaged[bit / 8]) ^ (1u << (bit % 8)));
+    ASSERT_THAT(DecodeManifest(damaged, "m"), StatusIs(absl::StatusCode::kDataLoss, _)) << bit;
+  }
+}
+
+TEST(ManifestTest, WrongMembersAreRefusedEvenWithARightSeal) {
+  const std::pair<const char*, const char*> edits[] = {
+      {"isoscope-dataset", "isoscope-shard"},
+      {"\"format_version\": 1,", ""},
+      {"\"format_version\": 1", "\"format_version\": \"1\""},
+      {"00112233", "0011223"},
+      {"00112233", "0011223X"},
+      {"\"name\": \"head\"", "\"name\": 5"},
+      {"\"source\": \"head.nii\",", ""},
+      {"    5,\n    5", "    5"},
+      {"    5,\n    5", "    5,\n    1"},
+      {"    5,\n    5", "    5,\n    9223372036854775808"},
+      {"    5,\n    5", "    9223372036854775807,\n    9223372036854775807"},
+      {"    5,\n    5", "    5,\n    5.0"},
+      {"\"int16\"", "\"int64\""},
+      {"\"min\": -1000.0", "\"min\": \"nan\""},
+      {"\"min\": -1000.0", "\"min\": null"},
+      {"\"value_range\": {", "\"value_range\": 1, \"x\": {"},
+      {"    0.5,\n    0.5", "    0,\n    0.5"},
+      {"    0.5,\n    0.5", "    -0.5,\n    0.5"},
+      {"    0.5,\n    0.5", "    \"inf\",\n    0.5"},
+      {"      0.0,\n      0.0,\n      1.0", "      0.0,\n      0.0,\n      0.0"},
+      {"    4,\n    2,", "    129,\n    2,"},
+      {"    4,\n    2,", "    0,\n    2,"},
+      {"    4,\n    2,", "    4,\n    1,"},  // then 4 blocks
+      {"\"random\"", "\"fair\""},
+      {"\"seed\": 1", "\"seed\": -1"},
+      {"0badcafe", "0BADCAFE"},
+      {"0badcafe", "badcafe"},
+      {"\"block_count\": 2", "\"block_count\": 3"},
+      {"\"block_count\": 2", "\"block_count\": -2"},
+      {"\"shards\": [", "\"shards\": [], \"x\": ["},
+      {"\"shards\": [", "\"shards\": [7,"},
+      {"{\n  \"format\"", "[{\n  \"format\""},
+  };
+  for (const auto& [from, to] : edits) {
+    EXPECT_THAT(DecodeManifest(Sealed(Replaced(kText, from, to)), "/d/manifest.json"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("/d/manifest.json")))
+        << from << " -> " << to;
+  }
+}
+
+TEST(ManifestTest, LaterMembersAreIgnoredAndLaterVersionsRefused) {
+  EXPECT_THAT(
+      DecodeManifest(Sealed(Replaced(kText, "\"name\"", "\"later\": {\"a\": [1]}, \"name\"")), "m"),
+      ::isoscope::testing::IsOk());
+  EXPECT_THAT(DecodeManifest(
+                  Sealed(Replaced(kText, "\"format_version\": 1", "\"format_version\": 2")), "m"),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("newer program")));
+}
+
+TEST(ManifestTest, DeepNestingNeitherCrashesNorThrows) {
+  const std::string deep(100000, '[');
+  EXPECT_THAT(DecodeManifest(SealJson("{\"crc32c\": \"00000000\", \"a\": " + deep), "m"),
+              StatusIs(absl::StatusCode::kDataLoss, _));
+}
+
+TEST(ManifestTest, DistributionNamesRoundTrip) {
+  for (const Distribution distribution : {Distribution::kRandom, Distribution::kGreedy}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Distribution named,
+                                  DistributionFromName(NameOf(distribution)));
+    EXPECT_EQ(named, distribution);
+  }
+  EXPECT_THAT(DistributionFromName("fair"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("random or greedy")));
+}
+
+}  // namespace
+}  // namespace isoscope::store

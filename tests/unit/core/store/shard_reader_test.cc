@@ -1,0 +1,451 @@
+#include "core/store/shard_reader.h"
+
+#include <fstream>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "core/store/sealed_json.h"
+#include "tests/support/fault_file.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/core/store/shard_fixture.h"
+
+namespace isoscope::store {
+namespace {
+
+using ::isoscope::testing::IsOk;
+using ::isoscope::testing::MakeFaultyFile;
+using ::isoscope::testing::ReadFault;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::TempDir;
+using ::testing::_;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr const char* kShardFiles[] = {kManifestFileName, kRangeTableFileName,
+                                       kShardFileName,    kBlockIndexFileName,
+                                       kBlocksFileName,   kIntervalTreeFileName};
+
+std::string Slurp(const std::string& path) { return base::ReadWholeFile(path, base::kGiB).value(); }
+
+void Overwrite(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
+}
+
+// Stands for a file of these bytes: thousands of damaged versions need no disk.
+class MemoryFile : public base::RandomAccessFile {
+ public:
+  MemoryFile(std::string path, std::string bytes)
+      : path_(std::move(path)), bytes_(std::move(bytes)) {}
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    if (offset > size_bytes() || size > bytes_.size() - static_cast<std::size_t>(offset)) {
+      return absl::DataLossError(path_ + ": too short");
+    }
+    bytes_.copy(out, size, static_cast<std::size_t>(offset));
+    return absl::OkStatus();
+  }
+  [[nodiscard]] std::int64_t size_bytes() const override {
+    return static_cast<std::int64_t>(bytes_.size());
+  }
+  [[nodiscard]] const std::string& path() const override { return path_; }
+
+ private:
+  const std::string path_;
+  const std::string bytes_;
+};
+
+// What a damaged shard may answer: never OK, and never a code that reads as a fault of the program.
+void ExpectRefused(const absl::Status& status, const std::string& what) {
+  EXPECT_TRUE(status.code() == absl::StatusCode::kDataLoss ||
+              status.code() == absl::StatusCode::kFailedPrecondition)
+      << what << ": " << status;
+}
+
+class ShardReaderTest : public ::testing::Test {
+ protected:
+  void WriteDataset(TestDataset* dataset) {
+    dataset_directory_ = temp_.Sub("tiny");
+    ISOSCOPE_ASSERT_OK(dataset->Write(dataset_directory_));
+    shard_directory_ =
+        dataset_directory_ + "/" + ShardDirectoryName(0, static_cast<int>(dataset->blocks.size()));
+  }
+  [[nodiscard]] std::string ShardFile(const std::string& name) const {
+    return shard_directory_ + "/" + name;
+  }
+  // All files of the shard, by name.
+  [[nodiscard]] std::map<std::string, std::string> LoadFiles() const {
+    std::map<std::string, std::string> files;
+    for (const char* name : kShardFiles) {
+      files[name] = Slurp(ShardFile(name));
+    }
+    return files;
+  }
+  // Opens the shard and reads all of it from memory.
+  [[nodiscard]] absl::Status ReadFrom(const std::map<std::string, std::string>& files) const {
+    const auto open_file =
+        [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<base::RandomAccessFile>> {
+      return std::make_unique<MemoryFile>(path, files.at(path.substr(path.rfind('/') + 1)));
+    };
+    return ReadShard(shard_directory_, open_file).status();
+  }
+  // Writes a JSON file whose text differs but whose seal is right.
+  void Reseal(const std::string& name, const std::string& from, const std::string& to) {
+    std::string text = Slurp(ShardFile(name));
+    const std::size_t at = text.find(from);
+    ASSERT_NE(at, std::string::npos);
+    text.replace(at, from.size(), to);
+    text.replace(text.find("\"crc32c\": \"") + 11, 8, "00000000");
+    Overwrite(ShardFile(name), SealJson(text));
+  }
+
+  TempDir temp_;
+  std::string dataset_directory_;
+  std::string shard_directory_;
+};
+
+TEST_F(ShardReaderTest, EverySampleTypeAndShardCountComesBackUnchanged) {
+  for (int type_number = 1; type_number <= 8; ++type_number) {
+    for (const int shard_count : {1, 2, 6}) {
+      const auto type = static_cast<volume::ScalarType>(type_number);
+      TestDataset dataset(type, shard_count);
+      const std::string directory =
+          temp_.Sub(std::to_string(type_number) + "-" + std::to_string(shard_count));
+      ISOSCOPE_ASSERT_OK(dataset.Write(directory));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetDescription description, OpenDataset(directory));
+      EXPECT_EQ(description.manifest, dataset.manifest);
+      EXPECT_EQ(description.ranges.bytes(), dataset.ranges.bytes());
+      ASSERT_EQ(description.shard_directories.size(), static_cast<std::size_t>(shard_count));
+      std::size_t seen = 0;
+      for (std::size_t shard = 0; shard < description.shard_directories.size(); ++shard) {
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader,
+                                      ShardReader::Open(description.shard_directories[shard]));
+        EXPECT_EQ(reader->shard_index(), static_cast<int>(shard));
+        EXPECT_EQ(reader->manifest(), dataset.manifest);
+        EXPECT_EQ(reader->ranges().bytes(), dataset.ranges.bytes());
+        EXPECT_EQ(reader->block_count(), static_cast<std::int64_t>(dataset.blocks[shard].size()));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto blocks,
+                                      ReadShard(description.shard_directories[shard]));
+        ASSERT_EQ(blocks.size(), dataset.blocks[shard].size());
+        for (std::size_t i = 0; i < blocks.size(); ++i) {
+          EXPECT_EQ(blocks[i].first, dataset.blocks[shard][i]);
+          EXPECT_EQ(blocks[i].second, SamplesOf(dataset.layout, blocks[i].first, type));
+        }
+        seen += blocks.size();
+      }
+      EXPECT_EQ(seen, static_cast<std::size_t>(dataset.layout.block_count()));
+    }
+  }
+}
+
+TEST_F(ShardReaderTest, EveryFlippedBitOfEveryFileIsNoticed) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  std::map<std::string, std::string> files = LoadFiles();
+  ISOSCOPE_ASSERT_OK(ReadFrom(files));
+  for (auto& [name, bytes] : files) {
+    ASSERT_FALSE(bytes.empty());
+    const std::string original = bytes;
+    for (std::size_t bit = 0; bit < 8 * original.size(); ++bit) {
+      bytes[bit / 8] =
+          static_cast<char>(static_cast<unsigned char>(original[bit / 8]) ^ (1u << (bit % 8)));
+      const absl::Status status = ReadFrom(files);
+      ASSERT_EQ(status.code(), absl::StatusCode::kDataLoss)
+          << name << " bit " << bit << ": " << status;
+      ASSERT_THAT(std::string(status.message()), HasSubstr(name));
+      bytes[bit / 8] = original[bit / 8];
+    }
+  }
+  ISOSCOPE_EXPECT_OK(ReadFrom(files));
+}
+
+TEST_F(ShardReaderTest, EveryTruncationAndEveryExtensionOfEveryFileIsNoticed) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  std::map<std::string, std::string> files = LoadFiles();
+  for (auto& [name, bytes] : files) {
+    const std::string original = bytes;
+    for (std::size_t size = 0; size < original.size(); ++size) {
+      bytes = original.substr(0, size);
+      ASSERT_THAT(ReadFrom(files), StatusIs(absl::StatusCode::kDataLoss, _))
+          << name << " cut to " << size;
+    }
+    for (const std::string& extra : {std::string(1, '\0'), std::string("\n"), original}) {
+      bytes = original + extra;
+      ASSERT_THAT(ReadFrom(files), StatusIs(absl::StatusCode::kDataLoss, _))
+          << name << " with " << extra.size() << " more bytes";
+    }
+    bytes = original;
+  }
+}
+
+TEST_F(ShardReaderTest, DatasetFilesAreVerifiedToo) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  for (const char* name : {kManifestFileName, kRangeTableFileName}) {
+    const std::string path = dataset_directory_ + "/" + name;
+    const std::string original = Slurp(path);
+    for (std::size_t byte = 0; byte < original.size(); byte += 5) {
+      std::string damaged = original;
+      damaged[byte] = static_cast<char>(static_cast<unsigned char>(damaged[byte]) ^ 0x20u);
+      Overwrite(path, damaged);
+      ASSERT_THAT(OpenDataset(dataset_directory_), StatusIs(absl::StatusCode::kDataLoss, _))
+          << name << " byte " << byte;
+    }
+    Overwrite(path, original);
+  }
+}
+
+TEST_F(ShardReaderTest, MissingFileIsNamed) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  for (const char* name : {kRangeTableFileName, kShardFileName, kBlockIndexFileName,
+                           kBlocksFileName, kIntervalTreeFileName}) {
+    const std::string aside = temp_.Sub("aside");
+    ISOSCOPE_ASSERT_OK(base::RenamePath(ShardFile(name), aside));
+    EXPECT_THAT(
+        ReadShard(shard_directory_),
+        StatusIs(absl::StatusCode::kDataLoss, AllOf(HasSubstr(name), HasSubstr("is missing"))));
+    ISOSCOPE_ASSERT_OK(base::RenamePath(aside, ShardFile(name)));
+  }
+}
+
+TEST_F(ShardReaderTest, UnfinishedDirectoriesAreRefused) {
+  EXPECT_THAT(ShardReader::Open(temp_.Sub("nothing")), StatusIs(absl::StatusCode::kNotFound, _));
+  EXPECT_THAT(OpenDataset(temp_.Sub("nothing")), StatusIs(absl::StatusCode::kNotFound, _));
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  EXPECT_TRUE(IsDatasetDirectory(dataset_directory_));
+  EXPECT_FALSE(IsDatasetDirectory(shard_directory_));
+  EXPECT_TRUE(IsShardDirectory(shard_directory_));
+  EXPECT_FALSE(IsShardDirectory(dataset_directory_));
+  EXPECT_THAT(ShardReader::Open(dataset_directory_),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("shard-*-of-*")));
+  EXPECT_THAT(OpenDataset(shard_directory_), StatusIs(absl::StatusCode::kFailedPrecondition, _));
+
+  ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(kManifestFileName)));
+  EXPECT_THAT(ShardReader::Open(shard_directory_),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("did not finish")));
+  ISOSCOPE_ASSERT_OK(base::RemoveRecursively(dataset_directory_ + "/" + kManifestFileName));
+  EXPECT_THAT(OpenDataset(dataset_directory_),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("isoscope partition")));
+}
+
+TEST_F(ShardReaderTest, FilesOfAnotherShardOrDatasetAreRefused) {
+  TestDataset dataset(volume::ScalarType::kUint8, 2);
+  WriteDataset(&dataset);
+  TestDataset other(volume::ScalarType::kInt8, 2);  // same sizes
+  ISOSCOPE_ASSERT_OK(other.Write(temp_.Sub("other")));
+  for (const std::string& foreign : {temp_.Sub("other") + "/" + ShardDirectoryName(0, 2),
+                                     dataset_directory_ + "/" + ShardDirectoryName(1, 2)}) {
+    for (const char* name :
+         {kRangeTableFileName, kShardFileName, kBlockIndexFileName, kManifestFileName}) {
+      const std::string original = Slurp(ShardFile(name));
+      const std::string replacement = Slurp(foreign + "/" + name);
+      if (original == replacement) {
+        continue;  // what all shards of a dataset share
+      }
+      Overwrite(ShardFile(name), replacement);
+      if (name == std::string(kShardFileName) && foreign.find("other") == std::string::npos) {
+        // The index of shard 0 then stands beside the description of shard 1.
+        EXPECT_THAT(ReadShard(shard_directory_),
+                    StatusIs(absl::StatusCode::kDataLoss, HasSubstr(kBlockIndexFileName)));
+      } else {
+        EXPECT_THAT(ReadShard(shard_directory_),
+                    StatusIs(absl::StatusCode::kDataLoss, HasSubstr(shard_directory_)))
+            << name << " from " << foreign;
+      }
+      Overwrite(ShardFile(name), original);
+    }
+  }
+}
+
+TEST_F(ShardReaderTest, ConsistentlySealedButWrongDescriptionsAreRefused) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  const std::string shard = Slurp(ShardFile(kShardFileName));
+  const std::pair<const char*, const char*> edits[] = {
+      {"\"shard_index\": 0", "\"shard_index\": 1"},
+      {"\"shard_index\": 0", "\"shard_index\": -1"},
+      {"\"shard_index\": 0", "\"shard_index\": 18446744073709551615"},
+      {"\"shard_index\": 0", "\"shard_index\": 0.5"},
+      {"\"shard_index\": 0", "\"shard_index\": {}"},
+      {"\"shard_count\": 1", "\"shard_count\": 2"},
+      {"\"blocks_bytes\": ", "\"blocks_bytes\": 1"},
+      {"\"interval_tree_bytes\": ", "\"interval_tree_bytes\": 9000000000"},
+      {"\"dataset_id\": \"", "\"dataset_id\": \"0"},
+      {"isoscope-shard", "isoscope-dataset"},
+      {"\"manifest_crc32c\": \"", "\"manifest_crc32c\": \"0"},
+      {"\"format_version\": 1", "\"format_version\": 0"},
+  };
+  for (const auto& [from, to] : edits) {
+    Reseal(kShardFileName, from, to);
+    EXPECT_THAT(ReadShard(shard_directory_), StatusIs(absl::StatusCode::kDataLoss, _)) << to;
+    Overwrite(ShardFile(kShardFileName), shard);
+  }
+  Reseal(kShardFileName, "\"format_version\": 1", "\"format_version\": 2");
+  EXPECT_THAT(ReadShard(shard_directory_),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("newer program")));
+  Overwrite(ShardFile(kShardFileName), shard);
+  Reseal(kShardFileName, "\"shard_index\": 0", "\"later_member\": [1, {}], \"shard_index\": 0");
+  EXPECT_THAT(ReadShard(shard_directory_), IsOk());
+}
+
+TEST_F(ShardReaderTest, HostileBlockIndexEntriesAreRefusedEvenWithRightChecksums) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  const std::string original = Slurp(ShardFile(kBlockIndexFileName));
+  const struct {
+    std::size_t offset;
+    std::uint32_t value;
+  } edits[] = {{0, 0xffffffff},  {0, 5},  {4, 1},          {8, 1},
+               {12, 0x80000000}, {16, 0}, {20, 0xffffffff}};
+  for (const auto& edit : edits) {
+    for (const std::size_t ordinal : {std::size_t{0}, std::size_t{2}}) {
+      std::string payload = original.substr(kBinaryHeaderBytes);
+      base::StoreLittleEndian(edit.value,
+                              payload.data() + ordinal * kBlockIndexEntryBytes + edit.offset);
+      const std::string forged =
+          EncodeBinaryHeader(kBlockIndexMagic,
+                             {.scalar_type = 1,
+                              .entry_size = kBlockIndexEntryBytes,
+                              .count = dataset.layout.block_count(),
+                              .payload_crc32c = base::Crc32c(payload),
+                              .data_size = dataset.manifest.shards[0].block_bytes}) +
+          payload;
+      // Descriptions that agree with the forged index.
+      Manifest manifest = dataset.manifest;
+      manifest.shards[0].block_index_crc32c = base::Crc32c(forged);
+      for (const char* name : {kManifestFileName, kShardFileName, kRangeTableFileName}) {
+        ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(name)));
+      }
+      ISOSCOPE_ASSERT_OK(
+          WriteDescriptions(shard_directory_, manifest, EncodeRangeTable(dataset.ranges), 0));
+      Overwrite(ShardFile(kBlockIndexFileName), forged);
+      ExpectRefused(ReadShard(shard_directory_).status(),
+                    "entry " + std::to_string(ordinal) + " offset " + std::to_string(edit.offset));
+    }
+  }
+}
+
+TEST_F(ShardReaderTest, ReadErrorsNameDatasetAndShard) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  const std::int64_t size = dataset.manifest.shards[0].block_bytes;
+  for (const ReadFault fault :
+       {ReadFault::kIoError, ReadFault::kShortRead, ReadFault::kFlippedBit}) {
+    for (std::int64_t offset = 0; offset < size; offset += 37) {
+      const auto open_file =
+          [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<base::RandomAccessFile>> {
+        ISOSCOPE_ASSIGN_OR_RETURN(auto file, base::OpenRandomAccessFile(path));
+        if (path != ShardFile(kBlocksFileName)) {
+          return file;
+        }
+        return MakeFaultyFile(std::move(file), fault, offset);
+      };
+      EXPECT_THAT(ReadShard(shard_directory_, open_file),
+                  StatusIs(absl::StatusCode::kDataLoss,
+                           AllOf(HasSubstr("dataset tiny (" + dataset.manifest.dataset_id +
+                                           "), shard 0 of 1"),
+                                 HasSubstr(ShardFile(kBlocksFileName)))));
+    }
+  }
+}
+
+TEST_F(ShardReaderTest, DamagedBlockIsNamedWithOffsetAndBothChecksums) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  std::string bytes = Slurp(ShardFile(kBlocksFileName));
+  const volume::BlockId second = dataset.blocks[0][1];
+  const std::size_t offset =
+      volume::StoredSizeBytes(dataset.layout, dataset.blocks[0][0], volume::ScalarType::kUint8);
+  bytes[offset] = static_cast<char>(bytes[offset] + 1);
+  Overwrite(ShardFile(kBlocksFileName), bytes);
+  EXPECT_THAT(ReadShard(shard_directory_),
+              StatusIs(absl::StatusCode::kDataLoss,
+                       AllOf(HasSubstr("block " + std::to_string(second) + ":"),
+                             HasSubstr("at offset " + std::to_string(offset) + " of "),
+                             HasSubstr(" stored, 0x"), HasSubstr(" computed"))));
+}
+
+TEST_F(ShardReaderTest, VisitorErrorStopsTheRun) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
+  const std::vector<std::uint32_t> ordinals = {1, 3, 4};
+  const std::vector<ShardReader::Run> runs = reader->PlanRuns(ordinals);
+  ASSERT_EQ(runs.size(), 1u);
+  std::string buffer;
+  std::vector<volume::BlockId> visited;
+  EXPECT_THAT(reader->ReadRun(runs[0], ordinals, &buffer,
+                              [&](const volume::BlockSamples& block) -> absl::Status {
+                                visited.push_back(block.block_id);
+                                return visited.size() == 2 ? absl::CancelledError("enough")
+                                                           : absl::OkStatus();
+                              }),
+              StatusIs(absl::StatusCode::kCancelled, _));
+  EXPECT_THAT(visited, ::testing::ElementsAre(dataset.blocks[0][1], dataset.blocks[0][3]));
+}
+
+TEST_F(ShardReaderTest, RunsBridgeSmallGapsAndKeepTheirLimits) {
+  // 24 blocks of 33^3 to 34^3 samples: about 39 KB each, so one block of gap is too many.
+  TestDataset dataset;
+  dataset.manifest.geometry.sample_dims = {65, 97, 129};
+  dataset.manifest.block_cells = {32, 32, 32};
+  dataset.layout = volume::BlockLayout::Make({65, 97, 129}, {32, 32, 32}).value();
+  dataset.ranges = volume::RangeTable(volume::ScalarType::kUint8, dataset.layout.block_count());
+  dataset.blocks = BlocksByShard(dataset.layout, std::vector<std::uint16_t>(24), 1);
+  WriteDataset(&dataset);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
+  std::vector<std::int64_t> ends;
+  std::int64_t end = 0;
+  for (const volume::BlockId id : dataset.blocks[0]) {
+    end += static_cast<std::int64_t>(
+        volume::StoredSizeBytes(dataset.layout, id, volume::ScalarType::kUint8));
+    ends.push_back(end);
+  }
+  // Every subset of a window, among all blocks before and after it.
+  for (unsigned subset = 0; subset < 256; ++subset) {
+    std::vector<std::uint32_t> ordinals;
+    for (std::uint32_t ordinal = 0; ordinal < 24; ++ordinal) {
+      if (ordinal < 8 ? (subset >> ordinal & 1) != 0 : ordinal % 5 != 0) {
+        ordinals.push_back(ordinal);
+      }
+    }
+    std::size_t next = 0;
+    std::int64_t previous_begin = -1;
+    std::int64_t previous_end = -1;
+    for (const ShardReader::Run& run : reader->PlanRuns(ordinals)) {
+      ASSERT_EQ(run.first, next);
+      ASSERT_GE(run.count, 1u);
+      const std::uint32_t first = ordinals[run.first];
+      const std::uint32_t last = ordinals[run.first + run.count - 1];
+      const std::int64_t begin = first == 0 ? 0 : ends[first - 1];
+      EXPECT_EQ(run.offset, begin);
+      EXPECT_EQ(run.offset + run.size, ends[last]);
+      EXPECT_LE(run.size, ShardReader::kMaxRunBytes);
+      for (std::size_t i = run.first + 1; i < run.first + run.count; ++i) {
+        EXPECT_LE(ends[ordinals[i] - 1] - ends[ordinals[i - 1]], ShardReader::kMaxGapBytes);
+      }
+      if (previous_end >= 0) {  // the run before could not have taken this block
+        EXPECT_TRUE(begin - previous_end > ShardReader::kMaxGapBytes ||
+                    ends[first] - previous_begin > ShardReader::kMaxRunBytes);
+      }
+      previous_begin = run.offset;
+      previous_end = run.offset + run.size;
+      next += run.count;
+    }
+    EXPECT_EQ(next, ordinals.size());
+  }
+  EXPECT_TRUE(reader->PlanRuns({}).empty());
+}
+
+}  // namespace
+}  // namespace isoscope::store

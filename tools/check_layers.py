@@ -1,0 +1,127 @@
+#!/usr/bin/env python3
+"""Checks that #include lines keep to the floors of the project, and that headers have tests.
+
+    tools/check_layers.py [ROOT]
+
+Three rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
+
+1. A module includes itself and modules on lower floors (MODULES), never higher ones; server and
+   partition-agent, on the same floor, never include each other.
+2. gRPC and protobuf appear only in the files of GRPC_FILES and PROTO_FILES.
+3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
+"""
+
+import pathlib
+import re
+import sys
+
+# Module: floor. A module may include modules on lower floors.
+MODULES = {
+    "core/base": 0,
+    "core/math": 1,
+    "core/image": 1,
+    "core/volume": 2,
+    "core/mesh": 3,
+    "core/view": 3,
+    "core/store": 4,
+    "core/index": 4,
+    "core/extract": 4,
+    "core/visibility": 4,
+    "core/composite": 4,
+    "core/render": 5,
+    "core/ingest": 5,
+    "core/rpc": 6,
+    "partition-agent": 7,
+    "server": 7,
+    "client-cli": 8,
+}
+
+# Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
+GRPC_FILES = re.compile(
+    r"core/rpc/.*"
+    r"|(server|partition-agent)/(.*_service_impl|.*_server|agent_client|main)\.(h|cc)"
+    r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
+)
+# Who may name protobuf's headers and generated messages (*.pb.h).
+PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|client-cli/.*")
+
+UNTESTED_HEADERS = {
+    "core/base/units.h": "constants",
+    "core/base/status_macros.h": "used by every test",
+    "core/render/renderer.h": "an interface; its back ends are tested",
+    "core/render/appearance.h": "plain data",
+    "core/visibility/culling.h": "an enumeration",
+    "core/mesh/block_mesh.h": "plain data",
+    "core/volume/block_samples.h": "plain data",
+    "core/store/shard_format.h": "constants; tested with the reader and the writer",
+    "core/index/interval_tree_format.h": "constants; tested with the tree",
+}
+
+INCLUDE = re.compile(r'^\s*#\s*include\s+[<"]([^>"]+)[>"]')
+
+
+def module_of(path):
+    """The module that a path below the root belongs to, or None."""
+    for module in MODULES:
+        if path.startswith(module + "/"):
+            return module
+    return None
+
+
+def check_include(file, included):
+    """What is wrong with `file` including `included`, or None."""
+    if included.endswith(".grpc.pb.h") or included.startswith(("grpc/", "grpcpp/")):
+        if not GRPC_FILES.fullmatch(file):
+            return f"gRPC ({included}) is for core/rpc, servers and service clients"
+        return None
+    if included.endswith(".pb.h") or included.startswith("google/protobuf/"):
+        if not PROTO_FILES.fullmatch(file):
+            return f"messages ({included}) are for core/rpc, servers and client-cli"
+        return None
+    of_file, of_included = module_of(file), module_of(included)
+    if of_included is None or of_file == of_included:
+        if included.startswith("tests/"):
+            return f"product code includes {included}"
+        return None
+    if MODULES[of_included] >= MODULES[of_file]:
+        return f"{of_file} (floor {MODULES[of_file]}) includes {included} (floor {MODULES[of_included]})"
+    return None
+
+
+def check(root):
+    """All complaints about the tree below `root`."""
+    complaints = []
+    for module in MODULES:
+        for path in sorted((root / module).glob("*")):
+            if path.suffix not in (".h", ".cc"):
+                continue
+            file = path.relative_to(root).as_posix()
+            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+                match = INCLUDE.match(line)
+                complaint = match and check_include(file, match.group(1))
+                if complaint:
+                    complaints.append(f"{file}:{number}: {complaint}")
+            if path.suffix == ".h" and module.startswith("core/"):
+                test = f"tests/unit/{file[:-2]}_test.cc"
+                if file not in UNTESTED_HEADERS and not (root / test).exists():
+                    complaints.append(f"{file}:1: has no test {test}")
+    for folder in sorted(p for p in (root / "core").glob("*") if p.is_dir()):
+        if f"core/{folder.name}" not in MODULES:
+            complaints.append(f"core/{folder.name}:1: stands on no floor; add it to {__file__}")
+    for header in UNTESTED_HEADERS:
+        if (root / "core").exists() and not (root / header).exists():
+            complaints.append(f"{header}:1: is excused from a test but does not exist")
+    return complaints
+
+
+def main():
+    default = pathlib.Path(__file__).resolve().parent.parent
+    root = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else default
+    complaints = check(root)
+    for complaint in complaints:
+        print(complaint)
+    return 1 if complaints else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
