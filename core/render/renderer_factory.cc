@@ -5,15 +5,14 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
+#include "core/render/cpu_renderer.h"
 #include "core/render/egl_renderer.h"
 
 namespace isoscope::render {
 namespace {
 
-absl::StatusOr<std::unique_ptr<Renderer>> MakeCpuRenderer() {
-  return absl::UnimplementedError(
-      "the renderer cpu is not part of this build; choose the renderer egl");
-}
+// Meshes of a pass that wait for their pixels to be shaded (docs/architecture.md, "Memory").
+constexpr std::size_t kMaxKeptMeshBytes = 256 << 20;
 
 absl::StatusOr<std::unique_ptr<Renderer>> MakeEglRenderer(const RendererOptions& options) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<Renderer> renderer,
@@ -27,14 +26,7 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeAutoRenderer(const RendererOptions
   if (egl.ok() && (*egl)->is_hardware()) {
     return *std::move(egl);
   }
-  absl::StatusOr<std::unique_ptr<Renderer>> cpu = MakeCpuRenderer();
-  if (cpu.ok()) {
-    return cpu;
-  }
-  if (egl.ok()) {
-    return *std::move(egl);
-  }
-  return egl.status();
+  return MakeCpuRenderer(kMaxKeptMeshBytes);
 }
 
 }  // namespace
@@ -58,7 +50,7 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeRenderer(const RendererOptions& op
     case RendererKind::kEgl:
       return MakeEglRenderer(options);
     case RendererKind::kCpu:
-      return MakeCpuRenderer();
+      return MakeCpuRenderer(kMaxKeptMeshBytes);
     case RendererKind::kAuto:
       break;
   }

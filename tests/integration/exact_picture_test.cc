@@ -12,12 +12,13 @@
 #include <utility>
 #include <vector>
 
+#include "gtest/gtest.h"
+
 #include "core/base/random.h"
 #include "core/ingest/partitioner.h"
 #include "core/ingest/volume_source.h"
 #include "core/render/renderer_factory.h"
 #include "core/volume/synthetic_fields.h"
-#include "gtest/gtest.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -57,10 +58,10 @@ std::vector<Volume> GeneratedVolumes() {
   std::vector<Volume> volumes;
   {
     const math::Index3 dims{49, 45, 41};
-    volumes.push_back({"gyroid", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint8,
-                       volume::SampleField(volume::GyroidField(3), dims,
-                                           volume::ScalarType::kUint8, 80, 128),
-                       128.0});
+    volumes.push_back(
+        {"gyroid", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint8,
+         volume::SampleField(volume::GyroidField(3), dims, volume::ScalarType::kUint8, 80, 128),
+         128.0});
   }
   {
     // Whole numbers 0 .. 4 and a whole isovalue: most vertices lie on samples, so sheets touch and
@@ -153,8 +154,8 @@ class Datasets {
                                     store::Distribution distribution) {
     std::unique_ptr<LocalCluster>& cluster = clusters_[{edge, shard_count, distribution}];
     if (cluster == nullptr) {
-      const auto source = ingest::MakeMemorySource(volume_.geometry, volume_.type,
-                                                   volume_.samples, volume_.name);
+      const auto source =
+          ingest::MakeMemorySource(volume_.geometry, volume_.type, volume_.samples, volume_.name);
       ingest::PartitionOptions options;
       options.output_directory = directory_.Sub("d" + std::to_string(clusters_.size()));
       options.shard_count = shard_count;
@@ -219,8 +220,8 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
         if (shard_count > datasets.BlockCount(edge)) {
           continue;
         }
-        const auto distribution =
-            (i + shard_count) % 2 == 0 ? store::Distribution::kRandom : store::Distribution::kGreedy;
+        const auto distribution = (i + shard_count) % 2 == 0 ? store::Distribution::kRandom
+                                                             : store::Distribution::kGreedy;
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                       datasets.Get(edge, shard_count, distribution));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(request));
@@ -345,18 +346,17 @@ TEST_P(ExactPictureTest, PassedDeadlineAndCancellationEndTheFrame) {
   Datasets datasets(volume, renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));
-  const agent::FrameRequest request =
-      RandomRequest(1, volume.geometry.Bounds(), volume.isovalue);
+  const agent::FrameRequest request = RandomRequest(1, volume.geometry.Bounds(), volume.isovalue);
   EXPECT_THAT(cluster->Render(request, base::Cancellation(absl::InfinitePast())),
               testing::StatusIs(absl::StatusCode::kDeadlineExceeded,
                                 ::testing::HasSubstr("local agent 2")));
   base::Cancellation cancelled;
   cancelled.Cancel();
-  EXPECT_THAT(cluster->Render(request, cancelled),
-              testing::StatusIs(absl::StatusCode::kCancelled));
+  EXPECT_THAT(cluster->Render(request, cancelled), testing::StatusIs(absl::StatusCode::kCancelled));
 }
 
-INSTANTIATE_TEST_SUITE_P(BackEnds, ExactPictureTest, ::testing::Values(render::RendererKind::kEgl),
+INSTANTIATE_TEST_SUITE_P(BackEnds, ExactPictureTest,
+                         ::testing::Values(render::RendererKind::kEgl, render::RendererKind::kCpu),
                          [](const auto& back_end) {
                            return back_end.param == render::RendererKind::kEgl ? "Egl" : "Cpu";
                          });

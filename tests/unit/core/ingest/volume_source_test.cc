@@ -215,8 +215,8 @@ TEST_F(VolumeSourceTest, NiftiSlopeAndInterceptGiveTheRealValuesAsItkDoes) {
         ASSERT_NEAR(ours, static_cast<double>(by_itk), 3e-7 * std::abs(ours) + 1e-5);
         const double stored_value =
             t.type == volume::ScalarType::kInt32
-                ? base::LoadLittleEndian<std::int32_t>(stored.data() + 4 * i)
-                : base::LoadLittleEndian<std::uint32_t>(stored.data() + 4 * i);
+                ? static_cast<double>(base::LoadLittleEndian<std::int32_t>(stored.data() + 4 * i))
+                : static_cast<double>(base::LoadLittleEndian<std::uint32_t>(stored.data() + 4 * i));
         ASSERT_EQ(ours, stored_value * static_cast<double>(0.37F) - 12.5);
       }
       expected = samples;
