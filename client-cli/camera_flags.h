@@ -20,14 +20,14 @@ namespace isoscope::cli {
 
 // Either the first four or the last three; what is not given is as in the default camera.
 struct CameraFlags {
-  std::optional<math::Vec3d> eye;
-  std::optional<math::Vec3d> target;
-  std::optional<math::Vec3d> up;
-  std::optional<double> fov_y_degrees;
+  std::optional<math::Vec3d> eye = std::nullopt;
+  std::optional<math::Vec3d> target = std::nullopt;
+  std::optional<math::Vec3d> up = std::nullopt;
+  std::optional<double> fov_y_degrees = std::nullopt;
 
-  std::optional<double> azimuth_degrees;
-  std::optional<double> elevation_degrees;
-  std::optional<double> zoom;
+  std::optional<double> azimuth_degrees = std::nullopt;
+  std::optional<double> elevation_degrees = std::nullopt;
+  std::optional<double> zoom = std::nullopt;
 };
 
 // `flags` must outlive the parsing.

@@ -12,6 +12,8 @@
 #include "client-cli/usage.h"
 #include <CLI/CLI.hpp>
 
+#include "core/base/version.h"
+
 namespace isoscope::cli {
 namespace {
 
@@ -121,7 +123,7 @@ absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* co
     return absl::OkStatus();
   }
   if (arguments[0] == "--version") {
-    *context.out << "isoscope " << Version() << "\n";
+    *context.out << "isoscope " << base::Version() << "\n";
     return absl::OkStatus();
   }
   std::vector<std::string> rest(arguments.begin() + 1, arguments.end());
@@ -161,7 +163,5 @@ int RunCommandLine(const std::vector<std::string>& arguments, const Context& con
   }
   return ExitCodeOf(status);
 }
-
-std::string Version() { return ISOSCOPE_VERSION; }
 
 }  // namespace isoscope::cli

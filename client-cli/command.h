@@ -50,9 +50,6 @@ const std::vector<Command>& Commands();
 // Runs the command line without the program's name; returns the exit code.
 int RunCommandLine(const std::vector<std::string>& arguments, const Context& context);
 
-// The version of the program: "0.1.0".
-std::string Version();
-
 }  // namespace isoscope::cli
 
 #endif  // ISOSCOPE_CLIENT_CLI_COMMAND_H_

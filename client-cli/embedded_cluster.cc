@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
+#include <oneapi/tbb/info.h>
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/status_macros.h"
@@ -44,9 +45,12 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(dataset, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
+  const int thread_count =
+      options.thread_count > 0 ? options.thread_count : oneapi::tbb::info::default_concurrency();
+  cluster->allowed_threads_ = std::make_unique<oneapi::tbb::global_control>(
+      oneapi::tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(thread_count));
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_, render::MakeRenderer({.kind = options.renderer}));
-  const auto arena = std::make_shared<tbb::task_arena>(
-      options.thread_count > 0 ? options.thread_count : tbb::task_arena::automatic);
+  const auto arena = std::make_shared<tbb::task_arena>(thread_count);
 
   server::CoordinatorServerOptions coordinator_options;
   for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {

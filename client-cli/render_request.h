@@ -21,13 +21,13 @@ namespace isoscope::cli {
 inline constexpr std::int64_t kDefaultSidePx = 1024;
 
 struct RequestFlags {
-  std::optional<double> isovalue;
-  std::optional<std::int64_t> width;
-  std::optional<std::int64_t> height;
-  CameraFlags camera;
-  std::optional<visibility::Culling> culling;
-  std::optional<Color> base_color;
-  std::optional<Color> background_color;
+  std::optional<double> isovalue = std::nullopt;
+  std::optional<std::int64_t> width = std::nullopt;
+  std::optional<std::int64_t> height = std::nullopt;
+  CameraFlags camera = {};
+  std::optional<visibility::Culling> culling = std::nullopt;
+  std::optional<Color> base_color = std::nullopt;
+  std::optional<Color> background_color = std::nullopt;
 };
 
 // `flags` must outlive the parsing.

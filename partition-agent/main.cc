@@ -130,6 +130,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
 }
 
 int Main(int argc, char** argv) {
+  rpc::SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;
   Flags flags;
   CLI::App app("Serves the shards of isosurface datasets to a coordinator.", "isoscope-agent");

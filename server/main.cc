@@ -104,6 +104,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
 }
 
 int Main(int argc, char** argv) {
+  rpc::SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;
   Flags flags;
   CLI::App app("Serves pictures and meshes of isosurfaces, made by partition agents.",

@@ -19,7 +19,7 @@ namespace isoscope::composite {
 namespace {
 
 constexpr int kTilePx = 8;
-constexpr std::size_t kTilePixels = kTilePx * kTilePx;
+constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
 constexpr char kMagic[] = "ISPX";
 constexpr std::size_t kMagicSize = 4;
 constexpr std::size_t kChecksummedOffset = 8;

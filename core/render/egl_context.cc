@@ -210,7 +210,7 @@ struct EglContextMaker {
     }
     const char* extensions = eglQueryString(display, EGL_EXTENSIONS);
     const bool needs_pbuffer = !ContainsWord(extensions, "EGL_KHR_surfaceless_context");
-    ISOSCOPE_ASSIGN_OR_RETURN(const EGLConfig config, ChooseConfig(display, needs_pbuffer));
+    ISOSCOPE_ASSIGN_OR_RETURN(EGLConfig config, ChooseConfig(display, needs_pbuffer));
     const std::array<EGLint, 7> attributes{EGL_CONTEXT_MAJOR_VERSION,
                                            3,
                                            EGL_CONTEXT_MINOR_VERSION,
@@ -223,13 +223,13 @@ struct EglContextMaker {
     made->display_ = display;
     made->origin_ = std::string(origin);
     made->context_ = eglCreateContext(display, config, EGL_NO_CONTEXT, attributes.data());
-    if (made->context_ == EGL_NO_CONTEXT) {
+    if (made->context_ == nullptr) {
       return EglFailure("eglCreateContext(OpenGL 3.3 core)");
     }
     if (needs_pbuffer) {
       const std::array<EGLint, 5> size{EGL_WIDTH, 1, EGL_HEIGHT, 1, EGL_NONE};
       made->surface_ = eglCreatePbufferSurface(display, config, size.data());
-      if (made->surface_ == EGL_NO_SURFACE) {
+      if (made->surface_ == nullptr) {
         return EglFailure("eglCreatePbufferSurface");
       }
     }
@@ -320,10 +320,10 @@ absl::StatusOr<std::unique_ptr<EglContext>> EglContext::Make(int device) {
 
 EglContext::~EglContext() {
   eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-  if (surface_ != EGL_NO_SURFACE) {
+  if (surface_ != nullptr) {
     eglDestroySurface(display_, surface_);
   }
-  if (context_ != EGL_NO_CONTEXT) {
+  if (context_ != nullptr) {
     eglDestroyContext(display_, context_);
   }
   eglReleaseThread();

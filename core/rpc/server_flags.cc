@@ -1,5 +1,7 @@
 #include "core/rpc/server_flags.h"
 
+#include <cstdlib>
+
 #include "absl/strings/str_cat.h"
 #include "core/base/log.h"
 
@@ -16,6 +18,12 @@ void AddServerFlags(CLI::App* app, double* drain_seconds, std::string* log_level
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
       ->envname("ISOSCOPE_LOG_LEVEL")
       ->capture_default_str();
+}
+
+void SilenceGrpcLog() {
+  constexpr int kKeepExisting = 0;
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet.
+  setenv("GRPC_VERBOSITY", "NONE", kKeepExisting);
 }
 
 void ApplyLogLevel(absl::string_view name) {

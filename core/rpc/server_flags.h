@@ -14,6 +14,10 @@ namespace isoscope::rpc {
 // Adds --drain-seconds and --log-level.
 void AddServerFlags(CLI::App* app, double* drain_seconds, std::string* log_level);
 
+// Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them: what goes wrong is told by
+// statuses. Call at the top of main.
+void SilenceGrpcLog();
+
 // `name` as --log-level takes it: "debug", "info", "warning", "error" or "off".
 void ApplyLogLevel(absl::string_view name);
 

@@ -1,0 +1,90 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds everything and runs every test; then the unit and integration
+# tests under AddressSanitizer and UndefinedBehaviorSanitizer, and what does not link gRPC under
+# ThreadSanitizer. The last line says how it went.
+set -euo pipefail
+
+usage() {
+  cat <<'USAGE'
+Usage: scripts/test.sh [--quick]
+
+  --quick     leave the sanitizers out
+  -h, --help  this text
+
+ISOSCOPE_DATA_DIR  folder of real volumes that some tests use, if it is there
+USAGE
+}
+
+quick=false
+for argument in "$@"; do
+  case "$argument" in
+    --quick) quick=true ;;
+    -h | --help)
+      usage
+      exit 0
+      ;;
+    *)
+      echo "test.sh: unknown argument '$argument'; see --help" >&2
+      exit 2
+      ;;
+  esac
+done
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+export HOME="${HOME:-/tmp}"
+jobs="$(nproc)"
+summary=()
+status=0
+
+# run_stage NAME COMMAND...: notes how it ended, and goes on.
+run_stage() {
+  local name="$1" start="$SECONDS"
+  shift
+  echo "== $name"
+  if "$@" </dev/null; then
+    summary+=("$name ok ($((SECONDS - start)) s)")
+  else
+    summary+=("$name FAILED ($((SECONDS - start)) s)")
+    status=1
+  fi
+}
+
+run_ctest() {
+  ctest --test-dir "$1" -j2 --output-on-failure --no-tests=error "${@:2}"
+}
+
+# build_and_test PRESET CTEST-ARGUMENTS...
+build_and_test() {
+  cmake --preset "$1" --log-level=WARNING && cmake --build --preset "$1" --parallel "$jobs" &&
+    run_ctest "build/$1" "${@:2}"
+}
+
+# Debian's gRPC and abseil are not built for ThreadSanitizer, so what links them gives false alarms:
+# only these modules, whose locks and threads are our own, are built and run.
+tsan_tests() {
+  local targets
+  cmake --preset tsan --log-level=WARNING || return
+  targets="$(ninja -C build/tsan -t targets all |
+    sed -n 's|^tests/\([a-z0-9_]*_test\): CXX_EXECUTABLE_LINKER.*|\1|p' |
+    grep -E '^(executor|cancellation|log|file|shard_reader|cpu_renderer|cpu_rasterizer|frame_pipeline)_test$')" || return
+  # shellcheck disable=SC2086  # one word for each target
+  cmake --build --preset tsan --parallel "$jobs" --target $targets &&
+    TSAN_OPTIONS=halt_on_error=1 run_ctest build/tsan -R "^($(echo $targets | tr ' ' '|'))\$"
+}
+
+run_stage build bash scripts/build.sh --with-tests
+if [ "$status" -eq 0 ]; then
+  run_stage tests run_ctest build/release
+  if [ "$quick" = false ]; then
+    export ASAN_OPTIONS="${ASAN_OPTIONS:-detect_stack_use_after_return=1}"
+    export UBSAN_OPTIONS="${UBSAN_OPTIONS:-print_stacktrace=1}"
+    run_stage asan+ubsan build_and_test asan -L 'unit|integration'
+    run_stage tsan tsan_tests
+  fi
+fi
+
+result=passed
+[ "$status" -eq 0 ] || result=FAILED
+printf -v stages '%s, ' "${summary[@]}"
+echo "test.sh: $result: ${stages%, } in $SECONDS s"
+exit "$status"

@@ -1,0 +1,481 @@
+// The command line as its users type it: partition, info, serve, render, export, and what they
+// promise about each other.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <csignal>
+#include <cstdint>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "core/base/file.h"
+#include "core/base/units.h"
+#include "core/image/png_codec.h"
+#include "tests/support/process.h"
+#include "tests/support/process_cluster.h"
+#include "tests/support/reference_extractor.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+
+#include <nlohmann/json.hpp>
+
+namespace isoscope {
+namespace {
+
+using nlohmann::json;
+using testing::CommandResult;
+using testing::RunIsoscope;
+
+constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
+// As --isovalue, and what the reference takes.
+constexpr char kIsovalue[] = "128";
+
+std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+std::string ReadFile(const std::string& path) {
+  absl::StatusOr<std::string> bytes = base::ReadWholeFile(path, kMaxFileBytes);
+  EXPECT_THAT(bytes, testing::IsOk());
+  return bytes.value_or("");
+}
+
+// Runs a command that must succeed and returns its standard output.
+std::string MustRun(const std::vector<std::string>& arguments,
+                    const testing::ProcessOptions& options = {}) {
+  const CommandResult result = RunIsoscope(arguments, options);
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  return result.out;
+}
+
+json ParseJson(const std::string& text) {
+  json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  EXPECT_FALSE(parsed.is_discarded()) << text;
+  return parsed;
+}
+
+std::set<std::string> KeysOf(const json& object) {
+  std::set<std::string> keys;
+  for (const auto& [key, value] : object.items()) {
+    keys.insert(key);
+  }
+  return keys;
+}
+
+// A mesh read back from a file of `isoscope export`.
+struct PlyMesh {
+  std::vector<std::array<float, 3>> positions;
+  std::vector<std::array<float, 3>> normals;
+  std::vector<std::array<std::int32_t, 3>> triangles;
+};
+
+// Reads a binary PLY whose layout the header declares; any deviation is a failure of the test.
+PlyMesh ReadPly(const std::string& bytes) {
+  PlyMesh mesh;
+  constexpr char kEnd[] = "end_header\n";
+  const std::size_t header_end = bytes.find(kEnd);
+  EXPECT_NE(header_end, std::string::npos);
+  if (header_end == std::string::npos) {
+    return mesh;
+  }
+  const std::string header = bytes.substr(0, header_end);
+  EXPECT_TRUE(absl::StartsWith(header, "ply\nformat binary_little_endian 1.0\n")) << header;
+  const auto count_of = [&](const std::string& element) {
+    const std::size_t at = header.find("element " + element + " ");
+    EXPECT_NE(at, std::string::npos) << header;
+    return std::stoull(header.substr(at + 9 + element.size()));
+  };
+  const std::size_t vertex_count = count_of("vertex");
+  const std::size_t face_count = count_of("face");
+  const char* data = bytes.data() + header_end + std::strlen(kEnd);
+  constexpr std::size_t kVertexBytes = 24;
+  constexpr std::size_t kFaceBytes = 13;
+  EXPECT_EQ(bytes.size(), header_end + std::strlen(kEnd) + vertex_count * kVertexBytes +
+                              face_count * kFaceBytes)
+      << "the counts of the header do not match the size of the file";
+  if (::testing::Test::HasFailure()) {
+    return mesh;
+  }
+  for (std::size_t i = 0; i < vertex_count; ++i, data += kVertexBytes) {
+    std::array<float, 6> values{};
+    std::memcpy(values.data(), data, kVertexBytes);
+    mesh.positions.push_back({values[0], values[1], values[2]});
+    mesh.normals.push_back({values[3], values[4], values[5]});
+  }
+  for (std::size_t i = 0; i < face_count; ++i, data += kFaceBytes) {
+    EXPECT_EQ(data[0], 3);
+    std::array<std::int32_t, 3> corners{};
+    std::memcpy(corners.data(), data + 1, kFaceBytes - 1);
+    mesh.triangles.push_back(corners);
+  }
+  return mesh;
+}
+
+// Runs with a cache of its own, so that nothing is shared with the user's or another test.
+class CliTest : public ::testing::Test {
+ protected:
+  [[nodiscard]] testing::ProcessOptions Options() const {
+    return {.environment = {"XDG_CACHE_HOME=" + directory_.Sub("cache")}};
+  }
+  [[nodiscard]] std::string Path(const std::string& name) const { return directory_.Sub(name); }
+
+  // Writes the volume and partitions it with the command line.
+  void Partition(const testing::TestVolume& volume, const std::string& name, int shard_count) {
+    const std::string raw = Path("volume.raw");
+    if (!base::PathExists(raw)) {
+      ISOSCOPE_ASSERT_OK(testing::WriteRawFile(volume, raw));
+    }
+    MustRun(Join({"partition", raw, "--output", Path(name), "--shards", absl::StrCat(shard_count),
+                  "--block-cells", "8"},
+                 testing::RawFlags(volume)));
+  }
+
+  // Renders and returns the PNG's bytes; the statistics go to `stats`.
+  std::string Render(const std::vector<std::string>& arguments, json* stats = nullptr) {
+    const std::string png = Path("picture.png");
+    const std::string stats_path = Path("stats.json");
+    MustRun(Join({"render", "--isovalue", kIsovalue, "--width", "160", "--height", "120",
+                  "--output", png, "--stats", stats_path},
+                 arguments),
+            Options());
+    if (stats != nullptr) {
+      *stats = ParseJson(ReadFile(stats_path));
+    }
+    return ReadFile(png);
+  }
+
+  testing::TempDir directory_;
+  // Blocks of 8 do not divide it, on any axis.
+  const testing::TestVolume gyroid_ = testing::GyroidVolume({43, 37, 29});
+};
+
+TEST_F(CliTest, RawFileWithHeaderAndBigEndianIsTheSameVolumeAsNrrd) {
+  testing::TestVolume volume = gyroid_;
+  volume.type = volume::ScalarType::kInt16;
+  volume.geometry.spacing = {0.5, 0.75, 1.25};
+  volume.geometry.origin = {-3, 4, 10};
+  std::string little;
+  std::string big = "17 bytes of head.";
+  for (const char c : gyroid_.samples) {
+    const auto value = static_cast<std::int16_t>(static_cast<unsigned char>(c) * 10 - 1280);
+    base::AppendLittleEndian(value, &little);
+    const auto bits = static_cast<std::uint16_t>(value);
+    big += {static_cast<char>(bits >> 8), static_cast<char>(bits & 0xff)};
+  }
+  volume.samples = little;
+  const std::string nrrd =
+      "NRRD0004\ntype: short\ndimension: 3\nspace dimension: 3\nsizes: 43 37 29\n"
+      "space directions: (0.5,0,0) (0,0.75,0) (0,0,1.25)\nspace origin: (-3,4,10)\n"
+      "endian: little\nencoding: raw\n\n" +
+      little;
+  ISOSCOPE_ASSERT_OK(base::WriteWholeFile(Path("a.nrrd"), nrrd));
+  ISOSCOPE_ASSERT_OK(base::WriteWholeFile(Path("a.raw"), big));
+  const std::string said = MustRun({"partition", Path("a.nrrd"), "--output", Path("from_nrrd"),
+                                    "--shards", "2", "--block-cells", "8x16x4"});
+  EXPECT_TRUE(absl::StrContains(said, "43 x 37 x 29 samples of int16")) << said;
+  MustRun(Join({"partition", Path("a.raw"), "--output", Path("from_raw"), "--shards", "2",
+                "--block-cells", "8x16x4", "--endian", "big", "--header-bytes", "17",
+                "--distribution", "greedy", "--memory-limit", "64MiB"},
+               testing::RawFlags(volume)));
+
+  for (const char* name : {"from_nrrd", "from_raw"}) {
+    SCOPED_TRACE(name);
+    const json info = ParseJson(MustRun({"info", Path(name), "--json"}));
+    ASSERT_EQ(info.at("datasets").size(), 1U);
+    const json& dataset = info.at("datasets").at(0);
+    EXPECT_EQ(dataset.at("name"), name);
+    EXPECT_EQ(dataset.at("sample_dims"), json({43, 37, 29}));
+    EXPECT_EQ(dataset.at("sample_type"), "int16");
+    EXPECT_EQ(dataset.at("spacing"), json({0.5, 0.75, 1.25}));
+    EXPECT_EQ(dataset.at("origin"), json({-3.0, 4.0, 10.0}));
+    EXPECT_EQ(dataset.at("block_cells"), json({8, 16, 4}));
+    EXPECT_EQ(dataset.at("block_count"), 6 * 3 * 7);
+    EXPECT_EQ(dataset.at("shard_count"), 2);
+    EXPECT_TRUE(dataset.at("missing_shards").empty());
+    const std::string text = MustRun({"info", Path(name)});
+    EXPECT_TRUE(absl::StrContains(text, "43 x 37 x 29 of int16")) << text;
+  }
+  const auto render = [&](const char* name) {
+    MustRun({"render", Path(name), "--isovalue", "0", "--width", "96", "--height", "96",
+             "--output", Path("p.png"), "--renderer", "cpu"});
+    return ReadFile(Path("p.png"));
+  };
+  EXPECT_EQ(render("from_nrrd"), render("from_raw"));
+}
+
+TEST_F(CliTest, StatisticsHaveTheMembersThatScriptsReadAndAddUp) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 3));
+  for (const char* culling : {"depth", "mask", "none"}) {
+    SCOPED_TRACE(culling);
+    json stats;
+    const std::string png =
+        Render({Path("d"), "--renderer", "cpu", "--culling", culling}, &stats);
+    ASSERT_EQ(stats.at("frames").size(), 1U);
+    const json& frame = stats.at("frames").at(0);
+    const std::set<std::string> expected{
+        "wall_ms",        "active_block_count", "ray_hit_block_count", "occluding_block_count",
+        "visible_block_count", "culled_block_count", "triangle_count", "unique_vertex_count",
+        "read_bytes",     "network_bytes",      "png_bytes",           "durations_ms",
+        "agents"};
+    EXPECT_EQ(KeysOf(frame), expected);
+    const std::set<std::string> expected_durations{"occluder_selection", "occluder_rendering",
+                                                   "visibility_culling", "composite", "encode"};
+    EXPECT_EQ(KeysOf(frame.at("durations_ms")), expected_durations);
+    double duration_sum = 0;
+    for (const auto& [key, value] : frame.at("durations_ms").items()) {
+      EXPECT_GE(value.get<double>(), 0) << key;
+      duration_sum += value.get<double>();
+    }
+    EXPECT_LE(duration_sum, frame.at("wall_ms").get<double>());
+    EXPECT_GT(duration_sum, 0);
+
+    const auto number = [&](const char* key) { return frame.at(key).get<std::int64_t>(); };
+    EXPECT_EQ(number("png_bytes"), static_cast<std::int64_t>(png.size()));
+    EXPECT_EQ(number("active_block_count"),
+              number("visible_block_count") + number("culled_block_count"));
+    EXPECT_GT(number("visible_block_count"), 0);
+    EXPECT_GT(number("network_bytes"), 0);
+    if (std::string(culling) == "none") {
+      EXPECT_EQ(number("ray_hit_block_count"), 0);
+      EXPECT_EQ(number("occluding_block_count"), 0);
+      EXPECT_EQ(number("culled_block_count"), 0);
+    } else {
+      EXPECT_GT(number("ray_hit_block_count"), 0);
+      EXPECT_LE(number("ray_hit_block_count"), number("occluding_block_count"));
+      EXPECT_LE(number("occluding_block_count"), number("active_block_count"));
+    }
+
+    ASSERT_EQ(frame.at("agents").size(), 3U);
+    std::map<std::string, std::int64_t> sums;
+    int shard = 0;
+    for (const json& agent : frame.at("agents")) {
+      EXPECT_EQ(agent.at("shard"), shard++);
+      for (const char* key :
+           {"active_block_count", "triangle_count", "read_bytes", "extract_ms", "render_ms",
+            "busy_ms"}) {
+        ASSERT_TRUE(agent.contains(key)) << key;
+        EXPECT_GE(agent.at(key).get<double>(), 0) << key;
+      }
+      for (const char* key : {"active_block_count", "triangle_count", "read_bytes"}) {
+        sums[key] += agent.at(key).get<std::int64_t>();
+      }
+    }
+    for (const auto& [key, sum] : sums) {
+      EXPECT_EQ(sum, number(key.c_str())) << key;
+    }
+  }
+}
+
+TEST_F(CliTest, UniqueVertexCountIsTheNumberOfCrossedGridEdges) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
+  const testing::ReferenceSurface reference =
+      testing::ReferenceExtractor(gyroid_.geometry, gyroid_.type, gyroid_.samples).Extract(128);
+  json stats;
+  Render({Path("d"), "--renderer", "cpu", "--culling", "none"}, &stats);
+  const json& frame = stats.at("frames").at(0);
+  EXPECT_EQ(frame.at("unique_vertex_count"), reference.crossed_edge_count);
+  EXPECT_EQ(frame.at("triangle_count"), reference.triangles.size());
+}
+
+TEST_F(CliTest, PictureDoesNotDependOnCullingShardsOrWhereItIsMade) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "one", 1));
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
+  const std::vector<std::string> view{"--azimuth", "35", "--elevation", "20", "--zoom", "1.3"};
+  const std::vector<std::string> cpu{"--renderer", "cpu"};
+
+  json stats_of_one;
+  json stats_of_three;
+  const std::string png = Render(Join({Path("one")}, Join(view, cpu)), &stats_of_one);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage decoded, image::DecodePng(png));
+  EXPECT_EQ(decoded.width, 160);
+  EXPECT_EQ(decoded.height, 120);
+  // Defends the test: an empty picture never depends on anything.
+  const auto lit = std::count_if(decoded.pixels.begin(), decoded.pixels.end(),
+                                 [](const image::Rgba8& p) { return p.r + p.g + p.b > 0; });
+  EXPECT_GT(lit, 160 * 120 / 4);
+
+  EXPECT_EQ(Render(Join({Path("three")}, Join(view, cpu)), &stats_of_three), png);
+  EXPECT_EQ(stats_of_one.at("frames").at(0).at("triangle_count"),
+            stats_of_three.at("frames").at(0).at("triangle_count"));
+  EXPECT_EQ(Render(Join({Path("one"), "--culling", "none"}, Join(view, cpu))), png) << "culling";
+  EXPECT_EQ(Render(Join({Path("one"), "--threads", "1"}, Join(view, cpu))), png) << "threads";
+
+  const std::vector<std::string> source =
+      Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
+  EXPECT_EQ(Render(Join(source, Join(view, cpu))), png) << "straight from the volume";
+  EXPECT_EQ(Render(Join(source, Join(view, cpu))), png) << "from the cache";
+  EXPECT_EQ(Render(Join(source, Join({"--shards", "3"}, Join(view, cpu)))), png)
+      << "from the volume, in three shards";
+
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, testing::ProcessCluster::Start(Path("three"), 3));
+  EXPECT_EQ(Render(Join({"--server", cluster->address()}, view)), png) << "from a cluster";
+}
+
+TEST_F(CliTest, EglBackEndCullsWithoutTouchingThePicture) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "one", 1));
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
+  json stats;
+  json all_stats;
+  const std::string png = Render({Path("three"), "--renderer", "egl"}, &stats);
+  EXPECT_EQ(Render({Path("one"), "--renderer", "egl", "--culling", "none"}, &all_stats), png);
+  EXPECT_LE(stats.at("frames").at(0).at("triangle_count"),
+            all_stats.at("frames").at(0).at("triangle_count"));
+}
+
+TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
+  const std::string png = Render({Path("d"), "--renderer", "cpu"});
+  for (const int signal : {SIGTERM, SIGINT}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const std::unique_ptr<testing::Process> server,
+        testing::StartIsoscope(
+            {"serve", Path("d"), "--listen", "127.0.0.1:0", "--renderer", "cpu"}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, server->WaitForOutLine("127.0.0.1:"));
+    EXPECT_EQ(Render({"--server", address}), png);
+    EXPECT_EQ(Render({"--server", address, "--dataset", "d"}), png);
+    const json info = ParseJson(MustRun({"info", "--server", address, "--json"}));
+    EXPECT_EQ(info.at("datasets").at(0).at("name"), "d");
+    EXPECT_EQ(info.at("agents").size(), 2U);
+    EXPECT_EQ(info.at("agents").at(0).at("state"), "reachable");
+    server->Signal(signal);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, server->Wait(testing::kPatience));
+    EXPECT_EQ(exit_code, 0) << server->err();
+  }
+}
+
+TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
+  const std::vector<std::string> base{"render",   Path("d"), "--isovalue", kIsovalue, "--width",
+                                      "80",       "--height", "80",        "--renderer", "cpu"};
+  const std::string out = MustRun(Join(base, {"--output", Path("f%d.png"), "--repeat", "3",
+                                              "--orbit", "30", "--stats", "-"}));
+  EXPECT_EQ(ParseJson(out).at("frames").size(), 3U);
+  std::set<std::string> pictures;
+  for (const int frame : {0, 1, 2}) {
+    const std::string picture = ReadFile(Path(absl::StrCat("f", frame, ".png")));
+    pictures.insert(picture);
+    MustRun(Join(base, {"--azimuth", absl::StrCat(30 * frame), "--output", Path("turned.png")}));
+    EXPECT_EQ(ReadFile(Path("turned.png")), picture) << "frame " << frame;
+  }
+  EXPECT_EQ(pictures.size(), 3U) << "the camera did not move";
+
+  // Without a place for the number only the last frame stays.
+  MustRun(Join(base, {"--output", Path("last.png"), "--repeat", "3", "--orbit", "30"}));
+  EXPECT_EQ(ReadFile(Path("last.png")), ReadFile(Path("f2.png")));
+}
+
+TEST_F(CliTest, DefaultCameraIsThatOfVtk) {
+  testing::TestVolume volume = gyroid_;
+  volume.geometry.spacing = {1, 2, 0.5};
+  volume.geometry.origin = {100, -50, 7};
+  ASSERT_NO_FATAL_FAILURE(Partition(volume, "d", 1));
+  const math::Vec3d size{42 * 1.0, 36 * 2.0, 28 * 0.5};
+  const math::Vec3d center = volume.geometry.origin + size * 0.5;
+  const double distance = 0.5 * math::Length(size) / std::sin(15 * std::acos(-1.0) / 180);
+  const auto triple = [](const math::Vec3d& v) {
+    return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z);
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage by_default,
+                                image::DecodePng(Render({Path("d"), "--renderer", "cpu"})));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const image::RgbaImage explicitly,
+      image::DecodePng(Render({Path("d"), "--renderer", "cpu", "--eye",
+                               triple(center + math::Vec3d{0, 0, distance}), "--target",
+                               triple(center), "--up", "0,1,0", "--fov-y", "30"})));
+  // The two eyes may differ in the last bit; a pixel on an edge may then fall to the other side.
+  int different = 0;
+  for (std::size_t i = 0; i < by_default.pixels.size(); ++i) {
+    different += by_default.pixels[i] == explicitly.pixels[i] ? 0 : 1;
+  }
+  EXPECT_LE(different, 20) << "of " << by_default.pixels.size();
+}
+
+TEST_F(CliTest, ExportIsOneWeldedClosedMeshThatDoesNotDependOnShards) {
+  testing::TestVolume ball = testing::BallVolume({30, 26, 22}, 0.8);
+  ball.geometry.spacing = {0.5, 0.5, 0.5};
+  ball.geometry.origin = {10, 20, 30};
+  ASSERT_NO_FATAL_FAILURE(Partition(ball, "one", 1));
+  ASSERT_NO_FATAL_FAILURE(Partition(ball, "three", 3));
+  const auto export_from = [&](const std::vector<std::string>& from) {
+    MustRun(Join({"export", "--isovalue", kIsovalue, "--output", Path("mesh.ply")}, from),
+            Options());
+    return ReadFile(Path("mesh.ply"));
+  };
+  const std::string bytes = export_from({Path("one")});
+  EXPECT_EQ(export_from({Path("three")}), bytes) << "three shards";
+  EXPECT_EQ(export_from(Join({Path("volume.raw")}, testing::RawFlags(ball))), bytes) << "volume";
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                  testing::ProcessCluster::Start(Path("three"), 3));
+    EXPECT_EQ(export_from({"--server", cluster->address()}), bytes) << "cluster";
+  }
+
+  const PlyMesh mesh = ReadPly(bytes);
+  const testing::ReferenceSurface reference =
+      testing::ReferenceExtractor(ball.geometry, ball.type, ball.samples).Extract(128);
+  EXPECT_EQ(mesh.positions.size(), reference.vertices.size());
+  ASSERT_EQ(mesh.triangles.size(), reference.triangles.size());
+  // Samples do not lie on the surface of this ball, so equal positions are the same grid edge.
+  EXPECT_EQ(std::set<decltype(mesh.positions)::value_type>(mesh.positions.begin(),
+                                                           mesh.positions.end())
+                .size(),
+            mesh.positions.size())
+      << "the mesh is not welded";
+
+  std::map<std::pair<std::int32_t, std::int32_t>, int> edges;
+  double volume = 0;
+  for (const std::array<std::int32_t, 3>& triangle : mesh.triangles) {
+    std::array<math::Vec3d, 3> corners;
+    for (std::size_t k = 0; k < 3; ++k) {
+      ASSERT_GE(triangle[k], 0);
+      ASSERT_LT(static_cast<std::size_t>(triangle[k]), mesh.positions.size());
+      const std::array<float, 3>& p = mesh.positions[static_cast<std::size_t>(triangle[k])];
+      corners[k] = {double{p[0]}, double{p[1]}, double{p[2]}};
+      ++edges[{triangle[k], triangle[(k + 1) % 3]}];
+    }
+    volume += math::Dot(corners[0], math::Cross(corners[1], corners[2])) / 6;
+  }
+  for (const auto& [edge, count] : edges) {
+    EXPECT_EQ(count, 1) << edge.first << " " << edge.second;
+    EXPECT_EQ(edges.count({edge.second, edge.first}), 1U)
+        << "a hole beside " << edge.first << " " << edge.second;
+  }
+  // Half axes in world units; positive, since triangles turn counter-clockwise seen from outside.
+  const double pi = std::acos(-1.0);
+  const double expected = 4.0 / 3 * pi * (0.8 * 7.25) * (0.8 * 6.25) * (0.8 * 5.25);
+  EXPECT_NEAR(volume, expected, 0.03 * expected);
+
+  const math::Vec3d center{10 + 7.25, 20 + 6.25, 30 + 5.25};
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    const math::Vec3d p{double{mesh.positions[i][0]}, double{mesh.positions[i][1]},
+                        double{mesh.positions[i][2]}};
+    const math::Vec3d n{double{mesh.normals[i][0]}, double{mesh.normals[i][1]},
+                        double{mesh.normals[i][2]}};
+    ASSERT_NEAR(math::Length(n), 1, 1e-4);
+    ASSERT_GT(math::Dot(n, p - center), 0) << "the normal points into the ball";
+  }
+}
+
+TEST_F(CliTest, HelpAndVersionAreNoErrors) {
+  EXPECT_TRUE(absl::StrContains(MustRun({"--help"}), "Commands:"));
+  EXPECT_TRUE(absl::StartsWith(MustRun({"--version"}), "isoscope "));
+  for (const char* command : {"partition", "info", "serve", "render", "export"}) {
+    EXPECT_TRUE(absl::StrContains(MustRun({command, "--help"}), "Examples:")) << command;
+  }
+}
+
+}  // namespace
+}  // namespace isoscope

@@ -1,0 +1,187 @@
+#include "tests/support/process_cluster.h"
+
+#include <grpcpp/client_context.h>
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+#include "core/base/cancellation.h"
+#include "core/base/file.h"
+#include "core/base/status_macros.h"
+#include "core/ingest/partitioner.h"
+#include "core/ingest/volume_source.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
+#include "core/volume/synthetic_fields.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+
+namespace isoscope::testing {
+namespace {
+
+constexpr char kIsoscope[] = ISOSCOPE_TEST_PROGRAM;
+constexpr char kAgent[] = ISOSCOPE_TEST_AGENT;
+constexpr char kCoordinator[] = ISOSCOPE_TEST_COORDINATOR;
+constexpr char kHoldingAgent[] = ISOSCOPE_TEST_HOLDING_AGENT;
+
+TestVolume MakeVolume(const volume::Field& field, const math::Index3& dims, double scale) {
+  TestVolume made;
+  made.geometry.sample_dims = dims;
+  made.samples = volume::SampleField(field, dims, made.type, scale, 128);
+  return made;
+}
+
+std::string Triple(const math::Vec3d& v) { return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z); }
+
+// Starts a server and takes its address from the line with `event`.
+absl::StatusOr<ServerProcess> StartServer(const std::vector<std::string>& argv,
+                                          const std::string& event) {
+  ServerProcess server;
+  ISOSCOPE_ASSIGN_OR_RETURN(server.process, Process::Start(argv, {}));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string line, server.process->WaitForErrLine(event));
+  constexpr absl::string_view kKey = "address=";
+  const std::size_t begin = line.find(kKey.data());
+  if (begin == std::string::npos) {
+    return absl::InternalError(absl::StrCat("no ", kKey, " in: ", line));
+  }
+  const std::size_t value = begin + kKey.size();
+  server.address = line.substr(value, line.find(' ', value) - value);
+  return server;
+}
+
+void Append(const std::vector<std::string>& more, std::vector<std::string>* all) {
+  all->insert(all->end(), more.begin(), more.end());
+}
+
+}  // namespace
+
+TestVolume GyroidVolume(const math::Index3& dims) {
+  return MakeVolume(volume::GyroidField(2), dims, 80);
+}
+
+TestVolume BallVolume(const math::Index3& dims, double radius) {
+  return MakeVolume(volume::SphereField(radius), dims, 100);
+}
+
+absl::Status WriteRawFile(const TestVolume& volume, const std::string& path) {
+  return base::WriteWholeFile(path, volume.samples);
+}
+
+std::vector<std::string> RawFlags(const TestVolume& volume) {
+  const math::Index3& dims = volume.geometry.sample_dims;
+  return {"--dims",    absl::StrCat(dims.x, ",", dims.y, ",", dims.z),
+          "--type",    std::string(volume::NameOf(volume.type)),
+          "--spacing", Triple(volume.geometry.spacing),
+          "--origin",  Triple(volume.geometry.origin)};
+}
+
+absl::Status MakeDataset(const TestVolume& volume, const std::string& directory, int shard_count,
+                         int block_edge) {
+  const auto source =
+      ingest::MakeMemorySource(volume.geometry, volume.type, volume.samples, "generated");
+  ingest::PartitionOptions options;
+  options.output_directory = directory;
+  options.shard_count = shard_count;
+  options.block_cells = {block_edge, block_edge, block_edge};
+  return ingest::Partition(*source, options, base::Cancellation()).status();
+}
+
+std::string ShardDirectory(const std::string& dataset_directory, int shard, int shard_count) {
+  return absl::StrFormat("%s/shard-%05d-of-%05d", dataset_directory, shard, shard_count);
+}
+
+CommandResult RunIsoscope(const std::vector<std::string>& arguments,
+                          const ProcessOptions& options) {
+  std::vector<std::string> argv{kIsoscope};
+  Append(arguments, &argv);
+  return RunCommand(argv, options);
+}
+
+absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::string>& arguments,
+                                                       const ProcessOptions& options) {
+  std::vector<std::string> argv{kIsoscope};
+  Append(arguments, &argv);
+  return Process::Start(argv, options);
+}
+
+absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
+                                         const std::string& listen_address,
+                                         const std::vector<std::string>& flags) {
+  std::vector<std::string> argv{kAgent,  "--listen",  listen_address, "--renderer",
+                                "cpu",   "--threads", "1"};
+  for (const std::string& directory : directories) {
+    Append({"--shard", directory}, &argv);
+  }
+  Append(flags, &argv);
+  return StartServer(argv, "agent_started");
+}
+
+absl::StatusOr<ServerProcess> StartHoldingAgent(const std::string& upstream_address,
+                                                const std::string& hold) {
+  return StartServer({kHoldingAgent, upstream_address, hold}, "agent_started");
+}
+
+absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& agent_addresses,
+                                               const std::vector<std::string>& flags,
+                                               bool wait_until_ready) {
+  std::vector<std::string> argv{kCoordinator, "--listen", "127.0.0.1:0", "--poll-seconds",
+                                "86400"};
+  for (const std::string& address : agent_addresses) {
+    Append({"--agent", address}, &argv);
+  }
+  Append(flags, &argv);
+  ISOSCOPE_ASSIGN_OR_RETURN(ServerProcess server, StartServer(argv, "coordinator_started"));
+  if (wait_until_ready) {
+    ISOSCOPE_RETURN_IF_ERROR(server.process->WaitForErrLine("dataset_ready").status());
+  }
+  return server;
+}
+
+absl::StatusOr<std::unique_ptr<ProcessCluster>> ProcessCluster::Start(
+    const std::string& dataset_directory, int shard_count,
+    const std::vector<std::string>& coordinator_flags) {
+  std::unique_ptr<ProcessCluster> cluster(new ProcessCluster());
+  cluster->dataset_directory_ = dataset_directory;
+  std::vector<std::string> addresses;
+  for (int shard = 0; shard < shard_count; ++shard) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        ServerProcess agent, StartAgent({ShardDirectory(dataset_directory, shard, shard_count)}));
+    addresses.push_back(agent.address);
+    cluster->agents_.push_back(std::move(agent));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_, StartCoordinator(addresses, coordinator_flags));
+  return cluster;
+}
+
+absl::Status ProcessCluster::RestartAgent(int shard) {
+  const int shard_count = static_cast<int>(agents_.size());
+  ServerProcess& agent = agents_[static_cast<std::size_t>(shard)];
+  agent.process->Kill();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      agent,
+      StartAgent({ShardDirectory(dataset_directory_, shard, shard_count)}, agent.address));
+  return absl::OkStatus();
+}
+
+isoscope::v1::RenderIsosurfaceRequest SmallRequest() {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.set_isovalue(128);
+  request.mutable_viewport()->set_width_px(96);
+  request.mutable_viewport()->set_height_px(80);
+  return request;
+}
+
+absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> Render(
+    const std::string& address, const isoscope::v1::RenderIsosurfaceRequest& request,
+    absl::Duration timeout) {
+  const auto stub = isoscope::v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(address));
+  grpc::ClientContext context;
+  context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+  isoscope::v1::RenderIsosurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(
+      rpc::ToAbslStatus(stub->RenderIsosurface(&context, request, &response)));
+  return response;
+}
+
+}  // namespace isoscope::testing

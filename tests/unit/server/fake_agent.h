@@ -1,0 +1,131 @@
+// Agents of a script: real gRPC servers on free ports of this machine whose answers a test decides.
+
+#ifndef ISOSCOPE_TESTS_UNIT_SERVER_FAKE_AGENT_H_
+#define ISOSCOPE_TESTS_UNIT_SERVER_FAKE_AGENT_H_
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "core/base/check.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/proto_convert.h"
+#include "core/store/manifest.h"
+#include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+
+namespace isoscope::testing {
+
+inline constexpr char kSomeId[] = "0123456789abcdef0123456789abcdef";
+
+// One shard of a dataset of 9^3 samples in 8 blocks.
+inline isoscope::internal::v1::ShardDescription MakeShard(const std::string& name, int shard_index,
+                                                          int shard_count,
+                                                          const std::string& id = kSomeId) {
+  store::Manifest manifest;
+  manifest.dataset_id = id;
+  manifest.name = name;
+  manifest.geometry.sample_dims = {9, 9, 9};
+  manifest.value_range = {0, 255};
+  manifest.block_cells = {4, 4, 4};
+  manifest.shards.resize(static_cast<std::size_t>(shard_count));
+  isoscope::internal::v1::ShardDescription shard;
+  *shard.mutable_dataset() = rpc::ToProto(manifest);
+  shard.set_manifest_crc32c(0x1234);
+  shard.set_range_table_crc32c(0x5678);
+  shard.set_shard_index(shard_index);
+  shard.set_block_count(8 / shard_count);
+  return shard;
+}
+
+// A blocking service: each call has a thread of its own, so scripts may block.
+class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Service {
+ public:
+  using FrameStream = grpc::ServerReaderWriter<isoscope::internal::v1::RenderFrameResponse,
+                                               isoscope::internal::v1::RenderFrameRequest>;
+  using SurfaceWriter = grpc::ServerWriter<isoscope::internal::v1::ExtractSurfaceResponse>;
+
+  explicit FakeAgent(std::vector<isoscope::internal::v1::ShardDescription> shards)
+      : shards_(std::move(shards)) {}
+  ~FakeAgent() override { Stop(); }
+
+  // Set before Start.
+  std::function<grpc::Status(grpc::ServerContext*, FrameStream*)> on_frame;
+  std::function<grpc::Status(grpc::ServerContext*, SurfaceWriter*)> on_surface;
+
+  // On `port`, or a free one.
+  void Start(int port = 0) {
+    grpc::ServerBuilder builder;
+    rpc::ConfigureServer(&builder);
+    builder.RegisterService(this);
+    auto running = rpc::StartServer(&builder, absl::StrCat("127.0.0.1:", port));
+    ISOSCOPE_CHECK(running.ok());
+    server_ = std::move(running->server);
+    port_ = running->port;
+  }
+  // As if the process were killed: connections are cut.
+  void Stop() {
+    if (server_ != nullptr) {
+      server_->Shutdown(absl::ToChronoTime(absl::Now()));
+      server_.reset();
+    }
+  }
+
+  [[nodiscard]] int port() const { return port_; }
+  [[nodiscard]] std::string address() const { return absl::StrCat("127.0.0.1:", port_); }
+
+  grpc::Status DescribeShards(grpc::ServerContext* /*context*/,
+                              const isoscope::internal::v1::DescribeShardsRequest* /*request*/,
+                              isoscope::internal::v1::DescribeShardsResponse* response) override {
+    response->set_version("1.2.3");
+    response->set_renderer("fake");
+    response->mutable_shards()->Assign(shards_.begin(), shards_.end());
+    return grpc::Status::OK;
+  }
+  grpc::Status RenderFrame(grpc::ServerContext* context, FrameStream* stream) override {
+    return on_frame(context, stream);
+  }
+  grpc::Status ExtractSurface(grpc::ServerContext* context,
+                              const isoscope::internal::v1::ExtractSurfaceRequest* /*request*/,
+                              SurfaceWriter* writer) override {
+    return on_surface(context, writer);
+  }
+
+ private:
+  const std::vector<isoscope::internal::v1::ShardDescription> shards_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+};
+
+// Plays an agent that has nothing to draw, to the end.
+inline grpc::Status PlayEmptyFrame(FakeAgent::FrameStream* stream) {
+  namespace v1 = isoscope::internal::v1;
+  v1::RenderFrameRequest request;
+  v1::RenderFrameResponse response;
+  if (!stream->Read(&request)) {
+    return {grpc::StatusCode::INVALID_ARGUMENT, "no begin"};
+  }
+  if (request.begin().culling() != isoscope::v1::CULLING_NONE) {
+    response.mutable_ray_hits();
+    stream->Write(response);
+    stream->Read(&request);
+    response.mutable_occluders_done();
+    stream->Write(response);
+    stream->Read(&request);
+  }
+  response.mutable_frame_done()->mutable_statistics()->set_triangle_count(7);
+  response.mutable_frame_done()->mutable_statistics()->set_active_block_count(5);
+  response.mutable_frame_done()->mutable_statistics()->set_visible_block_count(3);
+  stream->Write(response);
+  return grpc::Status::OK;
+}
+
+}  // namespace isoscope::testing
+
+#endif  // ISOSCOPE_TESTS_UNIT_SERVER_FAKE_AGENT_H_

@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# What a reviewer would check besides the tests: format, floors, and clang-tidy on changed files.
+#
+#   tools/check.sh [--all | BASE]   files changed since BASE (default: main), or all of them
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+base="${1:-main}"
+tools/format.sh --check
+python3 tools/check_layers.py
+
+# clang-tidy needs compile_commands.json and generated headers.
+cmake --preset clang --log-level=WARNING
+cmake --build --preset clang --target isoscope_proto
+if [ "$base" = --all ]; then
+  mapfile -d '' files < <(git ls-files -z --cached --others --exclude-standard -- '*.cc' ':!tests/fuzz')
+else
+  mapfile -d '' files < <(
+    git diff -z --name-only --diff-filter=d "$base" -- '*.cc' ':!tests/fuzz'
+    git ls-files -z --others --exclude-standard -- '*.cc' ':!tests/fuzz'
+  )
+fi
+if [ "${#files[@]}" -gt 0 ]; then
+  printf '%s\0' "${files[@]}" |
+    xargs -0 --max-procs="$(nproc)" --max-args=1 clang-tidy-14 -p build/clang --quiet
+fi
+echo "check.sh: passed"
