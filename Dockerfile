@@ -1,38 +1,62 @@
-# Builds with the plain `docker build` of Debian's docker.io; BuildKit is not needed.
+# The three programs as images; deploy/README.md tells how to run them. The plain `docker build` of
+# Debian's docker.io will do: BuildKit is not needed.
 #
-#   docker build --target agent -t isoscope-agent .
 #   docker build --target coordinator -t isoscope-coordinator .
+#   docker build --target agent -t isoscope-agent .
 #   docker build --target cli -t isoscope .
 #
-# BASE_IMAGE may name any Debian 12 image.
+# BASE_IMAGE may name any Debian 12 image (--build-arg BASE_IMAGE=...).
 ARG BASE_IMAGE=debian:bookworm-slim
 
 FROM ${BASE_IMAGE} AS build
-ENV DEBIAN_FRONTEND=noninteractive
 WORKDIR /src
 COPY scripts/packages.sh scripts/packages.sh
-RUN bash -c '. scripts/packages.sh && install_packages "${ISOSCOPE_BUILD_PACKAGES[@]}"' && apt-get clean
+RUN bash -euc '. scripts/packages.sh; install_packages "${ISOSCOPE_BUILD_PACKAGES[@]}"; apt-get clean'
 COPY . .
 RUN bash scripts/build.sh
 
+# What the coordinator needs: neither geometry nor OpenGL.
 FROM ${BASE_IMAGE} AS runtime
-ENV DEBIAN_FRONTEND=noninteractive
-COPY scripts/packages.sh /tmp/packages.sh
-RUN bash -c '. /tmp/packages.sh && install_packages "${ISOSCOPE_RUNTIME_PACKAGES[@]}"' && apt-get clean && rm -rf /var/lib/apt/lists/* /tmp/packages.sh \
+COPY scripts/packages.sh /usr/share/isoscope/
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RUNTIME_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*' \
  && useradd --system --create-home --uid 10001 isoscope
-USER isoscope
-WORKDIR /home/isoscope
+LABEL org.opencontainers.image.title="Isoscope" \
+      org.opencontainers.image.description="Isosurfaces of volumes too large for one machine, as a gRPC service" \
+      org.opencontainers.image.licenses="Apache-2.0"
 
-FROM runtime AS agent
-COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/
-EXPOSE 50052
-ENTRYPOINT ["isoscope-agent"]
+# OpenGL: a GPU's driver comes from the engine, Mesa's software one (most of this stage's size) from
+# here. Its shader cache has no place on a read-only root file system.
+FROM runtime AS rendering
+ENV MESA_SHADER_CACHE_DISABLE=true
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RENDERING_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*'
 
+# The health checks below ask whether the port is open, with bash's own sockets. They take it from
+# ISOSCOPE_LISTEN, so change it there and not with --listen.
 FROM runtime AS coordinator
 COPY --from=build /src/build/release/bin/isoscope-coordinator /usr/local/bin/
+ENV ISOSCOPE_LISTEN=0.0.0.0:50051
 EXPOSE 50051
+HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
+  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
+USER isoscope
 ENTRYPOINT ["isoscope-coordinator"]
 
-FROM runtime AS cli
+FROM rendering AS agent
+COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/
+ENV ISOSCOPE_LISTEN=0.0.0.0:50052
+EXPOSE 50052
+HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
+  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
+USER isoscope
+ENTRYPOINT ["isoscope-agent"]
+CMD ["--shard", "/shard"]
+
+FROM rendering AS cli
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*'
 COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
+USER isoscope
+WORKDIR /data
 ENTRYPOINT ["isoscope"]

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <memory>
 #include <ostream>
 
 #include "absl/strings/ascii.h"
@@ -83,15 +84,30 @@ absl::Status UnknownArgument(const CLI::App& app, const std::string& argument) {
                                  nearest.empty() ? "" : "; did you mean " + nearest + "?"));
 }
 
+// The help of a command, with our own first line.
+class CommandFormatter : public CLI::Formatter {
+ public:
+  explicit CommandFormatter(const Command& command)
+      : usage_(absl::StrCat("\nUsage: isoscope ", command.name, " ", command.usage, "\n")) {
+    column_width(34);
+  }
+
+  std::string make_usage(const CLI::App* /*app*/, std::string /*name*/) const override {
+    return usage_;
+  }
+
+ private:
+  const std::string usage_;
+};
+
 // Reads `arguments` (behind the command's name) and runs the command.
 absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
                  const Context& context) {
-  CLI::App app(
-      absl::StrCat(command.summary, "\n\nUsage: isoscope ", command.name, " ", command.usage));
+  CLI::App app(command.summary);
   app.name(absl::StrCat("isoscope ", command.name));
   app.allow_extras();
   app.footer(absl::StrCat("\nExamples:\n", command.examples));
-  app.get_formatter()->column_width(34);
+  app.formatter(std::make_shared<CommandFormatter>(command));
   const Action action = command.register_flags(&app);
 
   std::vector<std::string> reversed;  // as CLI11 wants them

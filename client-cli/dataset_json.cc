@@ -18,7 +18,8 @@ namespace {
 namespace v1 = isoscope::v1;
 
 Json ToJson(const v1::Dimensions& dims) { return Json::array({dims.x(), dims.y(), dims.z()}); }
-Json ToJson(const v1::Vec3& v) { return Json::array({v.x(), v.y(), v.z()}); }
+// Adding 0 makes -0 the 0 that people expect.
+Json ToJson(const v1::Vec3& v) { return Json::array({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}); }
 
 // "SAMPLE_TYPE_UINT8" is "uint8".
 std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {

@@ -5,13 +5,13 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
-#include "absl/time/clock.h"
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
@@ -28,13 +28,13 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
     return std::vector<std::string>{directory};
   }
   if (!store::IsDatasetDirectory(directory)) {
-    return absl::NotFoundError(absl::StrCat(
-        directory, base::PathExists(directory) ? ": neither a shard nor a dataset directory"
-                                               : ": no such directory",
-        "; `isoscope partition` makes them"));
+    return absl::NotFoundError(absl::StrCat(directory,
+                                            base::PathExists(directory)
+                                                ? ": neither a shard nor a dataset directory"
+                                                : ": no such directory",
+                                            "; `isoscope partition` makes them"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
-                            store::OpenDataset(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(directory));
   std::vector<std::string> present;
   for (const std::string& shard_directory : dataset.shard_directories) {
     if (!shard_directory.empty()) {
@@ -42,9 +42,9 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
     }
   }
   if (present.empty()) {
-    return absl::NotFoundError(
-        absl::StrCat(directory, ": a dataset directory without any of its ",
-                     dataset.shard_directories.size(), " shard directories"));
+    return absl::NotFoundError(absl::StrCat(directory, ": a dataset directory without any of its ",
+                                            dataset.shard_directories.size(),
+                                            " shard directories"));
   }
   return present;
 }
@@ -59,19 +59,17 @@ absl::Status CheckConsistent(const std::vector<std::shared_ptr<const Shard>>& sh
     const auto [same_name, is_new_name] = by_name.emplace(manifest.name, reader);
     if (!is_new_name && (same_name->second->manifest_crc32c() != reader->manifest_crc32c() ||
                          same_name->second->manifest().dataset_id != manifest.dataset_id)) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("dataset \"", manifest.name, "\" is two different ones: ",
-                       same_name->second->directory(), " has id ",
-                       same_name->second->manifest().dataset_id, ", ", reader->directory(),
-                       " has id ", manifest.dataset_id, "; serve one of them"));
+      return absl::InvalidArgumentError(absl::StrCat(
+          "dataset \"", manifest.name, "\" is two different ones: ", same_name->second->directory(),
+          " has id ", same_name->second->manifest().dataset_id, ", ", reader->directory(),
+          " has id ", manifest.dataset_id, "; serve one of them"));
     }
     const auto [same_shard, is_new_shard] =
         by_index.emplace(std::pair(manifest.dataset_id, reader->shard_index()), reader);
     if (!is_new_shard) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("shard ", reader->shard_index(), " of dataset \"", manifest.name,
-                       "\" is given twice: ", same_shard->second->directory(), " and ",
-                       reader->directory(), "; name it once"));
+      return absl::InvalidArgumentError(absl::StrCat(
+          "shard ", reader->shard_index(), " of dataset \"", manifest.name, "\" is given twice: ",
+          same_shard->second->directory(), " and ", reader->directory(), "; name it once"));
     }
   }
   return absl::OkStatus();
@@ -87,15 +85,15 @@ std::string Summarize(const std::vector<std::shared_ptr<const Shard>>& shards) {
   }
   std::vector<std::string> parts;
   for (const auto& [name, of_dataset] : indices) {
-    parts.push_back(
-        absl::StrCat(name, " ", absl::StrJoin(of_dataset, ","), " of ", counts[name]));
+    parts.push_back(absl::StrCat(name, " ", absl::StrJoin(of_dataset, ","), " of ", counts[name]));
   }
   return absl::StrJoin(parts, "; ");
 }
 
 class AgentServerImpl final : public AgentServer {
  public:
-  explicit AgentServerImpl(const PartitionAgentServiceOptions& options) : service_(options), summary_(Summarize(options.shards)) {}
+  explicit AgentServerImpl(const PartitionAgentServiceOptions& options)
+      : service_(options), summary_(Summarize(options.shards)) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
   absl::Status Listen(const std::string& address) {
@@ -130,8 +128,8 @@ class AgentServerImpl final : public AgentServer {
   void SetServing(bool is_serving) {
     grpc::HealthCheckServiceInterface* health = server_->GetHealthCheckService();
     health->SetServingStatus(is_serving);  // the server as a whole
-    health->SetServingStatus(
-        isoscope::internal::v1::PartitionAgentService::service_full_name(), is_serving);
+    health->SetServingStatus(isoscope::internal::v1::PartitionAgentService::service_full_name(),
+                             is_serving);
   }
 
   PartitionAgentServiceImpl service_;  // outlives the server
@@ -147,10 +145,9 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
     return absl::InvalidArgumentError("no shard: name at least one shard or dataset directory");
   }
   if (options.max_concurrent_frames < 1 || options.max_queued_frames < 0) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("max_concurrent_frames is ", options.max_concurrent_frames,
-                     " and max_queued_frames ", options.max_queued_frames,
-                     ": must be at least 1 and at least 0"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "max_concurrent_frames is ", options.max_concurrent_frames, " and max_queued_frames ",
+        options.max_queued_frames, ": must be at least 1 and at least 0"));
   }
   PartitionAgentServiceOptions service_options;
   for (const std::string& directory : options.directories) {

@@ -1,5 +1,5 @@
-// A running agent: its shards behind a gRPC server. Used by isoscope-agent's main and by the embedded
-// cluster of the command line.
+// A running agent: its shards behind a gRPC server. Used by isoscope-agent's main and by the
+// embedded cluster of the command line.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
@@ -8,14 +8,13 @@
 #include <string>
 #include <vector>
 
-#include <grpcpp/channel.h>
-
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "core/render/renderer.h"
-
+#include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
+
+#include "core/render/renderer.h"
 
 namespace isoscope::agent {
 
@@ -35,8 +34,8 @@ struct AgentServerOptions {
 // Thread-safe.
 class AgentServer {
  public:
-  // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as OpenShard;
-  // UNAVAILABLE if the address can't be bound.
+  // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as
+  // OpenShard; UNAVAILABLE if the address can't be bound.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
   // Shutdown with no grace.
   virtual ~AgentServer() = default;
@@ -46,7 +45,8 @@ class AgentServer {
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
   // For people: "head 0,2 of 4; noise 1 of 2".
   [[nodiscard]] virtual std::string shard_summary() const = 0;
-  // Health NOT_SERVING, no new calls, waits for those in work up to `grace`, then cancels them. Blocks.
+  // Health NOT_SERVING, no new calls, waits for those in work up to `grace`, then cancels them.
+  // Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;
 };
 

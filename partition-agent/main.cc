@@ -11,6 +11,11 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include <CLI/CLI.hpp>
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
+#include <oneapi/tbb/task_arena.h>
+
 #include "core/base/log.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
@@ -19,11 +24,6 @@
 #include "core/render/renderer_factory.h"
 #include "core/rpc/server_flags.h"
 #include "partition-agent/agent_server.h"
-
-#include <CLI/CLI.hpp>
-#include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/info.h>
-#include <oneapi/tbb/task_arena.h>
 
 namespace isoscope::agent {
 namespace {
@@ -91,8 +91,7 @@ void AddFlags(CLI::App* app, Flags* flags) {
 }
 
 absl::Status ListDevices() {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<render::EglDevice> devices,
-                            render::ListEglDevices());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<render::EglDevice> devices, render::ListEglDevices());
   std::cout << render::FormatEglDevices(devices);
   return absl::OkStatus();
 }
@@ -114,14 +113,12 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
   options.arena = std::make_shared<tbb::task_arena>(thread_count);
   ISOSCOPE_ASSIGN_OR_RETURN(options.renderer,
                             render::MakeRenderer({.kind = kind, .egl_device = flags.egl_device}));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AgentServer> server,
-                            AgentServer::Start(options));
-  base::LogInfo("agent_started",
-                {{"address", rpc::BoundAddress(flags.listen, server->port())},
-                 {"shards", server->shard_summary()},
-                 {"renderer", options.renderer->description()},
-                 {"threads", thread_count},
-                 {"version", base::Version()}});
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AgentServer> server, AgentServer::Start(options));
+  base::LogInfo("agent_started", {{"address", rpc::BoundAddress(flags.listen, server->port())},
+                                  {"shards", server->shard_summary()},
+                                  {"renderer", options.renderer->description()},
+                                  {"threads", thread_count},
+                                  {"version", base::Version()}});
   const absl::string_view signal_name = shutdown_signal->Wait();
   base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});
   server->Shutdown(absl::Seconds(flags.drain_seconds));

@@ -11,6 +11,7 @@
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
@@ -78,9 +79,9 @@ absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) 
   request.agent_index = begin.agent_index();
   request.agent_count = begin.agent_count();
   if (request.agent_index < 0 || request.agent_index >= request.agent_count) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("begin.agent_index is ", request.agent_index, " of begin.agent_count ",
-                     request.agent_count, ": must lie in [0, agent_count)"));
+    return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", request.agent_index,
+                                                   " of begin.agent_count ", request.agent_count,
+                                                   ": must lie in [0, agent_count)"));
   }
   return request;
 }
@@ -218,15 +219,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     }
     if (phase_ == Phase::kExpectOcclusionMap && message.message_case() == Message::kOcclusionMap) {
       phase_ = Phase::kRenderingRest;
-      return Schedule([this, map = std::move(*message.mutable_occlusion_map())] {
-        return RenderVisible(map);
-      });
+      return Schedule(
+          [this, map = std::move(*message.mutable_occlusion_map())] { return RenderVisible(map); });
     }
     const google::protobuf::FieldDescriptor* field =
         Message::descriptor()->FindFieldByNumber(message.message_case());
-    return absl::InvalidArgumentError(
-        absl::StrCat("message ", field == nullptr ? "(none)" : field->name(), ", but ",
-                     NameOf(phase_)));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "message ", field == nullptr ? "(none)" : field->name(), ", but ", NameOf(phase_)));
   }
 
   absl::Status Admit() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -234,8 +233,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     is_admitted_ = true;
     if (before >= service_->max_frames_) {
       return absl::ResourceExhaustedError(absl::StrCat(
-          before, " frames are in work or wait, the most this agent takes (--max-concurrent-frames "
-                  "plus its queue): retry later"));
+          before,
+          " frames are in work or wait, the most this agent takes (--max-concurrent-frames "
+          "plus its queue): retry later"));
     }
     return absl::OkStatus();
   }
@@ -243,8 +243,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   // Runs `step` on the executor. Room for one step of each admitted frame is always there.
   template <typename Step>
   absl::Status Schedule(Step step) {
-    const bool is_scheduled = service_->frame_executor_.TrySchedule(
-        [call = self_, step = std::move(step)]() mutable {
+    const bool is_scheduled =
+        service_->frame_executor_.TrySchedule([call = self_, step = std::move(step)]() mutable {
           const absl::Status status = step();
           if (!status.ok()) {
             call->Fail(status);
@@ -356,13 +356,12 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_RETURN_IF_ERROR(Send(std::move(message)));
     EnterPhase(Phase::kEnded);
     outgoing_.Finish(absl::OkStatus());
-    base::LogInfo("frame_done",
-                  {{"frame", frame_number_},
-                   {"duration_ms", Milliseconds(absl::Now() - start_)},
-                   {"busy_ms", Milliseconds(statistics.busy_duration)},
-                   {"active_blocks", statistics.active_block_count},
-                   {"visible_blocks", statistics.visible_block_count},
-                   {"triangles", statistics.triangle_count}});
+    base::LogInfo("frame_done", {{"frame", frame_number_},
+                                 {"duration_ms", Milliseconds(absl::Now() - start_)},
+                                 {"busy_ms", Milliseconds(statistics.busy_duration)},
+                                 {"active_blocks", statistics.active_block_count},
+                                 {"visible_blocks", statistics.visible_block_count},
+                                 {"triangles", statistics.triangle_count}});
     return absl::OkStatus();
   }
 
@@ -413,8 +412,7 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
                                    const v1::ExtractSurfaceRequest* request) {
     std::shared_ptr<ExtractSurfaceCall> call(new ExtractSurfaceCall(service, context, *request));
     call->self_ = call;
-    const bool is_scheduled =
-        service->extraction_executor_.TrySchedule([call] { call->Run(); });
+    const bool is_scheduled = service->extraction_executor_.TrySchedule([call] { call->Run(); });
     if (!is_scheduled) {
       call->outgoing_.Finish(absl::ResourceExhaustedError(
           absl::StrCat(kMaxConcurrentExtractions, " extractions are in work and ",
@@ -462,15 +460,13 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), service_->arena_.get(),
-                                &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
+                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(),
+                                                      service_->arena_.get(), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes,
-                                extraction->NextBatch());
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
       if (meshes.empty()) {
         break;
       }
@@ -552,8 +548,7 @@ absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> PartitionAgentServiceI
     return absl::FailedPreconditionError(
         absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
   }
-  const int shard_count =
-      static_cast<int>(of_dataset.front()->reader->manifest().shards.size());
+  const int shard_count = static_cast<int>(of_dataset.front()->reader->manifest().shards.size());
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::vector<int> wanted,
       rpc::ShardIndicesFromProto(shard_indices, shard_count, "shard_indices"));

@@ -11,12 +11,12 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include <oneapi/tbb/task_arena.h>
+
 #include "core/base/executor.h"
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/shard.h"
-
-#include <oneapi/tbb/task_arena.h>
 
 namespace isoscope::agent {
 
@@ -31,8 +31,9 @@ struct PartitionAgentServiceOptions {
 // Thread-safe. Destroy it only after its server has shut down.
 //
 // Frames in work hold a thread only while a step runs, not while they wait for the coordinator. At
-// most max_concurrent_frames + max_queued_frames frames have begun at a time. Surfaces are extracted
-// on threads of their own, kMaxConcurrentExtractions at a time, because a slow reader holds one.
+// most max_concurrent_frames + max_queued_frames frames have begun at a time. Surfaces are
+// extracted on threads of their own, kMaxConcurrentExtractions at a time, because a slow reader
+// holds one.
 class PartitionAgentServiceImpl final
     : public isoscope::internal::v1::PartitionAgentService::CallbackService {
  public:
@@ -57,8 +58,8 @@ class PartitionAgentServiceImpl final
   class RenderFrameCall;
   class ExtractSurfaceCall;
 
-  // The shards of a dataset by index. FAILED_PRECONDITION names what is not served; INVALID_ARGUMENT
-  // if the indices are malformed.
+  // The shards of a dataset by index. FAILED_PRECONDITION names what is not served;
+  // INVALID_ARGUMENT if the indices are malformed.
   absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> FindShards(
       const std::string& dataset_id,
       const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const;

@@ -9,15 +9,15 @@
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
 #include "core/index/interval_tree.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_samples.h"
-
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
 
 namespace isoscope::agent {
 namespace {
@@ -65,9 +65,8 @@ class SurfaceExtraction::Impl {
         active_.push_back({interval.block_id, interval.ordinal, slot});
       }
     }
-    std::sort(active_.begin(), active_.end(), [](const ActiveBlock& a, const ActiveBlock& b) {
-      return a.block_id < b.block_id;
-    });
+    std::sort(active_.begin(), active_.end(),
+              [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
     return absl::OkStatus();
   }
 

@@ -1,4 +1,5 @@
-// The whole surface of an agent's shards, block by block: what ExtractSurface streams. No gRPC types.
+// The whole surface of an agent's shards, block by block: what ExtractSurface streams. No gRPC
+// types.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
 #define ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
@@ -7,16 +8,16 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include <oneapi/tbb/task_arena.h>
+
 #include "core/base/cancellation.h"
 #include "core/mesh/block_mesh.h"
 #include "partition-agent/shard.h"
 
-#include <oneapi/tbb/task_arena.h>
-
 namespace isoscope::agent {
 
-// Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of a
-// batch are read and extracted in parallel in the arena, the next one only when it is asked for.
+// Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of
+// a batch are read and extracted in parallel in the arena, the next one only when it is asked for.
 // Memory is that of one batch: at most kMaxBatchSampleBytes of samples (or one block) and their
 // meshes. Thread-compatible. What it is given must outlive it.
 class SurfaceExtraction {

@@ -6,8 +6,10 @@ set -euo pipefail
 
 if [ "$#" -gt 0 ]; then
   echo "Usage: scripts/quickstart.sh   (no arguments; see the head of the file)" >&2
-  [ "$1" = --help ] || [ "$1" = -h ] && exit 0
-  exit 2
+  case "$1" in
+    -h | --help) exit 0 ;;
+    *) exit 2 ;;
+  esac
 fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -82,7 +84,7 @@ done
 
 echo
 echo "== render"
-# y points to the face, z to the crown.
+# From the front: y points to the back of the head, z to the crown.
 "$bin/isoscope" render --server "$coordinator" --isovalue "$isovalue" \
-  --eye 250,500,120 --target 0,-18,8 --up 0,0,1 --fov-y 26 \
+  --eye 260,-480,60 --target 0,16,8 --up 0,0,1 --fov-y 26 \
   --background 0.1,0.11,0.13 --stats "$out/stats.json" --output "$out/head.png"

@@ -4,13 +4,13 @@
 #include <deque>
 #include <utility>
 
-#include <grpcpp/support/client_callback.h>
-
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
+#include <grpcpp/support/client_callback.h>
+
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
@@ -57,12 +57,13 @@ bool Unpack(const std::string& bytes, std::vector<T>* values) {
 absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayout& layout,
                          mesh::BlockMesh* block) {
   if (proto.block_id() < 0 || proto.block_id() >= layout.block_count()) {
-    return absl::InvalidArgumentError(absl::StrCat("block_id is ", proto.block_id(),
-                                                   ": must lie in [0, ", layout.block_count(), ")"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "block_id is ", proto.block_id(), ": must lie in [0, ", layout.block_count(), ")"));
   }
   block->block_id = static_cast<volume::BlockId>(proto.block_id());
   if (!Unpack(proto.positions(), &block->positions) || !Unpack(proto.normals(), &block->normals) ||
-      !Unpack(proto.edge_keys(), &block->edge_keys) || !Unpack(proto.triangles(), &block->indices) ||
+      !Unpack(proto.edge_keys(), &block->edge_keys) ||
+      !Unpack(proto.triangles(), &block->indices) ||
       block->normals.size() != block->positions.size() ||
       block->edge_keys.size() != block->positions.size() || block->indices.size() % 3 != 0) {
     return absl::InvalidArgumentError(absl::StrCat(
@@ -284,8 +285,9 @@ std::string NameOf(const AgentAssignment& agent) {
 absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status,
                         bool was_cancelled_by_us) {
   const std::string name = NameOf(agent);
-  const bool is_cut = (absl::IsCancelled(status) && !was_cancelled_by_us) ||
-                      (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
+  const bool is_cut =
+      (absl::IsCancelled(status) && !was_cancelled_by_us) ||
+      (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
   if (absl::IsUnavailable(status) || is_cut) {
     return absl::UnavailableError(absl::StrCat(name, " was lost: ", status.message()));
   }
@@ -305,15 +307,14 @@ void DescribeShards(const std::shared_ptr<grpc::Channel>& channel, absl::Time de
   auto call = std::make_shared<Call>();
   call->stub = v1::PartitionAgentService::NewStub(channel);
   SetDeadline(deadline, &call->context);
-  call->stub->async()->DescribeShards(
-      &call->context, &call->request, &call->response,
-      [call, done = std::move(done)](const grpc::Status& status) {
-        if (status.ok()) {
-          done(std::move(call->response));
-        } else {
-          done(rpc::ToAbslStatus(status));
-        }
-      });
+  call->stub->async()->DescribeShards(&call->context, &call->request, &call->response,
+                                      [call, done = std::move(done)](const grpc::Status& status) {
+                                        if (status.ok()) {
+                                          done(std::move(call->response));
+                                        } else {
+                                          done(rpc::ToAbslStatus(status));
+                                        }
+                                      });
 }
 
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
@@ -331,9 +332,7 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
 SurfaceStream::SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
                              const volume::BlockLayout& layout, double isovalue,
                              absl::Time deadline)
-    : agent_(agent),
-      layout_(layout),
-      stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
+    : agent_(agent), layout_(layout), stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
   SetDeadline(deadline, &context_);
   v1::ExtractSurfaceRequest request;
   request.set_dataset_id(dataset_id);

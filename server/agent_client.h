@@ -11,13 +11,13 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/sync_stream.h>
 
-#include "absl/status/status.h"
-#include "absl/status/statusor.h"
-#include "absl/time/time.h"
 #include "core/mesh/block_mesh.h"
 #include "core/volume/block_layout.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"

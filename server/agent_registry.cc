@@ -1,8 +1,6 @@
 #include "server/agent_registry.h"
 
 #include <netdb.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 
 #include <algorithm>
 #include <optional>
@@ -15,6 +13,9 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 #include "absl/time/clock.h"
+#include <netinet/in.h>
+#include <sys/socket.h>
+
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
@@ -42,9 +43,9 @@ absl::Status Validate(const v1::DescribeShardsResponse& response) {
     const std::string path = absl::StrCat("shards[", i, "]");
     ISOSCOPE_RETURN_IF_ERROR(rpc::Validate(shard.dataset(), absl::StrCat(path, ".dataset")));
     if (shard.shard_index() < 0 || shard.shard_index() >= shard.dataset().shard_count()) {
-      return absl::InvalidArgumentError(
-          absl::StrCat(path, ".shard_index is ", shard.shard_index(), ": must lie in [0, ",
-                       shard.dataset().shard_count(), ")"));
+      return absl::InvalidArgumentError(absl::StrCat(path, ".shard_index is ", shard.shard_index(),
+                                                     ": must lie in [0, ",
+                                                     shard.dataset().shard_count(), ")"));
     }
   }
   return absl::OkStatus();
@@ -110,8 +111,8 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
   }
   if (!missing.empty()) {
     state.status = absl::FailedPreconditionError(absl::StrCat(
-        "dataset \"", name, "\": ", missing.size() == 1 ? "shard " : "shards ",
-        JoinShards(missing), " of ", state.dataset.shard_count(), " not served by any agent; ",
+        "dataset \"", name, "\": ", missing.size() == 1 ? "shard " : "shards ", JoinShards(missing),
+        " of ", state.dataset.shard_count(), " not served by any agent; ",
         unreachable.empty() ? "all agents answer: start agents for them" : unreachable));
     return state;
   }
@@ -198,7 +199,8 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
 absl::StatusOr<bool> ParseDnsTarget(const std::string& target, DnsName* name) {
   absl::string_view rest = target;
   if (rest.empty()) {
-    return absl::InvalidArgumentError("agent target is empty: must be HOST:PORT or any gRPC target");
+    return absl::InvalidArgumentError(
+        "agent target is empty: must be HOST:PORT or any gRPC target");
   }
   if (!absl::ConsumePrefix(&rest, kDnsScheme)) {
     return false;
@@ -247,9 +249,9 @@ absl::StatusOr<std::unique_ptr<AgentRegistry>> AgentRegistry::Start(
     return absl::InvalidArgumentError("no agent: name at least one");
   }
   if (options.poll_interval <= absl::ZeroDuration()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("poll interval is ", absl::FormatDuration(options.poll_interval),
-                     ": must be greater than 0"));
+    return absl::InvalidArgumentError(absl::StrCat("poll interval is ",
+                                                   absl::FormatDuration(options.poll_interval),
+                                                   ": must be greater than 0"));
   }
   std::set<std::string> targets;
   for (const AgentEndpoint& endpoint : options.endpoints) {
@@ -396,9 +398,8 @@ void AgentRegistry::AdoptLinks(std::map<std::string, Link> links) {
     states.push_back(link.state);
   }
   std::map<std::string, DatasetState> datasets = DatasetsOf(states);
-  const bool is_any_complete =
-      std::any_of(datasets.begin(), datasets.end(),
-                  [](const auto& entry) { return entry.second.status.ok(); });
+  const bool is_any_complete = std::any_of(
+      datasets.begin(), datasets.end(), [](const auto& entry) { return entry.second.status.ok(); });
   bool readiness_changed = false;
   {
     absl::MutexLock lock(&mutex_);
@@ -492,9 +493,8 @@ absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name
   {
     absl::MutexLock lock(&mutex_);
     const absl::StatusOr<DatasetState> found = FindLocked(name);
-    const bool is_any_suspect =
-        std::any_of(links_.begin(), links_.end(),
-                    [](const auto& entry) { return entry.second.is_suspect; });
+    const bool is_any_suspect = std::any_of(
+        links_.begin(), links_.end(), [](const auto& entry) { return entry.second.is_suspect; });
     if (found.ok() && found->status.ok() && !is_any_suspect) {
       return found;
     }
@@ -546,8 +546,8 @@ absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {
       }
       if (absl::Now() >= deadline || is_stopping_) {
         if (!unreachable.empty() || datasets_.empty()) {
-          return absl::FailedPreconditionError(
-              unreachable.empty() ? "the agents serve no dataset" : unreachable);
+          return absl::FailedPreconditionError(unreachable.empty() ? "the agents serve no dataset"
+                                                                   : unreachable);
         }
         return datasets_.begin()->second.status;
       }

@@ -15,14 +15,14 @@
 #include <utility>
 #include <vector>
 
-#include <grpcpp/channel.h>
-
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
+#include <grpcpp/channel.h>
+
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "server/agent_client.h"
@@ -112,8 +112,8 @@ class AgentRegistry {
   struct Link {
     AgentState state;
     std::size_t endpoint_index = 0;
-    bool is_listed = true;     // the name still stands for this address
-    bool is_suspect = false;   // failed since it was last asked
+    bool is_listed = true;    // the name still stands for this address
+    bool is_suspect = false;  // failed since it was last asked
     bool has_fixed_channel = false;
   };
 

@@ -9,7 +9,8 @@
 namespace isoscope::server {
 namespace {
 
-// What is wrong with an agent that answers: the error of a dataset it serves that contradicts others.
+// What is wrong with an agent that answers: the error of a dataset it serves that contradicts
+// others.
 std::string Complaint(const AgentState& agent,
                       const std::map<std::string, DatasetState>& datasets) {
   std::set<std::string> complaints;

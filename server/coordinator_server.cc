@@ -2,14 +2,14 @@
 
 #include <utility>
 
-#include <grpcpp/health_check_service_interface.h>
-#include <grpcpp/server.h>
-#include <grpcpp/server_builder.h>
-
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
@@ -138,11 +138,11 @@ absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
     const CoordinatorServerOptions& options) {
   if (options.max_concurrent_frames < 1 || options.max_queued_frames < 0 ||
       options.max_frame_duration <= absl::ZeroDuration()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        "max_concurrent_frames is ", options.max_concurrent_frames, ", max_queued_frames ",
-        options.max_queued_frames, ", max_frame_duration ",
-        absl::FormatDuration(options.max_frame_duration),
-        ": must be at least 1, at least 0, and greater than 0"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_concurrent_frames is ", options.max_concurrent_frames,
+                     ", max_queued_frames ", options.max_queued_frames, ", max_frame_duration ",
+                     absl::FormatDuration(options.max_frame_duration),
+                     ": must be at least 1, at least 0, and greater than 0"));
   }
   const auto health = std::make_shared<HealthReporter>();
   AgentRegistryOptions registry_options;

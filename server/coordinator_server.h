@@ -8,11 +8,10 @@
 #include <string>
 #include <vector>
 
-#include <grpcpp/channel.h>
-
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include <grpcpp/channel.h>
 
 namespace isoscope::server {
 
@@ -40,9 +39,9 @@ struct CoordinatorServerOptions {
 // Thread-safe.
 class CoordinatorServer {
  public:
-  // Serves health, reflection, IsosurfaceService, DatasetService and ClusterService; begins to ask the
-  // agents at once and returns without waiting for them. INVALID_ARGUMENT: no agents, or a malformed
-  // target. UNAVAILABLE: the address can't be bound.
+  // Serves health, reflection, IsosurfaceService, DatasetService and ClusterService; begins to ask
+  // the agents at once and returns without waiting for them. INVALID_ARGUMENT: no agents, or a
+  // malformed target. UNAVAILABLE: the address can't be bound.
   static absl::StatusOr<std::unique_ptr<CoordinatorServer>> Start(
       const CoordinatorServerOptions& options);
   // Shutdown with no grace.
@@ -53,7 +52,8 @@ class CoordinatorServer {
   // Blocks until every agent has answered at least once and at least one dataset is complete, or
   // until `deadline`. FAILED_PRECONDITION says what is missing.
   virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
-  // Health NOT_SERVING, no new calls, waits for frames in work up to `grace`, then cancels them. Blocks.
+  // Health NOT_SERVING, no new calls, waits for frames in work up to `grace`, then cancels them.
+  // Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;
 };
 

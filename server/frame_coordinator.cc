@@ -13,6 +13,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
@@ -100,8 +101,7 @@ class Frame {
  public:
   Frame(const view::View& view, visibility::Culling culling, const base::Cancellation& cancellation)
       : view_(view), culling_(culling), cancellation_(cancellation), start_(absl::Now()) {
-    result_.image =
-        image::FrameImage(view.viewport().width_px, view.viewport().height_px);
+    result_.image = image::FrameImage(view.viewport().width_px, view.viewport().height_px);
   }
 
   absl::StatusOr<FrameResult> Run(int agent_count, const BeginAgentFrame& begin) {
@@ -135,10 +135,9 @@ class Frame {
     phase_start_ = start_;
     for (int i = 0; i < agent_count; ++i) {
       Agent agent;
-      agent.listener =
-          std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
-      agent.stage = culling_ == visibility::Culling::kNone ? Stage::kRenderingVisible
-                                                           : Stage::kSelecting;
+      agent.listener = std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
+      agent.stage =
+          culling_ == visibility::Culling::kNone ? Stage::kRenderingVisible : Stage::kSelecting;
       ISOSCOPE_ASSIGN_OR_RETURN(agent.link, begin(i, agent.listener.get()));
       agents_.push_back(std::move(agent));
     }
@@ -160,16 +159,17 @@ class Frame {
     Agent& agent = agents_[event.agent_index];
     last_arrival_ = event.arrival;
     if (auto* hits = std::get_if<RayHits>(&event.what)) {
-      return HandleRayHits(&agent, std::move(hits->hits));
+      return HandleRayHits(&agent, hits->hits);
     }
     if (auto* pixels = std::get_if<Pixels>(&event.what)) {
       if (agent.stage != Stage::kRenderingOccluders && agent.stage != Stage::kRenderingVisible) {
         return OutOfOrder(agent, "pixels");
       }
       const absl::Status status = composite::DecodePixelsInto(pixels->band, &result_.image);
-      return status.ok() ? status
-                         : absl::Status(status.code(), absl::StrCat("pixels of ", agent.link->name(),
-                                                                    ": ", status.message()));
+      return status.ok()
+                 ? status
+                 : absl::Status(status.code(), absl::StrCat("pixels of ", agent.link->name(), ": ",
+                                                            status.message()));
     }
     if (std::holds_alternative<OccludersDone>(event.what)) {
       return HandleOccludersDone(&agent);
@@ -197,7 +197,7 @@ class Frame {
     return absl::OkStatus();
   }
 
-  absl::Status HandleRayHits(Agent* agent, std::vector<volume::BlockId> hits) {
+  absl::Status HandleRayHits(Agent* agent, const std::vector<volume::BlockId>& hits) {
     if (agent->stage != Stage::kSelecting) {
       return OutOfOrder(*agent, "ray hits");
     }

@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
@@ -59,8 +60,9 @@ absl::StatusOr<CheckedRequest> Check(const isoscope::v1::RenderIsosurfaceRequest
   if (request.has_base_color()) {
     ISOSCOPE_RETURN_IF_ERROR(rpc::ColorFromProto(request.base_color(), "base_color").status());
     if (request.base_color().alpha() != 1.0F) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          "base_color.alpha is ", request.base_color().alpha(), ": surfaces are opaque, must be 1"));
+      return absl::InvalidArgumentError(absl::StrCat("base_color.alpha is ",
+                                                     request.base_color().alpha(),
+                                                     ": surfaces are opaque, must be 1"));
     }
   }
   if (request.has_background_color()) {
@@ -160,8 +162,8 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
         request_(*request),
         response_(response),
         start_(absl::Now()),
-        cancellation_(std::min(rpc::DeadlineOf(*context),
-                               start_ + service->options_.max_frame_duration)) {}
+        cancellation_(
+            std::min(rpc::DeadlineOf(*context), start_ + service->options_.max_frame_duration)) {}
 
   void Run() {
     const std::int64_t frame_number = service_->next_frame_number_.fetch_add(1);
@@ -204,10 +206,11 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
-    // All agents get the camera as a message, and so does the coordinator: the same bits everywhere.
-    *response_->mutable_camera() =
-        request_.has_camera() ? request_.camera()
-                              : rpc::ToProto(view::MakeDefaultCamera(geometry.Bounds()));
+    // All agents get the camera as a message, and so does the coordinator: the same bits
+    // everywhere.
+    *response_->mutable_camera() = request_.has_camera()
+                                       ? request_.camera()
+                                       : rpc::ToProto(view::MakeDefaultCamera(geometry.Bounds()));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
                               rpc::CameraFromProto(response_->camera(), "camera"));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
@@ -404,10 +407,10 @@ class IsosurfaceServiceImpl::ExportCall final
 
 IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options)
     : options_(options),
-      frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
-                      // frame_count_ bounds the frames; each of them fits.
-                      static_cast<std::size_t>(options.max_concurrent_frames +
-                                               options.max_queued_frames)),
+      frame_executor_(
+          static_cast<std::size_t>(options.max_concurrent_frames),
+          // frame_count_ bounds the frames; each of them fits.
+          static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {}
 
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;

@@ -1,5 +1,5 @@
-// IsosurfaceService over gRPC's callback API: reactions validate and hand over; frame_coordinator and
-// surface_export do the work.
+// IsosurfaceService over gRPC's callback API: reactions validate and hand over; frame_coordinator
+// and surface_export do the work.
 
 #ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "absl/time/time.h"
+
 #include "core/base/executor.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/agent_registry.h"

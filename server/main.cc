@@ -10,14 +10,14 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/time.h"
+#include <CLI/CLI.hpp>
+
 #include "core/base/log.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/rpc/server_flags.h"
 #include "server/coordinator_server.h"
-
-#include <CLI/CLI.hpp>
 
 namespace isoscope::server {
 namespace {
@@ -72,7 +72,8 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
       ->envname("ISOSCOPE_MAX_FRAME_SECONDS")
       ->capture_default_str();
-  app->add_option("--poll-seconds", flags->poll_seconds, "How often agents are asked what they hold")
+  app->add_option("--poll-seconds", flags->poll_seconds,
+                  "How often agents are asked what they hold")
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
       ->envname("ISOSCOPE_POLL_SECONDS")
       ->capture_default_str();

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/math/matrix.h"
@@ -26,8 +27,7 @@ void AppendVector(const math::Vec3f& vector, std::string* out) {
 // Cuts welded parts into chunks: vertices first, so that a triangle only uses what has been sent.
 class Chunker {
  public:
-  Chunker(const volume::GridGeometry& geometry,
-          absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
+  Chunker(const volume::GridGeometry& geometry, absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
       : world_from_index_(geometry.world_from_index()),
         // A mirrored grid turns counter-clockwise in index space to clockwise in the world.
         is_mirrored_(math::Determinant(geometry.direction) < 0),
@@ -40,9 +40,9 @@ class Chunker {
       const math::Vec3d world = math::TransformPoint(
           world_from_index_,
           {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)});
-      AppendVector({static_cast<float>(world.x), static_cast<float>(world.y),
-                    static_cast<float>(world.z)},
-                   &chunk_.positions);
+      AppendVector(
+          {static_cast<float>(world.x), static_cast<float>(world.y), static_cast<float>(world.z)},
+          &chunk_.positions);
       AppendVector(part.normals[i], &chunk_.normals);
     }
     for (std::size_t i = 0; i + 2 < part.triangles.size(); i += 3) {

@@ -1,5 +1,5 @@
-// The export of a whole isosurface: the agents' blocks merged by block id, welded, and taken to world
-// space. No gRPC types.
+// The export of a whole isosurface: the agents' blocks merged by block id, welded, and taken to
+// world space. No gRPC types.
 
 #ifndef ISOSCOPE_SERVER_SURFACE_EXPORT_H_
 #define ISOSCOPE_SERVER_SURFACE_EXPORT_H_
@@ -11,6 +11,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+
 #include "core/mesh/block_mesh.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"

@@ -17,6 +17,8 @@
     }                                                       \
   } while (false)
 
+// The operands are names and declarations, which can't stand in parentheses.
+// NOLINTBEGIN(bugprone-macro-parentheses): see above
 // ISOSCOPE_ASSIGN_OR_RETURN(auto value, MakeValue()); returns the error of the StatusOr, if any.
 #define ISOSCOPE_ASSIGN_OR_RETURN(declaration, expression) \
   ISOSCOPE_ASSIGN_OR_RETURN_(ISOSCOPE_CONCAT_(isoscope_statusor_, __LINE__), declaration, expression)
@@ -29,5 +31,6 @@
     return std::move(statusor).status();                              \
   }                                                                   \
   declaration = *std::move(statusor)
+// NOLINTEND(bugprone-macro-parentheses)
 
 #endif  // ISOSCOPE_CORE_BASE_STATUS_MACROS_H_

@@ -23,7 +23,7 @@ namespace isoscope::composite {
 // No covered pixel: no band.
 std::vector<std::string> EncodePixels(const image::FrameImage& image,
                                       const std::function<bool(int x, int y)>& keep);
-inline constexpr std::int64_t kMaxBandBytes = 3 << 20;
+inline constexpr std::int64_t kMaxBandBytes = std::int64_t{3} << 20;
 
 // Composites the pixels of one band into `into` (CompositeInto's rule). DATA_LOSS if the bytes are
 // damaged or don't fit the image; then `into` is unchanged.

@@ -16,8 +16,8 @@ struct IndexBox {
   Index3 begin;
   Index3 end;
 
-  constexpr Index3 dims() const { return end - begin; }
-  constexpr bool Contains(const Index3& p) const {
+  [[nodiscard]] constexpr Index3 dims() const { return end - begin; }
+  [[nodiscard]] constexpr bool Contains(const Index3& p) const {
     return p.x >= begin.x && p.x < end.x && p.y >= begin.y && p.y < end.y && p.z >= begin.z &&
            p.z < end.z;
   }
@@ -37,11 +37,11 @@ struct Box3d {
       max[axis] = std::max(max[axis], p[axis]);
     }
   }
-  constexpr Vec3d Center() const { return (min + max) * 0.5; }
+  [[nodiscard]] constexpr Vec3d Center() const { return (min + max) * 0.5; }
   // Half of the diagonal.
-  double Radius() const { return 0.5 * Length(max - min); }
+  [[nodiscard]] double Radius() const { return 0.5 * Length(max - min); }
   // x varies fastest.
-  constexpr std::array<Vec3d, 8> Corners() const {
+  [[nodiscard]] constexpr std::array<Vec3d, 8> Corners() const {
     std::array<Vec3d, 8> corners;
     for (std::size_t i = 0; i < 8; ++i) {
       corners[i] = {(i & 1) != 0 ? max.x : min.x, (i & 2) != 0 ? max.y : min.y,

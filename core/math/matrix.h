@@ -37,8 +37,8 @@ constexpr Mat3d Transposed(const Mat3d& m) {
 constexpr Mat3d Inverted(const Mat3d& m) {
   const auto& c = m.columns;
   const double scale = 1.0 / Determinant(m);
-  return Transposed({{Cross(c[1], c[2]) * scale, Cross(c[2], c[0]) * scale,
-                      Cross(c[0], c[1]) * scale}});
+  return Transposed(
+      {{Cross(c[1], c[2]) * scale, Cross(c[2], c[0]) * scale, Cross(c[0], c[1]) * scale}});
 }
 
 struct Mat4d {
@@ -46,7 +46,9 @@ struct Mat4d {
   std::array<double, 16> m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
   constexpr double& At(std::size_t row, std::size_t column) { return m[column * 4 + row]; }
-  constexpr double At(std::size_t row, std::size_t column) const { return m[column * 4 + row]; }
+  [[nodiscard]] constexpr double At(std::size_t row, std::size_t column) const {
+    return m[column * 4 + row];
+  }
 
   friend constexpr bool operator==(const Mat4d&, const Mat4d&) = default;
 };

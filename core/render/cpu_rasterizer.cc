@@ -17,6 +17,7 @@ namespace {
 
 constexpr int kSubpixelBits = 8;
 constexpr std::int32_t kSubpixels = 1 << kSubpixelBits;
+constexpr std::int32_t kHalfPixel = kSubpixels / 2;
 // Vertices further out than this are clipped first, so that products of coordinate differences fit
 // 64 bits with room: (2 * 2^15 px * 2^8)^2 = 2^48.
 constexpr double kGuardBandPx = 32768;
@@ -25,7 +26,7 @@ constexpr std::int32_t kSmallTrianglePx = 60;
 
 // The first pixel whose centre is at or right of `x` (1/256 pixels).
 constexpr std::int32_t FirstPixelFrom(std::int32_t x) {
-  return (x + kSubpixels / 2 - 1) >> kSubpixelBits;
+  return (x + kHalfPixel - 1) >> kSubpixelBits;
 }
 
 }  // namespace
@@ -174,8 +175,8 @@ void CpuRasterizer::FillTriangle(const ScreenTriangle& triangle, const view::Pix
 
   // Edge functions at the first pixel centre; >= 0 inside. A pixel centre on an edge belongs to the
   // triangle only if the edge is a top or a left one.
-  const Int x = Int{begin_x * kSubpixels + kSubpixels / 2};
-  const Int y = Int{begin_y * kSubpixels + kSubpixels / 2};
+  const Int x = Int{begin_x * kSubpixels + kHalfPixel};
+  const Int y = Int{begin_y * kSubpixels + kHalfPixel};
   const auto edge = [x, y](const ScreenVertex& from, const ScreenVertex& to) {
     const Int dx = Int{to.x - from.x};
     const Int dy = Int{to.y - from.y};
@@ -216,10 +217,10 @@ void CpuRasterizer::FillTriangle(const ScreenTriangle& triangle, const view::Pix
     std::uint64_t* row =
         keys_.data() + static_cast<std::ptrdiff_t>(py - rect.begin_y) * stride - rect.begin_x;
     const double depth_of_row =
-        static_cast<double>(a.z) + depth_per_y * (py * kSubpixels + kSubpixels / 2 - a.y);
+        static_cast<double>(a.z) + depth_per_y * (py * kSubpixels + kHalfPixel - a.y);
     for (std::int32_t px = begin_x; px < end_x; ++px) {
       if ((ab | bc | ca) >= 0) {
-        const double plane = depth_of_row + depth_per_x * (px * kSubpixels + kSubpixels / 2 - a.x);
+        const double plane = depth_of_row + depth_per_x * (px * kSubpixels + kHalfPixel - a.x);
         // + 0 turns -0 into +0, whose bits are the smallest.
         const float depth =
             std::min(std::max(static_cast<float>(plane), depth_low), depth_high) + 0.0F;

@@ -66,9 +66,8 @@ class CpuPass final : public RenderPass {
         shade_table_(MakeShadeTable(appearance)),
         width_(view.viewport().width_px),
         height_(view.viewport().height_px),
-        lock_columns_((width_ + kLockTilePx - 1) / kLockTilePx),
-        locks_(static_cast<std::size_t>(lock_columns_) *
-               static_cast<std::size_t>((height_ + kLockTilePx - 1) / kLockTilePx)),
+        lock_columns_(static_cast<std::size_t>((width_ + kLockTilePx - 1) / kLockTilePx)),
+        locks_(lock_columns_ * static_cast<std::size_t>((height_ + kLockTilePx - 1) / kLockTilePx)),
         keys_(PixelCount(), kBackgroundKey),
         triangles_(PixelCount(), kShaded),
         colors_(PixelCount()) {}
@@ -131,9 +130,9 @@ class CpuPass final : public RenderPass {
       const int end_y = std::min((y / kLockTilePx + 1) * kLockTilePx, rect.end_y);
       for (int x = rect.begin_x; x < rect.end_x;) {
         const int end_x = std::min((x / kLockTilePx + 1) * kLockTilePx, rect.end_x);
-        absl::MutexLock lock(
-            &locks_[static_cast<std::size_t>((y / kLockTilePx) * lock_columns_ + x / kLockTilePx)]
-                 .mutex);
+        absl::MutexLock lock(&locks_[static_cast<std::size_t>(y / kLockTilePx) * lock_columns_ +
+                                     static_cast<std::size_t>(x / kLockTilePx)]
+                                  .mutex);
         for (int row = y; row < end_y; ++row) {
           MergeRow(tile, block_id, row, x, end_x);
         }
@@ -184,7 +183,7 @@ class CpuPass final : public RenderPass {
           continue;
         }
         const auto id = static_cast<volume::BlockId>(keys_[pixel]);
-        if (id != last_id) {
+        if (last_mesh == nullptr || id != last_id) {
           last_id = id;
           last_mesh = meshes.at(id).get();
         }
@@ -218,7 +217,7 @@ class CpuPass final : public RenderPass {
     // No normal: as if it faced the eye.
     const double cosine =
         scale > 0 ? std::min(std::abs(math::Dot(normal, to_eye)) / std::sqrt(scale), 1.0) : 1.0;
-    return shade_table_[static_cast<std::size_t>(cosine * kShadeSteps + 0.5)];
+    return shade_table_[static_cast<std::size_t>(std::lround(cosine * kShadeSteps))];
   }
 
   const view::View view_;
@@ -227,7 +226,7 @@ class CpuPass final : public RenderPass {
   const std::vector<image::Rgba8> shade_table_;
   const int width_;
   const int height_;
-  const int lock_columns_;
+  const std::size_t lock_columns_;
   std::vector<TileLock> locks_;
   // Guarded by the lock of their tile while drawing, by shading_mutex_ while shading.
   std::vector<std::uint64_t> keys_;       // FragmentKey

@@ -4,15 +4,14 @@
 #include <mutex>
 #include <utility>
 
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 #include <grpc/grpc.h>
 #include <grpcpp/create_channel.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/security/server_credentials.h>
-
-#include "absl/status/status.h"
-#include "absl/strings/str_cat.h"
 
 namespace isoscope::rpc {
 namespace {

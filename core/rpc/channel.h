@@ -1,8 +1,8 @@
 // Channels and servers made the same way everywhere: message limits, keepalive, reconnect back-off.
 //
-// A client that has a call in work pings after 10 s of silence and gives the connection up 5 s later,
-// so that a machine that vanished is noticed within 15 s; servers do the same, and allow pings as
-// often as every 5 s, so that no client of ours is sent away for pinging.
+// A client that has a call in work pings after 10 s of silence and gives the connection up 5 s
+// later, so that a machine that vanished is noticed within 15 s; servers do the same, and allow
+// pings as often as every 5 s, so that no client of ours is sent away for pinging.
 
 #ifndef ISOSCOPE_CORE_RPC_CHANNEL_H_
 #define ISOSCOPE_CORE_RPC_CHANNEL_H_
@@ -10,14 +10,14 @@
 #include <memory>
 #include <string>
 
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/channel_arguments.h>
 
-#include "absl/status/statusor.h"
-#include "absl/time/time.h"
 #include "core/base/units.h"
 
 namespace isoscope::rpc {

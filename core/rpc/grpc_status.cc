@@ -26,8 +26,7 @@ absl::Status ToAbslStatus(const grpc::Status& status) {
   const int number = static_cast<int>(status.error_code());
   if (number < static_cast<int>(absl::StatusCode::kOk) ||
       number > static_cast<int>(absl::StatusCode::kUnauthenticated)) {
-    return absl::UnknownError(
-        absl::StrCat("status code ", number, ": ", status.error_message()));
+    return absl::UnknownError(absl::StrCat("status code ", number, ": ", status.error_message()));
   }
   return {static_cast<absl::StatusCode>(number), status.error_message()};
 }

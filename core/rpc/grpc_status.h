@@ -4,9 +4,8 @@
 #ifndef ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 #define ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 
-#include <grpcpp/support/status.h>
-
 #include "absl/status/status.h"
+#include <grpcpp/support/status.h>
 
 namespace isoscope::rpc {
 

@@ -8,6 +8,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+
 #include "core/base/status_macros.h"
 #include "core/store/shard_format.h"
 
@@ -27,7 +28,8 @@ std::string Join(absl::string_view path, absl::string_view field) {
   return path.empty() ? std::string(field) : absl::StrCat(path, ".", field);
 }
 
-// The degrees that come back as `radians` after multiplication; the shortest decimal if there is one.
+// The degrees that come back as `radians` after multiplication; the shortest decimal if there is
+// one.
 double DegreesOf(double radians) {
   const double degrees = radians / kRadiansPerDegree;
   const double rounded = std::round(degrees * 1e9) / 1e9;
@@ -46,8 +48,8 @@ absl::StatusOr<math::Index3> DimensionsFromProto(const isoscope::v1::Dimensions&
                                                  std::int64_t min, absl::string_view path) {
   const math::Index3 dims{proto.x(), proto.y(), proto.z()};
   if (dims.x < min || dims.y < min || dims.z < min) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d x %d: each must be >= %d", path,
-                                                      dims.x, dims.y, dims.z, min));
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %d x %d x %d: each must be >= %d",
+                                                      path, dims.x, dims.y, dims.z, min));
   }
   return dims;
 }
@@ -217,12 +219,11 @@ isoscope::v1::Color ToProto(image::Rgba8 color) {
 absl::StatusOr<volume::GridGeometry> GeometryFromProto(const isoscope::v1::GridGeometry& proto,
                                                        absl::string_view path) {
   volume::GridGeometry geometry;
-  ISOSCOPE_ASSIGN_OR_RETURN(geometry.sample_dims, DimensionsFromProto(proto.sample_dims(), 2,
-                                                                      Join(path, "sample_dims")));
+  ISOSCOPE_ASSIGN_OR_RETURN(geometry.sample_dims,
+                            DimensionsFromProto(proto.sample_dims(), 2, Join(path, "sample_dims")));
   ISOSCOPE_ASSIGN_OR_RETURN(geometry.spacing,
                             VectorFromProto(proto.spacing(), Join(path, "spacing")));
-  ISOSCOPE_ASSIGN_OR_RETURN(geometry.origin,
-                            VectorFromProto(proto.origin(), Join(path, "origin")));
+  ISOSCOPE_ASSIGN_OR_RETURN(geometry.origin, VectorFromProto(proto.origin(), Join(path, "origin")));
   const std::string columns_path = Join(path, "direction_columns");
   const int column_count = proto.direction_columns_size();
   if (column_count != 0 && column_count != 3) {
@@ -295,18 +296,18 @@ absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view pa
     return Invalid(Join(path, "name"), "empty", "must be set");
   }
   const std::string& id = dataset.dataset_id();
-  const bool is_hex =
-      std::all_of(id.begin(), id.end(), [](char c) { return absl::ascii_isxdigit(
-                                            static_cast<unsigned char>(c)); });
+  const bool is_hex = std::all_of(id.begin(), id.end(), [](char c) {
+    return absl::ascii_isxdigit(static_cast<unsigned char>(c));
+  });
   if (id.size() != 32 || !is_hex) {
     return Invalid(Join(path, "dataset_id"), absl::StrCat("\"", id, "\""),
                    "must be 32 hexadecimal digits");
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             GeometryFromProto(dataset.geometry(), Join(path, "geometry")));
-  ISOSCOPE_ASSIGN_OR_RETURN(const math::Index3 block_cells,
-                            DimensionsFromProto(dataset.block_cells(), 1,
-                                                Join(path, "block_cells")));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const math::Index3 block_cells,
+      DimensionsFromProto(dataset.block_cells(), 1, Join(path, "block_cells")));
   const absl::StatusOr<volume::BlockLayout> layout =
       volume::BlockLayout::Make(geometry.sample_dims, block_cells);
   ISOSCOPE_RETURN_IF_ERROR(WithPath(layout.status(), Join(path, "block_cells")));
@@ -379,8 +380,8 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
 }
 
 google::protobuf::Duration ToProto(absl::Duration duration) {
-  const absl::Duration clamped = std::clamp(duration, -absl::Seconds(kMaxDurationSeconds),
-                                            absl::Seconds(kMaxDurationSeconds));
+  const absl::Duration clamped =
+      std::clamp(duration, -absl::Seconds(kMaxDurationSeconds), absl::Seconds(kMaxDurationSeconds));
   absl::Duration rest;
   google::protobuf::Duration proto;
   proto.set_seconds(absl::IDivDuration(clamped, absl::Seconds(1), &rest));

@@ -1,8 +1,9 @@
 // Between messages and core types. What comes from the wire is checked in full: nothing that is not
 // finite or out of its range gets past here.
 //
-// All From functions return INVALID_ARGUMENT naming the field, its value and what is allowed. `path`
-// is the field's name in the request ("camera"); messages extend it ("camera.eye.x"). Thread-safe.
+// All From functions return INVALID_ARGUMENT naming the field, its value and what is allowed.
+// `path` is the field's name in the request ("camera"); messages extend it ("camera.eye.x").
+// Thread-safe.
 
 #ifndef ISOSCOPE_CORE_RPC_PROTO_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_PROTO_CONVERT_H_
@@ -15,6 +16,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+
 #include "core/image/frame_image.h"
 #include "core/math/vec.h"
 #include "core/store/manifest.h"

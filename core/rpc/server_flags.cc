@@ -3,6 +3,7 @@
 #include <cstdlib>
 
 #include "absl/strings/str_cat.h"
+
 #include "core/base/log.h"
 
 namespace isoscope::rpc {

@@ -20,8 +20,8 @@ namespace isoscope::rpc {
 // `Message` is movable and has ByteSizeLong(). Thread-safe.
 //
 // `start_write(message)` begins a write; its end is reported by OnWriteDone. `finish(status)` is
-// called once, when Finish was called and no write is in flight; nothing follows it. Both are called
-// with the queue's lock held: they must not block nor call back.
+// called once, when Finish was called and no write is in flight; nothing follows it. Both are
+// called with the queue's lock held: they must not block nor call back.
 template <typename Message>
 class WriteQueue {
  public:

@@ -15,6 +15,7 @@
 #include "absl/types/span.h"
 
 #include "core/base/file.h"
+#include "core/base/units.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
@@ -68,8 +69,8 @@ class ShardReader {
   // Groups ascending `ordinals`, all < block_count(), into runs: blocks whose gap is at most
   // kMaxGapBytes are read together, up to kMaxRunBytes.
   [[nodiscard]] std::vector<Run> PlanRuns(absl::Span<const std::uint32_t> ordinals) const;
-  static constexpr std::int64_t kMaxGapBytes = 32 * 1024;
-  static constexpr std::int64_t kMaxRunBytes = 1024 * 1024;
+  static constexpr std::int64_t kMaxGapBytes = 32 * base::kKiB;
+  static constexpr std::int64_t kMaxRunBytes = base::kMiB;
 
   // Reads one run of `ordinals` into `buffer` (grown as needed, reused by the caller), checks each
   // block's CRC-32C and calls `visit` in order; the samples live until the next call with that

@@ -44,11 +44,11 @@ constexpr double kMaxMeanDifference = 0.25;
 constexpr std::int64_t kMaxPngBytes = base::kMiB;
 
 struct Scene {
-  std::string name;
-  volume::GridGeometry geometry;
+  std::string name{};
   volume::ScalarType type = volume::ScalarType::kUint8;
-  std::string samples;
-  agent::FrameRequest request;
+  volume::GridGeometry geometry{};
+  std::string samples{};
+  agent::FrameRequest request{};
 };
 
 agent::FrameRequest MakeRequest(const volume::GridGeometry& geometry, double isovalue,

@@ -31,6 +31,14 @@ using testing::LocalCluster;
 constexpr int kThreadCount = 2;
 constexpr int kShardCounts[] = {1, 2, 3, 7, 16};
 constexpr std::int64_t kBlockEdges[] = {4, 8, 16, 32};
+// Views for each generated field, and for the head. Sanitizers look for other bugs: a few do.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int kFieldViewCount = 6;
+constexpr int kHeadViewCount = 1;
+#else
+constexpr int kFieldViewCount = 64;
+constexpr int kHeadViewCount = 12;
+#endif
 constexpr char kHeadPath[] = "/usr/share/mricron/templates/ch2.nii.gz";
 
 struct Volume {
@@ -54,31 +62,27 @@ volume::GridGeometry ObliqueGeometry(const math::Index3& dims, const math::Vec3d
   return geometry;
 }
 
-std::vector<Volume> GeneratedVolumes() {
-  std::vector<Volume> volumes;
-  {
-    const math::Index3 dims{49, 45, 41};
-    volumes.push_back(
-        {"gyroid", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint8,
-         volume::SampleField(volume::GyroidField(3), dims, volume::ScalarType::kUint8, 80, 128),
-         128.0});
-  }
-  {
-    // Whole numbers 0 .. 4 and a whole isovalue: most vertices lie on samples, so sheets touch and
-    // equal depths are common.
-    const math::Index3 dims{26, 29, 31};
-    volumes.push_back({"ties", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint16,
-                       volume::SampleNoise(7, dims, volume::ScalarType::kUint16, 4), 2.0});
-  }
-  {
-    const math::Index3 dims{65, 48, 56};
-    volumes.push_back({"random_field", ObliqueGeometry(dims, {0.5, 0.75, 2.0}),
-                       volume::ScalarType::kFloat32,
-                       volume::SampleField(volume::RandomField(3, 40, 9.0), dims,
-                                           volume::ScalarType::kFloat32, 1, 0),
-                       0.05});
-  }
-  return volumes;
+Volume Gyroid() {
+  const math::Index3 dims{49, 45, 41};
+  return {"gyroid", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint8,
+          volume::SampleField(volume::GyroidField(3), dims, volume::ScalarType::kUint8, 80, 128),
+          128.0};
+}
+
+// Whole numbers 0 .. 4 and a whole isovalue: most vertices lie on samples, so sheets touch and
+// equal depths are common.
+Volume Ties() {
+  const math::Index3 dims{26, 29, 31};
+  return {"ties", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint16,
+          volume::SampleNoise(7, dims, volume::ScalarType::kUint16, 4), 2.0};
+}
+
+Volume SmoothRandom() {
+  const math::Index3 dims{65, 48, 56};
+  return {"smooth_random", ObliqueGeometry(dims, {0.5, 0.75, 2.0}), volume::ScalarType::kFloat32,
+          volume::SampleField(volume::RandomField(3, 40, 9.0), dims, volume::ScalarType::kFloat32,
+                              1, 0),
+          0.05};
 }
 
 // A camera that is inside the volume as often as outside, near and far, turned any way.
@@ -243,18 +247,16 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
     }
     // Defends the test: empty pictures and views where nothing is culled would prove nothing.
     EXPECT_GT(covered_pixel_count, camera_count * 500);
-    EXPECT_GT(culled_view_count, camera_count / 2);
+    EXPECT_GE(culled_view_count, (camera_count + 1) / 2);
   }
 
   std::unique_ptr<render::Renderer> renderer_;
 };
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfGeneratedFields) {
-  std::uint64_t seed = 1000;
-  for (const Volume& volume : GeneratedVolumes()) {
-    CheckRandomViews(volume, 64, seed);
-    seed += 1000;
-  }
+  CheckRandomViews(Gyroid(), kFieldViewCount, 1000);
+  CheckRandomViews(Ties(), kFieldViewCount, 2000);
+  CheckRandomViews(SmoothRandom(), kFieldViewCount, 3000);
 }
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
@@ -267,7 +269,7 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
   head.samples.resize(static_cast<std::size_t>(math::Volume(head.geometry.sample_dims)) *
                       volume::SizeOf(head.type));
   ISOSCOPE_ASSERT_OK(source->ReadSlab(0, head.geometry.sample_dims.z, head.samples.data()));
-  CheckRandomViews(head, 12, 9000);
+  CheckRandomViews(head, kHeadViewCount, 9000);
 }
 
 // A wall of blocks, and small spheres in front of it, each inside a block of its own that few rays
@@ -331,7 +333,7 @@ TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
 }
 
 TEST_P(ExactPictureTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
-  const Volume volume = GeneratedVolumes().front();
+  const Volume volume = Gyroid();
   Datasets datasets(volume, renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 2, store::Distribution::kRandom));
@@ -342,7 +344,7 @@ TEST_P(ExactPictureTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
 }
 
 TEST_P(ExactPictureTest, PassedDeadlineAndCancellationEndTheFrame) {
-  const Volume volume = GeneratedVolumes().front();
+  const Volume volume = Gyroid();
   Datasets datasets(volume, renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));

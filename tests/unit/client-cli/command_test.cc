@@ -28,7 +28,7 @@ struct Outcome {
   std::string err;
 };
 
-Outcome Run(const std::vector<std::string>& arguments) {
+Outcome RunCli(const std::vector<std::string>& arguments) {
   Interrupt interrupt;
   std::ostringstream out;
   std::ostringstream err;
@@ -53,7 +53,7 @@ std::ostream& operator<<(std::ostream& out, const WrongUsage& row) {
 class WrongUsageTest : public ::testing::TestWithParam<WrongUsage> {};
 
 TEST_P(WrongUsageTest, ExitsWithTwoAndOneLineThatHelps) {
-  const Outcome outcome = Run(GetParam().arguments);
+  const Outcome outcome = RunCli(GetParam().arguments);
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_EQ(outcome.out, "");
   EXPECT_THAT(outcome.err, StartsWith("isoscope"));
@@ -77,7 +77,7 @@ std::vector<WrongUsage> GeneralRows() {
       {{"info", "--server", "h"}, {"--server", "'h' is not HOST:PORT"}},
       {{"serve"}, {"DIR is missing"}},
       {{"serve", "d", "--listen", "70000"}, {"--listen", "HOST:PORT"}},
-      {{"serve", "d", "--renderer", "gl"}, {"--renderer", "'gl'", "auto", "egl", "cpu"}},
+      {{"serve", "d", "--renderer", "gl"}, {"--renderer", "\"gl\"", "auto", "egl", "cpu"}},
       {{"serve", "d", "--threads", "0"}, {"--threads", "'0' is not a whole number from 1"}},
   };
 }
@@ -96,7 +96,7 @@ std::vector<WrongUsage> PartitionRows() {
       {{"partition", "v.nrrd", "--output", "d", "--block-cells", "8x8"},
        {"--block-cells", "N or NXxNYxNZ"}},
       {{"partition", "v.nrrd", "--output", "d", "--distribution", "even"},
-       {"--distribution", "'even'", "greedy"}},
+       {"--distribution", "\"even\"", "greedy"}},
       {{"partition", "v.nrrd", "--output", "d", "--seed", "-1"}, {"--seed", "'-1'"}},
       {{"partition", "v.nrrd", "--output", "d", "--memory-limit", "1kb"},
        {"--memory-limit", "'1kb'", "MiB"}},
@@ -111,7 +111,7 @@ std::vector<WrongUsage> PartitionRows() {
       {{"partition", "v.raw", "--output", "d", "--dims", "4,4", "--type", "uint8"},
        {"--dims", "'4,4' is not X,Y,Z"}},
       {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "byte"},
-       {"--type", "'byte'", "uint8"}},
+       {"--type", "\"byte\"", "uint8"}},
       {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8", "--endian",
         "middle"},
        {"--endian", "'middle' is none of: little, big"}},
@@ -158,7 +158,7 @@ std::vector<WrongUsage> RenderRows() {
       Render({"--zoom", "0"}, {"--zoom", "above 0"}),
       Render({"--azimuth", "east"}, {"--azimuth", "'east'"}),
       Render({"--culling", "all"}, {"--culling", "'all' is none of: depth, mask, none"}),
-      Render({"--renderer", "metal"}, {"--renderer", "'metal'"}),
+      Render({"--renderer", "metal"}, {"--renderer", "\"metal\""}),
       Render({"--shards", "0"}, {"--shards", "'0'"}),
       Render({"--threads", "0"}, {"--threads", "'0'"}),
       Render({"--repeat", "0"}, {"--repeat", "'0'"}),
@@ -184,14 +184,14 @@ INSTANTIATE_TEST_SUITE_P(Partition, WrongUsageTest, ::testing::ValuesIn(Partitio
 INSTANTIATE_TEST_SUITE_P(Render, WrongUsageTest, ::testing::ValuesIn(RenderRows()));
 
 TEST(CommandTest, VersionIsOneLine) {
-  const Outcome outcome = Run({"--version"});
+  const Outcome outcome = RunCli({"--version"});
   EXPECT_EQ(outcome.exit_code, 0);
   EXPECT_EQ(outcome.out, absl::StrCat("isoscope ", base::Version(), "\n"));
 }
 
 TEST(CommandTest, HelpListsEveryCommand) {
   for (const char* flag : {"--help", "-h", "help"}) {
-    const Outcome outcome = Run({flag});
+    const Outcome outcome = RunCli({flag});
     EXPECT_EQ(outcome.exit_code, 0);
     for (const Command& command : Commands()) {
       EXPECT_THAT(outcome.out, HasSubstr("  " + command.name));
@@ -201,12 +201,13 @@ TEST(CommandTest, HelpListsEveryCommand) {
 
 TEST(CommandTest, HelpOfACommandHasExamplesAndDefaults) {
   for (const Command& command : Commands()) {
-    const Outcome outcome = Run({command.name, "--help"});
+    const Outcome outcome = RunCli({command.name, "--help"});
     EXPECT_EQ(outcome.exit_code, 0);
-    EXPECT_THAT(outcome.out, HasSubstr("Usage: isoscope " + command.name));
+    EXPECT_THAT(outcome.out, HasSubstr("\nUsage: isoscope " + command.name + " " + command.usage));
+    EXPECT_EQ(outcome.out.find("Usage:"), outcome.out.rfind("Usage:"));
     EXPECT_THAT(outcome.out, HasSubstr("Examples:\n  isoscope " + command.name));
     EXPECT_THAT(outcome.out, HasSubstr("default:"));
-    EXPECT_EQ(Run({"help", command.name}).out, outcome.out);
+    EXPECT_EQ(RunCli({"help", command.name}).out, outcome.out);
   }
 }
 
@@ -224,7 +225,7 @@ TEST(CommandTest, TheFlagsOfTheContractExist) {
         "--threads", "--repeat", "--orbit", "--stats"}},
       {"export", {"--server", "--isovalue", "--output"}}};
   for (const auto& [command, flags] : contract) {
-    const std::string help = Run({command, "--help"}).out;
+    const std::string help = RunCli({command, "--help"}).out;
     for (const std::string& flag : flags) {
       EXPECT_THAT(help, HasSubstr("  " + flag + " ")) << command;
     }
@@ -241,7 +242,7 @@ TEST(CommandTest, FailedRequestsExitWithOneAndNameTheCode) {
             folder.Sub("o.png")},
            {"render", folder.path(), "--isovalue", "1", "--output", folder.Sub("o.png")},
            {"export", folder.Sub("absent"), "--isovalue", "1", "--output", folder.Sub("o.ply")}}) {
-    const Outcome outcome = Run(arguments);
+    const Outcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 1) << arguments[0];
     EXPECT_EQ(outcome.out, "");
     EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: "));
@@ -251,8 +252,8 @@ TEST(CommandTest, FailedRequestsExitWithOneAndNameTheCode) {
 
 TEST(CommandTest, UnwritableOutputIsFoundBeforeAnyWork) {
   const TempDir folder;
-  const Outcome outcome = Run({"render", folder.Sub("absent.nrrd"), "--isovalue", "1", "--output",
-                               folder.Sub("no/such/folder/o.png")});
+  const Outcome outcome = RunCli({"render", folder.Sub("absent.nrrd"), "--isovalue", "1",
+                                  "--output", folder.Sub("no/such/folder/o.png")});
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_THAT(outcome.err, HasSubstr("no/such/folder/o.png"));
 }
@@ -260,8 +261,8 @@ TEST(CommandTest, UnwritableOutputIsFoundBeforeAnyWork) {
 TEST(CommandTest, AbsentServerIsNamedWithAWayToStartOne) {
   const TempDir folder;
   // Port 1 needs privileges to listen on, and nothing of ours does.
-  const Outcome outcome = Run({"render", "--server", "127.0.0.1:1", "--isovalue", "-.5", "--output",
-                               folder.Sub("o.png"), "--timeout", "5"});
+  const Outcome outcome = RunCli({"render", "--server", "127.0.0.1:1", "--isovalue", "-.5",
+                                  "--output", folder.Sub("o.png"), "--timeout", "5"});
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_THAT(outcome.err,
               StartsWith("isoscope: UNAVAILABLE: no coordinator answers at 127.0.0.1:1"));

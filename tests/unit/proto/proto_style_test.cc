@@ -1,5 +1,5 @@
-// The style of our protos, checked on the descriptor set that protoc writes (proto/README.md has the
-// rules). Every failure names the element and what to do.
+// The style of our protos, checked on the descriptor set that protoc writes (proto/README.md has
+// the rules). Every failure names the element and what to do.
 
 #include <fstream>
 #include <functional>
@@ -201,9 +201,8 @@ TEST_F(ProtoStyleTest, FieldsCarryUnitsInTheirNames) {
       EXPECT_FALSE(absl::EndsWith(name, abbreviated))
           << field->full_name() << ": use _duration, _degrees, _px or _bytes";
     }
-    const bool is_duration =
-        field->type() == FieldDescriptor::TYPE_MESSAGE &&
-        field->message_type()->full_name() == "google.protobuf.Duration";
+    const bool is_duration = field->type() == FieldDescriptor::TYPE_MESSAGE &&
+                             field->message_type()->full_name() == "google.protobuf.Duration";
     EXPECT_EQ(is_duration, absl::EndsWith(name, "_duration")) << field->full_name();
     if (absl::EndsWith(name, "_count") || absl::EndsWith(name, "_bytes") ||
         absl::EndsWith(name, "_px")) {

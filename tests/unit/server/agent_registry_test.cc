@@ -7,18 +7,19 @@
 
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
+
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/fake_agent.h"
 
 namespace isoscope::server {
 namespace {
 
+using ::testing::AllOf;
 using testing::FakeAgent;
+using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::MakeShard;
 using testing::StatusIs;
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 
 constexpr char kOtherId[] = "ffffffffffffffffffffffffffffffff";
 

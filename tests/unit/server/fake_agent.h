@@ -9,11 +9,11 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
-#include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
 #include "core/base/check.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/proto_convert.h"

@@ -69,6 +69,59 @@ std::vector<Segment> Boundary(int case_number) {
   return boundary;
 }
 
+// Sides of the case's triangles that are not on its boundary, each once, lower edge first.
+std::set<Segment> Diagonals(int case_number) {
+  const CaseTable& table = GetCaseTable();
+  const auto row = static_cast<std::size_t>(case_number);
+  const std::vector<Segment> boundary = Boundary(case_number);
+  std::set<Segment> diagonals;
+  for (std::size_t i = 0; i < table.triangle_counts[row]; ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Segment side{table.edges[row][3 * i + k], table.edges[row][3 * i + (k + 1) % 3]};
+      if (std::find(boundary.begin(), boundary.end(), side) == boundary.end()) {
+        diagonals.insert(std::minmax(side.first, side.second));
+      }
+    }
+  }
+  return diagonals;
+}
+
+// The edges of each loop of the case's boundary.
+std::vector<std::set<int>> Loops(int case_number) {
+  std::map<int, int> next;
+  for (const auto& [from, to] : Boundary(case_number)) {
+    next[from] = to;
+  }
+  std::vector<std::set<int>> loops;
+  while (!next.empty()) {
+    std::set<int>& loop = loops.emplace_back();
+    for (auto it = next.begin(); it != next.end();) {
+      loop.insert(it->first);
+      const int following = it->second;
+      next.erase(it);
+      it = next.find(following);
+    }
+  }
+  return loops;
+}
+
+std::set<Segment> DiagonalsWithin(int case_number, const std::set<int>& loop) {
+  std::set<Segment> within;
+  for (const Segment& diagonal : Diagonals(case_number)) {
+    if (loop.count(diagonal.first) != 0 && loop.count(diagonal.second) != 0) {
+      within.insert(diagonal);
+    }
+  }
+  return within;
+}
+
+// From the inside to the outside corner of a crossed edge.
+math::Vec3d Direction(int case_number, int edge) {
+  const EdgeCorners corners = CornersOfEdge(edge);
+  const math::Vec3d up = CornerPosition(corners.upper) - CornerPosition(corners.lower);
+  return IsInside(case_number, corners.lower) ? up : up * -1.0;
+}
+
 // The four corners of a face as (0,0), (1,0), (0,1), (1,1) of its two axes.
 std::vector<int> FaceCorners(int axis, int side) {
   const int u = 1 << (axis == 0 ? 1 : 0);
@@ -215,6 +268,90 @@ TEST(CaseTableTest, NoDiagonalLiesInAFace) {
       }
     }
   }
+}
+
+// The diagonals of the next four tests make areas agree with those of VTK's flying edges.
+TEST(CaseTableTest, NoDiagonalJoinsEdgesOfOppositeDirections) {
+  for (int case_number = 0; case_number < 256; ++case_number) {
+    for (const auto& [a, b] : Diagonals(case_number)) {
+      EXPECT_GE(math::Dot(Direction(case_number, a), Direction(case_number, b)), 0)
+          << "case " << case_number << ", edges " << a << ", " << b;
+    }
+  }
+}
+
+TEST(CaseTableTest, LoopsOfFiveEdgesHaveADiagonalBetweenTheirParallelEdgesOfOneDirection) {
+  int loop_count = 0;
+  for (int case_number = 0; case_number < 256; ++case_number) {
+    for (const std::set<int>& loop : Loops(case_number)) {
+      if (loop.size() != 5) {
+        continue;
+      }
+      ++loop_count;
+      const std::set<Segment> diagonals = DiagonalsWithin(case_number, loop);
+      EXPECT_EQ(diagonals.size(), 2U);
+      EXPECT_EQ(std::count_if(diagonals.begin(), diagonals.end(),
+                              [&](const Segment& diagonal) {
+                                return math::Dot(Direction(case_number, diagonal.first),
+                                                 Direction(case_number, diagonal.second)) == 1;
+                              }),
+                1)
+          << "case " << case_number;
+    }
+  }
+  EXPECT_EQ(loop_count, 72);
+}
+
+TEST(CaseTableTest, LoopsOfSevenEdgesAreFans) {
+  int loop_count = 0;
+  for (int case_number = 0; case_number < 256; ++case_number) {
+    for (const std::set<int>& loop : Loops(case_number)) {
+      if (loop.size() != 7) {
+        continue;
+      }
+      ++loop_count;
+      const std::set<Segment> diagonals = DiagonalsWithin(case_number, loop);
+      EXPECT_EQ(diagonals.size(), 4U);
+      EXPECT_TRUE(std::any_of(
+          loop.begin(), loop.end(),
+          [&](int apex) {
+            return std::all_of(diagonals.begin(), diagonals.end(), [&](const Segment& diagonal) {
+              return diagonal.first == apex || diagonal.second == apex;
+            });
+          }))
+          << "case " << case_number;
+    }
+  }
+  EXPECT_EQ(loop_count, 24);
+}
+
+// Four inside corners in a row round two bends: the outside ones are the mirror image, and so the
+// surface favours neither.
+TEST(CaseTableTest, ChainsOfFourCornersAreCutByACentralTriangle) {
+  int chain_count = 0;
+  for (int case_number = 0; case_number < 256; ++case_number) {
+    std::vector<int> neighbour_counts;
+    for (int corner = 0; corner < 8; ++corner) {
+      if (IsInside(case_number, corner)) {
+        neighbour_counts.push_back(IsInside(case_number, corner ^ 1) +
+                                   IsInside(case_number, corner ^ 2) +
+                                   IsInside(case_number, corner ^ 4));
+      }
+    }
+    std::sort(neighbour_counts.begin(), neighbour_counts.end());
+    if (neighbour_counts != std::vector<int>{1, 1, 2, 2}) {
+      continue;
+    }
+    ++chain_count;
+    const std::set<Segment> diagonals = Diagonals(case_number);
+    std::set<int> ends;
+    for (const auto& [a, b] : diagonals) {
+      ends.insert({a, b});
+    }
+    EXPECT_EQ(diagonals.size(), 3U) << "case " << case_number;
+    EXPECT_EQ(ends.size(), 3U) << "case " << case_number;
+  }
+  EXPECT_EQ(chain_count, 24);
 }
 
 TEST(CaseTableTest, SingleCornersAreCutOffByATriangleThatFacesAway) {

@@ -8,15 +8,16 @@
 #include <vector>
 
 #include "gtest/gtest.h"
+
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::rpc {
 namespace {
 
-using testing::IsOk;
-using testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::StatusIs;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
@@ -117,8 +118,8 @@ TEST(ProtoConvertTest, ViewportOutsideItsRangeIsRefused) {
 TEST(ProtoConvertTest, CullingOfANewerClientIsRefusedAndUnsetIsDepth) {
   EXPECT_EQ(*CullingFromProto(isoscope::v1::CULLING_UNSPECIFIED, "culling"),
             visibility::Culling::kDepth);
-  for (const auto culling : {visibility::Culling::kDepth, visibility::Culling::kMask,
-                             visibility::Culling::kNone}) {
+  for (const auto culling :
+       {visibility::Culling::kDepth, visibility::Culling::kMask, visibility::Culling::kNone}) {
     EXPECT_EQ(*CullingFromProto(ToProto(culling), "culling"), culling);
   }
   EXPECT_THAT(CullingFromProto(static_cast<isoscope::v1::Culling>(17), "culling"),
@@ -232,8 +233,8 @@ TEST(ProtoConvertTest, DatasetsThatContradictThemselvesAreRefused) {
 }
 
 TEST(ProtoConvertTest, BlockListsSurviveBothWays) {
-  for (const std::vector<volume::BlockId>& ids : std::vector<std::vector<volume::BlockId>>{
-           {}, {0}, {99}, {0, 1, 2, 50, 99}}) {
+  for (const std::vector<volume::BlockId>& ids :
+       std::vector<std::vector<volume::BlockId>>{{}, {0}, {99}, {0, 1, 2, 50, 99}}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<volume::BlockId> again,
                                   BlockListFromProto(ToProto(ids), 100, "hits"));
     EXPECT_EQ(again, ids);
@@ -241,9 +242,14 @@ TEST(ProtoConvertTest, BlockListsSurviveBothWays) {
 }
 
 TEST(ProtoConvertTest, BlockListsThatLeaveTheVolumeOrDoNotAscendAreRefused) {
-  for (const std::vector<std::int64_t>& deltas : std::vector<std::vector<std::int64_t>>{
-           {-1}, {100}, {99, 1}, {5, 0}, {5, -3}, {1, std::numeric_limits<std::int64_t>::max()},
-           {std::numeric_limits<std::int64_t>::min()}}) {
+  for (const std::vector<std::int64_t>& deltas :
+       std::vector<std::vector<std::int64_t>>{{-1},
+                                              {100},
+                                              {99, 1},
+                                              {5, 0},
+                                              {5, -3},
+                                              {1, std::numeric_limits<std::int64_t>::max()},
+                                              {std::numeric_limits<std::int64_t>::min()}}) {
     isoscope::internal::v1::BlockList proto;
     proto.mutable_block_id_deltas()->Add(deltas.begin(), deltas.end());
     EXPECT_THAT(BlockListFromProto(proto, 100, "hits"),

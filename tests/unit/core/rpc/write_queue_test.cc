@@ -7,6 +7,7 @@
 
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
+
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::rpc {
@@ -21,7 +22,8 @@ class WriteQueueTest : public ::testing::Test {
  protected:
   std::vector<std::string> written_;
   std::vector<absl::Status> finished_;
-  WriteQueue<Message> queue_{4, [this](const Message* message) { written_.push_back(message->text); },
+  WriteQueue<Message> queue_{4,
+                             [this](const Message* message) { written_.push_back(message->text); },
                              [this](const absl::Status& status) { finished_.push_back(status); }};
 };
 

@@ -1,0 +1,423 @@
+// The public service against agents of a script: what goes wrong on an agent, and what clients see.
+
+#include <atomic>
+#include <limits>
+#include <memory>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/synchronization/notification.h"
+#include "absl/time/clock.h"
+#include "gtest/gtest.h"
+
+#include "core/image/png_codec.h"
+#include "core/rpc/grpc_status.h"
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/coordinator_server.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/server/fake_agent.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace internal = isoscope::internal::v1;
+
+using ::testing::AllOf;
+using testing::FakeAgent;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::MakeShard;
+using testing::PlayEmptyFrame;
+using testing::StatusIs;
+
+// Waits until the coordinator cancels, for as long as any test may take.
+bool WaitUntilCancelled(grpc::ServerContext* context) {
+  const absl::Time limit = absl::Now() + absl::Seconds(20);
+  while (!context->IsCancelled() && absl::Now() < limit) {
+    absl::SleepFor(absl::Milliseconds(2));
+  }
+  return context->IsCancelled();
+}
+
+isoscope::v1::RenderIsosurfaceRequest Request() {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.set_dataset("head");
+  request.set_isovalue(100);
+  request.mutable_viewport()->set_width_px(32);
+  request.mutable_viewport()->set_height_px(16);
+  return request;
+}
+
+// Two agents with a shard each; the first one behaves unless a test says otherwise.
+class IsosurfaceServiceTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    for (FakeAgent* agent : {&first_, &second_}) {
+      agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+        return PlayEmptyFrame(stream);
+      };
+    }
+    options_.poll_interval = absl::Hours(1);
+  }
+
+  void StartCluster() {
+    first_.Start();
+    second_.Start();
+    options_.agents = {{first_.address(), nullptr}, {second_.address(), nullptr}};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options_));
+    ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + absl::Seconds(20)));
+    channel_ = coordinator_->InProcessChannel();
+    stub_ = isoscope::v1::IsosurfaceService::NewStub(channel_);
+  }
+
+  absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> Render(
+      const isoscope::v1::RenderIsosurfaceRequest& request,
+      absl::Duration timeout = absl::Seconds(20)) {
+    grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+    isoscope::v1::RenderIsosurfaceResponse response;
+    const absl::Status status =
+        rpc::ToAbslStatus(stub_->RenderIsosurface(&context, request, &response));
+    if (!status.ok()) {
+      return status;
+    }
+    return response;
+  }
+
+  FakeAgent first_{{MakeShard("head", 0, 2)}};
+  FakeAgent second_{{MakeShard("head", 1, 2)}};
+  CoordinatorServerOptions options_;
+  std::unique_ptr<CoordinatorServer> coordinator_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<isoscope::v1::IsosurfaceService::Stub> stub_;
+};
+
+TEST_F(IsosurfaceServiceTest, AFrameWithoutSurfaceIsTheBackgroundAndSumsTheAgents) {
+  StartCluster();
+  isoscope::v1::RenderIsosurfaceRequest request = Request();
+  request.mutable_background_color()->set_red(1);
+  request.mutable_background_color()->set_alpha(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage picture, image::DecodePng(response.png()));
+  EXPECT_EQ(picture.width, 32);
+  EXPECT_EQ(picture.height, 16);
+  for (const image::Rgba8& pixel : picture.pixels) {
+    ASSERT_EQ(pixel, (image::Rgba8{255, 0, 0, 255}));
+  }
+  const isoscope::v1::RenderStatistics& statistics = response.statistics();
+  EXPECT_EQ(statistics.triangle_count(), 14);
+  EXPECT_EQ(statistics.active_block_count(), 10);
+  EXPECT_EQ(statistics.culled_block_count(), 4);
+  EXPECT_EQ(statistics.png_bytes(), static_cast<std::int64_t>(response.png().size()));
+  EXPECT_GT(statistics.network_bytes(), 0);
+  ASSERT_EQ(statistics.agents_size(), 2);
+  EXPECT_EQ(statistics.agents(0).agent_address(), first_.address());
+  EXPECT_EQ(statistics.agents(1).shard_indices(0), 1);
+  EXPECT_EQ(response.camera().perspective().fov_y_degrees(), 30);
+}
+
+TEST_F(IsosurfaceServiceTest, AgentsGetTheRequestAndTheirShare) {
+  internal::BeginFrame begin;
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) -> grpc::Status {
+    internal::RenderFrameRequest request;
+    stream->Read(&request);
+    begin = request.begin();
+    internal::RenderFrameResponse response;
+    response.mutable_frame_done();
+    stream->Write(response);
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  isoscope::v1::RenderIsosurfaceRequest request = Request();
+  request.set_culling(isoscope::v1::CULLING_NONE);
+  request.set_ray_seed(77);
+  request.mutable_camera()->mutable_eye()->set_z(0.1);
+  request.mutable_camera()->mutable_target();
+  request.mutable_camera()->mutable_perspective()->set_fov_y_degrees(33.3);
+  ISOSCOPE_ASSERT_OK(Render(request));
+  EXPECT_EQ(begin.dataset_id(), testing::kSomeId);
+  EXPECT_EQ(begin.agent_index(), 1);
+  EXPECT_EQ(begin.agent_count(), 2);
+  ASSERT_EQ(begin.shard_indices_size(), 1);
+  EXPECT_EQ(begin.shard_indices(0), 1);
+  EXPECT_EQ(begin.ray_seed(), 77);
+  EXPECT_EQ(begin.isovalue(), 100);
+  // Bit for bit: every agent must compute the same view.
+  EXPECT_EQ(begin.camera().perspective().fov_y_degrees(), 33.3);
+  EXPECT_EQ(begin.camera().eye().z(), 0.1);
+}
+
+TEST_F(IsosurfaceServiceTest, BadRequestsAreRefusedNamingTheField) {
+  StartCluster();
+  const auto expect_bad = [this](const isoscope::v1::RenderIsosurfaceRequest& request,
+                                 const std::string& field) {
+    EXPECT_THAT(Render(request), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(field)));
+  };
+  isoscope::v1::RenderIsosurfaceRequest request = Request();
+  request.set_isovalue(std::numeric_limits<double>::quiet_NaN());
+  expect_bad(request, "isovalue");
+  request = Request();
+  request.clear_viewport();
+  expect_bad(request, "viewport");
+  request = Request();
+  request.mutable_base_color()->set_alpha(0.5F);
+  expect_bad(request, "base_color.alpha");
+  request = Request();
+  request.mutable_camera();
+  expect_bad(request, "camera.eye");
+  request = Request();
+  request.set_dataset("haed");
+  EXPECT_THAT(Render(request), StatusIs(absl::StatusCode::kNotFound, HasSubstr("head")));
+}
+
+TEST_F(IsosurfaceServiceTest, AnAgentsErrorKeepsItsCodeAndNamesTheAgent) {
+  for (const grpc::StatusCode code :
+       {grpc::StatusCode::DATA_LOSS, grpc::StatusCode::INTERNAL,
+        grpc::StatusCode::RESOURCE_EXHAUSTED, grpc::StatusCode::FAILED_PRECONDITION}) {
+    first_.Stop();
+    second_.Stop();
+    second_.on_frame = [code](grpc::ServerContext*, FakeAgent::FrameStream*) -> grpc::Status {
+      return {code, "block 1713 at offset 4096"};
+    };
+    StartCluster();
+    EXPECT_THAT(Render(Request()),
+                StatusIs(static_cast<absl::StatusCode>(code),
+                         AllOf(HasSubstr(second_.address()), HasSubstr("shard 1"),
+                               HasSubstr("block 1713 at offset 4096"))));
+    coordinator_.reset();
+  }
+}
+
+TEST_F(IsosurfaceServiceTest, AnAgentThatRefusesTheCoordinatorsMessageIsNotTheClientsFault) {
+  second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) -> grpc::Status {
+    return {grpc::StatusCode::INVALID_ARGUMENT, "out of order"};
+  };
+  StartCluster();
+  EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal, HasSubstr("out of order")));
+}
+
+TEST_F(IsosurfaceServiceTest, AnAgentThatEndsTooEarlyOrSendsRubbishIsAnInternalError) {
+  std::atomic<int> call_count{0};
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) -> grpc::Status {
+    if (call_count++ == 0) {
+      return grpc::Status::OK;
+    }
+    internal::RenderFrameResponse response;
+    response.mutable_ray_hits()->add_block_id_deltas(1'000'000);
+    stream->Write(response);
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  EXPECT_THAT(Render(Request()),
+              StatusIs(absl::StatusCode::kInternal, HasSubstr(second_.address())));
+  EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal,
+                                          AllOf(HasSubstr(second_.address()),
+                                                HasSubstr("malformed"), HasSubstr("1000000"))));
+}
+
+TEST_F(IsosurfaceServiceTest, AnAgentThatDiesDuringTheFrameIsUnavailableNamingItsShards) {
+  absl::Notification begun;
+  second_.on_frame = [&](grpc::ServerContext* context, FakeAgent::FrameStream* stream) {
+    internal::RenderFrameRequest request;
+    stream->Read(&request);
+    begun.Notify();
+    WaitUntilCancelled(context);
+    return grpc::Status::CANCELLED;
+  };
+  StartCluster();
+  std::thread killer([&] {
+    begun.WaitForNotification();
+    second_.Stop();
+  });
+  EXPECT_THAT(Render(Request()),
+              StatusIs(absl::StatusCode::kUnavailable,
+                       AllOf(HasSubstr(second_.address()), HasSubstr("shard 1"))));
+  killer.join();
+  // The next frame asks again and says what is missing.
+  EXPECT_THAT(Render(Request()),
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       AllOf(HasSubstr("shard 1"), HasSubstr(second_.address()))));
+  // And the one after the agent's return succeeds.
+  second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    return PlayEmptyFrame(stream);
+  };
+  second_.Start(second_.port());
+  EXPECT_THAT(Render(Request()), IsOk());
+}
+
+TEST_F(IsosurfaceServiceTest, AnAgentThatHangsEndsTheFrameAtTheServersLimitNamingTheAgent) {
+  std::atomic<bool> was_cancelled{false};
+  second_.on_frame = [&](grpc::ServerContext* context, FakeAgent::FrameStream*) {
+    was_cancelled.store(WaitUntilCancelled(context));
+    return grpc::Status::CANCELLED;
+  };
+  options_.max_frame_duration = absl::Milliseconds(300);
+  StartCluster();
+  EXPECT_THAT(Render(Request()),
+              StatusIs(absl::StatusCode::kDeadlineExceeded, HasSubstr(second_.address())));
+  second_.Stop();
+  EXPECT_TRUE(was_cancelled.load());
+}
+
+TEST_F(IsosurfaceServiceTest, AClientThatCancelsStopsTheAgents) {
+  absl::Notification begun;
+  absl::Notification cancelled;
+  second_.on_frame = [&](grpc::ServerContext* context, FakeAgent::FrameStream* stream) {
+    internal::RenderFrameRequest request;
+    stream->Read(&request);
+    begun.Notify();
+    if (WaitUntilCancelled(context)) {
+      cancelled.Notify();
+    }
+    return grpc::Status::CANCELLED;
+  };
+  StartCluster();
+  grpc::ClientContext context;
+  isoscope::v1::RenderIsosurfaceResponse response;
+  std::thread client([&] {
+    const grpc::Status status = stub_->RenderIsosurface(&context, Request(), &response);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::CANCELLED);
+  });
+  begun.WaitForNotification();
+  context.TryCancel();
+  client.join();
+  EXPECT_TRUE(cancelled.WaitForNotificationWithTimeout(absl::Seconds(20)));
+}
+
+TEST_F(IsosurfaceServiceTest, MoreFramesThanMayWaitAreRefusedWithAdvice) {
+  absl::Notification begun;
+  absl::Notification release;
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    if (!begun.HasBeenNotified()) {
+      begun.Notify();
+    }
+    release.WaitForNotification();
+    return PlayEmptyFrame(stream);
+  };
+  options_.max_concurrent_frames = 1;
+  options_.max_queued_frames = 0;
+  StartCluster();
+  std::thread client([&] { EXPECT_THAT(Render(Request()), IsOk()); });
+  begun.WaitForNotification();
+  EXPECT_THAT(Render(Request()),
+              StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("retry later")));
+  release.Notify();
+  client.join();
+  EXPECT_THAT(Render(Request()), IsOk());
+}
+
+TEST_F(IsosurfaceServiceTest, ShutdownWithoutGraceCancelsFramesInWork) {
+  absl::Notification begun;
+  second_.on_frame = [&](grpc::ServerContext* context, FakeAgent::FrameStream*) {
+    begun.Notify();
+    WaitUntilCancelled(context);
+    return grpc::Status::CANCELLED;
+  };
+  StartCluster();
+  std::thread client([&] { EXPECT_FALSE(Render(Request()).ok()); });
+  begun.WaitForNotification();
+  coordinator_->Shutdown(absl::ZeroDuration());
+  client.join();
+}
+
+TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
+  first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    internal::ExtractSurfaceResponse message;
+    internal::BlockSurface* block = message.add_blocks();
+    block->set_block_id(0);
+    const std::vector<float> positions = {1, 1, 1.5F, 2, 1, 1.5F, 1, 2, 1.5F};
+    const std::vector<std::int64_t> keys = {3 * 91 + 2, 3 * 92 + 2, 3 * 100 + 2};
+    const std::vector<std::uint32_t> triangles = {0, 1, 2};
+    block->set_positions(positions.data(), positions.size() * sizeof(float));
+    block->set_normals(positions.data(), positions.size() * sizeof(float));
+    block->set_edge_keys(keys.data(), keys.size() * sizeof(std::int64_t));
+    block->set_triangles(triangles.data(), triangles.size() * sizeof(std::uint32_t));
+    writer->Write(message);
+    return grpc::Status::OK;
+  };
+  second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  grpc::ClientContext context;
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(100);
+  const auto reader = stub_->ExportIsosurface(&context, request);
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  ASSERT_TRUE(reader->Read(&chunk));
+  EXPECT_EQ(chunk.positions().size(), 3 * 3 * sizeof(float));
+  EXPECT_EQ(chunk.triangles().size(), 3 * sizeof(std::int64_t));
+  EXPECT_FALSE(reader->Read(&chunk));
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+}
+
+TEST_F(IsosurfaceServiceTest, AMalformedSurfaceIsRefusedNamingTheAgent) {
+  first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    internal::ExtractSurfaceResponse message;
+    message.add_blocks()->set_positions("123");
+    writer->Write(message);
+    return grpc::Status::OK;
+  };
+  second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  grpc::ClientContext context;
+  const auto reader = stub_->ExportIsosurface(&context, {});
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  EXPECT_FALSE(reader->Read(&chunk));
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()),
+              StatusIs(absl::StatusCode::kInternal,
+                       AllOf(HasSubstr(first_.address()), HasSubstr("3 bytes of positions"))));
+}
+
+TEST_F(IsosurfaceServiceTest, StatusAndDatasetsTellWhatTheRegistrySaw) {
+  StartCluster();
+  grpc::ClientContext status_context;
+  isoscope::v1::GetClusterStatusResponse status;
+  ASSERT_TRUE(isoscope::v1::ClusterService::NewStub(channel_)
+                  ->GetClusterStatus(&status_context, {}, &status)
+                  .ok());
+  ASSERT_EQ(status.agents_size(), 2);
+  EXPECT_EQ(status.agents(0).state(), isoscope::v1::AgentStatus::STATE_REACHABLE);
+  EXPECT_EQ(status.agents(0).version(), "1.2.3");
+  EXPECT_EQ(status.agents(0).shards_size(), 1);
+
+  grpc::ClientContext list_context;
+  isoscope::v1::ListDatasetsResponse list;
+  const auto datasets = isoscope::v1::DatasetService::NewStub(channel_);
+  ASSERT_TRUE(datasets->ListDatasets(&list_context, {}, &list).ok());
+  ASSERT_EQ(list.datasets_size(), 1);
+  EXPECT_EQ(list.datasets(0).name(), "head");
+  EXPECT_EQ(list.datasets(0).missing_shards_size(), 0);
+
+  grpc::ClientContext get_context;
+  isoscope::v1::GetDatasetRequest request;
+  request.set_name("none");
+  isoscope::v1::GetDatasetResponse dataset;
+  EXPECT_EQ(datasets->GetDataset(&get_context, request, &dataset).error_code(),
+            grpc::StatusCode::NOT_FOUND);
+
+  grpc::ClientContext capabilities_context;
+  isoscope::v1::GetCapabilitiesResponse capabilities;
+  ASSERT_TRUE(isoscope::v1::ClusterService::NewStub(channel_)
+                  ->GetCapabilities(&capabilities_context, {}, &capabilities)
+                  .ok());
+  EXPECT_EQ(capabilities.max_concurrent_frame_count(), options_.max_concurrent_frames);
+  EXPECT_FALSE(capabilities.version().empty());
+}
+
+TEST_F(IsosurfaceServiceTest, AnAddressInUseIsUnavailable) {
+  StartCluster();
+  CoordinatorServerOptions options = options_;
+  options.listen_address = first_.address();
+  EXPECT_THAT(CoordinatorServer::Start(options),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr(first_.address())));
+}
+
+}  // namespace
+}  // namespace isoscope::server
