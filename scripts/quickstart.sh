@@ -42,6 +42,7 @@ trap 'exit 143' TERM
 start() {
   local name="$1" event="$2"
   shift 2
+  : >"$out/logs/$name.log"
   "$@" >"$out/logs/$name.log" 2>&1 </dev/null &
   pids+=("$!")
   local tries
@@ -67,7 +68,7 @@ echo "== partition"
 echo "== cluster"
 agents=()
 for shard in "$out"/head/shard-*; do
-  start "agent-${#agents[@]}" agent_started "$bin/isoscope-agent" "$shard" --listen 127.0.0.1:0
+  start "agent-$(basename "$shard")" agent_started "$bin/isoscope-agent" "$shard" --listen 127.0.0.1:0
   agents+=(--agent "$address")
 done
 start coordinator coordinator_started "$bin/isoscope-coordinator" --listen 127.0.0.1:0 "${agents[@]}"

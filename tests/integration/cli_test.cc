@@ -106,7 +106,8 @@ PlyMesh ReadPly(const std::string& bytes) {
   EXPECT_EQ(bytes.size(), header_end + std::strlen(kEnd) + vertex_count * kVertexBytes +
                               face_count * kFaceBytes)
       << "the counts of the header do not match the size of the file";
-  if (::testing::Test::HasFailure()) {
+  if (bytes.size() - header_end - std::strlen(kEnd) !=
+      vertex_count * kVertexBytes + face_count * kFaceBytes) {
     return mesh;
   }
   for (std::size_t i = 0; i < vertex_count; ++i, data += kVertexBytes) {
@@ -122,6 +123,23 @@ PlyMesh ReadPly(const std::string& bytes) {
     mesh.triangles.push_back(corners);
   }
   return mesh;
+}
+
+// The triangles by their corners, each from its smallest corner on, in ascending order: what does
+// not depend on how vertices are numbered.
+std::vector<std::array<std::array<float, 3>, 3>> TrianglesOf(const PlyMesh& mesh) {
+  std::vector<std::array<std::array<float, 3>, 3>> triangles;
+  for (const std::array<std::int32_t, 3>& corners : mesh.triangles) {
+    std::array<std::array<float, 3>, 3> triangle{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      triangle[k] = mesh.positions.at(static_cast<std::size_t>(corners[k]));
+    }
+    std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()),
+                triangle.end());
+    triangles.push_back(triangle);
+  }
+  std::sort(triangles.begin(), triangles.end());
+  return triangles;
 }
 
 // Runs with a cache of its own, so that nothing is shared with the user's or another test.
@@ -415,15 +433,17 @@ TEST_F(CliTest, ExportIsOneWeldedClosedMeshThatDoesNotDependOnShards) {
     return ReadFile(Path("mesh.ply"));
   };
   const std::string bytes = export_from({Path("one")});
-  EXPECT_EQ(export_from({Path("three")}), bytes) << "three shards";
-  EXPECT_EQ(export_from(Join({Path("volume.raw")}, testing::RawFlags(ball))), bytes) << "volume";
+  EXPECT_TRUE(export_from({Path("three")}) == bytes) << "three shards";
   {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                   testing::ProcessCluster::Start(Path("three"), 3));
-    EXPECT_EQ(export_from({"--server", cluster->address()}), bytes) << "cluster";
+    EXPECT_TRUE(export_from({"--server", cluster->address()}) == bytes) << "cluster";
   }
 
   const PlyMesh mesh = ReadPly(bytes);
+  // The blocks of the cache have another size: the same triangles in another order.
+  const std::string cached = export_from(Join({Path("volume.raw")}, testing::RawFlags(ball)));
+  EXPECT_TRUE(TrianglesOf(ReadPly(cached)) == TrianglesOf(mesh)) << "straight from the volume";
   const testing::ReferenceSurface reference =
       testing::ReferenceExtractor(ball.geometry, ball.type, ball.samples).Extract(128);
   EXPECT_EQ(mesh.positions.size(), reference.vertices.size());

@@ -233,6 +233,17 @@ TEST_F(FaultTest, FrameLimitOfTheCoordinatorNamesTheAgentThatHangs) {
   ExpectRight(Render(cluster->address(), SmallRequest()));
 }
 
+// Symptom: connections were given up after 50 ms, so that clients and coordinators of a machine
+// under load, or far away, got UNAVAILABLE "tcp handshaker shutdown" from a server that was well.
+TEST_F(FaultTest, ServerThatIsSlowToAcceptAConnectionIsNotGivenUp) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Dataset(), kShardCount));
+  cluster->coordinator().Stop();
+  BackgroundFrame frame(cluster->address(), kPatience);
+  absl::SleepFor(absl::Milliseconds(500));  // how slow it is, not a wait for anything
+  cluster->coordinator().Signal(SIGCONT);
+  ExpectRight(frame.Get());
+}
+
 // The command line with --timeout, as a person would wait.
 TEST_F(FaultTest, TimeoutOfTheCommandLineEndsTheWait) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Dataset(), kShardCount));

@@ -20,6 +20,7 @@ namespace isoscope::extract {
 namespace {
 
 std::string DataDir() {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): no thread sets the environment
   const char* dir = std::getenv("ISOSCOPE_DATA_DIR");
   return dir != nullptr ? dir : ISOSCOPE_DEFAULT_DATA_DIR;
 }
