@@ -16,7 +16,7 @@ namespace {
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
 absl::StatusOr<double> ParseFieldOfView(absl::string_view text) {
-  const absl::StatusOr<double> degrees = ParseNumber(text);
+  absl::StatusOr<double> degrees = ParseNumber(text);
   if (!degrees.ok() || *degrees <= 0 || *degrees >= 180) {
     return absl::InvalidArgumentError(
         absl::StrCat("'", text, "' is not an angle in degrees, above 0 and below 180"));

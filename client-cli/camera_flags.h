@@ -12,7 +12,7 @@
 #include "core/math/vec.h"
 #include "core/view/camera.h"
 
-namespace CLI {
+namespace CLI {  // NOLINT(readability-identifier-naming): theirs
 class App;
 }  // namespace CLI
 

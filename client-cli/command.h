@@ -11,7 +11,7 @@
 #include "absl/status/status.h"
 #include "client-cli/interrupt.h"
 
-namespace CLI {
+namespace CLI {  // NOLINT(readability-identifier-naming): theirs
 class App;
 }  // namespace CLI
 

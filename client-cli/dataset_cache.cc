@@ -96,9 +96,9 @@ std::set<std::string> DetachedFiles(const std::string& path) {
     if (header.ok()) {
       for (const absl::string_view line : absl::StrSplit(*header, absl::ByAnyChar("\r\n"))) {
         const std::size_t separator = line.find_first_of("=:");
-        add_if_file(std::string(absl::StripAsciiWhitespace(line)));
+        add_if_file(absl::StrCat(absl::StripAsciiWhitespace(line)));
         if (separator != absl::string_view::npos) {
-          add_if_file(std::string(absl::StripAsciiWhitespace(line.substr(separator + 1))));
+          add_if_file(absl::StrCat(absl::StripAsciiWhitespace(line.substr(separator + 1))));
         }
       }
     }

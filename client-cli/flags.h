@@ -8,6 +8,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include <CLI/CLI.hpp>
 
@@ -23,7 +24,7 @@ CLI::Option* AddFlag(CLI::App* app, const std::string& name, const std::string& 
       name, [value, parse](const std::string& text) { *value = *parse(text); }, help);
   option->check([parse](const std::string& text) {
     const absl::StatusOr<T> parsed = parse(text);
-    return parsed.ok() ? std::string() : std::string(parsed.status().message());
+    return absl::StrCat(parsed.status().message());
   });
   return option->type_name(type_name);
 }
@@ -33,7 +34,7 @@ inline absl::StatusOr<std::string> ParseText(absl::string_view text) {
   if (text.empty()) {
     return absl::InvalidArgumentError("is empty");
   }
-  return std::string(text);
+  return absl::StrCat(text);
 }
 
 }  // namespace isoscope::cli

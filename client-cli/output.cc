@@ -162,7 +162,7 @@ void ProgressLine::Update(absl::string_view phase, std::int64_t done_bytes,
 
 void ProgressLine::Update(absl::string_view text) {
   if (IsDue()) {
-    Draw(std::string(text));
+    Draw(absl::StrCat(text));
   }
 }
 

@@ -191,7 +191,7 @@ absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
       !absl::SimpleAtoi(port, &number) || number < 0 || number > 65535) {
     return Malformed(text, kExpected);
   }
-  return std::string(text);
+  return absl::StrCat(text);
 }
 
 namespace {

@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
@@ -68,7 +69,7 @@ absl::StatusOr<T> ParseChoice(absl::string_view text,
     }
     allowed += (allowed.empty() ? "" : ", ") + name;
   }
-  return absl::InvalidArgumentError("'" + std::string(text) + "' is none of: " + allowed);
+  return absl::InvalidArgumentError(absl::StrCat("'", text, "' is none of: ", allowed));
 }
 
 }  // namespace isoscope::cli

@@ -15,7 +15,7 @@
 #include "core/math/vec.h"
 #include "core/volume/scalar_type.h"
 
-namespace CLI {
+namespace CLI {  // NOLINT(readability-identifier-naming): theirs
 class App;
 }  // namespace CLI
 

@@ -73,6 +73,10 @@ class CpuPass final : public RenderPass {
         colors_(PixelCount()) {}
 
   absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) override {
+    if (std::int64_t{mesh->block_id} >= layout_.block_count()) {
+      return absl::InvalidArgumentError(absl::StrFormat("block %d: the layout has %d blocks",
+                                                        mesh->block_id, layout_.block_count()));
+    }
     if (mesh->indices.empty()) {
       return absl::OkStatus();
     }

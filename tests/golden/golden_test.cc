@@ -1,9 +1,9 @@
 // Pictures that were looked at once and must not change by accident. That pictures are right is
-// proved elsewhere (exact_picture_test, extraction against a reference); these guard against change:
-// of the camera, the shading, the side that is lit, the seams.
+// proved elsewhere (exact_picture_test, extraction against a reference); these guard against
+// change: of the camera, the shading, the side that is lit, the seams.
 //
-// Tolerance: between versions of Mesa and compilers an interpolated colour is rounded differently by
-// a level or two, and a pixel whose sample lies on an edge falls to the other side. So a pixel
+// Tolerance: between versions of Mesa and compilers an interpolated colour is rounded differently
+// by a level or two, and a pixel whose sample lies on an edge falls to the other side. So a pixel
 // counts as different only beyond kMaxLevelDifference, and a few on silhouettes may be. A change
 // that a person can see (a seam, light from elsewhere, a shift by half a pixel) moves far more.
 
@@ -19,6 +19,8 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+
 #include "core/base/file.h"
 #include "core/base/units.h"
 #include "core/composite/depth_composite.h"
@@ -27,7 +29,6 @@
 #include "core/ingest/volume_source.h"
 #include "core/render/renderer_factory.h"
 #include "core/volume/synthetic_fields.h"
-#include "gtest/gtest.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -79,8 +80,7 @@ Scene MarschnerLobb() {
   const math::Index3 dims{72, 72, 72};
   Scene scene{.name = "marschner_lobb", .type = volume::ScalarType::kFloat32};
   scene.geometry.sample_dims = dims;
-  scene.samples =
-      volume::SampleField(volume::MarschnerLobbField(6, 0.25), dims, scene.type, 1, 0);
+  scene.samples = volume::SampleField(volume::MarschnerLobbField(6, 0.25), dims, scene.type, 1, 0);
   scene.request = MakeRequest(scene.geometry, 0.5, 20, 40);
   scene.request.camera.fov_y_radians /= 1.3;
   return scene;
@@ -94,8 +94,7 @@ Scene Torus(view::Projection projection) {
   scene.geometry.sample_dims = dims;
   scene.geometry.spacing = {2.0 / 80, 2.0 / 60, 2.0 / 40};
   scene.geometry.origin = {-1, -1, -1};
-  scene.samples =
-      volume::SampleField(volume::TorusField(0.6, 0.25), dims, scene.type, 300, 128);
+  scene.samples = volume::SampleField(volume::TorusField(0.6, 0.25), dims, scene.type, 300, 128);
   scene.request = MakeRequest(scene.geometry, 128, -35, 25);
   if (projection == view::Projection::kPerspective) {
     // From near: what is closer must look larger.
@@ -121,8 +120,7 @@ absl::StatusOr<image::RgbaImage> Render(const Scene& scene, render::RendererKind
   if (!manifest.ok()) {
     return manifest.status();
   }
-  absl::StatusOr<std::unique_ptr<render::Renderer>> renderer =
-      render::MakeRenderer({.kind = kind});
+  absl::StatusOr<std::unique_ptr<render::Renderer>> renderer = render::MakeRenderer({.kind = kind});
   if (!renderer.ok()) {
     return renderer.status();
   }

@@ -32,8 +32,8 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::AllOf;
 using ::testing::AnyOf;
-using ::testing::HasSubstr;
 using testing::CommandResult;
+using ::testing::HasSubstr;
 using testing::RunIsoscope;
 using testing::StatusIs;
 
@@ -65,8 +65,8 @@ class BadInputTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     shared_ = new testing::TempDir();
-    ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({25, 21, 17}),
-                                            shared_->Sub("good"), 2, 8));
+    ISOSCOPE_ASSERT_OK(
+        testing::MakeDataset(testing::GyroidVolume({25, 21, 17}), shared_->Sub("good"), 2, 8));
   }
   static void TearDownTestSuite() {
     delete shared_;
@@ -183,9 +183,9 @@ TEST_F(BadInputTest, RawFilesWhoseFlagsAreWrong) {
   ExpectFailure(partition({"--dims", "10,10,10", "--type", "uint8", "--endian", "middle"}),
                 kWrongUsage, {"middle", "little"});
   // 729 cells: 8 blocks of 8 cells.
-  ExpectFailure(partition({"--dims", "10,10,10", "--type", "uint8", "--block-cells", "8",
-                           "--shards", "9"}),
-                kFailed, {"INVALID_ARGUMENT", "9 shards", "8 blocks"});
+  ExpectFailure(
+      partition({"--dims", "10,10,10", "--type", "uint8", "--block-cells", "8", "--shards", "9"}),
+      kFailed, {"INVALID_ARGUMENT", "9 shards", "8 blocks"});
   ExpectFailure(partition({"--dims", "10,10,10", "--type", "uint8", "--shards", "0"}), kWrongUsage,
                 {"0"});
   ExpectFailure(partition({"--dims", "10,10,10", "--type", "uint8", "--block-cells", "129"}),
@@ -227,17 +227,17 @@ TEST_F(BadInputTest, FullDiskLeavesNothing) {
       Join({"partition", Path("v.raw"), "--output", Path("out")}, testing::RawFlags(volume)),
       kFailed, {"RESOURCE_EXHAUSTED", "blocks.bin", "out"}, full);
   EXPECT_EQ(Entries(), before);
-  ExpectFailure({"render", Path("d"), "--isovalue", "128", "--output", Path("p.png"), "--renderer",
-                 "cpu"},
-                kFailed, {"RESOURCE_EXHAUSTED", "p.png"}, full);
+  ExpectFailure(
+      {"render", Path("d"), "--isovalue", "128", "--output", Path("p.png"), "--renderer", "cpu"},
+      kFailed, {"RESOURCE_EXHAUSTED", "p.png"}, full);
   EXPECT_EQ(Entries(), before);
   ExpectFailure({"export", Path("d"), "--isovalue", "128", "--output", Path("m.ply")}, kFailed,
                 {"RESOURCE_EXHAUSTED", "m.ply"}, full);
   EXPECT_EQ(Entries(), before);
   // A device that is full.
-  ExpectFailure({"render", Path("d"), "--isovalue", "128", "--output", "/dev/full", "--renderer",
-                 "cpu"},
-                kFailed, {"/dev/full"});
+  ExpectFailure(
+      {"render", Path("d"), "--isovalue", "128", "--output", "/dev/full", "--renderer", "cpu"},
+      kFailed, {"/dev/full"});
   EXPECT_EQ(Entries(), before);
 }
 
@@ -273,8 +273,8 @@ TEST_F(BadInputTest, RequestsThatCanNotBeRight) {
   ExpectFailure(with({"--shards", "3"}), kWrongUsage, {"--shards 3", "2"});
   ExpectFailure(with({"--server", "127.0.0.1:1"}), kWrongUsage, {"--server"});
   ExpectFailure(with({"--server", "nonsense"}), kWrongUsage, {"nonsense"});
-  ExpectFailure({"render", "--server", "127.0.0.1:1", "--isovalue", "1", "--output",
-                 Path("p.png"), "--timeout", "5"},
+  ExpectFailure({"render", "--server", "127.0.0.1:1", "--isovalue", "1", "--output", Path("p.png"),
+                 "--timeout", "5"},
                 kFailed, {"UNAVAILABLE", "127.0.0.1:1"});
   ExpectFailure({"info", Path("nothing")}, kFailed, {"NOT_FOUND", Path("nothing")});
   ExpectFailure({"serve", Path("nothing")}, kFailed, {"NOT_FOUND", Path("nothing")});
@@ -293,8 +293,8 @@ TEST_F(BadInputTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
                                   base::ReadWholeFile(Path("p.png"), kMaxFileBytes));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage image, image::DecodePng(png));
     EXPECT_EQ(image.pixels, std::vector<image::Rgba8>(40 * 30, {0, 0, 0, 255}));
-    const CommandResult mesh = RunIsoscope({"export", GoodDataset(), "--isovalue", isovalue,
-                                            "--output", Path("m.ply")});
+    const CommandResult mesh =
+        RunIsoscope({"export", GoodDataset(), "--isovalue", isovalue, "--output", Path("m.ply")});
     EXPECT_EQ(mesh.exit_code, 0) << mesh.err;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string ply,
                                   base::ReadWholeFile(Path("m.ply"), kMaxFileBytes));
@@ -307,21 +307,21 @@ TEST_F(BadInputTest, RequestsOnTheWireAreCheckedLikeFlags) {
                                 testing::ProcessCluster::Start(GoodDataset(), 2));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
-  const auto expect = [&](const char* what, absl::StatusCode code,
-                          const std::vector<std::string>& parts,
-                          const std::function<void(isoscope::v1::RenderIsosurfaceRequest*)>& spoil) {
-    SCOPED_TRACE(what);
-    isoscope::v1::RenderIsosurfaceRequest request = testing::SmallRequest();
-    request.mutable_camera()->mutable_eye()->set_z(100);
-    request.mutable_camera()->mutable_target();
-    request.mutable_camera()->mutable_perspective()->set_fov_y_degrees(30);
-    spoil(&request);
-    const auto response = testing::Render(cluster->address(), request);
-    EXPECT_THAT(response, StatusIs(code));
-    for (const std::string& part : parts) {
-      EXPECT_THAT(std::string(response.status().message()), HasSubstr(part));
-    }
-  };
+  const auto expect =
+      [&](const char* what, absl::StatusCode code, const std::vector<std::string>& parts,
+          const std::function<void(isoscope::v1::RenderIsosurfaceRequest*)>& spoil) {
+        SCOPED_TRACE(what);
+        isoscope::v1::RenderIsosurfaceRequest request = testing::SmallRequest();
+        request.mutable_camera()->mutable_eye()->set_z(100);
+        request.mutable_camera()->mutable_target();
+        request.mutable_camera()->mutable_perspective()->set_fov_y_degrees(30);
+        spoil(&request);
+        const auto response = testing::Render(cluster->address(), request);
+        EXPECT_THAT(response, StatusIs(code));
+        for (const std::string& part : parts) {
+          EXPECT_THAT(std::string(response.status().message()), HasSubstr(part));
+        }
+      };
   constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
   expect("isovalue nan", kInvalid, {"isovalue", "nan"}, [&](auto* r) { r->set_isovalue(nan); });
   expect("isovalue inf", kInvalid, {"isovalue", "inf"}, [&](auto* r) { r->set_isovalue(-inf); });
@@ -349,14 +349,12 @@ TEST_F(BadInputTest, RequestsOnTheWireAreCheckedLikeFlags) {
     });
   }
   for (const double height : {0.0, -1.0, nan, inf}) {
-    expect("height", kInvalid, {"height"}, [&](auto* r) {
-      r->mutable_camera()->mutable_orthographic()->set_height(height);
-    });
+    expect("height", kInvalid, {"height"},
+           [&](auto* r) { r->mutable_camera()->mutable_orthographic()->set_height(height); });
   }
   expect("culling", kInvalid, {"culling", "77"},
          [](auto* r) { r->set_culling(static_cast<isoscope::v1::Culling>(77)); });
-  expect("colour", kInvalid, {"base_color"},
-         [](auto* r) { r->mutable_base_color()->set_red(7); });
+  expect("colour", kInvalid, {"base_color"}, [](auto* r) { r->mutable_base_color()->set_red(7); });
   expect("colour nan", kInvalid, {"background_color"}, [](auto* r) {
     r->mutable_background_color()->set_red(std::numeric_limits<float>::quiet_NaN());
   });
@@ -448,8 +446,7 @@ TEST_F(BadInputTest, ShardDamagedWhileServedIsDataLossThatNamesThePlace) {
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({25, 21, 17}), dataset, 2, 8));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, testing::ProcessCluster::Start(dataset, 2));
   const std::string file = testing::ShardDirectory(dataset, 1, 2) + "/blocks.bin";
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes,
-                                base::ReadWholeFile(file, kMaxFileBytes));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, base::ReadWholeFile(file, kMaxFileBytes));
   const auto overwrite = [&](const std::string& content) {
     // In place: the agent holds the file open.
     std::FILE* out = std::fopen(file.c_str(), "r+b");
@@ -527,8 +524,9 @@ class InterruptedPartitionTest : public BadInputTest {
     ASSERT_FALSE(base::PathExists(Path("out"))) << "it was done before it could be stopped";
   }
   [[nodiscard]] std::vector<std::string> Arguments() const {
-    return {"partition", Path("v.raw"), "--output", Path("out"),    "--shards",       "2",
-            "--dims",    "1024,512,512", "--type",  "uint8", "--memory-limit", "64MiB",
+    return {"partition",     Path("v.raw"), "--output",       Path("out"),
+            "--shards",      "2",           "--dims",         "1024,512,512",
+            "--type",        "uint8",       "--memory-limit", "64MiB",
             "--block-cells", "32"};
   }
 

@@ -18,6 +18,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "gtest/gtest.h"
+#include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
 #include "core/base/file.h"
@@ -28,8 +29,6 @@
 #include "tests/support/reference_extractor.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-
-#include <nlohmann/json.hpp>
 
 namespace isoscope {
 namespace {
@@ -103,8 +102,8 @@ PlyMesh ReadPly(const std::string& bytes) {
   const char* data = bytes.data() + header_end + std::strlen(kEnd);
   constexpr std::size_t kVertexBytes = 24;
   constexpr std::size_t kFaceBytes = 13;
-  EXPECT_EQ(bytes.size(), header_end + std::strlen(kEnd) + vertex_count * kVertexBytes +
-                              face_count * kFaceBytes)
+  EXPECT_EQ(bytes.size(),
+            header_end + std::strlen(kEnd) + vertex_count * kVertexBytes + face_count * kFaceBytes)
       << "the counts of the header do not match the size of the file";
   if (bytes.size() - header_end - std::strlen(kEnd) !=
       vertex_count * kVertexBytes + face_count * kFaceBytes) {
@@ -227,8 +226,8 @@ TEST_F(CliTest, RawFileWithHeaderAndBigEndianIsTheSameVolumeAsNrrd) {
     EXPECT_TRUE(absl::StrContains(text, "43 x 37 x 29 of int16")) << text;
   }
   const auto render = [&](const char* name) {
-    MustRun({"render", Path(name), "--isovalue", "0", "--width", "96", "--height", "96",
-             "--output", Path("p.png"), "--renderer", "cpu"});
+    MustRun({"render", Path(name), "--isovalue", "0", "--width", "96", "--height", "96", "--output",
+             Path("p.png"), "--renderer", "cpu"});
     return ReadFile(Path("p.png"));
   };
   EXPECT_EQ(render("from_nrrd"), render("from_raw"));
@@ -239,15 +238,22 @@ TEST_F(CliTest, StatisticsHaveTheMembersThatScriptsReadAndAddUp) {
   for (const char* culling : {"depth", "mask", "none"}) {
     SCOPED_TRACE(culling);
     json stats;
-    const std::string png =
-        Render({Path("d"), "--renderer", "cpu", "--culling", culling}, &stats);
+    const std::string png = Render({Path("d"), "--renderer", "cpu", "--culling", culling}, &stats);
     ASSERT_EQ(stats.at("frames").size(), 1U);
     const json& frame = stats.at("frames").at(0);
-    const std::set<std::string> expected{
-        "wall_ms",        "active_block_count", "ray_hit_block_count", "occluding_block_count",
-        "visible_block_count", "culled_block_count", "triangle_count", "unique_vertex_count",
-        "read_bytes",     "network_bytes",      "png_bytes",           "durations_ms",
-        "agents"};
+    const std::set<std::string> expected{"wall_ms",
+                                         "active_block_count",
+                                         "ray_hit_block_count",
+                                         "occluding_block_count",
+                                         "visible_block_count",
+                                         "culled_block_count",
+                                         "triangle_count",
+                                         "unique_vertex_count",
+                                         "read_bytes",
+                                         "network_bytes",
+                                         "png_bytes",
+                                         "durations_ms",
+                                         "agents"};
     EXPECT_EQ(KeysOf(frame), expected);
     const std::set<std::string> expected_durations{"occluder_selection", "occluder_rendering",
                                                    "visibility_culling", "composite", "encode"};
@@ -281,9 +287,8 @@ TEST_F(CliTest, StatisticsHaveTheMembersThatScriptsReadAndAddUp) {
     int shard = 0;
     for (const json& agent : frame.at("agents")) {
       EXPECT_EQ(agent.at("shard"), shard++);
-      for (const char* key :
-           {"active_block_count", "triangle_count", "read_bytes", "extract_ms", "render_ms",
-            "busy_ms"}) {
+      for (const char* key : {"active_block_count", "triangle_count", "read_bytes", "extract_ms",
+                              "render_ms", "busy_ms"}) {
         ASSERT_TRUE(agent.contains(key)) << key;
         EXPECT_GE(agent.at(key).get<double>(), 0) << key;
       }
@@ -331,14 +336,14 @@ TEST_F(CliTest, PictureDoesNotDependOnCullingShardsOrWhereItIsMade) {
   EXPECT_EQ(Render(Join({Path("one"), "--culling", "none"}, Join(view, cpu))), png) << "culling";
   EXPECT_EQ(Render(Join({Path("one"), "--threads", "1"}, Join(view, cpu))), png) << "threads";
 
-  const std::vector<std::string> source =
-      Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
+  const std::vector<std::string> source = Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
   EXPECT_EQ(Render(Join(source, Join(view, cpu))), png) << "straight from the volume";
   EXPECT_EQ(Render(Join(source, Join(view, cpu))), png) << "from the cache";
   EXPECT_EQ(Render(Join(source, Join({"--shards", "3"}, Join(view, cpu)))), png)
       << "from the volume, in three shards";
 
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, testing::ProcessCluster::Start(Path("three"), 3));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                testing::ProcessCluster::Start(Path("three"), 3));
   EXPECT_EQ(Render(Join({"--server", cluster->address()}, view)), png) << "from a cluster";
 }
 
@@ -357,10 +362,9 @@ TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
   ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
   const std::string png = Render({Path("d"), "--renderer", "cpu"});
   for (const int signal : {SIGTERM, SIGINT}) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const std::unique_ptr<testing::Process> server,
-        testing::StartIsoscope(
-            {"serve", Path("d"), "--listen", "127.0.0.1:0", "--renderer", "cpu"}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<testing::Process> server,
+                                  testing::StartIsoscope({"serve", Path("d"), "--listen",
+                                                          "127.0.0.1:0", "--renderer", "cpu"}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, server->WaitForOutLine("127.0.0.1:"));
     EXPECT_EQ(Render({"--server", address}), png);
     EXPECT_EQ(Render({"--server", address, "--dataset", "d"}), png);
@@ -376,10 +380,10 @@ TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
 
 TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
   ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
-  const std::vector<std::string> base{"render",   Path("d"), "--isovalue", kIsovalue, "--width",
-                                      "80",       "--height", "80",        "--renderer", "cpu"};
-  const std::string out = MustRun(Join(base, {"--output", Path("f%d.png"), "--repeat", "3",
-                                              "--orbit", "30", "--stats", "-"}));
+  const std::vector<std::string> base{"render", Path("d"),  "--isovalue", kIsovalue,    "--width",
+                                      "80",     "--height", "80",         "--renderer", "cpu"};
+  const std::string out = MustRun(
+      Join(base, {"--output", Path("f%d.png"), "--repeat", "3", "--orbit", "30", "--stats", "-"}));
   EXPECT_EQ(ParseJson(out).at("frames").size(), 3U);
   std::set<std::string> pictures;
   for (const int frame : {0, 1, 2}) {
@@ -449,10 +453,10 @@ TEST_F(CliTest, ExportIsOneWeldedClosedMeshThatDoesNotDependOnShards) {
   EXPECT_EQ(mesh.positions.size(), reference.vertices.size());
   ASSERT_EQ(mesh.triangles.size(), reference.triangles.size());
   // Samples do not lie on the surface of this ball, so equal positions are the same grid edge.
-  EXPECT_EQ(std::set<decltype(mesh.positions)::value_type>(mesh.positions.begin(),
-                                                           mesh.positions.end())
-                .size(),
-            mesh.positions.size())
+  EXPECT_EQ(
+      std::set<decltype(mesh.positions)::value_type>(mesh.positions.begin(), mesh.positions.end())
+          .size(),
+      mesh.positions.size())
       << "the mesh is not welded";
 
   std::map<std::pair<std::int32_t, std::int32_t>, int> edges;

@@ -8,18 +8,18 @@
 #include <utility>
 #include <vector>
 
-#include <grpcpp/generic/generic_stub.h>
-#include <grpcpp/grpcpp.h>
-
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/grpcpp.h>
+
 #include "core/base/file.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
-#include "gmock/gmock.h"
-#include "gtest/gtest.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
@@ -44,7 +44,8 @@ using RenderResponse = absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse>;
 class BackgroundFrame {
  public:
   BackgroundFrame(const std::string& address, absl::Duration timeout)
-      : thread_([this, address, timeout] { response_ = Render(address, SmallRequest(), timeout); }) {}
+      : thread_(
+            [this, address, timeout] { response_ = Render(address, SmallRequest(), timeout); }) {}
   ~BackgroundFrame() {
     if (thread_.joinable()) {
       thread_.join();
@@ -71,8 +72,8 @@ class FaultTest : public ::testing::Test {
 
   static void SetUpTestSuite() {
     directory_ = new testing::TempDir();
-    ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({41, 35, 29}), Dataset(),
-                                            kShardCount, 8));
+    ISOSCOPE_ASSERT_OK(
+        testing::MakeDataset(testing::GyroidVolume({41, 35, 29}), Dataset(), kShardCount, 8));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                   ProcessCluster::Start(Dataset(), kShardCount));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(cluster->address(), SmallRequest()));
@@ -106,8 +107,8 @@ class HeldFrameTest : public FaultTest {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(agent_, testing::StartAgent({Shard(0)}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(upstream_, testing::StartAgent({Shard(1)}));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(holding_, testing::StartHoldingAgent(upstream_.address, hold));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        coordinator_, testing::StartCoordinator({agent_.address, holding_.address}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_,
+                                  testing::StartCoordinator({agent_.address, holding_.address}));
   }
   void WaitUntilHeld() { ISOSCOPE_ASSERT_OK(holding_.process->WaitForErrLine("holding")); }
 
@@ -125,9 +126,8 @@ TEST_P(AgentLostInStepTest, IsUnavailableNamingItAndTheNextFrameAfterItsReturnIs
   BackgroundFrame frame(coordinator_.address, kPatience);
   ASSERT_NO_FATAL_FAILURE(WaitUntilHeld());
   holding_.process->Kill();
-  EXPECT_THAT(frame.Get(),
-              StatusIs(absl::StatusCode::kUnavailable,
-                       AllOf(HasSubstr(holding_.address), HasSubstr("shard 1"))));
+  EXPECT_THAT(frame.Get(), StatusIs(absl::StatusCode::kUnavailable,
+                                    AllOf(HasSubstr(holding_.address), HasSubstr("shard 1"))));
   // Gone for good, so far: the next frame says so at once.
   EXPECT_THAT(Render(coordinator_.address, SmallRequest()),
               StatusIs(absl::StatusCode::kFailedPrecondition,
@@ -166,9 +166,9 @@ TEST_F(HeldFrameTest, ClientThatGoesAwayStopsTheFrameOnEveryAgent) {
 TEST_F(HeldFrameTest, InterruptedClientStopsTheFrameAndLeavesNoPicture) {
   ASSERT_NO_FATAL_FAILURE(Start("occlusion_map"));
   const std::string output = directory_->Sub("interrupted.png");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto client, testing::StartIsoscope({"render", "--server", coordinator_.address,
-                                                 "--isovalue", "128", "--output", output}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto client,
+                                testing::StartIsoscope({"render", "--server", coordinator_.address,
+                                                        "--isovalue", "128", "--output", output}));
   ASSERT_NO_FATAL_FAILURE(WaitUntilHeld());
   client->Signal(SIGINT);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const int exit_code, client->Wait(kPatience));
@@ -208,19 +208,17 @@ TEST_F(FaultTest, AgentThatHangsIsDeadlineExceededNamingItAndFramesAreRightAfter
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Dataset(), kShardCount));
   cluster->agent(1).Stop();
   constexpr absl::Duration kDeadline = absl::Seconds(3);
-  // The client's own deadline ends its call by itself, so the coordinator's words are in its log.
+  const absl::Time start = absl::Now();
   EXPECT_THAT(Render(cluster->address(), SmallRequest(), kDeadline),
-              StatusIs(absl::StatusCode::kDeadlineExceeded));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string line,
-                                cluster->coordinator().WaitForErrLine("frame_failed"));
-  EXPECT_THAT(line, AllOf(HasSubstr("DEADLINE_EXCEEDED"), HasSubstr(cluster->agent_address(1)),
-                          HasSubstr("shard 1")));
-  EXPECT_THAT(line, ::testing::Not(HasSubstr(cluster->agent_address(0))));
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       AllOf(HasSubstr(cluster->agent_address(1)), HasSubstr("shard 1"),
+                             ::testing::Not(HasSubstr(cluster->agent_address(0))))));
+  // With room for a slow machine, but well below any other limit.
+  EXPECT_LT(absl::Now() - start, 10 * kDeadline);
   cluster->agent(1).Signal(SIGCONT);
   ExpectRight(Render(cluster->address(), SmallRequest()));
 }
 
-// With the coordinator's own limit the client reads which agent hangs.
 TEST_F(FaultTest, FrameLimitOfTheCoordinatorNamesTheAgentThatHangs) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto cluster,
@@ -310,8 +308,9 @@ TEST_F(FaultTest, TwoClientsAtOnceGetTheirOwnPictures) {
         const RenderResponse response = Render(cluster->address(), request_of(client, frame));
         ISOSCOPE_EXPECT_OK(response);
         if (response.ok()) {
-          EXPECT_TRUE(response->png() == expected[static_cast<std::size_t>(client)]
-                                                 [static_cast<std::size_t>(frame % 4)])
+          EXPECT_TRUE(
+              response->png() ==
+              expected[static_cast<std::size_t>(client)][static_cast<std::size_t>(frame % 4)])
               << "client " << client << ", frame " << frame;
         }
       }

@@ -12,13 +12,13 @@
 #include <memory>
 #include <string>
 
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include <grpcpp/client_context.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 #include <grpcpp/server_context.h>
 
-#include "absl/time/clock.h"
-#include "absl/time/time.h"
 #include "core/base/log.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/server_flags.h"

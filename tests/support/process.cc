@@ -1,9 +1,6 @@
 #include "tests/support/process.h"
 
 #include <fcntl.h>
-#include <sys/prctl.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
@@ -18,6 +15,10 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/clock.h"
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
 #include "core/base/check.h"
 
 namespace isoscope::testing {
@@ -65,8 +66,8 @@ std::vector<char*> Pointers(const std::vector<std::string>& texts) {
   const int in = open("/dev/null", O_RDONLY | O_CLOEXEC);
   const int out = open(out_path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
   const int err = open(err_path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
-  if (in < 0 || out < 0 || err < 0 || dup2(in, STDIN_FILENO) < 0 ||
-      dup2(out, STDOUT_FILENO) < 0 || dup2(err, STDERR_FILENO) < 0) {
+  if (in < 0 || out < 0 || err < 0 || dup2(in, STDIN_FILENO) < 0 || dup2(out, STDOUT_FILENO) < 0 ||
+      dup2(err, STDERR_FILENO) < 0) {
     _exit(kExecFailed);
   }
   if (max_file_bytes >= 0) {
@@ -155,8 +156,8 @@ absl::StatusOr<int> Process::Wait(absl::Duration timeout) {
   while (!TryReap(WNOHANG)) {
     if (absl::Now() >= deadline) {
       return absl::DeadlineExceededError(absl::StrCat("process ", pid_, " still runs after ",
-                                                      absl::FormatDuration(timeout), "; it printed\n",
-                                                      out(), err()));
+                                                      absl::FormatDuration(timeout),
+                                                      "; it printed\n", out(), err()));
     }
     absl::SleepFor(kPollInterval);
   }

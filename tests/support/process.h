@@ -3,8 +3,6 @@
 #ifndef ISOSCOPE_TESTS_SUPPORT_PROCESS_H_
 #define ISOSCOPE_TESTS_SUPPORT_PROCESS_H_
 
-#include <sys/types.h>
-
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -14,6 +12,8 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include <sys/types.h>
+
 #include "tests/support/temp_dir.h"
 
 namespace isoscope::testing {

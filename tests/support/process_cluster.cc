@@ -1,12 +1,12 @@
 #include "tests/support/process_cluster.h"
 
-#include <grpcpp/client_context.h>
-
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include <grpcpp/client_context.h>
+
 #include "core/base/cancellation.h"
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
@@ -32,7 +32,9 @@ TestVolume MakeVolume(const volume::Field& field, const math::Index3& dims, doub
   return made;
 }
 
-std::string Triple(const math::Vec3d& v) { return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z); }
+std::string Triple(const math::Vec3d& v) {
+  return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z);
+}
 
 // Starts a server and takes its address from the line with `event`.
 absl::StatusOr<ServerProcess> StartServer(const std::vector<std::string>& argv,
@@ -108,8 +110,8 @@ absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::st
 absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
                                          const std::string& listen_address,
                                          const std::vector<std::string>& flags) {
-  std::vector<std::string> argv{kAgent,  "--listen",  listen_address, "--renderer",
-                                "cpu",   "--threads", "1"};
+  std::vector<std::string> argv{kAgent,      "--listen", listen_address, "--renderer", "cpu",
+                                "--threads", "1"};
   for (const std::string& directory : directories) {
     Append({"--shard", directory}, &argv);
   }
@@ -125,8 +127,7 @@ absl::StatusOr<ServerProcess> StartHoldingAgent(const std::string& upstream_addr
 absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& agent_addresses,
                                                const std::vector<std::string>& flags,
                                                bool wait_until_ready) {
-  std::vector<std::string> argv{kCoordinator, "--listen", "127.0.0.1:0", "--poll-seconds",
-                                "86400"};
+  std::vector<std::string> argv{kCoordinator, "--listen", "127.0.0.1:0", "--poll-seconds", "86400"};
   for (const std::string& address : agent_addresses) {
     Append({"--agent", address}, &argv);
   }
@@ -145,8 +146,8 @@ absl::StatusOr<std::unique_ptr<ProcessCluster>> ProcessCluster::Start(
   cluster->dataset_directory_ = dataset_directory;
   std::vector<std::string> addresses;
   for (int shard = 0; shard < shard_count; ++shard) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        ServerProcess agent, StartAgent({ShardDirectory(dataset_directory, shard, shard_count)}));
+    ISOSCOPE_ASSIGN_OR_RETURN(ServerProcess agent,
+                              StartAgent({ShardDirectory(dataset_directory, shard, shard_count)}));
     addresses.push_back(agent.address);
     cluster->agents_.push_back(std::move(agent));
   }
@@ -159,8 +160,7 @@ absl::Status ProcessCluster::RestartAgent(int shard) {
   ServerProcess& agent = agents_[static_cast<std::size_t>(shard)];
   agent.process->Kill();
   ISOSCOPE_ASSIGN_OR_RETURN(
-      agent,
-      StartAgent({ShardDirectory(dataset_directory_, shard, shard_count)}, agent.address));
+      agent, StartAgent({ShardDirectory(dataset_directory_, shard, shard_count)}, agent.address));
   return absl::OkStatus();
 }
 
@@ -179,8 +179,7 @@ absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> Render(
   grpc::ClientContext context;
   context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
   isoscope::v1::RenderIsosurfaceResponse response;
-  ISOSCOPE_RETURN_IF_ERROR(
-      rpc::ToAbslStatus(stub->RenderIsosurface(&context, request, &response)));
+  ISOSCOPE_RETURN_IF_ERROR(rpc::ToAbslStatus(stub->RenderIsosurface(&context, request, &response)));
   return response;
 }
 

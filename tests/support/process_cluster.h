@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+
 #include "core/math/vec.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_type.h"
@@ -97,8 +98,8 @@ class ProcessCluster {
 
 // A request for a small picture at 128 from the default camera.
 isoscope::v1::RenderIsosurfaceRequest SmallRequest();
-// One RenderIsosurface to the coordinator at `address`, on a connection of its own; `timeout` is the
-// client's deadline.
+// One RenderIsosurface to the coordinator at `address`, on a connection of its own; `timeout` is
+// the client's deadline.
 absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> Render(
     const std::string& address, const isoscope::v1::RenderIsosurfaceRequest& request,
     absl::Duration timeout = kPatience);
