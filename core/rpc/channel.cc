@@ -18,6 +18,7 @@ namespace {
 
 constexpr int kKeepaliveTimeMs = 10'000;
 constexpr int kKeepaliveTimeoutMs = 5'000;
+constexpr int kConnectTimeoutMs = 5'000;
 // Servers allow pings twice as often as our clients send them: clocks and queues jitter.
 constexpr int kMinPingIntervalMs = kKeepaliveTimeMs / 2;
 
@@ -33,8 +34,9 @@ grpc::ChannelArguments MakeChannelArguments() {
   // A frame can be silent for long while agents work: pings must not run out.
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 50);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 50);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
+  // Despite its name: how long one attempt to connect may take, handshake included.
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kConnectTimeoutMs);
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   return arguments;
 }

@@ -250,7 +250,8 @@ TEST_F(FaultTest, TimeoutOfTheCommandLineEndsTheWait) {
       testing::RunIsoscope({"render", "--server", cluster->address(), "--isovalue", "128",
                             "--output", directory_->Sub("late.png"), "--timeout", "2"});
   EXPECT_EQ(result.exit_code, 1);
-  EXPECT_THAT(result.err, HasSubstr("DEADLINE_EXCEEDED"));
+  EXPECT_THAT(result.err,
+              AllOf(HasSubstr("DEADLINE_EXCEEDED"), HasSubstr(cluster->agent_address(1))));
   EXPECT_FALSE(base::PathExists(directory_->Sub("late.png")));
 }
 
