@@ -113,6 +113,7 @@ project="isoscope-test-$$"
 agents=(agent-0 agent-1 agent-2 agent-3)
 services=(coordinator "${agents[@]}")
 export ISOSCOPE_DATASET="$work/head" ISOSCOPE_PUBLISH="127.0.0.1:$port" ISOSCOPE_RENDERER=cpu
+export ISOSCOPE_AGENT_MEMORY=2g ISOSCOPE_COORDINATOR_MEMORY=1g ISOSCOPE_THREADS=0
 
 run_compose() {
   "${compose[@]}" --project-name "$project" --file deploy/compose.yaml "$@"

@@ -17,13 +17,12 @@ ISOSCOPE_BUILD_PACKAGES=(
   libinsighttoolkit5-dev
 )
 
-# What the programs run with, without what these packages depend on themselves: all three programs;
-# those that draw (isoscope-agent and isoscope); isoscope, which reads volumes.
-ISOSCOPE_RUNTIME_PACKAGES=(
-  libgrpc++1.51 libprotobuf32 libspdlog1.10 libpng16-16 libzstd1 libisal2
-)
-ISOSCOPE_RENDERING_PACKAGES=(libtbb12 libssl3 libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 zlib1g)
+# What the programs run with, in the container images: all three; those that draw (isoscope-agent and
+# isoscope); isoscope, which reads volumes. Not named: what these packages or dpkg depend on anyway
+# (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
+ISOSCOPE_RUNTIME_PACKAGES=(libgrpc++1.51 libspdlog1.10 libpng16-16 libisal2)
+ISOSCOPE_RENDERING_PACKAGES=(libtbb12 libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2)
 
 # What the tests and benchmarks need besides.
 ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3)

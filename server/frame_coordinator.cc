@@ -162,7 +162,7 @@ class Frame {
       return HandleRayHits(&agent, hits->hits);
     }
     if (auto* pixels = std::get_if<Pixels>(&event.what)) {
-      if (agent.stage != Stage::kRenderingOccluders && agent.stage != Stage::kRenderingVisible) {
+      if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
         return OutOfOrder(agent, "pixels");
       }
       const absl::Status status = composite::DecodePixelsInto(pixels->band, &result_.image);
@@ -175,7 +175,7 @@ class Frame {
       return HandleOccludersDone(&agent);
     }
     if (auto* done = std::get_if<FrameDone>(&event.what)) {
-      if (agent.stage != Stage::kRenderingVisible) {
+      if (!IsAt(agent, Stage::kRenderingVisible)) {
         return OutOfOrder(agent, "the end of the frame");
       }
       agent.stage = Stage::kDone;
@@ -214,7 +214,7 @@ class Frame {
   }
 
   absl::Status HandleOccludersDone(Agent* agent) {
-    if (agent->stage != Stage::kRenderingOccluders) {
+    if (!IsAt(*agent, Stage::kRenderingOccluders)) {
       return OutOfOrder(*agent, "the end of the occluders");
     }
     agent->stage = Stage::kRenderingVisible;
@@ -237,6 +237,11 @@ class Frame {
   [[nodiscard]] bool AllAt(Stage stage) const {
     return std::all_of(agents_.begin(), agents_.end(),
                        [stage](const Agent& agent) { return agent.stage >= stage; });
+  }
+
+  // True if `agent` is at `stage` and was asked for it: the step begins once all agents are there.
+  [[nodiscard]] bool IsAt(const Agent& agent, Stage stage) const {
+    return agent.stage == stage && AllAt(stage);
   }
 
   // The last phase ends when the last agent's last word came; what follows is compositing.

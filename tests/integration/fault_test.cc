@@ -110,7 +110,7 @@ class HeldFrameTest : public FaultTest {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_,
                                   testing::StartCoordinator({agent_.address, holding_.address}));
   }
-  void WaitUntilHeld() { ISOSCOPE_ASSERT_OK(holding_.process->WaitForErrLine("holding")); }
+  void WaitUntilHeld() const { ISOSCOPE_ASSERT_OK(holding_.process->WaitForErrLine("holding")); }
 
   ServerProcess agent_;
   ServerProcess upstream_;
@@ -261,6 +261,7 @@ TEST_F(FaultTest, AgentKilledAgainAndAgainNeverGivesAWrongPicture) {
   for (int round = 0; round < 6; ++round) {
     const int victim = round % kShardCount;
     std::vector<std::unique_ptr<BackgroundFrame>> frames;
+    frames.reserve(3);
     for (int i = 0; i < 3; ++i) {
       frames.push_back(std::make_unique<BackgroundFrame>(cluster->address(), kPatience));
     }
@@ -303,6 +304,7 @@ TEST_F(FaultTest, TwoClientsAtOnceGetTheirOwnPictures) {
   }
   ASSERT_NE(expected[0][0], expected[1][0]);
   std::vector<std::thread> clients;
+  clients.reserve(kClientCount);
   for (int client = 0; client < kClientCount; ++client) {
     clients.emplace_back([&, client] {
       for (int frame = 0; frame < kFrameCount; ++frame) {

@@ -82,8 +82,10 @@ class ProcessCluster {
       const std::vector<std::string>& coordinator_flags = {});
 
   [[nodiscard]] const std::string& address() const { return coordinator_.address; }
-  Process& coordinator() { return *coordinator_.process; }
-  Process& agent(int shard) { return *agents_[static_cast<std::size_t>(shard)].process; }
+  [[nodiscard]] Process& coordinator() const { return *coordinator_.process; }
+  [[nodiscard]] Process& agent(int shard) const {
+    return *agents_[static_cast<std::size_t>(shard)].process;
+  }
   [[nodiscard]] const std::string& agent_address(int shard) const {
     return agents_[static_cast<std::size_t>(shard)].address;
   }

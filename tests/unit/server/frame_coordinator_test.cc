@@ -1,0 +1,606 @@
+#include "server/frame_coordinator.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/random.h"
+#include "core/composite/depth_composite.h"
+#include "core/composite/pixel_codec.h"
+#include "core/visibility/occlusion_map.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::server {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+using Hits = std::vector<volume::BlockId>;
+
+constexpr int kWidth = 37;
+constexpr int kHeight = 29;
+
+view::View MakeView() {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {17, 17, 17};
+  const view::Camera camera = view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}});
+  return *view::View::Make(camera, {kWidth, kHeight}, geometry);
+}
+
+// An image where each pixel is covered with the given chance; depths repeat, so that owners decide.
+image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
+  image::FrameImage image(kWidth, kHeight);
+  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+    if (base::RandomUnit(seed, 4 * i) >= coverage) {
+      continue;
+    }
+    image.depth[i] =
+        static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
+    image.block_id[i] = static_cast<std::uint32_t>(1000 * base::RandomUnit(seed, 4 * i + 2));
+    // A block has one fragment in a pixel: owner and depth decide the colour.
+    const auto shade = static_cast<std::uint8_t>(image.block_id[i] % 251);
+    image.color[i] = {shade, static_cast<std::uint8_t>(255 * image.depth[i]), shade, 255};
+  }
+  return image;
+}
+
+// The bands of `image`, in pieces of a few rows, in random order.
+std::vector<std::string> ShuffledBands(const image::FrameImage& image, std::uint64_t seed) {
+  std::vector<std::string> bands;
+  for (int first_row = 0; first_row < kHeight; first_row += 5) {
+    for (std::string& band : composite::EncodePixels(
+             image, [first_row](int, int y) { return y >= first_row && y < first_row + 5; })) {
+      bands.push_back(std::move(band));
+    }
+  }
+  for (std::size_t i = bands.size(); i > 1; --i) {
+    std::swap(bands[i - 1],
+              bands[static_cast<std::size_t>(base::RandomUnit(seed, i) * static_cast<double>(i))]);
+  }
+  return bands;
+}
+
+// What the test learns of one agent; outlives its link.
+class Agent {
+ public:
+  Agent(int index, AgentListener* listener) : index_(index), listener_(listener) {}
+
+  AgentListener& coordinator() { return *listener_; }
+  [[nodiscard]] int index() const { return index_; }
+  [[nodiscard]] std::string name() const { return absl::StrCat("agent-", index_); }
+
+  // Wait for the coordinator's word; CANCELLED once the frame is cancelled.
+  absl::StatusOr<Hits> AwaitOccluders() { return Await(&occluders_); }
+  absl::StatusOr<std::string> AwaitMap() { return Await(&map_); }
+  absl::Status AwaitCancel() {
+    absl::MutexLock lock(&mutex_);
+    mutex_.Await(absl::Condition(&cancelled_));
+    return absl::CancelledError("cancelled by the coordinator");
+  }
+
+  void SetOccluders(const Hits& hits) {
+    absl::MutexLock lock(&mutex_);
+    EXPECT_FALSE(occluders_.has_value()) << name() << ": occluders were sent twice";
+    occluders_ = hits;
+  }
+  void SetMap(const std::string& map) {
+    absl::MutexLock lock(&mutex_);
+    EXPECT_FALSE(map_.has_value()) << name() << ": the occlusion map was sent twice";
+    map_ = map;
+  }
+  void Cancel() {
+    absl::MutexLock lock(&mutex_);
+    cancelled_ = true;
+  }
+
+  [[nodiscard]] std::optional<Hits> occluders() const {
+    absl::MutexLock lock(&mutex_);
+    return occluders_;
+  }
+  [[nodiscard]] std::optional<std::string> map() const {
+    absl::MutexLock lock(&mutex_);
+    return map_;
+  }
+  [[nodiscard]] bool is_cancelled() const {
+    absl::MutexLock lock(&mutex_);
+    return cancelled_;
+  }
+
+ private:
+  template <typename T>
+  absl::StatusOr<T> Await(std::optional<T>* message) {
+    absl::MutexLock lock(&mutex_);
+    const auto arrived = [this, message]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return cancelled_ || message->has_value();
+    };
+    mutex_.Await(absl::Condition(&arrived));
+    if (cancelled_) {
+      return absl::CancelledError("cancelled by the coordinator");
+    }
+    return **message;
+  }
+
+  const int index_;
+  AgentListener* const listener_;
+  mutable absl::Mutex mutex_;
+  std::optional<Hits> occluders_ ABSL_GUARDED_BY(mutex_);
+  std::optional<std::string> map_ ABSL_GUARDED_BY(mutex_);
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+AgentStatistics MakeStatistics(const Agent& agent, const std::vector<int>& shard_indices) {
+  AgentStatistics statistics;
+  statistics.agent_address = agent.name();
+  statistics.shard_indices = shard_indices;
+  statistics.active_block_count = 100 + shard_indices.front();
+  return statistics;
+}
+
+// What an agent does; its result is the end of the stream.
+using Script = std::function<absl::Status(Agent& self)>;
+
+class FrameCoordinatorTest : public ::testing::Test {
+ protected:
+  class Link final : public AgentLink {
+   public:
+    Link(std::shared_ptr<Agent> agent, const Script& script, FrameCoordinatorTest* test)
+        : agent_(std::move(agent)), test_(test), thread_([this, script] {
+            absl::Status status = script(*agent_);
+            agent_->coordinator().OnEnd(std::move(status));
+          }) {
+      ++test_->live_links_;
+    }
+    ~Link() override {
+      agent_->Cancel();
+      thread_.join();
+      --test_->live_links_;
+    }
+    void SendOccluders(const Hits& hits) override {
+      if (test_->on_occluders) {
+        test_->on_occluders();
+      }
+      agent_->SetOccluders(hits);
+    }
+    void SendOcclusionMap(const std::string& encoded) override {
+      if (test_->on_map) {
+        test_->on_map();
+      }
+      agent_->SetMap(encoded);
+    }
+    void Cancel() override { agent_->Cancel(); }
+    [[nodiscard]] std::string name() const override { return agent_->name(); }
+    [[nodiscard]] std::int64_t network_bytes() const override {
+      return std::int64_t{1000} << agent_->index();
+    }
+
+   private:
+    const std::shared_ptr<Agent> agent_;
+    FrameCoordinatorTest* const test_;
+    std::thread thread_;  // last: it uses what is above
+  };
+
+  absl::StatusOr<FrameResult> Run(visibility::Culling culling, const std::vector<Script>& scripts) {
+    agents_.clear();
+    const auto begin = [&](int index,
+                           AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+      if (index == failing_begin_) {
+        return absl::FailedPreconditionError("agent-1 serves another dataset");
+      }
+      agents_.push_back(std::make_shared<Agent>(index, listener));
+      return std::make_unique<Link>(agents_.back(), scripts[static_cast<std::size_t>(index)], this);
+    };
+    absl::StatusOr<FrameResult> result =
+        RunFrame(view_, culling, static_cast<int>(scripts.size()), begin, *cancellation_);
+    EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
+    return result;
+  }
+
+  // An agent that behaves: its hits, then images in shuffled bands.
+  static Script Behave(const Hits& hits, const image::FrameImage& occluders,
+                       const image::FrameImage& rest, std::uint64_t seed = 1) {
+    return [=](Agent& self) -> absl::Status {
+      self.coordinator().OnRayHits(hits);
+      if (const auto all = self.AwaitOccluders(); !all.ok()) {
+        return all.status();
+      }
+      for (std::string& band : ShuffledBands(occluders, seed)) {
+        self.coordinator().OnPixels(std::move(band));
+      }
+      self.coordinator().OnOccludersDone();
+      if (const auto map = self.AwaitMap(); !map.ok()) {
+        return map.status();
+      }
+      for (std::string& band : ShuffledBands(rest, seed + 1)) {
+        self.coordinator().OnPixels(std::move(band));
+      }
+      self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
+      return absl::OkStatus();
+    };
+  }
+  static Script BehaveWithoutPixels() {
+    return Behave({3}, image::FrameImage(kWidth, kHeight), image::FrameImage(kWidth, kHeight));
+  }
+  static Script Wait() {
+    return [](Agent& self) { return self.AwaitCancel(); };
+  }
+
+  const view::View view_ = MakeView();
+  std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
+  std::vector<std::shared_ptr<Agent>> agents_;
+  std::atomic<int> live_links_{0};
+  int failing_begin_ = -1;
+  std::function<void()> on_occluders;
+  std::function<void()> on_map;
+};
+
+TEST_F(FrameCoordinatorTest, EveryAgentGetsTheUnionOfAllHits) {
+  const image::FrameImage none(kWidth, kHeight);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const FrameResult result,
+      Run(visibility::Culling::kDepth,
+          {Behave({2, 5, 9}, none, none), Behave({}, none, none), Behave({1, 5, 40}, none, none)}));
+  EXPECT_EQ(result.ray_hit_block_count, 5);
+  for (const auto& agent : agents_) {
+    EXPECT_EQ(agent->occluders(), (Hits{1, 2, 5, 9, 40})) << agent->name();
+  }
+}
+
+TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
+  constexpr int kAgentCount = 4;
+  std::atomic<int> hits_said{0};
+  std::atomic<int> occluders_said{0};
+  on_occluders = [&] { EXPECT_EQ(hits_said, kAgentCount); };
+  on_map = [&] { EXPECT_EQ(occluders_said, kAgentCount); };
+  const Script script = [&](Agent& self) -> absl::Status {
+    // The agents speak one after the other: whoever is answered too early is seen.
+    while (hits_said != self.index()) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    ++hits_said;
+    self.coordinator().OnRayHits({1});
+    if (const auto all = self.AwaitOccluders(); !all.ok()) {
+      return all.status();
+    }
+    while (occluders_said != self.index()) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    ++occluders_said;
+    self.coordinator().OnOccludersDone();
+    if (const auto map = self.AwaitMap(); !map.ok()) {
+      return map.status();
+    }
+    self.coordinator().OnFrameDone({});
+    return absl::OkStatus();
+  };
+  ISOSCOPE_EXPECT_OK(
+      Run(visibility::Culling::kDepth, std::vector<Script>(kAgentCount, script)).status());
+}
+
+TEST_F(FrameCoordinatorTest, ImageAndMapAreThoseOfTheCompositeInAnyOrderOfArrival) {
+  for (std::uint64_t seed = 0; seed < 12; ++seed) {
+    SCOPED_TRACE(seed);
+    const auto culling = seed % 2 == 0 ? visibility::Culling::kDepth : visibility::Culling::kMask;
+    image::FrameImage occluders(kWidth, kHeight);
+    std::vector<Script> scripts;
+    std::vector<image::FrameImage> rest;
+    for (std::uint64_t agent = 0; agent < 5; ++agent) {
+      const image::FrameImage first = RandomImage(100 * seed + 2 * agent, 0.15);
+      rest.push_back(RandomImage(100 * seed + 2 * agent + 1, 0.15));
+      composite::CompositeInto(first, &occluders);
+      scripts.push_back(Behave({}, first, rest.back(), 100 * seed + agent));
+    }
+    image::FrameImage expected = occluders;
+    for (const image::FrameImage& image : rest) {
+      composite::CompositeInto(image, &expected);
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
+    EXPECT_TRUE(result.image == expected);
+    const auto kind = culling == visibility::Culling::kDepth ? visibility::MapKind::kDepth
+                                                             : visibility::MapKind::kMask;
+    const visibility::DepthQuantizer quantizer(view_);
+    const std::string map =
+        visibility::OcclusionMap::FromImage(occluders, quantizer, kind, 0).Encode();
+    for (const auto& agent : agents_) {
+      EXPECT_EQ(agent->map(), map) << agent->name();
+    }
+  }
+}
+
+TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
+  image::FrameImage expected(kWidth, kHeight);
+  std::vector<Script> scripts;
+  for (std::uint64_t agent = 0; agent < 3; ++agent) {
+    const image::FrameImage image = RandomImage(agent, 0.4);
+    composite::CompositeInto(image, &expected);
+    scripts.push_back([image, agent](Agent& self) {
+      for (std::string& band : ShuffledBands(image, agent)) {
+        self.coordinator().OnPixels(std::move(band));
+      }
+      self.coordinator().OnFrameDone({});
+      return absl::OkStatus();
+    });
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(visibility::Culling::kNone, scripts));
+  EXPECT_TRUE(result.image == expected);
+  EXPECT_EQ(result.ray_hit_block_count, 0);
+  EXPECT_EQ(result.occluder_selection_duration, absl::ZeroDuration());
+  EXPECT_EQ(result.occluder_rendering_duration, absl::ZeroDuration());
+  for (const auto& agent : agents_) {
+    EXPECT_FALSE(agent->occluders().has_value());
+    EXPECT_FALSE(agent->map().has_value());
+  }
+}
+
+TEST_F(FrameCoordinatorTest, StatisticsAreSortedAndBytesSummed) {
+  std::vector<Script> scripts;
+  const std::vector<std::vector<int>> shards = {{7}, {0, 9}, {10}, {1, 2}};
+  for (const std::vector<int>& indices : shards) {
+    scripts.push_back([indices](Agent& self) {
+      self.coordinator().OnFrameDone(MakeStatistics(self, indices));
+      return absl::OkStatus();
+    });
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(visibility::Culling::kNone, scripts));
+  ASSERT_EQ(result.agents.size(), 4U);
+  std::vector<std::string> names;
+  for (const AgentStatistics& agent : result.agents) {
+    names.push_back(agent.agent_address);
+    EXPECT_EQ(agent.active_block_count, 100 + agent.shard_indices.front());
+  }
+  EXPECT_THAT(names, ElementsAre("agent-1", "agent-3", "agent-0", "agent-2"));
+  EXPECT_EQ(result.network_bytes, 1000 + 2000 + 4000 + 8000);
+}
+
+// What an agent says, without regard for the order.
+enum class Say { kHits, kPixels, kOccludersDone, kFrameDone, kEnd, kAwaitOccluders, kAwaitMap };
+
+Script SayInOrder(const std::vector<Say>& words) {
+  return [words](Agent& self) -> absl::Status {
+    for (const Say word : words) {
+      switch (word) {
+        case Say::kHits:
+          self.coordinator().OnRayHits({1});
+          break;
+        case Say::kPixels:
+          self.coordinator().OnPixels(ShuffledBands(RandomImage(1, 0.5), 1).front());
+          break;
+        case Say::kOccludersDone:
+          self.coordinator().OnOccludersDone();
+          break;
+        case Say::kFrameDone:
+          self.coordinator().OnFrameDone({});
+          break;
+        case Say::kEnd:
+          return absl::OkStatus();
+        case Say::kAwaitOccluders:
+          if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
+            return hits.status();
+          }
+          break;
+        case Say::kAwaitMap:
+          if (const auto map = self.AwaitMap(); !map.ok()) {
+            return map.status();
+          }
+          break;
+      }
+    }
+    return self.AwaitCancel();
+  };
+}
+
+TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
+  using enum Say;
+  const std::vector<Say> step1;
+  const std::vector<Say> step2 = {kHits, kAwaitOccluders};
+  const std::vector<Say> step3 = {kHits, kAwaitOccluders, kPixels, kOccludersDone, kAwaitMap};
+  const std::vector<Say> done = {kHits,     kAwaitOccluders, kPixels,   kOccludersDone,
+                                 kAwaitMap, kPixels,         kFrameDone};
+  const struct {
+    visibility::Culling culling;
+    std::vector<Say> before;
+    std::vector<Say> wrong;
+  } cases[] = {
+      {visibility::Culling::kDepth, step1, {kPixels, kOccludersDone, kFrameDone, kEnd}},
+      {visibility::Culling::kDepth, step2, {kHits, kFrameDone, kEnd}},
+      {visibility::Culling::kDepth, step3, {kHits, kOccludersDone, kEnd}},
+      {visibility::Culling::kDepth, done, {kHits, kPixels, kOccludersDone, kFrameDone}},
+      {visibility::Culling::kNone, {}, {kHits, kOccludersDone, kEnd}},
+      {visibility::Culling::kNone,
+       {kPixels, kFrameDone},
+       {kHits, kPixels, kOccludersDone, kFrameDone}},
+  };
+  for (const auto& [culling, before, wrong] : cases) {
+    for (const Say word : wrong) {
+      SCOPED_TRACE(absl::StrCat("culling ", static_cast<int>(culling), ", after ", before.size(),
+                                " words, word ", static_cast<int>(word)));
+      std::vector<Say> words = before;
+      words.push_back(word);
+      const Script other = culling == visibility::Culling::kNone
+                               ? SayInOrder({kPixels})
+                               : SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitMap});
+      EXPECT_THAT(Run(culling, {other, SayInOrder(words)}),
+                  StatusIs(absl::StatusCode::kInternal,
+                           AllOf(HasSubstr("agent-1"), HasSubstr("out of order"))));
+    }
+  }
+}
+
+TEST_F(FrameCoordinatorTest, AgentThatDoesNotWaitForTheOthersIsOutOfOrder) {
+  using enum Say;
+  // The other agent holds the step open.
+  for (const Say word : {kPixels, kOccludersDone}) {
+    EXPECT_THAT(Run(visibility::Culling::kDepth, {Wait(), SayInOrder({kHits, word})}),
+                StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
+  }
+  for (const Say word : {kPixels, kFrameDone}) {
+    EXPECT_THAT(Run(visibility::Culling::kDepth,
+                    {SayInOrder({kHits, kAwaitOccluders}),
+                     SayInOrder({kHits, kAwaitOccluders, kOccludersDone, word})}),
+                StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
+  }
+}
+
+TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
+  const Script damaged = [](Agent& self) {
+    std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
+    band[band.size() / 2] = static_cast<char>(band[band.size() / 2] ^ 0x10);
+    self.coordinator().OnPixels(band);
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(visibility::Culling::kNone, {Wait(), damaged, Wait()}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-1")));
+  const Script truncated = [](Agent& self) {
+    std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
+    band.pop_back();
+    self.coordinator().OnPixels(band);
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(visibility::Culling::kNone, {Wait(), Wait(), truncated}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-2")));
+}
+
+TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
+  const absl::Status error = absl::DataLossError("agent-1: dataset head, shard 1: block 7 damaged");
+  const std::vector<Script> failing = {
+      [&](Agent&) { return error; },
+      [&](Agent& self) {
+        self.coordinator().OnRayHits({1});
+        return self.AwaitOccluders().ok() ? error : absl::InternalError("no occluders came");
+      },
+      [&](Agent& self) -> absl::Status {
+        self.coordinator().OnRayHits({1});
+        if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
+          return hits.status();
+        }
+        self.coordinator().OnOccludersDone();
+        return self.AwaitMap().ok() ? error : absl::InternalError("no map came");
+      }};
+  for (const Script& script : failing) {
+    // The others have done all they are asked for and wait for the end, or for the next step.
+    using enum Say;
+    const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitMap});
+    const auto result = Run(visibility::Culling::kDepth, {other, script, other});
+    EXPECT_EQ(result.status(), error);
+    EXPECT_TRUE(agents_[0]->is_cancelled());
+    EXPECT_TRUE(agents_[2]->is_cancelled());
+  }
+}
+
+TEST_F(FrameCoordinatorTest, FailingToBeginOneAgentCancelsThoseThatBegan) {
+  failing_begin_ = 1;
+  EXPECT_THAT(Run(visibility::Culling::kDepth, {Wait(), Wait(), Wait()}),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("another dataset")));
+  ASSERT_EQ(agents_.size(), 1U) << "agents after the failing one were begun";
+  EXPECT_TRUE(agents_[0]->is_cancelled());
+}
+
+TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(30));
+  EXPECT_THAT(
+      Run(visibility::Culling::kDepth, {Wait(), Wait()}),
+      StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-0, agent-1")));
+  EXPECT_TRUE(agents_[0]->is_cancelled());
+  EXPECT_TRUE(agents_[1]->is_cancelled());
+}
+
+TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
+  // An agent's own deadline fires once the others have answered: no clock decides.
+  std::atomic<int> answered{0};
+  const auto deadline_after = [&answered](int count) {
+    return Script([&answered, count](Agent&) {
+      while (answered != count) {
+        absl::SleepFor(absl::Milliseconds(1));
+      }
+      return absl::DeadlineExceededError("");
+    });
+  };
+  const Script answers = [&](Agent& self) {
+    self.coordinator().OnRayHits({1});
+    ++answered;
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(
+      Run(visibility::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
+      StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-1, agent-3")));
+
+  answered = 0;
+  const Script draws = [&](Agent& self) -> absl::Status {
+    self.coordinator().OnRayHits({1});
+    if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
+      return hits.status();
+    }
+    if (self.index() == 2) {
+      while (answered != 2) {
+        absl::SleepFor(absl::Milliseconds(1));
+      }
+      return absl::DeadlineExceededError("");
+    }
+    self.coordinator().OnOccludersDone();
+    ++answered;
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(visibility::Culling::kDepth, {draws, draws, draws}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-2")));
+}
+
+TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
+  using enum Say;
+  const std::vector<std::vector<Say>> steps = {
+      {}, {kHits, kAwaitOccluders}, {kHits, kAwaitOccluders, kOccludersDone, kAwaitMap, kPixels}};
+  for (const std::vector<Say>& step : steps) {
+    cancellation_ = std::make_unique<base::Cancellation>();
+    const Script cancels = [&](Agent& self) {
+      std::thread user([&] { cancellation_->Cancel(); });
+      user.join();
+      return self.AwaitCancel();
+    };
+    const Script then_cancels = [&](Agent& self) -> absl::Status {
+      for (const Say word : step) {
+        if (word == kHits) {
+          self.coordinator().OnRayHits({1});
+        } else if (word == kAwaitOccluders) {
+          EXPECT_THAT(self.AwaitOccluders(), isoscope::testing::IsOk());
+        } else if (word == kOccludersDone) {
+          self.coordinator().OnOccludersDone();
+        } else if (word == kAwaitMap) {
+          EXPECT_THAT(self.AwaitMap(), isoscope::testing::IsOk());
+        }
+      }
+      return cancels(self);
+    };
+    const auto result = Run(visibility::Culling::kDepth, {SayInOrder(step), then_cancels});
+    EXPECT_THAT(result, StatusIs(absl::StatusCode::kCancelled, Not(HasSubstr("agent-"))));
+    EXPECT_TRUE(agents_[0]->is_cancelled());
+  }
+}
+
+TEST_F(FrameCoordinatorTest, ManyAgentsAtOnceGiveOneFrame) {
+  const std::vector<Script> scripts(32, BehaveWithoutPixels());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
+                                Run(visibility::Culling::kDepth, scripts));
+  ASSERT_EQ(result.agents.size(), 32U);
+  for (int i = 0; i < 32; ++i) {
+    EXPECT_THAT(result.agents[static_cast<std::size_t>(i)].shard_indices, ElementsAre(i));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::server
