@@ -15,6 +15,7 @@
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
+#include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/partition_agent_service_impl.h"
 #include "partition-agent/shard.h"
@@ -28,6 +29,12 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
     return std::vector<std::string>{directory};
   }
   if (!store::IsDatasetDirectory(directory)) {
+    // A folder of another user looks empty: say so.
+    const absl::Status readable =
+        base::OpenRandomAccessFile(absl::StrCat(directory, "/", store::kManifestFileName)).status();
+    if (absl::IsPermissionDenied(readable)) {
+      return readable;
+    }
     return absl::NotFoundError(absl::StrCat(directory,
                                             base::PathExists(directory)
                                                 ? ": neither a shard nor a dataset directory"

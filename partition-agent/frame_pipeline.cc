@@ -11,6 +11,10 @@
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
@@ -18,10 +22,6 @@
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/volume/range_table.h"
-
-#include <oneapi/tbb/blocked_range.h>
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
 
 namespace isoscope::agent {
 namespace {
@@ -254,8 +254,8 @@ class FramePipeline::Impl {
         const ScopedTimer timer(&worker.extract_time);
         const absl::Duration add_time_before = worker.add_time;
         std::size_t next = run.first;
-        const absl::Status status = reader.ReadRun(
-            run, ordinals, &worker.buffer, [&](const volume::BlockSamples& samples) {
+        const absl::Status status =
+            reader.ReadRun(run, ordinals, &worker.buffer, [&](const volume::BlockSamples& samples) {
               const OwnBlock& expected = blocks[next++];
               if (samples.block_id != expected.block_id) {
                 return absl::DataLossError(absl::StrFormat(
@@ -326,8 +326,8 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                             view::View::Make(request.camera, request.viewport,
                                              shards.front()->reader->manifest().geometry));
-  return std::unique_ptr<FramePipeline>(new FramePipeline(std::make_unique<Impl>(
-      std::move(shards), request, view, renderer, arena, cancellation)));
+  return std::unique_ptr<FramePipeline>(new FramePipeline(
+      std::make_unique<Impl>(std::move(shards), request, view, renderer, arena, cancellation)));
 }
 
 FramePipeline::FramePipeline(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

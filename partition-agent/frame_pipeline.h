@@ -11,6 +11,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include <oneapi/tbb/task_arena.h>
+
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
@@ -18,8 +20,6 @@
 #include "core/volume/block_layout.h"
 #include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
-
-#include <oneapi/tbb/task_arena.h>
 
 namespace isoscope::agent {
 
@@ -56,8 +56,8 @@ class FramePipeline {
   // Step 2: draws the agent's own blocks among the occluding ones. `hits`: the union over all
   // agents; the active neighbours are added here.
   absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& hits);
-  // Step 3: draws its other active blocks that the map does not hide. The image holds only fragments
-  // that the map does not hide either.
+  // Step 3: draws its other active blocks that the map does not hide. The image holds only
+  // fragments that the map does not hide either.
   absl::StatusOr<image::FrameImage> RenderVisible(const visibility::OcclusionMap& map);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();

@@ -50,7 +50,8 @@ constexpr char kFooter[] = R"(Examples:
   isoscope-agent --shard /data/head/shard-00000-of-00002 --listen 0.0.0.0:50052
   ISOSCOPE_SHARD=/shard isoscope-agent --renderer cpu --threads 8
 
-Every option can also be given as the environment variable named beside it.
+Every option can also be given as the environment variable named beside it (ISOSCOPE_SHARD: one
+directory).
 SIGTERM and SIGINT end it after the frames in work; a second one ends it at once.)";
 
 void AddFlags(CLI::App* app, Flags* flags) {

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+
 #include "core/index/interval_tree.h"
 #include "core/store/shard_reader.h"
 
@@ -18,8 +19,8 @@ struct Shard {
   std::unique_ptr<index::IntervalTree> tree;
 };
 
-// Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if the
-// index does not belong to the blocks.
+// Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if
+// the index does not belong to the blocks.
 absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory);
 
 }  // namespace isoscope::agent

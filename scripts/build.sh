@@ -46,6 +46,8 @@ esac
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # ccache keeps its files below HOME.
 export HOME="${HOME:-/tmp}"
+# One cache for all checkouts: what is compiled does not depend on where the tree lies.
+export CCACHE_BASEDIR="$PWD" CCACHE_NOHASHDIR=true
 . scripts/packages.sh
 packages=("${ISOSCOPE_BUILD_PACKAGES[@]}")
 if [ "$with_tests" = ON ]; then

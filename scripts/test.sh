@@ -32,6 +32,8 @@ done
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export HOME="${HOME:-/tmp}"
+# One cache for all checkouts: what is compiled does not depend on where the tree lies.
+export CCACHE_BASEDIR="$PWD" CCACHE_NOHASHDIR=true
 jobs="$(nproc)"
 summary=()
 status=0

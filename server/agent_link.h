@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+
 #include "core/volume/block_layout.h"
 
 namespace isoscope::server {
@@ -31,8 +32,8 @@ struct AgentStatistics {
   absl::Duration busy_duration;
 };
 
-// What an agent says during a frame, in order of arrival. Called from any thread, never two calls at
-// a time for one agent; must be quick and must not call back into the link.
+// What an agent says during a frame, in order of arrival. Called from any thread, never two calls
+// at a time for one agent; must be quick and must not call back into the link.
 class AgentListener {
  public:
   virtual ~AgentListener() = default;

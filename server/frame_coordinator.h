@@ -14,6 +14,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
@@ -34,13 +35,13 @@ struct FrameResult {
 };
 
 // Begins the frame on agent `agent_index` of all; `listener` outlives the link.
-using BeginAgentFrame =
-    std::function<absl::StatusOr<std::unique_ptr<AgentLink>>(int agent_index,
-                                                             AgentListener* listener)>;
+using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>(
+    int agent_index, AgentListener* listener)>;
 
 // Runs one frame to its end. Blocks. Any agent's error ends the frame with that error and cancels
-// the others; the frame ends no later than the cancellation's deadline, with DEADLINE_EXCEEDED naming
-// the agents that had not answered. Decodes and composites bands on the calling thread as they come.
+// the others; the frame ends no later than the cancellation's deadline, with DEADLINE_EXCEEDED
+// naming the agents that had not answered. Decodes and composites bands on the calling thread as
+// they come.
 absl::StatusOr<FrameResult> RunFrame(const view::View& view, visibility::Culling culling,
                                      int agent_count, const BeginAgentFrame& begin,
                                      const base::Cancellation& cancellation);

@@ -51,6 +51,7 @@ void AddFlags(CLI::App* app, Flags* flags) {
                   "An agent, HOST:PORT or any gRPC target; dns:///NAME:PORT: all behind the name; "
                   "repeatable")
       ->type_name("TARGET")
+      ->delimiter(' ')  // several in the environment variable
       ->envname("ISOSCOPE_AGENT")
       ->required();
   app->add_option("--listen", flags->listen, "Address to serve on; port 0 takes a free one")

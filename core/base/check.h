@@ -24,21 +24,21 @@ template <typename A, typename B>
 
 }  // namespace isoscope::base
 
-#define ISOSCOPE_CHECK(condition)                                      \
-  do {                                                                 \
-    if (!(condition)) [[unlikely]] {                                   \
-      ::isoscope::base::CheckFailed(__FILE__, __LINE__, #condition);   \
-    }                                                                  \
+#define ISOSCOPE_CHECK(condition)                                    \
+  do {                                                               \
+    if (!(condition)) [[unlikely]] {                                 \
+      ::isoscope::base::CheckFailed(__FILE__, __LINE__, #condition); \
+    }                                                                \
   } while (false)
 
-#define ISOSCOPE_CHECK_OP_(op, a, b)                                                       \
-  do {                                                                                     \
-    const auto& isoscope_a_ = (a);                                                         \
-    const auto& isoscope_b_ = (b);                                                         \
-    if (!(isoscope_a_ op isoscope_b_)) [[unlikely]] {                                      \
-      ::isoscope::base::CheckOpFailed(__FILE__, __LINE__, #a " " #op " " #b, isoscope_a_,  \
-                                      isoscope_b_);                                        \
-    }                                                                                      \
+#define ISOSCOPE_CHECK_OP_(op, a, b)                                                      \
+  do {                                                                                    \
+    const auto& isoscope_a_ = (a);                                                        \
+    const auto& isoscope_b_ = (b);                                                        \
+    if (!(isoscope_a_ op isoscope_b_)) [[unlikely]] {                                     \
+      ::isoscope::base::CheckOpFailed(__FILE__, __LINE__, #a " " #op " " #b, isoscope_a_, \
+                                      isoscope_b_);                                       \
+    }                                                                                     \
   } while (false)
 
 #define ISOSCOPE_CHECK_EQ(a, b) ISOSCOPE_CHECK_OP_(==, a, b)

@@ -20,15 +20,12 @@ static_assert(std::endian::native == std::endian::little,
 
 // Writes `value` to `out[0, sizeof(T))`, little-endian, unaligned.
 template <typename T>
-  requires std::is_arithmetic_v<T>
-void StoreLittleEndian(T value, void* out) {
-  std::memcpy(out, &value, sizeof(T));
-}
+requires std::is_arithmetic_v<T>
+void StoreLittleEndian(T value, void* out) { std::memcpy(out, &value, sizeof(T)); }
 
 // Reads a T from `in[0, sizeof(T))`, little-endian, unaligned.
 template <typename T>
-  requires std::is_arithmetic_v<T>
-T LoadLittleEndian(const void* in) {
+requires std::is_arithmetic_v<T> T LoadLittleEndian(const void* in) {
   T value;
   std::memcpy(&value, in, sizeof(T));
   return value;
@@ -36,7 +33,7 @@ T LoadLittleEndian(const void* in) {
 
 // Appends `value`, little-endian.
 template <typename T>
-  requires std::is_arithmetic_v<T>
+requires std::is_arithmetic_v<T>
 void AppendLittleEndian(T value, std::string* out) {
   out->append(reinterpret_cast<const char*>(&value), sizeof(T));
 }
@@ -48,7 +45,7 @@ class Decoder {
   explicit Decoder(absl::string_view bytes) : rest_(bytes) {}
 
   template <typename T>
-    requires std::is_arithmetic_v<T>
+  requires std::is_arithmetic_v<T>
   [[nodiscard]] bool Read(T* value) {
     if (rest_.size() < sizeof(T)) {
       rest_ = {};

@@ -1,10 +1,11 @@
 #include "core/base/compression.h"
 
+#include <zstd.h>
+
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
-#include "core/base/check.h"
 
-#include <zstd.h>
+#include "core/base/check.h"
 
 namespace isoscope::base {
 namespace {
@@ -26,13 +27,12 @@ std::string Compress(absl::string_view bytes) {
 absl::StatusOr<std::string> Decompress(absl::string_view frame, std::size_t max_size) {
   const unsigned long long stated = ZSTD_getFrameContentSize(frame.data(), frame.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || stated == ZSTD_CONTENTSIZE_UNKNOWN) {
-    return absl::DataLossError(
-        absl::StrFormat("%d compressed bytes: no Zstandard frame with a content size",
-                        frame.size()));
+    return absl::DataLossError(absl::StrFormat(
+        "%d compressed bytes: no Zstandard frame with a content size", frame.size()));
   }
   if (stated > max_size) {
-    return absl::DataLossError(absl::StrFormat(
-        "compressed frame states %d bytes, at most %d expected", stated, max_size));
+    return absl::DataLossError(
+        absl::StrFormat("compressed frame states %d bytes, at most %d expected", stated, max_size));
   }
   const std::size_t frame_size = ZSTD_findFrameCompressedSize(frame.data(), frame.size());
   if (ZSTD_isError(frame_size) || frame_size != frame.size()) {
@@ -40,8 +40,7 @@ absl::StatusOr<std::string> Decompress(absl::string_view frame, std::size_t max_
         "compressed frame of %d bytes is truncated or followed by other bytes", frame.size()));
   }
   std::string bytes(static_cast<std::size_t>(stated), '\0');
-  const std::size_t size =
-      ZSTD_decompress(bytes.data(), bytes.size(), frame.data(), frame.size());
+  const std::size_t size = ZSTD_decompress(bytes.data(), bytes.size(), frame.data(), frame.size());
   if (ZSTD_isError(size)) {
     return absl::DataLossError(
         absl::StrFormat("compressed frame is damaged: %s", ZSTD_getErrorName(size)));

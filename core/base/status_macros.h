@@ -9,19 +9,20 @@
 #include "absl/status/statusor.h"
 
 // Returns from the enclosing function if `expression`, an absl::Status, is an error.
-#define ISOSCOPE_RETURN_IF_ERROR(expression)                \
-  do {                                                      \
-    absl::Status isoscope_status_ = (expression);           \
-    if (!isoscope_status_.ok()) [[unlikely]] {              \
-      return isoscope_status_;                              \
-    }                                                       \
+#define ISOSCOPE_RETURN_IF_ERROR(expression)      \
+  do {                                            \
+    absl::Status isoscope_status_ = (expression); \
+    if (!isoscope_status_.ok()) [[unlikely]] {    \
+      return isoscope_status_;                    \
+    }                                             \
   } while (false)
 
 // The operands are names and declarations, which can't stand in parentheses.
 // NOLINTBEGIN(bugprone-macro-parentheses): see above
 // ISOSCOPE_ASSIGN_OR_RETURN(auto value, MakeValue()); returns the error of the StatusOr, if any.
-#define ISOSCOPE_ASSIGN_OR_RETURN(declaration, expression) \
-  ISOSCOPE_ASSIGN_OR_RETURN_(ISOSCOPE_CONCAT_(isoscope_statusor_, __LINE__), declaration, expression)
+#define ISOSCOPE_ASSIGN_OR_RETURN(declaration, expression)                                \
+  ISOSCOPE_ASSIGN_OR_RETURN_(ISOSCOPE_CONCAT_(isoscope_statusor_, __LINE__), declaration, \
+                             expression)
 
 #define ISOSCOPE_CONCAT_INNER_(a, b) a##b
 #define ISOSCOPE_CONCAT_(a, b) ISOSCOPE_CONCAT_INNER_(a, b)

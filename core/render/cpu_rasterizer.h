@@ -36,9 +36,9 @@ class CpuRasterizer {
   // Tiles are at most this wide and high, so that one fits the second-level cache.
   static constexpr int kTilePx = 96;
 
-  // Calls `visit` for every tile that the mesh may cover, after its triangles are in it. `footprint`
-  // is that of the mesh's block: fragments outside its rectangle are dropped, depths are clamped to
-  // [nearest_depth, 1]. The tile lives until visit returns.
+  // Calls `visit` for every tile that the mesh may cover, after its triangles are in it.
+  // `footprint` is that of the mesh's block: fragments outside its rectangle are dropped, depths
+  // are clamped to [nearest_depth, 1]. The tile lives until visit returns.
   void Rasterize(const mesh::BlockMesh& mesh, const view::View& view,
                  const view::Footprint& footprint, absl::FunctionRef<void(const KeyTile&)> visit);
 

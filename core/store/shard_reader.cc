@@ -291,6 +291,11 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
 
 std::int64_t ShardReader::block_count() const { return static_cast<std::int64_t>(entries_.size()); }
 
+volume::BlockId ShardReader::block_id(std::uint32_t ordinal) const {
+  ISOSCOPE_CHECK_LT(ordinal, entries_.size());
+  return entries_[ordinal].block_id;
+}
+
 std::string ShardReader::Where() const {
   return absl::StrFormat("dataset %s (%s), shard %d of %d", manifest_.name, manifest_.dataset_id,
                          shard_index_, manifest_.shards.size());

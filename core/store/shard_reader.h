@@ -56,6 +56,8 @@ class ShardReader {
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
   [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_; }
   [[nodiscard]] std::int64_t block_count() const;
+  // The block at a place in the shard. REQUIRES: ordinal < block_count().
+  [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
   // Of manifest.json: what its member "crc32c" says. Equal in all shards of a dataset.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
 

@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "absl/status/statusor.h"
+
 #include "core/math/box.h"
 #include "core/math/vec.h"
 
@@ -40,8 +41,8 @@ class BlockLayout {
 
   // REQUIRES for all below: id < block_count(), index within block_dims().
   [[nodiscard]] BlockId IdOf(const math::Index3& block_index) const {
-    return static_cast<BlockId>(
-        block_index.x + block_dims_.x * (block_index.y + block_dims_.y * block_index.z));
+    return static_cast<BlockId>(block_index.x +
+                                block_dims_.x * (block_index.y + block_dims_.y * block_index.z));
   }
   [[nodiscard]] math::Index3 IndexOf(BlockId id) const;
   // The block's cells.

@@ -61,9 +61,9 @@ absl::Status Validate(const GridGeometry& geometry) {
                         spacing.y, spacing.z));
   }
   if (!math::IsFinite(geometry.origin)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("origin %g, %g, %g: each must be finite", geometry.origin.x,
-                        geometry.origin.y, geometry.origin.z));
+    return absl::InvalidArgumentError(absl::StrFormat("origin %g, %g, %g: each must be finite",
+                                                      geometry.origin.x, geometry.origin.y,
+                                                      geometry.origin.z));
   }
   const double determinant = math::Determinant(geometry.direction);
   if (!std::isfinite(determinant) || std::abs(determinant) < 1e-6) {

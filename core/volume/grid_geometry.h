@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_VOLUME_GRID_GEOMETRY_H_
 
 #include "absl/status/status.h"
+
 #include "core/math/box.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
@@ -12,10 +13,10 @@ namespace isoscope::volume {
 
 // world = origin + direction * (spacing * index), index counted in samples, x fastest in memory.
 struct GridGeometry {
-  math::Index3 sample_dims;              // samples on each axis, >= 2
-  math::Vec3d spacing{1, 1, 1};          // world units between samples, > 0
-  math::Vec3d origin;                    // world position of sample (0, 0, 0)
-  math::Mat3d direction;                 // columns: world directions of the index axes
+  math::Index3 sample_dims;      // samples on each axis, >= 2
+  math::Vec3d spacing{1, 1, 1};  // world units between samples, > 0
+  math::Vec3d origin;            // world position of sample (0, 0, 0)
+  math::Mat3d direction;         // columns: world directions of the index axes
 
   friend bool operator==(const GridGeometry&, const GridGeometry&) = default;
 

@@ -43,10 +43,9 @@ RangeTable::RangeTable(ScalarType type, std::int64_t block_count)
 void RangeTable::Set(BlockId id, const ScalarSpan& span) {
   VisitScalarType(type_, [&]<typename T>() {
     char* entry = bytes_.data() + 2 * sizeof(T) * id;
-    const auto [min, max] = span.min > span.max
-                                ? EmptySpan<T>()
-                                : std::pair<T, T>{static_cast<T>(span.min),
-                                                  static_cast<T>(span.max)};
+    const auto [min, max] =
+        span.min > span.max ? EmptySpan<T>()
+                            : std::pair<T, T>{static_cast<T>(span.min), static_cast<T>(span.max)};
     base::StoreLittleEndian(min, entry);
     base::StoreLittleEndian(max, entry + sizeof(T));
   });

@@ -42,9 +42,9 @@ absl::StatusOr<ScalarType> ScalarTypeFromName(absl::string_view name) {
       return row.type;
     }
   }
-  return absl::InvalidArgumentError(absl::StrCat(
-      "sample type \"", name,
-      "\": expected uint8, int8, uint16, int16, uint32, int32, float32 or float64"));
+  return absl::InvalidArgumentError(
+      absl::StrCat("sample type \"", name,
+                   "\": expected uint8, int8, uint16, int16, uint32, int32, float32 or float64"));
 }
 
 }  // namespace isoscope::volume

@@ -24,12 +24,12 @@ Field GyroidField(double periods);
 // Source: Marschner and Lobb 1994, "An evaluation of reconstruction filters for volume rendering".
 Field MarschnerLobbField(double frequency, double alpha);
 // A sum of `mode_count` random plane waves with wave numbers up to `max_wave_number` and amplitudes
-// that fall with it: a smooth random field with many sheets. Seeded; the same on every machine up to
-// the rounding of sin and cos.
+// that fall with it: a smooth random field with many sheets. Seeded; the same on every machine up
+// to the rounding of sin and cos.
 Field RandomField(std::uint64_t seed, int mode_count, double max_wave_number);
 
-// Samples `field` as [z][y][x], x fastest, of `type`: value = offset + scale * field, for integer types
-// rounded to nearest and clamped. dims >= 2 on each axis.
+// Samples `field` as [z][y][x], x fastest, of `type`: value = offset + scale * field, for integer
+// types rounded to nearest and clamped. dims >= 2 on each axis.
 std::string SampleField(const Field& field, const math::Index3& dims, ScalarType type, double scale,
                         double offset);
 // White noise over [0, max_value], of `type`; integer types get whole numbers, so ties are common.

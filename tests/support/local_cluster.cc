@@ -7,6 +7,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
+
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
 #include "core/store/shard_reader.h"
@@ -69,9 +70,8 @@ class LocalAgentLink final : public server::AgentLink {
       SendPixels(image);
       listener_->OnOccludersDone();
       ISOSCOPE_ASSIGN_OR_RETURN(const std::string encoded, Await(&map_));
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          const visibility::OcclusionMap map,
-          visibility::OcclusionMap::Decode(encoded, request_.viewport));
+      ISOSCOPE_ASSIGN_OR_RETURN(const visibility::OcclusionMap map,
+                                visibility::OcclusionMap::Decode(encoded, request_.viewport));
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderVisible(map));
     }
     SendPixels(image);
@@ -145,11 +145,12 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
 
 absl::StatusOr<server::FrameResult> LocalCluster::Render(const agent::FrameRequest& request,
                                                          const base::Cancellation& cancellation) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
-                            view::View::Make(request.camera, request.viewport,
-                                             manifest().geometry));
-  const auto begin = [&](int agent_index, server::AgentListener* listener)
-      -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const view::View view,
+      view::View::Make(request.camera, request.viewport, manifest().geometry));
+  const auto begin =
+      [&](int agent_index,
+          server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
     agent::FrameRequest own = request;
     own.agent_index = agent_index;
     own.agent_count = static_cast<int>(shards_.size());

@@ -1,5 +1,5 @@
-// A coordinator and its agents in one process, without gRPC: agents are FramePipelines on threads of
-// their own, joined to RunFrame by the same encodings as on the wire. For tests of the picture.
+// A coordinator and its agents in one process, without gRPC: agents are FramePipelines on threads
+// of their own, joined to RunFrame by the same encodings as on the wire. For tests of the picture.
 
 #ifndef ISOSCOPE_TESTS_SUPPORT_LOCAL_CLUSTER_H_
 #define ISOSCOPE_TESTS_SUPPORT_LOCAL_CLUSTER_H_
@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include <oneapi/tbb/task_arena.h>
+
 #include "core/base/cancellation.h"
 #include "core/render/renderer.h"
 #include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
 #include "server/frame_coordinator.h"
-
-#include <oneapi/tbb/task_arena.h>
 
 namespace isoscope::testing {
 

@@ -33,9 +33,7 @@ MATCHER_P2(StatusIs, code, message_matcher,
          ::testing::ExplainMatchResult(message_matcher, std::string(status.message()),
                                        result_listener);
 }
-inline auto StatusIs(absl::StatusCode code) {
-  return StatusIs(code, ::testing::_);
-}
+inline auto StatusIs(absl::StatusCode code) { return StatusIs(code, ::testing::_); }
 
 }  // namespace isoscope::testing
 
@@ -43,8 +41,9 @@ inline auto StatusIs(absl::StatusCode code) {
 #define ISOSCOPE_EXPECT_OK(expression) EXPECT_THAT(expression, ::isoscope::testing::IsOk())
 
 // ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto value, MakeValue());
-#define ISOSCOPE_ASSERT_OK_AND_ASSIGN(declaration, expression) \
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN_(ISOSCOPE_TEST_CONCAT_(statusor_, __LINE__), declaration, expression)
+#define ISOSCOPE_ASSERT_OK_AND_ASSIGN(declaration, expression)                            \
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN_(ISOSCOPE_TEST_CONCAT_(statusor_, __LINE__), declaration, \
+                                 expression)
 #define ISOSCOPE_TEST_CONCAT_INNER_(a, b) a##b
 #define ISOSCOPE_TEST_CONCAT_(a, b) ISOSCOPE_TEST_CONCAT_INNER_(a, b)
 #define ISOSCOPE_ASSERT_OK_AND_ASSIGN_(statusor, declaration, expression) \

@@ -9,8 +9,7 @@
 namespace isoscope::testing {
 
 TempDir::TempDir() {
-  std::string pattern =
-      (std::filesystem::temp_directory_path() / "isoscope-test-XXXXXX").string();
+  std::string pattern = (std::filesystem::temp_directory_path() / "isoscope-test-XXXXXX").string();
   ISOSCOPE_CHECK(mkdtemp(pattern.data()) != nullptr);
   path_ = pattern;
 }

@@ -1,0 +1,503 @@
+// The agent's service as a coordinator meets it: raw protocol messages over an in-process channel.
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "gtest/gtest.h"
+#include <grpcpp/client_context.h>
+
+#include "core/composite/pixel_codec.h"
+#include "core/render/renderer_factory.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/proto_convert.h"
+#include "core/view/view.h"
+#include "core/visibility/occlusion_map.h"
+#include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "partition-agent/agent_server.h"
+#include "partition-agent/frame_pipeline.h"
+#include "tests/support/block_cutter.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/partition-agent/small_dataset.h"
+
+namespace isoscope::agent {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+using isoscope::testing::SmallDataset;
+using ::testing::AnyOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using Stub = v1::PartitionAgentService::Stub;
+
+std::string CodeOf(const grpc::Status& status) {
+  switch (status.error_code()) {
+    case grpc::OK:
+      return "OK";
+    case grpc::CANCELLED:
+      return "CANCELLED";
+    case grpc::INVALID_ARGUMENT:
+      return "INVALID_ARGUMENT";
+    case grpc::FAILED_PRECONDITION:
+      return "FAILED_PRECONDITION";
+    case grpc::RESOURCE_EXHAUSTED:
+      return "RESOURCE_EXHAUSTED";
+    case grpc::DATA_LOSS:
+      return "DATA_LOSS";
+    case grpc::UNAVAILABLE:
+      return "UNAVAILABLE";
+    default:
+      return std::to_string(status.error_code());
+  }
+}
+
+// The coordinator's side of one frame. Cancels it in the end, if it has not ended.
+class FrameCall {
+ public:
+  explicit FrameCall(Stub* stub) : stream_(stub->RenderFrame(&context_)) {}
+  ~FrameCall() {
+    if (!is_finished_) {
+      context_.TryCancel();
+      Finish();
+    }
+  }
+
+  bool Send(const v1::RenderFrameRequest& message) { return stream_->Write(message); }
+  bool SendOccluders(const std::vector<volume::BlockId>& hits) {
+    v1::RenderFrameRequest message;
+    *message.mutable_occluders()->mutable_hits() = rpc::ToProto(hits);
+    return Send(message);
+  }
+  bool SendMap(const std::string& encoded) {
+    v1::RenderFrameRequest message;
+    message.mutable_occlusion_map()->set_encoded(encoded);
+    return Send(message);
+  }
+  bool Read(v1::RenderFrameResponse* message) { return stream_->Read(message); }
+  // Composites the pixels that come before another message, which is returned.
+  v1::RenderFrameResponse ReadPixels(image::FrameImage* image) {
+    v1::RenderFrameResponse message;
+    while (stream_->Read(&message) && message.has_pixels()) {
+      EXPECT_THAT(composite::DecodePixelsInto(message.pixels(), image), isoscope::testing::IsOk());
+      message.Clear();
+    }
+    return message;
+  }
+  void EndWrites() { stream_->WritesDone(); }
+  void Cancel() { context_.TryCancel(); }
+  // Drops what was not read.
+  grpc::Status Finish() {
+    v1::RenderFrameResponse message;
+    while (stream_->Read(&message)) {
+    }
+    is_finished_ = true;
+    return stream_->Finish();
+  }
+
+ private:
+  grpc::ClientContext context_;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::RenderFrameRequest, v1::RenderFrameResponse>>
+      stream_;
+  bool is_finished_ = false;
+};
+
+class PartitionAgentServiceTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_,
+                                  render::MakeRenderer({.kind = render::RendererKind::kCpu}));
+    Start(dataset_, 4, 64);
+  }
+
+  void Start(const SmallDataset& dataset, int max_concurrent_frames, int max_queued_frames,
+             const std::string& listen_address = "") {
+    stub_.reset();
+    server_.reset();
+    AgentServerOptions options;
+    options.directories = {dataset.directory()};
+    options.listen_address = listen_address;
+    options.renderer = renderer_;
+    options.arena = arena_;
+    options.max_concurrent_frames = max_concurrent_frames;
+    options.max_queued_frames = max_queued_frames;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(server_, AgentServer::Start(options));
+    stub_ = v1::PartitionAgentService::NewStub(
+        listen_address.empty() ? server_->InProcessChannel()
+                               : rpc::MakeChannel(absl::StrCat("127.0.0.1:", server_->port())));
+  }
+
+  v1::RenderFrameRequest Begin(visibility::Culling culling = visibility::Culling::kDepth) const {
+    const FrameRequest request = dataset_.Request();
+    v1::RenderFrameRequest message;
+    v1::BeginFrame* begin = message.mutable_begin();
+    begin->set_frame_number(1);
+    begin->set_dataset_id(dataset_.manifest().dataset_id);
+    begin->add_shard_indices(0);
+    begin->add_shard_indices(1);
+    begin->set_isovalue(request.isovalue);
+    *begin->mutable_camera() = rpc::ToProto(request.camera);
+    *begin->mutable_viewport() = rpc::ToProto(request.viewport);
+    begin->set_culling(rpc::ToProto(culling));
+    begin->set_ray_seed(static_cast<std::int64_t>(request.ray_seed));
+    begin->set_agent_count(1);
+    return message;
+  }
+  image::FrameImage EmptyImage() const {
+    const view::Viewport viewport = dataset_.Request().viewport;
+    return {viewport.width_px, viewport.height_px};
+  }
+
+  // Begins a frame and takes its hits.
+  std::vector<volume::BlockId> BeginAndReadHits(FrameCall* call) const {
+    EXPECT_TRUE(call->Send(Begin()));
+    v1::RenderFrameResponse message;
+    EXPECT_TRUE(call->Read(&message));
+    EXPECT_TRUE(message.has_ray_hits()) << message.ShortDebugString();
+    auto hits = rpc::BlockListFromProto(message.ray_hits(), 1000, "ray_hits");
+    EXPECT_THAT(hits, isoscope::testing::IsOk());
+    return *std::move(hits);
+  }
+  // Steps 2 and 3 of a frame that waits for occluders.
+  void Complete(FrameCall* call, const std::vector<volume::BlockId>& hits, image::FrameImage* image,
+                v1::RenderFrameResponse* last) const {
+    const FrameRequest request = dataset_.Request();
+    EXPECT_TRUE(call->SendOccluders(hits));
+    EXPECT_TRUE(call->ReadPixels(image).has_occluders_done());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const view::View view,
+        view::View::Make(request.camera, request.viewport, dataset_.geometry()));
+    EXPECT_TRUE(
+        call->SendMap(visibility::OcclusionMap::FromImage(*image, visibility::DepthQuantizer(view),
+                                                          visibility::MapKind::kDepth, 0)
+                          .Encode()));
+    *last = call->ReadPixels(image);
+  }
+  // Waits until the agent takes a frame again: it lets go of an old one when gRPC has.
+  void AwaitRoomForAFrame() const {
+    while (true) {
+      FrameCall call(stub_.get());
+      v1::RenderFrameResponse message;
+      call.Send(Begin());
+      if (call.Read(&message)) {
+        EXPECT_TRUE(message.has_ray_hits());
+        return;
+      }
+      ASSERT_EQ(CodeOf(call.Finish()), "RESOURCE_EXHAUSTED");
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+  }
+
+  image::FrameImage Expected() const {
+    const base::Cancellation never;
+    auto pipeline = FramePipeline::Make(dataset_.OpenShards(), dataset_.Request(), renderer_.get(),
+                                        arena_.get(), &never);
+    EXPECT_THAT(pipeline, isoscope::testing::IsOk());
+    auto image = (*pipeline)->RenderAll();
+    EXPECT_THAT(image, isoscope::testing::IsOk());
+    return *std::move(image);
+  }
+
+  const SmallDataset dataset_{2};
+  std::shared_ptr<render::Renderer> renderer_;
+  const std::shared_ptr<tbb::task_arena> arena_ = std::make_shared<tbb::task_arena>(2);
+  std::unique_ptr<AgentServer> server_;
+  std::unique_ptr<Stub> stub_;
+};
+
+TEST_F(PartitionAgentServiceTest, DescribesItsShards) {
+  grpc::ClientContext context;
+  v1::DescribeShardsResponse response;
+  ASSERT_EQ(CodeOf(stub_->DescribeShards(&context, {}, &response)), "OK");
+  EXPECT_FALSE(response.version().empty());
+  EXPECT_EQ(response.renderer(), renderer_->description());
+  const auto shards = dataset_.OpenShards();
+  ASSERT_EQ(response.shards_size(), 2);
+  for (int i = 0; i < 2; ++i) {
+    const v1::ShardDescription& shard = response.shards(i);
+    const store::ShardReader& reader = *shards[static_cast<std::size_t>(i)]->reader;
+    EXPECT_EQ(shard.dataset().SerializeAsString(),
+              rpc::ToProto(dataset_.manifest()).SerializeAsString());
+    EXPECT_EQ(shard.shard_index(), i);
+    EXPECT_EQ(shard.block_count(), reader.block_count());
+    EXPECT_EQ(shard.manifest_crc32c(), reader.manifest_crc32c());
+    EXPECT_EQ(shard.range_table_crc32c(), dataset_.manifest().range_table_crc32c);
+  }
+  EXPECT_EQ(server_->shard_summary(), "gyroid 0,1 of 2");
+}
+
+TEST_F(PartitionAgentServiceTest, FrameIsThatOfThePipeline) {
+  FrameCall call(stub_.get());
+  const auto hits = BeginAndReadHits(&call);
+  EXPECT_FALSE(hits.empty());
+  image::FrameImage image = EmptyImage();
+  v1::RenderFrameResponse last;
+  Complete(&call, hits, &image, &last);
+  ASSERT_TRUE(last.has_frame_done());
+  EXPECT_EQ(CodeOf(call.Finish()), "OK");
+  EXPECT_TRUE(image == Expected());
+  const auto& statistics = last.frame_done().statistics();
+  EXPECT_THAT(statistics.shard_indices(), ElementsAre(0, 1));
+  EXPECT_GT(statistics.triangle_count(), 0);
+  EXPECT_GT(statistics.read_bytes(), 0);
+  EXPECT_TRUE(statistics.agent_address().empty());
+}
+
+TEST_F(PartitionAgentServiceTest, FrameWithoutCullingComesAtOnce) {
+  FrameCall call(stub_.get());
+  ASSERT_TRUE(call.Send(Begin(visibility::Culling::kNone)));
+  image::FrameImage image = EmptyImage();
+  EXPECT_TRUE(call.ReadPixels(&image).has_frame_done());
+  EXPECT_EQ(CodeOf(call.Finish()), "OK");
+  EXPECT_TRUE(image == Expected());
+}
+
+TEST_F(PartitionAgentServiceTest, EveryMessageOutOfOrderIsRefused) {
+  v1::RenderFrameRequest occluders;
+  occluders.mutable_occluders();
+  v1::RenderFrameRequest map;
+  map.mutable_occlusion_map();
+  const v1::RenderFrameRequest nothing;
+  const v1::RenderFrameRequest begin = Begin();
+  const std::vector<std::vector<v1::RenderFrameRequest>> wrong_in_step = {
+      {occluders, map, nothing}, {begin, map, nothing}, {begin, occluders, nothing}};
+  for (std::size_t step = 0; step < wrong_in_step.size(); ++step) {
+    for (std::size_t i = 0; i <= wrong_in_step[step].size(); ++i) {
+      SCOPED_TRACE(std::to_string(step) + ", message " + std::to_string(i));
+      FrameCall call(stub_.get());
+      if (step >= 1) {
+        BeginAndReadHits(&call);
+      }
+      if (step >= 2) {
+        image::FrameImage image = EmptyImage();
+        ASSERT_TRUE(call.SendOccluders({}));
+        ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+      }
+      if (i < wrong_in_step[step].size()) {
+        call.Send(wrong_in_step[step][i]);
+      } else {
+        call.EndWrites();
+      }
+      const grpc::Status status = call.Finish();
+      EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT") << status.error_message();
+    }
+  }
+}
+
+TEST_F(PartitionAgentServiceTest, WhatIsNotServedIsAFailedPrecondition) {
+  v1::RenderFrameRequest other_dataset = Begin();
+  other_dataset.mutable_begin()->set_dataset_id("00000000000000000000000000000000");
+  FrameCall call(stub_.get());
+  call.Send(other_dataset);
+  EXPECT_EQ(CodeOf(call.Finish()), "FAILED_PRECONDITION");
+
+  // An agent of shard 0 alone.
+  AgentServerOptions options;
+  options.directories = {dataset_.shard_directory(0)};
+  options.renderer = renderer_;
+  options.arena = arena_;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server, AgentServer::Start(options));
+  const auto stub = v1::PartitionAgentService::NewStub(server->InProcessChannel());
+  FrameCall both(stub.get());
+  both.Send(Begin());
+  const grpc::Status status = both.Finish();
+  EXPECT_EQ(CodeOf(status), "FAILED_PRECONDITION");
+  EXPECT_THAT(status.error_message(), HasSubstr("shard 1 of dataset \"gyroid\""));
+}
+
+TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
+  std::vector<v1::RenderFrameRequest> bad(5, Begin());
+  bad[0].mutable_begin()->set_isovalue(std::numeric_limits<double>::quiet_NaN());
+  bad[1].mutable_begin()->clear_camera();
+  bad[2].mutable_begin()->mutable_viewport()->set_width_px(-1);
+  bad[3].mutable_begin()->set_agent_index(1);
+  bad[4].mutable_begin()->add_shard_indices(2);
+  for (std::size_t i = 0; i < bad.size(); ++i) {
+    FrameCall call(stub_.get());
+    call.Send(bad[i]);
+    const grpc::Status status = call.Finish();
+    EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT") << i << ": " << status.error_message();
+  }
+  {
+    FrameCall call(stub_.get());
+    BeginAndReadHits(&call);
+    call.SendOccluders({99999});  // no such block
+    EXPECT_EQ(CodeOf(call.Finish()), "INVALID_ARGUMENT");
+  }
+  const std::string small_map = visibility::OcclusionMap::FromImage(
+                                    image::FrameImage(8, 8),
+                                    visibility::DepthQuantizer(*view::View::Make(
+                                        dataset_.Request().camera, {8, 8}, dataset_.geometry())),
+                                    visibility::MapKind::kDepth, 0)
+                                    .Encode();
+  for (const std::string& map : {std::string("rubbish"), std::string(1000, '\xff'), small_map}) {
+    FrameCall call(stub_.get());
+    BeginAndReadHits(&call);
+    image::FrameImage image = EmptyImage();
+    call.SendOccluders({});
+    ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+    call.SendMap(map);
+    EXPECT_THAT(CodeOf(call.Finish()), AnyOf("INVALID_ARGUMENT", "DATA_LOSS"));
+  }
+}
+
+TEST_F(PartitionAgentServiceTest, CancelledFrameEndsAndMakesRoom) {
+  for (int step = 0; step < 3; ++step) {
+    Start(dataset_, 1, 0);  // room for one frame
+    {
+      FrameCall call(stub_.get());
+      BeginAndReadHits(&call);
+      if (step >= 1) {
+        call.SendOccluders({});
+      }
+      image::FrameImage image = EmptyImage();
+      if (step >= 2) {
+        EXPECT_TRUE(call.ReadPixels(&image).has_occluders_done());
+      }
+      call.Cancel();
+      EXPECT_EQ(CodeOf(call.Finish()), "CANCELLED");
+    }
+    AwaitRoomForAFrame();
+  }
+}
+
+TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
+  Start(dataset_, 1, 1);
+  FrameCall first(stub_.get());
+  const auto hits = BeginAndReadHits(&first);
+  FrameCall second(stub_.get());
+  BeginAndReadHits(&second);
+  {
+    FrameCall third(stub_.get());
+    third.Send(Begin());
+    const grpc::Status status = third.Finish();
+    EXPECT_EQ(CodeOf(status), "RESOURCE_EXHAUSTED");
+    EXPECT_THAT(status.error_message(), HasSubstr("retry later"));
+  }
+  // Those in work are not disturbed, and the end of one makes room.
+  image::FrameImage image = EmptyImage();
+  v1::RenderFrameResponse last;
+  Complete(&first, hits, &image, &last);
+  EXPECT_TRUE(last.has_frame_done());
+  EXPECT_EQ(CodeOf(first.Finish()), "OK");
+  EXPECT_TRUE(image == Expected());
+  AwaitRoomForAFrame();
+}
+
+TEST_F(PartitionAgentServiceTest, ShutdownWithGraceFinishesTheFrameInWork) {
+  // gRPC's in-process transport knows no grace: it cuts its calls at once.
+  Start(dataset_, 4, 64, "127.0.0.1:0");
+  FrameCall call(stub_.get());
+  const auto hits = BeginAndReadHits(&call);
+  std::thread shutdown([&] { server_->Shutdown(absl::Minutes(2)); });
+  image::FrameImage image = EmptyImage();
+  v1::RenderFrameResponse last;
+  Complete(&call, hits, &image, &last);
+  EXPECT_TRUE(last.has_frame_done());
+  EXPECT_EQ(CodeOf(call.Finish()), "OK");
+  EXPECT_TRUE(image == Expected());
+  shutdown.join();
+}
+
+TEST_F(PartitionAgentServiceTest, ShutdownWithoutGraceCancelsTheFrameInWork) {
+  Start(dataset_, 4, 64, "127.0.0.1:0");
+  FrameCall call(stub_.get());
+  BeginAndReadHits(&call);
+  server_->Shutdown(absl::ZeroDuration());
+  EXPECT_THAT(CodeOf(call.Finish()), AnyOf("CANCELLED", "UNAVAILABLE"));
+}
+
+v1::ExtractSurfaceRequest SurfaceOf(const SmallDataset& dataset, const std::vector<int>& shards) {
+  v1::ExtractSurfaceRequest request;
+  request.set_dataset_id(dataset.manifest().dataset_id);
+  request.mutable_shard_indices()->Assign(shards.begin(), shards.end());
+  request.set_isovalue(SmallDataset::kIsovalue);
+  return request;
+}
+
+TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
+  std::vector<std::pair<std::int64_t, std::string>> blocks;  // id, edge keys
+  for (const std::vector<int>& shards : std::vector<std::vector<int>>{{0}, {1}}) {
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, SurfaceOf(dataset_, shards));
+    v1::ExtractSurfaceResponse message;
+    std::int64_t last = -1;
+    while (reader->Read(&message)) {
+      for (const v1::BlockSurface& block : message.blocks()) {
+        EXPECT_GT(block.block_id(), last) << "blocks must ascend";
+        last = block.block_id();
+        EXPECT_FALSE(block.triangles().empty());
+        EXPECT_EQ(block.positions().size() * 2, block.edge_keys().size() * 3);
+        EXPECT_EQ(block.normals().size(), block.positions().size());
+        blocks.emplace_back(block.block_id(), block.edge_keys() + block.triangles());
+      }
+    }
+    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+  }
+  std::sort(blocks.begin(), blocks.end());
+  const volume::BlockLayout layout =
+      *volume::BlockLayout::Make(dataset_.geometry().sample_dims, {8, 8, 8});
+  std::vector<std::pair<std::int64_t, std::string>> expected;
+  for (const mesh::BlockMesh& mesh :
+       isoscope::testing::ExtractAllBlocks(dataset_.geometry(), layout, volume::ScalarType::kUint8,
+                                           dataset_.samples(), SmallDataset::kIsovalue)) {
+    if (mesh.indices.empty()) {
+      continue;
+    }
+    std::string bytes(reinterpret_cast<const char*>(mesh.edge_keys.data()),
+                      mesh.edge_keys.size() * sizeof(mesh.edge_keys[0]));
+    bytes.append(reinterpret_cast<const char*>(mesh.indices.data()),
+                 mesh.indices.size() * sizeof(mesh.indices[0]));
+    expected.emplace_back(mesh.block_id, std::move(bytes));
+  }
+  EXPECT_TRUE(blocks == expected) << blocks.size() << " and " << expected.size() << " blocks";
+}
+
+TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
+  std::vector<std::pair<v1::ExtractSurfaceRequest, std::string>> cases;
+  cases.emplace_back(SurfaceOf(dataset_, {0}), "INVALID_ARGUMENT");
+  cases.back().first.set_isovalue(std::numeric_limits<double>::infinity());
+  cases.emplace_back(SurfaceOf(dataset_, {0}), "FAILED_PRECONDITION");
+  cases.back().first.set_dataset_id("other");
+  cases.emplace_back(SurfaceOf(dataset_, {1, 0}), "INVALID_ARGUMENT");
+  for (const auto& [request, code] : cases) {
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, request);
+    v1::ExtractSurfaceResponse message;
+    EXPECT_FALSE(reader->Read(&message));
+    EXPECT_EQ(CodeOf(reader->Finish()), code) << request.ShortDebugString();
+  }
+}
+
+TEST_F(PartitionAgentServiceTest, SlowReaderHoldsTheAgentBackAndCancellingEndsIt) {
+  // More surface than the agent queues: it waits for its reader.
+  const SmallDataset large(1, {177, 177, 177});
+  Start(large, 1, 0);
+  std::size_t bytes = 0;
+  for (const bool is_cancelled : {true, false}) {
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, SurfaceOf(large, {0}));
+    v1::ExtractSurfaceResponse message;
+    ASSERT_TRUE(reader->Read(&message));
+    absl::SleepFor(absl::Milliseconds(200));  // lets the agent run into its limit
+    if (is_cancelled) {
+      context.TryCancel();
+    }
+    bytes = message.ByteSizeLong();
+    while (reader->Read(&message)) {
+      bytes += message.ByteSizeLong();
+    }
+    EXPECT_EQ(CodeOf(reader->Finish()), is_cancelled ? "CANCELLED" : "OK");
+  }
+  EXPECT_GT(bytes, std::size_t{9} << 20) << "too small a surface to fill the agent's queue";
+  server_->Shutdown(absl::Minutes(2));
+}
+
+}  // namespace
+}  // namespace isoscope::agent

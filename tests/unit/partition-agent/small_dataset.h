@@ -1,0 +1,100 @@
+// A small generated dataset on disk, and requests for it.
+
+#ifndef ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_SMALL_DATASET_H_
+#define ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_SMALL_DATASET_H_
+
+#include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/check.h"
+#include "core/ingest/partitioner.h"
+#include "core/ingest/volume_source.h"
+#include "core/store/shard_format.h"
+#include "core/volume/synthetic_fields.h"
+#include "partition-agent/frame_request.h"
+#include "partition-agent/shard.h"
+#include "tests/support/temp_dir.h"
+
+namespace isoscope::testing {
+
+// A gyroid of uint8 around 128 in blocks of 8^3 cells.
+class SmallDataset {
+ public:
+  static constexpr double kIsovalue = 128;
+
+  explicit SmallDataset(int shard_count, const math::Index3& dims = {41, 37, 33})
+      : shard_count_(shard_count) {
+    geometry_.sample_dims = dims;
+    samples_ =
+        volume::SampleField(volume::GyroidField(2), dims, volume::ScalarType::kUint8, 80, 128);
+    const auto source =
+        ingest::MakeMemorySource(geometry_, volume::ScalarType::kUint8, samples_, "gyroid");
+    ingest::PartitionOptions options;
+    options.output_directory = directory();
+    options.shard_count = shard_count;
+    options.block_cells = {8, 8, 8};
+    auto manifest = ingest::Partition(*source, options, base::Cancellation());
+    ISOSCOPE_CHECK(manifest.ok());
+    manifest_ = *std::move(manifest);
+  }
+
+  [[nodiscard]] std::string directory() const { return temp_.Sub("gyroid"); }
+  [[nodiscard]] std::string shard_directory(int shard) const {
+    return directory() + "/" + store::ShardDirectoryName(shard, shard_count_);
+  }
+  [[nodiscard]] const store::Manifest& manifest() const { return manifest_; }
+  [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
+  [[nodiscard]] const std::string& samples() const { return samples_; }
+
+  [[nodiscard]] std::vector<std::shared_ptr<const agent::Shard>> OpenShards() const {
+    std::vector<std::shared_ptr<const agent::Shard>> shards;
+    for (int i = 0; i < shard_count_; ++i) {
+      auto shard = agent::OpenShard(shard_directory(i));
+      ISOSCOPE_CHECK(shard.ok());
+      shards.push_back(*std::move(shard));
+    }
+    return shards;
+  }
+
+  // From a corner, close enough that some blocks are beside the picture.
+  [[nodiscard]] agent::FrameRequest Request() const {
+    agent::FrameRequest request;
+    request.isovalue = kIsovalue;
+    request.camera = view::MakeDefaultCamera(geometry_.Bounds());
+    view::Azimuth(0.6, &request.camera);
+    view::Elevation(0.4, &request.camera);
+    view::Zoom(3.0, &request.camera);
+    request.viewport = {120, 90};
+    request.ray_seed = 5;
+    return request;
+  }
+
+ private:
+  const int shard_count_;
+  TempDir temp_;
+  volume::GridGeometry geometry_;
+  std::string samples_;
+  store::Manifest manifest_;
+};
+
+// Flips one bit of the byte at `offset`; negative: from the end.
+inline void FlipBit(const std::string& path, std::int64_t offset) {
+  std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekg(offset, offset < 0 ? std::ios::end : std::ios::beg);
+  const std::streamoff place = file.tellg();
+  const int byte = file.get();
+  ISOSCOPE_CHECK(byte >= 0);
+  file.seekp(place);
+  file.put(static_cast<char>(byte ^ 4));
+  file.close();
+  ISOSCOPE_CHECK(!file.fail());
+}
+
+}  // namespace isoscope::testing
+
+#endif  // ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_SMALL_DATASET_H_
