@@ -95,7 +95,7 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
     }
   }
   Json json = DatasetToJson(dataset);
-  json["distribution"] = std::string(store::NameOf(manifest.distribution));
+  json["distribution"] = absl::StrCat(store::NameOf(manifest.distribution));
   json["seed"] = manifest.seed;
   json["shards"] = Json::array();
   for (std::size_t i = 0; i < manifest.shards.size(); ++i) {
