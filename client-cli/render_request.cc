@@ -83,7 +83,7 @@ std::string FrameFileName(absl::string_view pattern, int frame_index) {
                           pattern.substr(position + place.size()));
     }
   }
-  return std::string(pattern);
+  return absl::StrCat(pattern);
 }
 
 }  // namespace isoscope::cli

@@ -15,7 +15,7 @@
 namespace isoscope::ingest {
 namespace {
 
-constexpr std::size_t kInputBytes = 256 * 1024;
+constexpr std::size_t kInputBytes = std::size_t{256} * 1024;
 
 }  // namespace
 

@@ -17,19 +17,20 @@
 #include "core/base/coding.h"
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/ingest/inflate_reader.h"
 
 namespace isoscope::ingest {
 namespace {
 
 // Headers of text formats are at most this long.
-constexpr std::int64_t kMaxTextHeaderBytes = 256 * 1024;
+constexpr std::int64_t kMaxTextHeaderBytes = 256 * base::kKiB;
 
 // "data.raw" beside "/d/head.nhdr" is "/d/data.raw".
 std::string BesideHeader(const std::string& header_path, absl::string_view name) {
   const std::size_t slash = header_path.rfind('/');
   if (absl::StartsWith(name, "/") || slash == std::string::npos) {
-    return std::string(name);
+    return absl::StrCat(name);
   }
   return absl::StrCat(header_path.substr(0, slash + 1), name);
 }
