@@ -91,6 +91,7 @@ std::string Summarize(const std::vector<std::shared_ptr<const Shard>>& shards) {
     counts[manifest.name] = manifest.shards.size();
   }
   std::vector<std::string> parts;
+  parts.reserve(indices.size());
   for (const auto& [name, of_dataset] : indices) {
     parts.push_back(absl::StrCat(name, " ", absl::StrJoin(of_dataset, ","), " of ", counts[name]));
   }

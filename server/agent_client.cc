@@ -88,7 +88,8 @@ absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayou
   return absl::OkStatus();
 }
 
-// The stream of one frame. It owns itself until gRPC is done with it, and is shared by the link.
+// The stream of one frame. Its owner waits until it has ended before destroying it: if a reaction
+// dropped the last reference to a channel, gRPC would join the reaction's own thread.
 class FrameStream final
     : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
@@ -101,9 +102,8 @@ class FrameStream final
     SetDeadline(deadline, &context_);
   }
 
-  static void Start(const std::shared_ptr<FrameStream>& stream, v1::BeginFrame begin) {
-    stream->self_ = stream;
-    stream->stub_->async()->RenderFrame(&stream->context_, stream.get());
+  static void Start(FrameStream* stream, v1::BeginFrame begin) {
+    stream->stub_->async()->RenderFrame(&stream->context_, stream);
     // Writes start outside reactions: the hold keeps the stream alive until reads have ended.
     stream->AddHold();
     v1::RenderFrameRequest request;
@@ -166,7 +166,6 @@ class FrameStream final
   }
 
   void OnDone(const grpc::Status& grpc_status) override {
-    const std::shared_ptr<FrameStream> last_use = std::move(self_);
     listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
     absl::MutexLock lock(&mutex_);
     has_ended_ = true;
@@ -234,7 +233,6 @@ class FrameStream final
   grpc::ClientContext context_;
   std::atomic<bool> was_cancelled_{false};
   std::atomic<std::int64_t> network_bytes_{0};
-  std::shared_ptr<FrameStream> self_;  // reset by OnDone
 
   // Touched by reads only, which follow one another.
   v1::RenderFrameResponse incoming_;
@@ -250,7 +248,7 @@ class FrameStream final
 
 class GrpcAgentLink final : public AgentLink {
  public:
-  explicit GrpcAgentLink(std::shared_ptr<FrameStream> stream) : stream_(std::move(stream)) {}
+  explicit GrpcAgentLink(std::unique_ptr<FrameStream> stream) : stream_(std::move(stream)) {}
   ~GrpcAgentLink() override {
     stream_->Cancel();
     stream_->WaitUntilEnded();
@@ -271,7 +269,7 @@ class GrpcAgentLink final : public AgentLink {
   [[nodiscard]] std::int64_t network_bytes() const override { return stream_->network_bytes(); }
 
  private:
-  const std::shared_ptr<FrameStream> stream_;
+  const std::unique_ptr<FrameStream> stream_;
 };
 
 }  // namespace
@@ -296,8 +294,9 @@ absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status
   return {code, absl::StrCat(name, ": ", status.message())};
 }
 
-void DescribeShards(const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
-                    std::function<void(absl::StatusOr<v1::DescribeShardsResponse>)> done) {
+std::shared_ptr<void> DescribeShards(
+    const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
+    std::function<void(absl::StatusOr<v1::DescribeShardsResponse>)> done) {
   struct Call {
     std::unique_ptr<v1::PartitionAgentService::Stub> stub;
     grpc::ClientContext context;
@@ -307,14 +306,16 @@ void DescribeShards(const std::shared_ptr<grpc::Channel>& channel, absl::Time de
   auto call = std::make_shared<Call>();
   call->stub = v1::PartitionAgentService::NewStub(channel);
   SetDeadline(deadline, &call->context);
-  call->stub->async()->DescribeShards(&call->context, &call->request, &call->response,
-                                      [call, done = std::move(done)](const grpc::Status& status) {
-                                        if (status.ok()) {
-                                          done(std::move(call->response));
-                                        } else {
-                                          done(rpc::ToAbslStatus(status));
-                                        }
-                                      });
+  call->stub->async()->DescribeShards(
+      &call->context, &call->request, &call->response,
+      [call = call.get(), done = std::move(done)](const grpc::Status& status) {
+        if (status.ok()) {
+          done(std::move(call->response));
+        } else {
+          done(rpc::ToAbslStatus(status));
+        }
+      });
+  return call;
 }
 
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
@@ -324,8 +325,8 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
   for (const int index : agent.shard_indices) {
     begin.add_shard_indices(index);
   }
-  auto stream = std::make_shared<FrameStream>(agent, block_count, deadline, listener);
-  FrameStream::Start(stream, std::move(begin));
+  auto stream = std::make_unique<FrameStream>(agent, block_count, deadline, listener);
+  FrameStream::Start(stream.get(), std::move(begin));
   return std::make_unique<GrpcAgentLink>(std::move(stream));
 }
 

@@ -44,8 +44,9 @@ absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status
                         bool was_cancelled_by_us);
 
 // Asks an agent what it serves. `done` is called once, on one of gRPC's threads, no later than soon
-// after `deadline`: it must be quick.
-void DescribeShards(
+// after `deadline`: it must be quick. Keep what is returned until then, and drop it on a thread of
+// your own: if a reaction dropped a channel's last reference, gRPC would join that thread from itself.
+std::shared_ptr<void> DescribeShards(
     const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
     std::function<void(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse>)> done);
 

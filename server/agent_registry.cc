@@ -374,11 +374,14 @@ void AgentRegistry::Probe() {
   }
   const auto collector = std::make_shared<AnswerCollector>(asked.size());
   const absl::Time deadline = absl::Now() + kProbeTimeout;
+  std::vector<std::shared_ptr<void>> calls;  // until they are answered
+  calls.reserve(asked.size());
   for (std::size_t i = 0; i < asked.size(); ++i) {
-    DescribeShards(asked[i]->state.channel, deadline,
-                   [collector, i](absl::StatusOr<v1::DescribeShardsResponse> answer) {
-                     collector->Set(i, std::move(answer));
-                   });
+    calls.push_back(
+        DescribeShards(asked[i]->state.channel, deadline,
+                       [collector, i](absl::StatusOr<v1::DescribeShardsResponse> answer) {
+                         collector->Set(i, std::move(answer));
+                       }));
   }
   auto answers = collector->Wait();
   for (std::size_t i = 0; i < asked.size(); ++i) {
@@ -492,7 +495,7 @@ absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name
                                                          absl::Time deadline) {
   {
     absl::MutexLock lock(&mutex_);
-    const absl::StatusOr<DatasetState> found = FindLocked(name);
+    absl::StatusOr<DatasetState> found = FindLocked(name);
     const bool is_any_suspect = std::any_of(
         links_.begin(), links_.end(), [](const auto& entry) { return entry.second.is_suspect; });
     if (found.ok() && found->status.ok() && !is_any_suspect) {
