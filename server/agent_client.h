@@ -45,7 +45,7 @@ absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status
 
 // Asks an agent what it serves. `done` is called once, on one of gRPC's threads, no later than soon
 // after `deadline`: it must be quick. Keep what is returned until then, and drop it on a thread of
-// your own: if a reaction dropped a channel's last reference, gRPC would join that thread from itself.
+// your own: a reaction that drops a channel's last reference makes gRPC join its own thread.
 std::shared_ptr<void> DescribeShards(
     const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
     std::function<void(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse>)> done);
