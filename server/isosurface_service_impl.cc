@@ -369,7 +369,7 @@ class IsosurfaceServiceImpl::ExportCall final
       sources.push_back(streams.back().get());
     }
     ShareStreams(streams);
-    const absl::Status status = ExportSurface(
+    absl::Status status = ExportSurface(
         geometry, layout, sources, [this](SurfaceChunk chunk) { return Send(std::move(chunk)); });
     ShareStreams({});
     if (!status.ok()) {
@@ -437,7 +437,7 @@ IsosurfaceServiceImpl::ExportIsosurface(grpc::CallbackServerContext* context,
 }
 
 void IsosurfaceServiceImpl::ReportIfAgentFailed(const DatasetState& dataset,
-                                                const absl::Status& status) {
+                                                const absl::Status& status) const {
   if (!absl::IsUnavailable(status) && !absl::IsFailedPrecondition(status)) {
     return;
   }

@@ -44,7 +44,7 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   class ExportCall;
 
   // Tells the registry if the status says that an agent is not what it was.
-  void ReportIfAgentFailed(const DatasetState& dataset, const absl::Status& status);
+  void ReportIfAgentFailed(const DatasetState& dataset, const absl::Status& status) const;
 
   const IsosurfaceServiceOptions options_;
   std::atomic<std::int64_t> next_frame_number_{1};

@@ -15,7 +15,7 @@
 namespace isoscope::server {
 namespace {
 
-constexpr std::size_t kVertexBytes = 2 * 3 * sizeof(float);
+constexpr std::size_t kVertexBytes = std::size_t{6} * sizeof(float);
 constexpr std::size_t kTriangleBytes = 3 * sizeof(std::int64_t);
 
 void AppendVector(const math::Vec3f& vector, std::string* out) {
