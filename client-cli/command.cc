@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client-cli/generate_command.h"
 #include "client-cli/usage.h"
 #include <CLI/CLI.hpp>
 
@@ -20,21 +21,28 @@ namespace {
 
 bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
 
-std::string Overview() {
-  std::string text =
-      "isoscope: isosurfaces of volumes too large for one machine\n\n"
-      "Usage: isoscope COMMAND ...\n\nCommands:\n";
+// One line for each command whose name starts with `prefix`.
+std::string ListOfCommands(const std::string& prefix) {
+  std::string text;
   for (const Command& command : Commands()) {
-    absl::StrAppendFormat(&text, "  %-10s %s\n", command.name, command.summary);
+    if (absl::StartsWith(command.name, prefix)) {
+      absl::StrAppendFormat(&text, "  %-12s %s\n", command.name, command.summary);
+    }
   }
-  absl::StrAppend(&text,
-                  "\nOptions:\n"
-                  "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
-                  "  --version   print the version\n"
-                  "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
-                  "\nExample:\n"
-                  "  isoscope render head.nii.gz --isovalue 60 --output head.png\n");
   return text;
+}
+
+std::string Overview() {
+  return absl::StrCat(
+      "isoscope: isosurfaces of volumes too large for one machine\n\n"
+      "Usage: isoscope COMMAND ...\n\nCommands:\n",
+      ListOfCommands(""),
+      "\nOptions:\n"
+      "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
+      "  --version   print the version\n"
+      "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
+      "\nExample:\n"
+      "  isoscope render head.nii.gz --isovalue 60 --output head.png\n");
 }
 
 std::vector<std::string> CommandNames() {
@@ -53,9 +61,19 @@ const Command* FindCommand(const std::string& name) {
 }
 
 absl::Status UnknownCommand(const std::string& name) {
+  std::vector<std::string> longer;  // where `name` is the first of two words
+  for (const std::string& known : CommandNames()) {
+    if (absl::StartsWith(known, name + " ")) {
+      longer.push_back(known);
+    }
+  }
+  if (!longer.empty()) {
+    return UsageError(absl::StrCat(
+        "'", name, "' is the first of two words; there are: ", absl::StrJoin(longer, ", ")));
+  }
   const std::string nearest = NearestName(name, CommandNames());
   return UsageError(absl::StrCat("'", name, "' is no command",
-                                 nearest.empty() ? "" : ", did you mean '" + nearest + "'?",
+                                 nearest.empty() ? "." : ", did you mean '" + nearest + "'?",
                                  " There are: ", absl::StrJoin(CommandNames(), ", ")));
 }
 
@@ -145,11 +163,19 @@ absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* co
   std::vector<std::string> rest(arguments.begin() + 1, arguments.end());
   std::string name = arguments[0];
   if (name == "help") {
-    name = rest[0];
+    name = absl::StrJoin(rest, " ");
     rest = {"--help"};
+  } else if (!rest.empty() && FindCommand(absl::StrCat(name, " ", rest[0])) != nullptr) {
+    absl::StrAppend(&name, " ", rest[0]);
+    rest.erase(rest.begin());
   }
   const Command* command = FindCommand(name);
   if (command == nullptr) {
+    const std::string of_two_words = ListOfCommands(name + " ");
+    if (!of_two_words.empty() && !rest.empty() && IsHelp(rest[0])) {
+      *context.out << "Commands:\n" << of_two_words;
+      return absl::OkStatus();
+    }
     return absl::StartsWith(name, "-")
                ? UsageError(absl::StrCat("unknown flag ", name, "; a command comes first: ",
                                          absl::StrJoin(CommandNames(), ", ")))
@@ -163,7 +189,8 @@ absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* co
 
 const std::vector<Command>& Commands() {
   static const auto* const commands = new std::vector<Command>{
-      PartitionCommand(), InfoCommand(), ServeCommand(), RenderCommand(), ExportCommand()};
+      PartitionCommand(), InfoCommand(),     ServeCommand(),      RenderCommand(),
+      ExportCommand(),    GenerateCommand(), BenchFrameCommand(), BenchPaperCommand()};
   return *commands;
 }
 

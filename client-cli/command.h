@@ -30,7 +30,7 @@ struct Context {
 using Action = std::function<absl::Status(const Context&)>;
 
 struct Command {
-  std::string name;
+  std::string name;      // one word, or two: "bench frame"
   std::string summary;   // one line
   std::string usage;     // what follows "isoscope NAME" in the first line of --help
   std::string examples;  // the last lines of --help
@@ -43,6 +43,8 @@ Command InfoCommand();
 Command ServeCommand();
 Command RenderCommand();
 Command ExportCommand();
+Command BenchFrameCommand();
+Command BenchPaperCommand();
 
 // All of them, in the order of --help.
 const std::vector<Command>& Commands();

@@ -7,10 +7,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
+#include "client-cli/parse_value.h"
 #include <oneapi/tbb/info.h>
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -38,6 +40,16 @@ absl::Status CheckAllShardsPresent(const store::DatasetDescription& dataset,
 
 }  // namespace
 
+absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t bytes, ParseByteSize(text));
+  if (static_cast<std::size_t>(bytes) < agent::AgentMemory::kMinLimitBytes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is less than agents need: at least ",
+                     agent::AgentMemory::kMinLimitBytes / base::kMiB, "MiB"));
+  }
+  return bytes;
+}
+
 absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     const EmbeddedClusterOptions& options) {
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
@@ -49,21 +61,31 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
       options.thread_count > 0 ? options.thread_count : oneapi::tbb::info::default_concurrency();
   cluster->allowed_threads_ = std::make_unique<oneapi::tbb::global_control>(
       oneapi::tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(thread_count));
-  ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_, render::MakeRenderer({.kind = options.renderer}));
   const auto arena = std::make_shared<tbb::task_arena>(thread_count);
 
+  const auto memory = std::make_shared<agent::AgentMemory>(
+      options.memory_limit_bytes > 0 ? options.memory_limit_bytes
+                                     : agent::AgentMemory::DefaultLimitBytes());
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      cluster->renderer_, render::MakeRenderer({.kind = options.renderer,
+                                                .max_kept_mesh_bytes = memory->kept_mesh_bytes(),
+                                                .max_unused_bytes = memory->unused_image_bytes()}));
+
   server::CoordinatorServerOptions coordinator_options;
+  coordinator_options.arena = arena;
   for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
     agent::AgentServerOptions agent_options;
     agent_options.directories = {dataset.shard_directories[i]};
     agent_options.renderer = cluster->renderer_;
     agent_options.arena = arena;
+    agent_options.memory = memory;
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
                               agent::AgentServer::Start(agent_options));
     coordinator_options.agents.push_back(
         {.target = absl::StrCat("in-process:", i), .channel = agent->InProcessChannel()});
     cluster->agents_.push_back(std::move(agent));
   }
+  ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
   coordinator_options.listen_address = options.listen_address;
   coordinator_options.max_frame_duration = options.max_frame_duration;
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,

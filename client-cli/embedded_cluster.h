@@ -4,11 +4,14 @@
 #ifndef ISOSCOPE_CLIENT_CLI_EMBEDDED_CLUSTER_H_
 #define ISOSCOPE_CLIENT_CLI_EMBEDDED_CLUSTER_H_
 
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/global_control.h>
@@ -24,11 +27,16 @@ struct EmbeddedClusterOptions {
   render::RendererKind renderer = render::RendererKind::kAuto;
   // Threads that extract and draw, for all agents together; 0: one for each core.
   int thread_count = 0;
+  // For all agents together; at least AgentMemory::kMinLimitBytes, or 0: AgentMemory's default.
+  std::size_t memory_limit_bytes = 0;
   // "HOST:PORT"; empty: reached in-process only.
   std::string listen_address;
   // The server's limit for one request.
   absl::Duration max_frame_duration = absl::Minutes(5);
 };
+
+// A memory limit of agents, as ParseByteSize; at least AgentMemory::kMinLimitBytes.
+absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text);
 
 // Thread-safe. The destructor shuts down with no grace.
 class EmbeddedCluster {

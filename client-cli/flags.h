@@ -5,6 +5,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -27,6 +28,26 @@ CLI::Option* AddFlag(CLI::App* app, const std::string& name, const std::string& 
     return absl::StrCat(parsed.status().message());
   });
   return option->type_name(type_name);
+}
+
+// Adds a flag that takes one or more values, apart by spaces or commas: "--shards 1 4" is
+// "--shards 1,4". `values` stays empty if the flag is not given; it must outlive the parsing.
+template <typename T, typename Parser>
+CLI::Option* AddListFlag(CLI::App* app, const std::string& name, const std::string& type_name,
+                         std::vector<T>* values, Parser parse, const std::string& help) {
+  CLI::Option* option = app->add_option_function<std::vector<std::string>>(
+      name,
+      [values, parse](const std::vector<std::string>& texts) {
+        for (const std::string& text : texts) {
+          values->push_back(*parse(text));
+        }
+      },
+      help);
+  option->check([parse](const std::string& text) {
+    const absl::StatusOr<T> parsed = parse(text);
+    return absl::StrCat(parsed.status().message());
+  });
+  return option->delimiter(',')->type_name(type_name);
 }
 
 // Any text that is not empty.

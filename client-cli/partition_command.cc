@@ -19,7 +19,9 @@
 #include "core/base/status_macros.h"
 #include "core/ingest/partitioner.h"
 #include "core/math/vec.h"
+#include "core/store/block_codec.h"
 #include "core/store/manifest.h"
+#include "core/store/shard_format.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
@@ -31,6 +33,7 @@ struct PartitionFlags {
   std::optional<std::int64_t> shard_count;
   std::optional<math::Index3> block_cells;
   std::optional<store::Distribution> distribution;
+  std::optional<store::BlockEncoding> compression;
   std::optional<std::uint64_t> seed;
   std::optional<std::int64_t> memory_limit_bytes;
   SourceFlags source;
@@ -38,7 +41,7 @@ struct PartitionFlags {
 
 absl::Status CheckUsage(const PartitionFlags& flags) {
   if (!flags.input) {
-    return UsageError("INPUT is missing: the volume file to partition");
+    return UsageError("INPUT is missing: the volume to partition");
   }
   if (!flags.output) {
     return UsageError("--output DIR is missing: the dataset folder to make");
@@ -76,6 +79,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   options.shard_count = static_cast<int>(flags.shard_count.value_or(options.shard_count));
   options.block_cells = flags.block_cells.value_or(options.block_cells);
   options.distribution = flags.distribution.value_or(options.distribution);
+  options.compression = flags.compression.value_or(options.compression);
   options.seed = flags.seed.value_or(options.seed);
   options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
   const absl::Time start = absl::Now();
@@ -88,19 +92,22 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(app, "input", "INPUT", &flags->input, ParseText,
-          "NIfTI, NRRD or MetaImage file, or a raw file");
+          "a NIfTI, NRRD, MetaImage or VTK ImageData (.vti) file, file.h5:/dataset, a folder or a "
+          "file of a DICOM series, a folder or 'pattern*.tif' of slices, or a raw file");
   AddFlag(app, "--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
           "parts, one for each agent (default: 1)");
   AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
-          "cells of a block (default: 16)");
+          "cells of a block (default: 8)");
   AddFlag(app, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
           "how blocks are dealt out (default: random)");
+  AddFlag(app, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,
+          "how blocks are stored: smaller, but slower to draw (default: none)");
   AddFlag(app, "--seed", "S", &flags->seed, ParseUnsigned,
           "seed of the random distribution (default: 1)");
   AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseByteSize,
-          "memory for samples, as in 512MiB or 2G (default: 1GiB)");
+          "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
   AddSourceFlags(app, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
@@ -113,7 +120,8 @@ Command PartitionCommand() {
           .usage = "INPUT --output DIR [OPTIONS]",
           .examples =
               "  isoscope partition head.nii.gz --output head --shards 4\n"
-              "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n",
+              "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
+              "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n",
           .register_flags = RegisterFlags};
 }
 

@@ -19,8 +19,9 @@ namespace isoscope::cli {
 // A number of shards, 1 or more; how many a volume can have, the partitioner says.
 absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text);
 
-// Opens `input` and partitions it. `options.progress` is replaced. CANCELLED, with nothing left
-// behind, on an interrupt; other errors as OpenSource and ingest::Partition.
+// Opens `input` and partitions it. `options.progress` and `options.reserved_bytes` are replaced:
+// the memory limit is that of the process. CANCELLED, with nothing left behind, on an interrupt;
+// other errors as OpenSource and ingest::Partition.
 absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
                                                 ingest::PartitionOptions options,
                                                 const Context& context);

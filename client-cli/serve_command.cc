@@ -30,6 +30,7 @@ struct ServeFlags {
   std::optional<std::string> listen_address;
   std::optional<render::RendererKind> renderer;
   std::optional<std::int64_t> thread_count;
+  std::optional<std::int64_t> memory_limit_bytes;
 };
 
 absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
@@ -45,6 +46,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   options.listen_address = flags.listen_address.value_or(kDefaultAddress);
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
+  options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<EmbeddedCluster> cluster,
                             EmbeddedCluster::Start(options));
   // The port asked for may be 0.
@@ -72,6 +74,9 @@ Action RegisterFlags(CLI::App* app) {
           "back end (default: auto, EGL on a GPU, else the CPU)");
   AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of all agents together (default: one for each core)");
+  AddFlag(
+      app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
+      "memory of all agents together, as in 512MiB or 2G (default: a quarter of the machine's)");
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 
@@ -81,7 +86,7 @@ Command ServeCommand() {
   return {
       .name = "serve",
       .summary = "Serves a dataset folder: coordinator and all agents in this process",
-      .usage = "DIR [--listen HOST:PORT]",
+      .usage = "DIR [OPTIONS]",
       .examples =
           "  isoscope serve head\n"
           "  isoscope serve head --listen 0.0.0.0:50051\n"

@@ -112,6 +112,9 @@ void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
           "cut a volume file into P shards, one agent each (default: 1)");
   AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");
+  AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
+          "memory of the embedded agents together, as in 512MiB or 2G (default: a quarter of the "
+          "machine's)");
   AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "give up a request after this time (default: the server's limit)");
   app->add_flag("--verbose", flags->is_verbose, "log lines of the embedded servers");
@@ -129,10 +132,11 @@ absl::Status CheckUsage(const SessionFlags& flags) {
                                   : "give a volume file, a dataset folder or --server HOST:PORT");
   }
   if (flags.server) {
-    const char* embedded_only = flags.renderer       ? "--renderer"
-                                : flags.shard_count  ? "--shards"
-                                : flags.thread_count ? "--threads"
-                                                     : flags.source.FirstGiven();
+    const char* embedded_only = flags.renderer             ? "--renderer"
+                                : flags.shard_count        ? "--shards"
+                                : flags.thread_count       ? "--threads"
+                                : flags.memory_limit_bytes ? "--memory-limit"
+                                                           : flags.source.FirstGiven();
     if (embedded_only != nullptr) {
       return UsageError(absl::StrCat(embedded_only,
                                      " can't be used with --server: that is settled where the "
@@ -161,6 +165,7 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags
   ISOSCOPE_ASSIGN_OR_RETURN(options.dataset_directory, PrepareInput(flags, context));
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
+  options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
   // Nobody else waits for this process: --timeout alone decides.
   options.max_frame_duration = absl::Hours(24 * 365);
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));

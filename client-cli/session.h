@@ -27,6 +27,7 @@ struct SessionFlags {
   SourceFlags source;
   std::optional<std::int64_t> shard_count;
   std::optional<std::int64_t> thread_count;
+  std::optional<std::int64_t> memory_limit_bytes;
   std::optional<render::RendererKind> renderer;
   std::optional<absl::Duration> timeout;
   bool is_verbose = false;

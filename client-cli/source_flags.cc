@@ -10,6 +10,8 @@
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 
+#include "core/ingest/hdf5_source.h"
+
 namespace isoscope::cli {
 namespace {
 
@@ -49,9 +51,13 @@ void AddSourceFlags(CLI::App* app, SourceFlags* flags) {
 }
 
 bool HasSelfDescribingName(const std::string& path) {
+  ingest::Hdf5Path hdf5;
+  if (ingest::SplitHdf5Path(path, &hdf5)) {
+    return true;
+  }
   const std::string name = absl::AsciiStrToLower(path);
-  for (const char* ending :
-       {".nii", ".nii.gz", ".hdr", ".img", ".img.gz", ".nrrd", ".nhdr", ".mha", ".mhd"}) {
+  for (const char* ending : {".nii", ".nii.gz", ".hdr", ".img", ".img.gz", ".nrrd", ".nhdr", ".mha",
+                             ".mhd", ".vti", ".dcm", ".tif", ".tiff"}) {
     if (absl::EndsWith(name, ending)) {
       return true;
     }

@@ -15,6 +15,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/render/renderer.h"
+#include "partition-agent/agent_memory.h"
 
 namespace isoscope::agent {
 
@@ -26,6 +27,7 @@ struct AgentServerOptions {
   // Shared by all agents of a process.
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<tbb::task_arena> arena;
+  std::shared_ptr<AgentMemory> memory;
   // Frames in work at a time; more wait, then are refused with RESOURCE_EXHAUSTED.
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;

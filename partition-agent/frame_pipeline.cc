@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
-#include <optional>
-#include <string>
+#include <span>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -16,23 +15,35 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/base/read_queue.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
+#include "core/image/pixel_mask.h"
 #include "core/mesh/block_mesh.h"
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
+#include "core/visibility/open_pixels.h"
 #include "core/volume/range_table.h"
+#include "partition-agent/queued_reads.h"
 
 namespace isoscope::agent {
 namespace {
 
 // Rays one task casts: some hundred microseconds.
-constexpr std::int64_t kRaysPerTask = 512;
+constexpr std::int64_t kRaysPerTask = 4096;
+// Blocks one task takes from the cache: some hundred microseconds.
+constexpr std::size_t kBlocksPerTask = 128;
+// Meshes handed to the renderer at a time.
+constexpr std::size_t kMeshesPerAdd = 64;
 
-// An active block of this agent.
-struct OwnBlock {
+// A block to draw.
+struct ChosenBlock {
   volume::BlockId block_id = 0;
   std::uint32_t ordinal = 0;
+  std::uint32_t place = 0;  // in the list of active blocks of its shard
+  std::uint32_t shard_slot = 0;
+  const image::PixelMask* open = nullptr;  // null: all pixels
+  bool must_read = false;
 };
 
 // The first error of tasks that run side by side; the others stop when they see it.
@@ -40,6 +51,9 @@ class FirstError {
  public:
   [[nodiscard]] bool has_error() const { return has_error_.load(std::memory_order_relaxed); }
   void Set(absl::Status status) {
+    if (status.ok()) {
+      return;
+    }
     absl::MutexLock lock(&mutex_);
     if (status_.ok()) {
       status_ = std::move(status);
@@ -57,16 +71,19 @@ class FirstError {
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
 };
 
-// What one thread keeps between the runs it extracts.
+// What one thread keeps between its tasks.
 struct Worker {
-  Worker(const volume::GridGeometry& geometry, const volume::BlockLayout& layout)
-      : extractor(geometry, layout) {}
+  Worker(const volume::GridGeometry& geometry, const volume::BlockLayout& layout, MeshCache* cache,
+         std::uint64_t round)
+      : extractor(geometry, layout), writer(cache, round) {}
 
   extract::BlockExtractor extractor;
-  std::string buffer;
+  mesh::BlockMesh extracted;
+  MeshCache::Writer writer;
+  // Extracted and not yet drawn: a task extracts all its blocks, then draws them.
+  std::vector<render::MeshToDraw> meshes;
   std::int64_t triangle_count = 0;
   std::int64_t unique_vertex_count = 0;
-  std::int64_t read_bytes = 0;
   absl::Duration extract_time;
   absl::Duration add_time;
 };
@@ -89,235 +106,368 @@ class ScopedTimer {
 class FramePipeline::Impl {
  public:
   Impl(std::vector<std::shared_ptr<const Shard>> shards, const FrameRequest& request,
-       const view::View& view, render::Renderer* renderer, tbb::task_arena* arena,
+       const view::View& view, const AgentResources& resources,
        const base::Cancellation* cancellation)
       : shards_(std::move(shards)),
         request_(request),
         view_(view),
         layout_(shards_.front()->reader->layout()),
-        quantizer_(view_),
-        renderer_(renderer),
-        arena_(arena),
-        cancellation_(cancellation) {}
+        renderer_(resources.renderer),
+        arena_(resources.arena),
+        cache_(resources.cache),
+        cancellation_(cancellation),
+        round_(cache_->BeginRound(request.frame_number)),
+        workers_([this] { return Worker(view_.geometry(), layout_, cache_->meshes(), round_); }) {}
 
-  absl::StatusOr<std::vector<volume::BlockId>> SelectOccluders() {
+  absl::StatusOr<RaySelection> SelectOccluders() {
     const ScopedTimer timer(&statistics_.busy_duration);
     ISOSCOPE_RETURN_IF_ERROR(FindOwnActiveBlocks());
-    active_ = shards_.front()->reader->ranges().ActiveBlocks(request_.isovalue);
+    RaySelection selection;
+    ISOSCOPE_ASSIGN_OR_RETURN(selection.hits, CastRays());
+    if (request_.report_active_blocks) {
+      for (const auto& of_shard : own_active_) {
+        for (const ActiveBlock& block : *of_shard) {
+          selection.active.push_back(block.block_id);
+        }
+      }
+      std::sort(selection.active.begin(), selection.active.end());
+    }
+    return selection;
+  }
 
+  absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks) {
+    const ScopedTimer timer(&statistics_.busy_duration);
+    statistics_.occluding_block_count = static_cast<std::int64_t>(blocks.size());
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenBlock> chosen, Choose(blocks));
+    return Draw(std::move(chosen));
+  }
+
+  absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
+                                                  absl::string_view open_pixels) {
+    const ScopedTimer timer(&statistics_.busy_duration);
+    std::vector<image::PixelMask> masks;
+    if (!open_pixels.empty()) {
+      std::vector<view::PixelRect> rects(blocks.size());
+      arena_->execute([&] {
+        tbb::parallel_for(tbb::blocked_range<std::size_t>(0, blocks.size(), kBlocksPerTask),
+                          [&](const tbb::blocked_range<std::size_t>& range) {
+                            for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                              rects[i] = view_.FootprintOf(layout_, blocks[i]).rect;
+                            }
+                          });
+      });
+      ISOSCOPE_ASSIGN_OR_RETURN(masks, visibility::DecodeOpenPixels(open_pixels, rects));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenBlock> chosen, Choose(blocks));
+    if (!masks.empty()) {
+      for (ChosenBlock& block : chosen) {
+        const auto place = std::lower_bound(blocks.begin(), blocks.end(), block.block_id);
+        block.open = &masks[static_cast<std::size_t>(place - blocks.begin())];
+      }
+    }
+    return Draw(std::move(chosen));
+  }
+
+  absl::StatusOr<image::FrameImage> RenderAll() {
+    const ScopedTimer timer(&statistics_.busy_duration);
+    ISOSCOPE_RETURN_IF_ERROR(FindOwnActiveBlocks());
+    std::vector<ChosenBlock> chosen;
+    chosen.reserve(static_cast<std::size_t>(statistics_.active_block_count));
+    for (std::size_t slot = 0; slot < shards_.size(); ++slot) {
+      const std::vector<ActiveBlock>& active = *own_active_[slot];
+      for (std::size_t place = 0; place < active.size(); ++place) {
+        chosen.push_back({.block_id = active[place].block_id,
+                          .ordinal = active[place].ordinal,
+                          .place = static_cast<std::uint32_t>(place),
+                          .shard_slot = static_cast<std::uint32_t>(slot)});
+      }
+    }
+    return Draw(std::move(chosen));
+  }
+
+  [[nodiscard]] const AgentStatistics& statistics() const { return statistics_; }
+
+ private:
+  // Step 0: fills own_active_.
+  absl::Status FindOwnActiveBlocks() {
+    for (const std::shared_ptr<const Shard>& shard : shards_) {
+      std::shared_ptr<const std::vector<ActiveBlock>> active =
+          cache_->FindActive(*shard, request_.isovalue);
+      if (active == nullptr) {
+        ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
+        ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard));
+        cache_->InsertActive(*shard, request_.isovalue, active);
+      }
+      statistics_.active_block_count += static_cast<std::int64_t>(active->size());
+      meshes_.push_back(
+          cache_->meshes()->TableOf(shard->number, request_.isovalue, active->size()));
+      own_active_.push_back(std::move(active));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<std::shared_ptr<const std::vector<ActiveBlock>>> QueryTree(const Shard& shard) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const index::QueryResult result,
+                              shard.tree->Query(request_.isovalue));
+    statistics_.index_page_read_count += result.page_read_count;
+    statistics_.read_bytes += result.read_bytes;
+    const store::ShardReader& reader = *shard.reader;
+    auto active = std::make_shared<std::vector<ActiveBlock>>();
+    active->reserve(result.active.size());
+    for (const index::BlockInterval& interval : result.active) {
+      if (interval.ordinal >= reader.block_count() ||
+          reader.block_id(interval.ordinal) != interval.block_id) {
+        return absl::DataLossError(absl::StrFormat(
+            "%s: the interval tree names block %d at place %d of %d, where the block index has "
+            "another",
+            reader.directory(), interval.block_id, interval.ordinal, reader.block_count()));
+      }
+      active->push_back({interval.block_id, interval.ordinal});
+    }
+    std::sort(active->begin(), active->end(),
+              [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
+    return active;
+  }
+
+  // Step 1.
+  absl::StatusOr<std::vector<volume::BlockId>> CastRays() const {
+    const volume::BlockSet active =
+        shards_.front()->reader->ranges().ActiveBlocks(request_.isovalue);
     const visibility::RaySet rays(view_, layout_, request_.ray_seed);
     const visibility::RayShare share =
         visibility::ShareOfRays(rays.count(), request_.agent_index, request_.agent_count);
     const std::int64_t task_count = (share.end - share.begin + kRaysPerTask - 1) / kRaysPerTask;
-    std::vector<std::vector<volume::BlockId>> hits_by_task(static_cast<std::size_t>(task_count));
+    tbb::enumerable_thread_specific<volume::BlockSet> hits_by_thread(layout_.block_count());
     arena_->execute([&] {
       tbb::parallel_for(std::int64_t{0}, task_count, [&](std::int64_t task) {
         if (cancellation_->is_cancelled()) {
           return;
         }
         const std::int64_t begin = share.begin + task * kRaysPerTask;
-        hits_by_task[static_cast<std::size_t>(task)] =
-            rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), active_);
+        rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), active,
+                  &hits_by_thread.local());
       });
     });
     ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
-    std::vector<volume::BlockId> hits;
-    for (const std::vector<volume::BlockId>& task_hits : hits_by_task) {
-      hits.insert(hits.end(), task_hits.begin(), task_hits.end());
+    volume::BlockSet hits(layout_.block_count());
+    for (const volume::BlockSet& thread_hits : hits_by_thread) {
+      hits.UnionWith(thread_hits);
     }
-    std::sort(hits.begin(), hits.end());
-    hits.erase(std::unique(hits.begin(), hits.end()), hits.end());
-    return hits;
+    return hits.Ids();
   }
 
-  absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& hits) {
-    const ScopedTimer timer(&statistics_.busy_duration);
-    occluding_ = visibility::OccludingBlocks(hits, layout_, active_);
-    std::vector<std::vector<OwnBlock>> chosen(shards_.size());
-    for (std::size_t shard = 0; shard < shards_.size(); ++shard) {
-      for (const OwnBlock& block : own_active_[shard]) {
-        if (occluding_.Contains(block.block_id)) {
-          ++statistics_.occluding_block_count;
-          if (!view_.FootprintOf(layout_, block.block_id).rect.empty()) {
-            chosen[shard].push_back(block);
-          }
+  // Finds `ids`, ascending, among the agent's active blocks.
+  absl::StatusOr<std::vector<ChosenBlock>> Choose(const std::vector<volume::BlockId>& ids) const {
+    std::vector<ChosenBlock> chosen;
+    chosen.reserve(ids.size());
+    for (std::size_t slot = 0; slot < shards_.size(); ++slot) {
+      auto id = ids.begin();
+      const std::vector<ActiveBlock>& active = *own_active_[slot];
+      for (std::size_t place = 0; place < active.size(); ++place) {
+        const ActiveBlock& block = active[place];
+        while (id != ids.end() && *id < block.block_id) {
+          ++id;
+        }
+        if (id != ids.end() && *id == block.block_id) {
+          chosen.push_back({.block_id = block.block_id,
+                            .ordinal = block.ordinal,
+                            .place = static_cast<std::uint32_t>(place),
+                            .shard_slot = static_cast<std::uint32_t>(slot)});
         }
       }
     }
-    return Draw(chosen);
-  }
-
-  absl::StatusOr<image::FrameImage> RenderVisible(const visibility::OcclusionMap& map) {
-    const ScopedTimer timer(&statistics_.busy_duration);
-    std::vector<std::vector<OwnBlock>> chosen(shards_.size());
-    for (std::size_t shard = 0; shard < shards_.size(); ++shard) {
-      for (const OwnBlock& block : own_active_[shard]) {
-        if (occluding_.Contains(block.block_id)) {
-          continue;
-        }
-        const view::Footprint footprint = view_.FootprintOf(layout_, block.block_id);
-        if (!footprint.rect.empty() && !map.Hides(footprint, quantizer_)) {
-          chosen[shard].push_back(block);
-        }
-      }
+    if (chosen.size() != ids.size()) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%d of %d blocks to draw are not active blocks of this agent at isovalue %g",
+          ids.size() - chosen.size(), ids.size(), request_.isovalue));
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, Draw(chosen));
-    DropHiddenFragments(map, &image);
-    return image;
+    return chosen;
   }
 
-  absl::StatusOr<image::FrameImage> RenderAll() {
-    const ScopedTimer timer(&statistics_.busy_duration);
-    ISOSCOPE_RETURN_IF_ERROR(FindOwnActiveBlocks());
-    return Draw(own_active_);
-  }
-
-  [[nodiscard]] const AgentStatistics& statistics() const { return statistics_; }
-
- private:
-  absl::Status FindOwnActiveBlocks() {
-    own_active_.assign(shards_.size(), {});
-    for (std::size_t shard = 0; shard < shards_.size(); ++shard) {
-      ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
-      ISOSCOPE_ASSIGN_OR_RETURN(const index::QueryResult result,
-                                shards_[shard]->tree->Query(request_.isovalue));
-      statistics_.index_page_read_count += result.page_read_count;
-      statistics_.read_bytes += result.read_bytes;
-      const store::ShardReader& reader = *shards_[shard]->reader;
-      own_active_[shard].reserve(result.active.size());
-      for (const index::BlockInterval& interval : result.active) {
-        if (interval.ordinal >= reader.block_count() ||
-            interval.block_id >= layout_.block_count()) {
-          return absl::DataLossError(absl::StrFormat(
-              "%s: the interval tree names block %d at place %d, the shard holds %d of %d blocks",
-              reader.directory(), interval.block_id, interval.ordinal, reader.block_count(),
-              layout_.block_count()));
-        }
-        own_active_[shard].push_back({interval.block_id, interval.ordinal});
-      }
-      statistics_.active_block_count += static_cast<std::int64_t>(result.active.size());
-    }
-    return absl::OkStatus();
-  }
-
-  // Reads, extracts and draws blocks; blocks[shard] is ascending by ordinal.
-  absl::StatusOr<image::FrameImage> Draw(const std::vector<std::vector<OwnBlock>>& blocks) {
+  // Takes blocks from the cache, or reads and extracts them, and draws them.
+  absl::StatusOr<image::FrameImage> Draw(std::vector<ChosenBlock> blocks) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
+    statistics_.visible_block_count += static_cast<std::int64_t>(blocks.size());
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
                               renderer_->BeginPass(view_, layout_, request_.appearance));
     const absl::Time start = absl::Now();
-    tbb::enumerable_thread_specific<Worker> workers(view_.geometry(), layout_);
     FirstError error;
-    for (std::size_t shard = 0; shard < shards_.size(); ++shard) {
-      ExtractShard(*shards_[shard]->reader, blocks[shard], pass.get(), &workers, &error);
+    arena_->execute([&] {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, blocks.size(), kBlocksPerTask),
+                        [&](const tbb::blocked_range<std::size_t>& range) {
+                          DrawCached(&blocks, range.begin(), range.end(), pass.get(), &error);
+                        });
+    });
+    if (!error.has_error()) {
+      error.Set(ReadAndDraw(blocks, pass.get()));
     }
-    const absl::Duration extract_wall = absl::Now() - start;
+    const absl::Duration draw_wall = absl::Now() - start;
     ISOSCOPE_RETURN_IF_ERROR(error.status());
-
-    absl::Duration extract_time;
-    absl::Duration add_time;
-    for (const Worker& worker : workers) {
-      statistics_.triangle_count += worker.triangle_count;
-      statistics_.unique_vertex_count += worker.unique_vertex_count;
-      statistics_.read_bytes += worker.read_bytes;
-      extract_time += worker.extract_time;
-      add_time += worker.add_time;
-    }
-    // Threads extract and draw in turn: the wall time is shared out by what they spent on each.
-    const absl::Duration total = extract_time + add_time;
-    const double add_share =
-        total > absl::ZeroDuration() ? absl::FDivDuration(add_time, total) : 0.0;
-    statistics_.extract_duration += extract_wall * (1.0 - add_share);
-    statistics_.render_duration += extract_wall * add_share;
-
+    AddUpWorkers(draw_wall);
     const ScopedTimer timer(&statistics_.render_duration);
     return pass->Finish(*cancellation_);
   }
 
-  void ExtractShard(const store::ShardReader& reader, const std::vector<OwnBlock>& blocks,
-                    render::RenderPass* pass, tbb::enumerable_thread_specific<Worker>* workers,
-                    FirstError* error) {
-    statistics_.visible_block_count += static_cast<std::int64_t>(blocks.size());
-    std::vector<std::uint32_t> ordinals;
-    ordinals.reserve(blocks.size());
-    for (const OwnBlock& block : blocks) {
-      ordinals.push_back(block.ordinal);
+  // Draws those of blocks [begin, end) whose mesh or samples are cached, and marks the others.
+  void DrawCached(std::vector<ChosenBlock>* blocks, std::size_t begin, std::size_t end,
+                  render::RenderPass* pass, FirstError* error) {
+    if (error->has_error()) {
+      return;
     }
-    const std::vector<store::ShardReader::Run> runs = reader.PlanRuns(ordinals);
-    arena_->execute([&] {
-      tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t run_index) {
-        if (error->has_error()) {
-          return;
-        }
-        const store::ShardReader::Run& run = runs[run_index];
-        Worker& worker = workers->local();
-        const ScopedTimer timer(&worker.extract_time);
-        const absl::Duration add_time_before = worker.add_time;
-        std::size_t next = run.first;
-        const absl::Status status =
-            reader.ReadRun(run, ordinals, &worker.buffer, [&](const volume::BlockSamples& samples) {
-              const OwnBlock& expected = blocks[next++];
-              if (samples.block_id != expected.block_id) {
-                return absl::DataLossError(absl::StrFormat(
-                    "%s: the interval tree has block %d at place %d, the block index block %d",
-                    reader.directory(), expected.block_id, expected.ordinal, samples.block_id));
-              }
-              return ExtractBlock(samples, pass, &worker);
-            });
-        worker.read_bytes += run.size;
-        worker.extract_time -= worker.add_time - add_time_before;
-        if (!status.ok()) {
-          error->Set(status);
-        }
-      });
-    });
-  }
-
-  absl::Status ExtractBlock(const volume::BlockSamples& samples, render::RenderPass* pass,
-                            Worker* worker) const {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
-    auto mesh = std::make_shared<mesh::BlockMesh>();
-    worker->extractor.Extract(samples, request_.isovalue, {}, mesh.get());
-    worker->triangle_count += mesh->triangle_count();
-    worker->unique_vertex_count += mesh->owned_vertex_count;
-    const ScopedTimer timer(&worker->add_time);
-    return pass->Add(std::move(mesh));
-  }
-
-  // What lies behind the occluders has lost already and need not travel.
-  void DropHiddenFragments(const visibility::OcclusionMap& map, image::FrameImage* image) const {
-    for (int y = 0; y < image->height; ++y) {
-      const std::size_t row = static_cast<std::size_t>(y) * static_cast<std::size_t>(image->width);
-      for (int x = 0; x < image->width; ++x) {
-        const std::size_t pixel = row + static_cast<std::size_t>(x);
-        if (image->block_id[pixel] != image::kNoBlock &&
-            map.HidesFragment(x, y, image->depth[pixel], quantizer_)) {
-          image->depth[pixel] = image::kFarDepth;
-          image->block_id[pixel] = image::kNoBlock;
-          image->color[pixel] = {};
-        }
+    Worker& worker = workers_.local();
+    const absl::Time start = absl::Now();
+    for (std::size_t i = begin; i < end; ++i) {
+      ChosenBlock& block = (*blocks)[i];
+      const Shard& shard = *shards_[block.shard_slot];
+      auto mesh = meshes_[block.shard_slot]->Find(block.place, round_);
+      if (mesh != nullptr) {
+        worker.meshes.push_back({std::move(mesh), block.open});
+        continue;
+      }
+      const auto samples = cache_->FindSamples(shard, block.ordinal);
+      block.must_read = samples == nullptr;
+      if (samples != nullptr) {
+        Extract({block.block_id, shard.reader->manifest().scalar_type, samples->data()}, block,
+                &worker);
       }
     }
+    worker.extract_time += absl::Now() - start;
+    error->Set(AddMeshes(pass, &worker));
+  }
+
+  // The blocks of one shard to read, by place in the shard, and how.
+  struct ShardReads {
+    std::vector<ChosenBlock> blocks;
+    std::vector<std::uint32_t> ordinals;
+    std::vector<store::ShardReader::Run> runs;
+    std::size_t first_read = 0;  // of its runs, in the queue
+  };
+
+  // Reads, extracts and draws what is marked.
+  absl::Status ReadAndDraw(const std::vector<ChosenBlock>& blocks, render::RenderPass* pass) {
+    std::vector<ShardReads> by_shard(shards_.size());
+    for (const ChosenBlock& block : blocks) {
+      if (block.must_read) {
+        by_shard[block.shard_slot].blocks.push_back(block);
+      }
+    }
+    std::vector<base::ReadQueue::Read> reads;
+    for (std::size_t slot = 0; slot < shards_.size(); ++slot) {
+      ShardReads& of_shard = by_shard[slot];
+      std::sort(of_shard.blocks.begin(), of_shard.blocks.end(),
+                [](const ChosenBlock& a, const ChosenBlock& b) { return a.ordinal < b.ordinal; });
+      of_shard.ordinals.reserve(of_shard.blocks.size());
+      for (const ChosenBlock& block : of_shard.blocks) {
+        of_shard.ordinals.push_back(block.ordinal);
+      }
+      const store::ShardReader& reader = *shards_[slot]->reader;
+      of_shard.runs = reader.PlanRuns(of_shard.ordinals);
+      of_shard.first_read = reads.size();
+      for (const store::ShardReader::Run& run : of_shard.runs) {
+        statistics_.read_bytes += run.size;
+        reads.push_back(reader.RequestFor(run));
+      }
+    }
+    base::ReadQueue queue(std::move(reads));
+    return ForEachArrival(
+        &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
+          const auto after = std::upper_bound(
+              by_shard.begin(), by_shard.end(), arrival.index(),
+              [](std::size_t read, const ShardReads& of) { return read < of.first_read; });
+          Worker& worker = workers_.local();
+          ISOSCOPE_RETURN_IF_ERROR(
+              ExtractRun(static_cast<std::size_t>(after - by_shard.begin()) - 1, *(after - 1),
+                         arrival, &worker));
+          return AddMeshes(pass, &worker);
+        });
+  }
+
+  absl::Status ExtractRun(std::size_t slot, const ShardReads& reads,
+                          const base::ReadQueue::Arrival& arrival, Worker* worker) {
+    const ScopedTimer timer(&worker->extract_time);
+    const Shard& shard = *shards_[slot];
+    const store::ShardReader::Run& run = reads.runs[arrival.index() - reads.first_read];
+    const ChosenBlock* block = reads.blocks.data() + run.first;
+    return shard.reader->VisitRun(
+        run, reads.ordinals, arrival.status(), arrival.data(),
+        [&](const volume::BlockSamples& samples) {
+          ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
+          Extract(samples, *block, worker);
+          cache_->OfferSamples(
+              shard, block->ordinal,
+              {samples.bytes, volume::StoredSizeBytes(layout_, samples.block_id, samples.type)});
+          ++block;
+          return absl::OkStatus();
+        });
+  }
+
+  void Extract(const volume::BlockSamples& samples, const ChosenBlock& block,
+               Worker* worker) const {
+    worker->extractor.Extract(samples, request_.isovalue, {}, &worker->extracted);
+    worker->meshes.push_back(
+        {worker->writer.Store(worker->extracted, meshes_[block.shard_slot].get(), block.place),
+         block.open});
+  }
+
+  // Draws the worker's meshes.
+  absl::Status AddMeshes(render::RenderPass* pass, Worker* worker) const {
+    const ScopedTimer timer(&worker->add_time);
+    for (const render::MeshToDraw& item : worker->meshes) {
+      worker->triangle_count += item.mesh->triangle_count();
+      worker->unique_vertex_count += item.mesh->owned_vertex_count;
+    }
+    // A part at a time, so that a cancelled frame ends soon.
+    absl::Status status;
+    std::span<const render::MeshToDraw> rest = worker->meshes;
+    while (status.ok() && !rest.empty()) {
+      const std::size_t count = std::min(rest.size(), kMeshesPerAdd);
+      status = cancellation_->Check();
+      if (status.ok()) {
+        status = pass->Add(rest.first(count));
+      }
+      rest = rest.subspan(count);
+    }
+    worker->meshes.clear();
+    return status;
+  }
+
+  // Threads extract and draw in turn: the wall time is shared out by what they spent on each.
+  void AddUpWorkers(absl::Duration wall) {
+    absl::Duration extract_time;
+    absl::Duration add_time;
+    for (Worker& worker : workers_) {
+      statistics_.triangle_count += std::exchange(worker.triangle_count, 0);
+      statistics_.unique_vertex_count += std::exchange(worker.unique_vertex_count, 0);
+      extract_time += std::exchange(worker.extract_time, absl::ZeroDuration());
+      add_time += std::exchange(worker.add_time, absl::ZeroDuration());
+    }
+    const absl::Duration total = extract_time + add_time;
+    const double add_share =
+        total > absl::ZeroDuration() ? absl::FDivDuration(add_time, total) : 0.0;
+    statistics_.extract_duration += wall * (1.0 - add_share);
+    statistics_.render_duration += wall * add_share;
   }
 
   const std::vector<std::shared_ptr<const Shard>> shards_;
   const FrameRequest request_;
   const view::View view_;
   const volume::BlockLayout layout_;
-  const visibility::DepthQuantizer quantizer_;
   render::Renderer* const renderer_;
   tbb::task_arena* const arena_;
+  BlockCache* const cache_;
   const base::Cancellation* const cancellation_;
+  const std::uint64_t round_;
 
-  volume::BlockSet active_;                        // of the whole volume
-  volume::BlockSet occluding_;                     // of the whole volume
-  std::vector<std::vector<OwnBlock>> own_active_;  // by shard, ascending by ordinal
+  // By shard, ascending by block id; and where their meshes are kept.
+  std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> own_active_;
+  std::vector<std::shared_ptr<MeshTable>> meshes_;
+  tbb::enumerable_thread_specific<Worker> workers_;
   AgentStatistics statistics_;
 };
 
 absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
     std::vector<std::shared_ptr<const Shard>> shards, const FrameRequest& request,
-    render::Renderer* renderer, tbb::task_arena* arena, const base::Cancellation* cancellation) {
+    const AgentResources& resources, const base::Cancellation* cancellation) {
   ISOSCOPE_CHECK(!shards.empty());
   for (const std::shared_ptr<const Shard>& shard : shards) {
     ISOSCOPE_CHECK_EQ(shard->reader->manifest().dataset_id,
@@ -327,22 +477,20 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
                             view::View::Make(request.camera, request.viewport,
                                              shards.front()->reader->manifest().geometry));
   return std::unique_ptr<FramePipeline>(new FramePipeline(
-      std::make_unique<Impl>(std::move(shards), request, view, renderer, arena, cancellation)));
+      std::make_unique<Impl>(std::move(shards), request, view, resources, cancellation)));
 }
 
 FramePipeline::FramePipeline(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 FramePipeline::~FramePipeline() = default;
 
-absl::StatusOr<std::vector<volume::BlockId>> FramePipeline::SelectOccluders() {
-  return impl_->SelectOccluders();
-}
+absl::StatusOr<RaySelection> FramePipeline::SelectOccluders() { return impl_->SelectOccluders(); }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderOccluders(
-    const std::vector<volume::BlockId>& hits) {
-  return impl_->RenderOccluders(hits);
+    const std::vector<volume::BlockId>& blocks) {
+  return impl_->RenderOccluders(blocks);
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
-    const visibility::OcclusionMap& map) {
-  return impl_->RenderVisible(map);
+    const std::vector<volume::BlockId>& blocks, absl::string_view open_pixels) {
+  return impl_->RenderVisible(blocks, open_pixels);
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->RenderAll(); }
 const AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }

@@ -10,14 +10,15 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
-#include "core/visibility/occlusion_map.h"
 #include "core/volume/block_layout.h"
+#include "partition-agent/block_cache.h"
 #include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
 
@@ -37,8 +38,21 @@ struct AgentStatistics {
   absl::Duration busy_duration;
 };
 
+// What step 1 finds.
+struct RaySelection {
+  std::vector<volume::BlockId> hits;    // blocks of any agent, ascending
+  std::vector<volume::BlockId> active;  // the agent's own active blocks, ascending; if asked for
+};
+
+// What the frames of an agent share; it outlives them.
+struct AgentResources {
+  render::Renderer* renderer = nullptr;
+  tbb::task_arena* arena = nullptr;
+  BlockCache* cache = nullptr;
+};
+
 // Call the steps in order, each once, from one thread at a time; they block. After an error no
-// further step may be called. Shards, renderer, arena and cancellation must outlive it.
+// further step may be called. Cancellation must outlive it.
 //
 //   kDepth, kMask: SelectOccluders, RenderOccluders, RenderVisible
 //   kNone:         RenderAll
@@ -47,18 +61,19 @@ class FramePipeline {
   // All shards are of one dataset. INVALID_ARGUMENT if the request's camera or viewport is.
   static absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
       std::vector<std::shared_ptr<const Shard>> shards, const FrameRequest& request,
-      render::Renderer* renderer, tbb::task_arena* arena, const base::Cancellation* cancellation);
+      const AgentResources& resources, const base::Cancellation* cancellation);
   ~FramePipeline();
 
-  // Steps 0 and 1: queries the interval trees and casts the agent's share of the rays; returns the
-  // blocks hit, ascending.
-  absl::StatusOr<std::vector<volume::BlockId>> SelectOccluders();
-  // Step 2: draws the agent's own blocks among the occluding ones. `hits`: the union over all
-  // agents; the active neighbours are added here.
-  absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& hits);
-  // Step 3: draws its other active blocks that the map does not hide. The image holds only
-  // fragments that the map does not hide either.
-  absl::StatusOr<image::FrameImage> RenderVisible(const visibility::OcclusionMap& map);
+  // Steps 0 and 1: queries the interval trees and casts the agent's share of the rays.
+  absl::StatusOr<RaySelection> SelectOccluders();
+  // Step 2: draws `blocks`, ascending: the agent's own occluding blocks. INVALID_ARGUMENT if one is
+  // not an active block of its.
+  absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks);
+  // Step 3: draws `blocks`, ascending: the agent's own other blocks that the occluders do not hide.
+  // `open_pixels`: visibility::EncodeOpenPixels of those they could win; empty: all.
+  // INVALID_ARGUMENT as above; DATA_LOSS if open_pixels is damaged or does not fit the blocks.
+  absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
+                                                  absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
 

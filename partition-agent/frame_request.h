@@ -12,7 +12,8 @@
 namespace isoscope::agent {
 
 struct FrameRequest {
-  double isovalue = 0;  // finite
+  std::int64_t frame_number = 0;  // the coordinator's
+  double isovalue = 0;            // finite
   view::Camera camera;
   view::Viewport viewport;
   visibility::Culling culling = visibility::Culling::kDepth;
@@ -20,6 +21,7 @@ struct FrameRequest {
   std::uint64_t ray_seed = 0;
   int agent_index = 0;  // its part of the rays: agent_index of agent_count
   int agent_count = 1;
+  bool report_active_blocks = true;
 };
 
 }  // namespace isoscope::agent

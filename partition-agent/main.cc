@@ -17,6 +17,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/log.h"
+#include "core/base/memory_info.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
@@ -39,6 +40,7 @@ struct Flags {
   int egl_device = -1;
   bool list_egl_devices = false;
   int threads = 0;
+  std::size_t memory_limit_bytes = AgentMemory::DefaultLimitBytes();
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;
   double drain_seconds = 30;
@@ -77,6 +79,13 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->check(CLI::Range(0, 4096))
       ->envname("ISOSCOPE_THREADS")
       ->capture_default_str();
+  app->add_option("--memory-limit", flags->memory_limit_bytes,
+                  "Memory for everything: caches, frames, shard tables; e.g. 256MiB, 4GiB")
+      ->type_name("BYTES")
+      ->transform(CLI::AsSizeValue(false))
+      ->check(CLI::Range(static_cast<double>(AgentMemory::kMinLimitBytes), 1e18))
+      ->envname("ISOSCOPE_MEMORY_LIMIT")
+      ->capture_default_str();
   app->add_option("--max-concurrent-frames", flags->max_concurrent_frames,
                   "Frames that may be in work at a time")
       ->check(CLI::Range(1, 1024))
@@ -112,9 +121,15 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
   const oneapi::tbb::global_control allowed(oneapi::tbb::global_control::max_allowed_parallelism,
                                             static_cast<std::size_t>(thread_count));
   options.arena = std::make_shared<tbb::task_arena>(thread_count);
-  ISOSCOPE_ASSIGN_OR_RETURN(options.renderer,
-                            render::MakeRenderer({.kind = kind, .egl_device = flags.egl_device}));
+  options.memory = std::make_shared<AgentMemory>(flags.memory_limit_bytes);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      options.renderer,
+      render::MakeRenderer({.kind = kind,
+                            .egl_device = flags.egl_device,
+                            .max_kept_mesh_bytes = options.memory->kept_mesh_bytes(),
+                            .max_unused_bytes = options.memory->unused_image_bytes()}));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AgentServer> server, AgentServer::Start(options));
+  ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
   base::LogInfo("agent_started", {{"address", rpc::BoundAddress(flags.listen, server->port())},
                                   {"shards", server->shard_summary()},
                                   {"renderer", options.renderer->description()},
@@ -128,6 +143,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
 }
 
 int Main(int argc, char** argv) {
+  base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   rpc::SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;
   Flags flags;

@@ -22,7 +22,6 @@
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/write_queue.h"
-#include "core/visibility/occlusion_map.h"
 #include "partition-agent/frame_pipeline.h"
 #include "partition-agent/surface_extraction.h"
 
@@ -64,6 +63,7 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
 
 absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) {
   FrameRequest request;
+  request.frame_number = begin.frame_number();
   ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(begin.isovalue(), "begin.isovalue"));
   request.isovalue = begin.isovalue();
   ISOSCOPE_ASSIGN_OR_RETURN(request.camera, rpc::CameraFromProto(begin.camera(), "begin.camera"));
@@ -78,6 +78,7 @@ absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) 
   request.ray_seed = static_cast<std::uint64_t>(begin.ray_seed());
   request.agent_index = begin.agent_index();
   request.agent_count = begin.agent_count();
+  request.report_active_blocks = begin.report_active_blocks();
   if (request.agent_index < 0 || request.agent_index >= request.agent_count) {
     return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", request.agent_index,
                                                    " of begin.agent_count ", request.agent_count,
@@ -170,7 +171,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     kSelecting,
     kExpectOccluders,
     kRenderingOccluders,
-    kExpectOcclusionMap,
+    kExpectVisibleBlocks,
     kRenderingRest,
     kEnded,
   };
@@ -190,8 +191,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         return "begin was expected";
       case Phase::kExpectOccluders:
         return "occluders was expected";
-      case Phase::kExpectOcclusionMap:
-        return "occlusion_map was expected";
+      case Phase::kExpectVisibleBlocks:
+        return "visible_blocks was expected";
       case Phase::kSelecting:
       case Phase::kRenderingOccluders:
       case Phase::kRenderingRest:
@@ -217,10 +218,12 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         return RenderOccluders(occluders);
       });
     }
-    if (phase_ == Phase::kExpectOcclusionMap && message.message_case() == Message::kOcclusionMap) {
+    if (phase_ == Phase::kExpectVisibleBlocks &&
+        message.message_case() == Message::kVisibleBlocks) {
       phase_ = Phase::kRenderingRest;
-      return Schedule(
-          [this, map = std::move(*message.mutable_occlusion_map())] { return RenderVisible(map); });
+      return Schedule([this, blocks = std::move(*message.mutable_visible_blocks())] {
+        return RenderVisible(blocks);
+      });
     }
     const google::protobuf::FieldDescriptor* field =
         Message::descriptor()->FindFieldByNumber(message.message_case());
@@ -285,8 +288,18 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::CancelledError("the stream has ended");
   }
 
+  // For one step: its image, and its bands until they are queued.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
+    return service_->memory_->ReserveStep(request_.viewport, cancellation_);
+  }
+
+  // On all threads of the arena.
+  std::vector<std::string> EncodePixels(const image::FrameImage& image) {
+    return service_->arena_->execute([&] { return composite::EncodePixels(image); });
+  }
+
   absl::Status SendPixels(const image::FrameImage& image) {
-    for (std::string& band : composite::EncodePixels(image, nullptr)) {
+    for (std::string& band : EncodePixels(image)) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
       v1::RenderFrameResponse message;
       message.set_pixels(std::move(band));
@@ -303,18 +316,21 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_ASSIGN_OR_RETURN(request_, FrameRequestFromProto(begin));
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        pipeline_, FramePipeline::Make(std::move(shards), request_, service_->renderer_.get(),
-                                       service_->arena_.get(), &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(pipeline_, FramePipeline::Make(std::move(shards), request_,
+                                                             {.renderer = service_->renderer_.get(),
+                                                              .arena = service_->arena_.get(),
+                                                              .cache = service_->memory_->cache()},
+                                                             &cancellation_));
     if (request_.culling == visibility::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
+      ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
       ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
       return SendLast(image);
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> hits,
-                              pipeline_->SelectOccluders());
+    ISOSCOPE_ASSIGN_OR_RETURN(const RaySelection selection, pipeline_->SelectOccluders());
     v1::RenderFrameResponse message;
-    *message.mutable_ray_hits() = rpc::ToProto(hits);
+    *message.mutable_ray_hits()->mutable_hits() = rpc::ToProto(selection.hits);
+    *message.mutable_ray_hits()->mutable_active_blocks() = rpc::ToProto(selection.active);
     EnterPhase(Phase::kExpectOccluders);
     return Send(std::move(message));
   }
@@ -322,24 +338,25 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   // Step 2.
   absl::Status RenderOccluders(const v1::Occluders& occluders) {
     ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::vector<volume::BlockId> hits,
-        rpc::BlockListFromProto(occluders.hits(), block_count_, "occluders.hits"));
-    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderOccluders(hits));
+        const std::vector<volume::BlockId> blocks,
+        rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderOccluders(blocks));
     ISOSCOPE_RETURN_IF_ERROR(SendPixels(image));
     v1::RenderFrameResponse message;
     message.mutable_occluders_done();
-    EnterPhase(Phase::kExpectOcclusionMap);
+    EnterPhase(Phase::kExpectVisibleBlocks);
     return Send(std::move(message));
   }
 
   // Step 3.
-  absl::Status RenderVisible(const v1::OcclusionMap& proto) {
-    visibility::OcclusionMap map;
-    if (!proto.encoded().empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          map, visibility::OcclusionMap::Decode(proto.encoded(), request_.viewport));
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderVisible(map));
+  absl::Status RenderVisible(const v1::VisibleBlocks& visible) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::vector<volume::BlockId> blocks,
+        rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
+                              pipeline_->RenderVisible(blocks, visible.open_pixels()));
     return SendLast(image);
   }
 
@@ -505,6 +522,7 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
     : shards_(options.shards),
       renderer_(options.renderer),
       arena_(options.arena),
+      memory_(options.memory),
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
       description_(Describe(options.shards, *options.renderer)),
       frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),

@@ -16,6 +16,7 @@
 #include "core/base/executor.h"
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "partition-agent/agent_memory.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
@@ -24,6 +25,7 @@ struct PartitionAgentServiceOptions {
   std::vector<std::shared_ptr<const Shard>> shards;  // at least one
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<tbb::task_arena> arena;
+  std::shared_ptr<AgentMemory> memory;
   int max_concurrent_frames = 4;  // >= 1
   int max_queued_frames = 64;     // >= 0
 };
@@ -67,6 +69,7 @@ class PartitionAgentServiceImpl final
   const std::vector<std::shared_ptr<const Shard>> shards_;
   const std::shared_ptr<render::Renderer> renderer_;
   const std::shared_ptr<tbb::task_arena> arena_;
+  const std::shared_ptr<AgentMemory> memory_;
   const int max_frames_;
   isoscope::internal::v1::DescribeShardsResponse description_;
   std::atomic<int> frame_count_{0};  // begun and not yet ended

@@ -1,5 +1,6 @@
 #include "partition-agent/shard.h"
 
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -56,7 +57,9 @@ absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_pat
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& directory) {
+  static std::atomic<std::uint32_t> next_number{0};
   auto shard = std::make_shared<Shard>();
+  shard->number = next_number.fetch_add(1);
   ISOSCOPE_ASSIGN_OR_RETURN(shard->reader, store::ShardReader::Open(directory));
   const std::string tree_path = directory + "/" + store::kIntervalTreeFileName;
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<base::RandomAccessFile> file,

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_SHARD_H_
 #define ISOSCOPE_PARTITION_AGENT_SHARD_H_
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -15,6 +16,7 @@ namespace isoscope::agent {
 
 // Immutable; thread-safe.
 struct Shard {
+  std::uint32_t number = 0;  // tells it from all others that this process opened
   std::unique_ptr<store::ShardReader> reader;
   std::unique_ptr<index::IntervalTree> tree;
 };

@@ -2,22 +2,21 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <string>
 #include <utility>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
 #include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/base/read_queue.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
 #include "core/index/interval_tree.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_samples.h"
+#include "partition-agent/queued_reads.h"
 
 namespace isoscope::agent {
 namespace {
@@ -27,15 +26,6 @@ struct ActiveBlock {
   volume::BlockId block_id = 0;
   std::uint32_t ordinal = 0;
   std::size_t shard_slot = 0;
-};
-
-// What a thread keeps from block to block.
-struct ThreadState {
-  explicit ThreadState(const store::ShardReader& reader)
-      : extractor(reader.manifest().geometry, reader.layout()) {}
-
-  extract::BlockExtractor extractor;
-  std::string buffer;
 };
 
 // One read request of a batch: part of the ordinals of one shard.
@@ -54,7 +44,10 @@ class SurfaceExtraction::Impl {
         isovalue_(isovalue),
         arena_(arena),
         cancellation_(cancellation),
-        thread_states_([this] { return ThreadState(*shards_.front()->reader); }) {}
+        extractors_([this] {
+          const store::ShardReader& reader = *shards_.front()->reader;
+          return extract::BlockExtractor(reader.manifest().geometry, reader.layout());
+        }) {}
 
   absl::Status QueryTrees() {
     for (std::size_t slot = 0; slot < shards_.size(); ++slot) {
@@ -111,31 +104,30 @@ class SurfaceExtraction::Impl {
       }
     }
 
-    std::vector<mesh::BlockMesh> meshes(batch.size());
-    absl::Mutex mutex;
-    absl::Status first_error;
-    const auto run_task = [&](std::size_t task_index) {
-      const ReadTask& task = tasks[task_index];
-      const absl::Status status = RunTask(task, ordinals[task.shard_slot], batch, &meshes);
-      if (!status.ok()) {
-        absl::MutexLock lock(&mutex);
-        first_error.Update(status);
-      }
-    };
-    arena_->execute([&] { tbb::parallel_for(std::size_t{0}, tasks.size(), run_task); });
-    if (!first_error.ok()) {
-      return first_error;
+    std::vector<base::ReadQueue::Read> reads;
+    reads.reserve(tasks.size());
+    for (const ReadTask& task : tasks) {
+      reads.push_back(shards_[task.shard_slot]->reader->RequestFor(task.run));
     }
+
+    std::vector<mesh::BlockMesh> meshes(batch.size());
+    base::ReadQueue queue(std::move(reads));
+    ISOSCOPE_RETURN_IF_ERROR(ForEachArrival(
+        &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
+          const ReadTask& task = tasks[arrival.index()];
+          return ExtractRun(task, ordinals[task.shard_slot], arrival, batch, &meshes);
+        }));
     return meshes;
   }
 
-  // Reads one run and puts the meshes of its blocks at their places in `meshes`.
-  absl::Status RunTask(const ReadTask& task, absl::Span<const std::uint32_t> ordinals,
-                       absl::Span<const ActiveBlock> batch, std::vector<mesh::BlockMesh>* meshes) {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
-    ThreadState& state = thread_states_.local();
-    return shards_[task.shard_slot]->reader->ReadRun(
-        task.run, ordinals, &state.buffer,
+  // Puts the meshes of a run's blocks at their places in `meshes`.
+  absl::Status ExtractRun(const ReadTask& task, absl::Span<const std::uint32_t> ordinals,
+                          const base::ReadQueue::Arrival& arrival,
+                          absl::Span<const ActiveBlock> batch,
+                          std::vector<mesh::BlockMesh>* meshes) {
+    extract::BlockExtractor& extractor = extractors_.local();
+    return shards_[task.shard_slot]->reader->VisitRun(
+        task.run, ordinals, arrival.status(), arrival.data(),
         [&](const volume::BlockSamples& samples) -> absl::Status {
           ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
           const auto* place = std::lower_bound(
@@ -147,7 +139,7 @@ class SurfaceExtraction::Impl {
                 samples.block_id, " was read, which the interval tree does not list as active"));
           }
           mesh::BlockMesh& mesh = (*meshes)[static_cast<std::size_t>(place - batch.begin())];
-          state.extractor.Extract(samples, isovalue_, {.with_edge_keys = true}, &mesh);
+          extractor.Extract(samples, isovalue_, {.with_edge_keys = true}, &mesh);
           mesh.block_id = samples.block_id;
           return absl::OkStatus();
         });
@@ -159,7 +151,7 @@ class SurfaceExtraction::Impl {
   const base::Cancellation* const cancellation_;
   std::vector<ActiveBlock> active_;
   std::size_t next_ = 0;
-  tbb::enumerable_thread_specific<ThreadState> thread_states_;
+  tbb::enumerable_thread_specific<extract::BlockExtractor> extractors_;
 };
 
 SurfaceExtraction::SurfaceExtraction(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

@@ -11,24 +11,28 @@
 ISOSCOPE_BUILD_PACKAGES=(
   build-essential cmake ninja-build ccache pkg-config ca-certificates
   libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
-  libtbb-dev libzstd-dev libpng-dev libisal-dev libssl-dev
+  libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libisal-dev liburing-dev libssl-dev
   libspdlog-dev libcli11-dev nlohmann-json3-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
-  libinsighttoolkit5-dev
+  libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev
 )
 
 # What the programs run with, in the container images: all three; those that draw (isoscope-agent and
 # isoscope); isoscope, which reads volumes. Not named: what these packages or dpkg depend on anyway
 # (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
-ISOSCOPE_RUNTIME_PACKAGES=(libgrpc++1.51 libspdlog1.10 libpng16-16 libisal2)
-ISOSCOPE_RENDERING_PACKAGES=(libtbb12 libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2)
+ISOSCOPE_RUNTIME_PACKAGES=(
+  libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libisal2 libhwy1 liblz4-1 liburing2)
+ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1)
 
 # What the tests and benchmarks need besides.
 ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 
 # The MRI heads that the quick start and some tests use.
 ISOSCOPE_DEMO_PACKAGES=(mricron-data)
+
+# What `isoscope bench paper` draws its plots with; its tables come without.
+ISOSCOPE_PLOT_PACKAGES=(gnuplot-nox)
 
 # What tools/format.sh and tools/check.sh need, and the clang and fuzz presets.
 ISOSCOPE_LINT_PACKAGES=(clang-format-14 clang-tidy-14 clang-14)

@@ -81,7 +81,8 @@ if [ "$status" -eq 0 ]; then
   if [ "$quick" = false ]; then
     export ASAN_OPTIONS="${ASAN_OPTIONS:-detect_stack_use_after_return=1}"
     export UBSAN_OPTIONS="${UBSAN_OPTIONS:-print_stacktrace=1}"
-    run_stage asan+ubsan build_and_test asan -L 'unit|integration'
+    # Without the test that draws thousands of pictures: its parts are tested by the others.
+    run_stage asan+ubsan build_and_test asan -L 'unit|integration' -LE slow
     run_stage tsan tsan_tests
   fi
 fi

@@ -187,8 +187,11 @@ class FrameStream final
       case v1::RenderFrameResponse::kRayHits: {
         ISOSCOPE_ASSIGN_OR_RETURN(
             std::vector<volume::BlockId> hits,
-            rpc::BlockListFromProto(message->ray_hits(), block_count_, "ray_hits"));
-        listener_->OnRayHits(std::move(hits));
+            rpc::BlockListFromProto(message->ray_hits().hits(), block_count_, "ray_hits.hits"));
+        ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::BlockId> active,
+                                  rpc::BlockListFromProto(message->ray_hits().active_blocks(),
+                                                          block_count_, "ray_hits.active_blocks"));
+        listener_->OnRayHits(std::move(hits), std::move(active));
         return absl::OkStatus();
       }
       case v1::RenderFrameResponse::kPixels:
@@ -254,14 +257,16 @@ class GrpcAgentLink final : public AgentLink {
     stream_->WaitUntilEnded();
   }
 
-  void SendOccluders(const std::vector<volume::BlockId>& hits) override {
+  void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
     v1::RenderFrameRequest request;
-    *request.mutable_occluders()->mutable_hits() = rpc::ToProto(hits);
+    *request.mutable_occluders()->mutable_blocks() = rpc::ToProto(blocks);
     stream_->Send(std::move(request));
   }
-  void SendOcclusionMap(const std::string& encoded) override {
+  void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
+                         std::string open_pixels) override {
     v1::RenderFrameRequest request;
-    request.mutable_occlusion_map()->set_encoded(encoded);
+    *request.mutable_visible_blocks()->mutable_blocks() = rpc::ToProto(blocks);
+    request.mutable_visible_blocks()->set_open_pixels(std::move(open_pixels));
     stream_->Send(std::move(request));
   }
   void Cancel() override { stream_->Cancel(); }

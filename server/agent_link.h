@@ -37,7 +37,9 @@ struct AgentStatistics {
 class AgentListener {
  public:
   virtual ~AgentListener() = default;
-  virtual void OnRayHits(std::vector<volume::BlockId> hits) = 0;
+  // `active`: the agent's own active blocks, ascending; empty if they were not asked for.
+  virtual void OnRayHits(std::vector<volume::BlockId> hits,
+                         std::vector<volume::BlockId> active) = 0;
   virtual void OnPixels(std::string band) = 0;  // docs/format/wire.md
   virtual void OnOccludersDone() = 0;
   virtual void OnFrameDone(AgentStatistics statistics) = 0;
@@ -51,8 +53,12 @@ class AgentLink {
   // Cancels the frame if it has not ended, and waits until OnEnd has returned.
   virtual ~AgentLink() = default;
 
-  virtual void SendOccluders(const std::vector<volume::BlockId>& hits) = 0;
-  virtual void SendOcclusionMap(const std::string& encoded) = 0;
+  // The agent's own blocks to draw in step 2, ascending.
+  virtual void SendOccluders(const std::vector<volume::BlockId>& blocks) = 0;
+  // Those to draw in step 3, ascending, and visibility::EncodeOpenPixels of their open pixels (or
+  // nothing: all are open).
+  virtual void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
+                                 std::string open_pixels) = 0;
   // Stops the agent's work; OnEnd follows soon.
   virtual void Cancel() = 0;
 

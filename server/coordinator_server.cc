@@ -85,7 +85,10 @@ class CoordinatorServerImpl final : public CoordinatorServer {
         isosurface_service_({.registry = registry_.get(),
                              .max_concurrent_frames = options.max_concurrent_frames,
                              .max_queued_frames = options.max_queued_frames,
-                             .max_frame_duration = options.max_frame_duration}),
+                             .max_frame_duration = options.max_frame_duration,
+                             .arena = options.arena != nullptr
+                                          ? options.arena
+                                          : std::make_shared<tbb::task_arena>()}),
         dataset_service_(registry_.get()),
         cluster_service_(registry_.get(), CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }

@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
+#include <oneapi/tbb/task_arena.h>
 
 namespace isoscope::server {
 
@@ -34,6 +35,8 @@ struct CoordinatorServerOptions {
   absl::Duration max_frame_duration = absl::Minutes(5);
   // How often agents are asked what they hold.
   absl::Duration poll_interval = absl::Seconds(2);
+  // Where the coordinator computes; null: on all cores.
+  std::shared_ptr<tbb::task_arena> arena;
 };
 
 // Thread-safe.

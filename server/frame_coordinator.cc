@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <deque>
-#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -13,23 +12,27 @@
 #include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/partitioner.h>
 
 #include "core/base/status_macros.h"
-#include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
 
 namespace isoscope::server {
 namespace {
 
 // How late a cancellation may be noticed while no agent says anything.
 constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
-// The map has one texel for each pixel: coarser ones cull less.
-constexpr int kOcclusionMapLevel = 0;
+// Blocks that one task tests: some hundred microseconds.
+constexpr std::size_t kBlocksPerTask = 512;
 
 struct RayHits {
   std::vector<volume::BlockId> hits;
+  std::vector<volume::BlockId> active;
 };
 struct Pixels {
   std::string band;
@@ -56,16 +59,12 @@ class EventQueue {
     events_.push_back(std::move(event));
   }
 
-  // The next event, or none when `timeout` has passed.
-  std::optional<Event> PopWithTimeout(absl::Duration timeout) {
+  // All events that have come, at least one unless `timeout` has passed.
+  std::deque<Event> PopAllWithTimeout(absl::Duration timeout) {
     absl::MutexLock lock(&mutex_);
     const auto has_event = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return !events_.empty(); };
-    if (!mutex_.AwaitWithTimeout(absl::Condition(&has_event), timeout)) {
-      return std::nullopt;
-    }
-    Event event = std::move(events_.front());
-    events_.pop_front();
-    return event;
+    mutex_.AwaitWithTimeout(absl::Condition(&has_event), timeout);
+    return std::exchange(events_, {});
   }
 
  private:
@@ -78,7 +77,9 @@ class QueueingListener final : public AgentListener {
   QueueingListener(std::size_t agent_index, EventQueue* queue)
       : agent_index_(agent_index), queue_(queue) {}
 
-  void OnRayHits(std::vector<volume::BlockId> hits) override { Push(RayHits{std::move(hits)}); }
+  void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
+    Push(RayHits{std::move(hits), std::move(active)});
+  }
   void OnPixels(std::string band) override { Push(Pixels{std::move(band)}); }
   void OnOccludersDone() override { Push(OccludersDone{}); }
   void OnFrameDone(AgentStatistics statistics) override { Push(FrameDone{std::move(statistics)}); }
@@ -99,13 +100,14 @@ enum class Stage { kSelecting, kRenderingOccluders, kRenderingVisible, kDone, kE
 
 class Frame {
  public:
-  Frame(const view::View& view, visibility::Culling culling, const base::Cancellation& cancellation)
-      : view_(view), culling_(culling), cancellation_(cancellation), start_(absl::Now()) {
-    result_.image = image::FrameImage(view.viewport().width_px, view.viewport().height_px);
+  Frame(const FrameSetup& setup, const base::Cancellation& cancellation)
+      : setup_(setup), cancellation_(cancellation), start_(absl::Now()) {
+    const view::Viewport& viewport = setup.view->viewport();
+    result_.image = setup.images->Take(viewport.width_px, viewport.height_px);
   }
 
-  absl::StatusOr<FrameResult> Run(int agent_count, const BeginAgentFrame& begin) {
-    const absl::Status status = BeginAndDrive(agent_count, begin);
+  absl::StatusOr<FrameResult> Run(const BeginAgentFrame& begin) {
+    const absl::Status status = BeginAndDrive(begin);
     if (!status.ok()) {
       for (Agent& agent : agents_) {
         agent.link->Cancel();
@@ -131,25 +133,41 @@ class Frame {
     Stage stage = Stage::kSelecting;
   };
 
-  absl::Status BeginAndDrive(int agent_count, const BeginAgentFrame& begin) {
+  // An active block that is drawn, perhaps.
+  struct Candidate {
+    std::size_t agent_index = 0;
+    volume::BlockId block_id = 0;
+    bool is_drawn = false;
+    image::PixelMask open;  // the pixels it could win, in step 3
+  };
+
+  absl::Status BeginAndDrive(const BeginAgentFrame& begin) {
     phase_start_ = start_;
-    for (int i = 0; i < agent_count; ++i) {
+    if (setup_.active == nullptr) {
+      reported_.by_agent.resize(static_cast<std::size_t>(setup_.agent_count));
+    }
+    for (int i = 0; i < setup_.agent_count; ++i) {
       Agent agent;
       agent.listener = std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
-      agent.stage =
-          culling_ == visibility::Culling::kNone ? Stage::kRenderingVisible : Stage::kSelecting;
+      agent.stage = setup_.culling == visibility::Culling::kNone ? Stage::kRenderingVisible
+                                                                 : Stage::kSelecting;
       ISOSCOPE_ASSIGN_OR_RETURN(agent.link, begin(i, agent.listener.get()));
       agents_.push_back(std::move(agent));
     }
     while (!AllAt(Stage::kEnded)) {
       const absl::Duration left = cancellation_.deadline() - absl::Now();
-      std::optional<Event> event =
-          queue_.PopWithTimeout(std::clamp(left, absl::ZeroDuration(), kCancellationPoll));
+      std::deque<Event> events =
+          queue_.PopAllWithTimeout(std::clamp(left, absl::ZeroDuration(), kCancellationPoll));
       if (const absl::Status status = cancellation_.Check(); !status.ok()) {
         return absl::IsDeadlineExceeded(status) ? DeadlineError() : status;
       }
-      if (event.has_value()) {
-        ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(*event)));
+      while (!events.empty()) {
+        if (std::holds_alternative<Pixels>(events.front().what)) {
+          ISOSCOPE_RETURN_IF_ERROR(HandlePixels(&events));
+        } else {
+          ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(events.front())));
+          events.pop_front();
+        }
       }
     }
     return absl::OkStatus();
@@ -159,17 +177,7 @@ class Frame {
     Agent& agent = agents_[event.agent_index];
     last_arrival_ = event.arrival;
     if (auto* hits = std::get_if<RayHits>(&event.what)) {
-      return HandleRayHits(&agent, hits->hits);
-    }
-    if (auto* pixels = std::get_if<Pixels>(&event.what)) {
-      if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
-        return OutOfOrder(agent, "pixels");
-      }
-      const absl::Status status = composite::DecodePixelsInto(pixels->band, &result_.image);
-      return status.ok()
-                 ? status
-                 : absl::Status(status.code(), absl::StrCat("pixels of ", agent.link->name(), ": ",
-                                                            status.message()));
+      return HandleRayHits(event.agent_index, std::move(*hits));
     }
     if (std::holds_alternative<OccludersDone>(event.what)) {
       return HandleOccludersDone(&agent);
@@ -197,20 +205,119 @@ class Frame {
     return absl::OkStatus();
   }
 
-  absl::Status HandleRayHits(Agent* agent, const std::vector<volume::BlockId>& hits) {
-    if (agent->stage != Stage::kSelecting) {
-      return OutOfOrder(*agent, "ray hits");
-    }
-    agent->stage = Stage::kRenderingOccluders;
-    hits_ = visibility::UnionOfHits(hits_, hits);
-    if (AllAt(Stage::kRenderingOccluders)) {
-      result_.ray_hit_block_count = static_cast<std::int64_t>(hits_.size());
-      for (const Agent& each : agents_) {
-        each.link->SendOccluders(hits_);
+  // Composites the bands that `events` begins with, and takes them off. Bands of one agent cover
+  // different rows: they are decoded side by side.
+  absl::Status HandlePixels(std::deque<Event>* events) {
+    std::vector<std::vector<std::string>> bands(agents_.size());
+    for (; !events->empty() && std::holds_alternative<Pixels>(events->front().what);
+         events->pop_front()) {
+      Event& event = events->front();
+      const Agent& agent = agents_[event.agent_index];
+      if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
+        return OutOfOrder(agent, "pixels");
       }
+      last_arrival_ = event.arrival;
+      bands[event.agent_index].push_back(std::move(std::get<Pixels>(event.what).band));
+    }
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      std::vector<absl::Status> statuses(bands[i].size());
+      const auto decode = [&](std::size_t band) {
+        statuses[band] = composite::DecodePixelsInto(bands[i][band], &result_.image);
+      };
+      setup_.arena->execute([&] {
+        tbb::parallel_for(std::size_t{0}, statuses.size(), decode, tbb::simple_partitioner());
+      });
+      for (const absl::Status& status : statuses) {
+        if (!status.ok()) {
+          return {status.code(),
+                  absl::StrCat("pixels of ", agents_[i].link->name(), ": ", status.message())};
+        }
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleRayHits(std::size_t agent_index, RayHits hits) {
+    Agent& agent = agents_[agent_index];
+    if (agent.stage != Stage::kSelecting) {
+      return OutOfOrder(agent, "ray hits");
+    }
+    agent.stage = Stage::kRenderingOccluders;
+    hits_ = visibility::UnionOfHits(hits_, hits.hits);
+    if (setup_.active == nullptr) {
+      reported_.by_agent[agent_index] = std::move(hits.active);
+    }
+    if (AllAt(Stage::kRenderingOccluders)) {
+      result_.active = setup_.active != nullptr
+                           ? setup_.active
+                           : std::make_shared<const ActiveBlocks>(std::move(reported_));
+      SendOccluders();
       EndPhase(&result_.occluder_selection_duration);
     }
     return absl::OkStatus();
+  }
+
+  void SendOccluders() {
+    result_.ray_hit_block_count = static_cast<std::int64_t>(hits_.size());
+    volume::BlockSet active(setup_.layout->block_count());
+    for (const std::vector<volume::BlockId>& of_agent : result_.active->by_agent) {
+      for (const volume::BlockId id : of_agent) {
+        active.Insert(id);
+      }
+    }
+    occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active);
+    std::vector<Candidate> candidates = Candidates(/*among_occluding=*/true);
+    ForEachCandidate(&candidates, [](const view::Footprint& footprint, Candidate* candidate) {
+      candidate->is_drawn = !footprint.rect.empty();
+    });
+    std::vector<AgentPart> parts = PartsOf(std::move(candidates));
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      agents_[i].link->SendOccluders(parts[i].blocks);
+    }
+  }
+
+  // The active blocks that are, or are not, occluding; agent by agent, ascending.
+  [[nodiscard]] std::vector<Candidate> Candidates(bool among_occluding) const {
+    std::vector<Candidate> candidates;
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      for (const volume::BlockId id : result_.active->by_agent[i]) {
+        if (occluding_.Contains(id) == among_occluding) {
+          candidates.push_back({i, id, false, {}});
+        }
+      }
+    }
+    return candidates;
+  }
+
+  // Calls fn(footprint, candidate) for each, in parallel.
+  template <typename Fn>
+  void ForEachCandidate(std::vector<Candidate>* candidates, const Fn& fn) const {
+    setup_.arena->execute([&] {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates->size(), kBlocksPerTask),
+                        [&](const tbb::blocked_range<std::size_t>& range) {
+                          for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                            Candidate& candidate = (*candidates)[i];
+                            fn(setup_.view->FootprintOf(*setup_.layout, candidate.block_id),
+                               &candidate);
+                          }
+                        });
+    });
+  }
+
+  // What each agent draws.
+  struct AgentPart {
+    std::vector<volume::BlockId> blocks;
+    std::vector<image::PixelMask> open;
+  };
+  [[nodiscard]] std::vector<AgentPart> PartsOf(std::vector<Candidate> candidates) const {
+    std::vector<AgentPart> parts(agents_.size());
+    for (Candidate& candidate : candidates) {
+      if (candidate.is_drawn) {
+        parts[candidate.agent_index].blocks.push_back(candidate.block_id);
+        parts[candidate.agent_index].open.push_back(std::move(candidate.open));
+      }
+    }
+    return parts;
   }
 
   absl::Status HandleOccludersDone(Agent* agent) {
@@ -219,18 +326,31 @@ class Frame {
     }
     agent->stage = Stage::kRenderingVisible;
     if (AllAt(Stage::kRenderingVisible)) {
-      const auto kind = culling_ == visibility::Culling::kMask ? visibility::MapKind::kMask
-                                                               : visibility::MapKind::kDepth;
-      const std::string encoded =
-          visibility::OcclusionMap::FromImage(result_.image, visibility::DepthQuantizer(view_),
-                                              kind, kOcclusionMapLevel)
-              .Encode();
-      for (const Agent& each : agents_) {
-        each.link->SendOcclusionMap(encoded);
-      }
+      SendVisibleBlocks();
       EndPhase(&result_.occluder_rendering_duration);
     }
     return absl::OkStatus();
+  }
+
+  void SendVisibleBlocks() {
+    const bool has_depth = setup_.culling == visibility::Culling::kDepth;
+    const visibility::OcclusionMap map = setup_.arena->execute([&] {
+      return visibility::OcclusionMap::FromImage(
+          result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
+    });
+    std::vector<Candidate> candidates = Candidates(/*among_occluding=*/false);
+    ForEachCandidate(&candidates, [&](const view::Footprint& footprint, Candidate* candidate) {
+      candidate->is_drawn = !footprint.rect.empty() && !map.Hides(footprint);
+      // The 1-bit mask is the paper's: it culls blocks, not fragments.
+      if (candidate->is_drawn && has_depth) {
+        candidate->open = map.OpenPixels(footprint);
+      }
+    });
+    const std::vector<AgentPart> parts = PartsOf(std::move(candidates));
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      agents_[i].link->SendVisibleBlocks(
+          parts[i].blocks, has_depth ? visibility::EncodeOpenPixels(parts[i].open) : std::string());
+    }
   }
 
   // True if every agent is at `stage` or further.
@@ -274,8 +394,7 @@ class Frame {
         absl::StrJoin(waiting, ", ")));
   }
 
-  const view::View& view_;
-  const visibility::Culling culling_;
+  const FrameSetup& setup_;
   const base::Cancellation& cancellation_;
   const absl::Time start_;
   absl::Time phase_start_;
@@ -283,15 +402,16 @@ class Frame {
   EventQueue queue_;  // outlives the links
   std::vector<Agent> agents_;
   std::vector<volume::BlockId> hits_;
+  ActiveBlocks reported_;
+  volume::BlockSet occluding_;
   FrameResult result_;
 };
 
 }  // namespace
 
-absl::StatusOr<FrameResult> RunFrame(const view::View& view, visibility::Culling culling,
-                                     int agent_count, const BeginAgentFrame& begin,
+absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                                      const base::Cancellation& cancellation) {
-  return Frame(view, culling, cancellation).Run(agent_count, begin);
+  return Frame(setup, cancellation).Run(begin);
 }
 
 }  // namespace isoscope::server

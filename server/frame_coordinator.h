@@ -1,8 +1,10 @@
 // One frame in the coordinator: fan out, reduce, composite. No gRPC types.
 //
-// The reduces are pure functions of core: UnionOfHits (step 1), CompositeInto (steps 2 and 3),
-// OcclusionMap::FromImage. All are associative, commutative and idempotent where they reduce, so
-// neither the number of agents nor the order of arrival shows in the result.
+// The reduces are pure functions of core: UnionOfHits (step 1), DecodePixelsInto (steps 2 and 3).
+// They are associative, commutative and idempotent, so neither the number of agents nor the order
+// of arrival shows in the result. What follows from a reduce is computed once, here, and each agent
+// is told its own part: its occluding blocks, then its blocks that the occluders do not hide. So
+// what crosses the network does not grow with the number of agents (docs/architecture.md).
 
 #ifndef ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
 #define ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
@@ -14,17 +16,34 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
 #include "core/visibility/culling.h"
+#include "core/volume/block_layout.h"
+#include "server/active_blocks.h"
 #include "server/agent_link.h"
 
 namespace isoscope::server {
 
+// What a frame is about. Everything pointed to outlives the frame.
+struct FrameSetup {
+  const view::View* view = nullptr;
+  const volume::BlockLayout* layout = nullptr;
+  visibility::Culling culling = visibility::Culling::kDepth;
+  int agent_count = 0;
+  // What is active, if it is known: then agents are not to be asked to report it.
+  std::shared_ptr<const ActiveBlocks> active;
+  image::FrameImagePool* images = nullptr;
+  tbb::task_arena* arena = nullptr;  // for what the coordinator computes
+};
+
 struct FrameResult {
   image::FrameImage image;
+  // As the setup's, or as reported; null with kNone.
+  std::shared_ptr<const ActiveBlocks> active;
   std::int64_t ray_hit_block_count = 0;
   std::int64_t network_bytes = 0;
   absl::Duration occluder_selection_duration;
@@ -42,8 +61,7 @@ using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>
 // the others; the frame ends no later than the cancellation's deadline, with DEADLINE_EXCEEDED
 // naming the agents that had not answered. Decodes and composites bands on the calling thread as
 // they come.
-absl::StatusOr<FrameResult> RunFrame(const view::View& view, visibility::Culling culling,
-                                     int agent_count, const BeginAgentFrame& begin,
+absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                                      const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server

@@ -17,7 +17,6 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/composite/depth_composite.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
@@ -37,6 +36,10 @@ namespace internal = isoscope::internal::v1;
 constexpr image::Rgba8 kOpaqueBlack{0, 0, 0, 255};
 // Chunks of a mesh that wait for a slow client before the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
+// Active blocks of some isovalues: 4 bytes a block.
+constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
+// Images that no frame uses: four of 2048 x 2048 pixels.
+constexpr std::size_t kMaxUnusedImageBytes = 192 * base::kMiB;
 
 // What is right or wrong whatever the cluster holds: checked before a request may wait.
 struct CheckedRequest {
@@ -124,6 +127,12 @@ isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
       rpc::ToProto(result.visibility_culling_duration);
   *durations->mutable_composite_duration() = rpc::ToProto(result.composite_duration);
   return sum;
+}
+
+absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
+                                             const volume::GridGeometry& geometry) {
+  const isoscope::v1::Dimensions& cells = dataset.block_cells();
+  return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
 }
 
 std::string Milliseconds(absl::Duration duration) {
@@ -224,8 +233,20 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                               rpc::CameraFromProto(response_->camera(), "camera"));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
                               view::View::Make(camera, checked_.viewport, geometry));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
+                              LayoutOf(dataset.dataset, geometry));
 
-    const internal::BeginFrame begin = MakeBegin(frame_number, dataset);
+    const std::string active_key = ActiveKeyOf(dataset);
+    FrameSetup setup;
+    setup.view = &view;
+    setup.layout = &layout;
+    setup.culling = checked_.culling;
+    setup.agent_count = static_cast<int>(dataset.agents.size());
+    setup.active = service_->active_blocks_.Find(active_key);
+    setup.images = service_->images_.get();
+    setup.arena = service_->options_.arena.get();
+    internal::BeginFrame begin = MakeBegin(frame_number, dataset);
+    begin.set_report_active_blocks(setup.active == nullptr);
     const auto begin_on_agent =
         [&](int agent_index,
             AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
@@ -235,13 +256,24 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                                std::move(of_agent), dataset.dataset.block_count(),
                                cancellation_.deadline(), listener);
     };
-    absl::StatusOr<FrameResult> result =
-        RunFrame(view, checked_.culling, begin.agent_count(), begin_on_agent, cancellation_);
+    absl::StatusOr<FrameResult> result = RunFrame(setup, begin_on_agent, cancellation_);
     if (!result.ok()) {
       service_->ReportIfAgentFailed(dataset, result.status());
       return result.status();
     }
+    if (setup.active == nullptr && result->active != nullptr) {
+      service_->active_blocks_.Insert(active_key, result->active);
+    }
     return Encode(*result);
+  }
+
+  [[nodiscard]] std::string ActiveKeyOf(const DatasetState& dataset) const {
+    std::vector<std::vector<int>> shard_indices;
+    for (const AgentAssignment& agent : dataset.agents) {
+      shard_indices.push_back(agent.shard_indices);
+    }
+    return ActiveBlocksCache::KeyOf(dataset.dataset.dataset_id(), shard_indices,
+                                    request_.isovalue());
   }
 
   internal::BeginFrame MakeBegin(std::int64_t frame_number, const DatasetState& dataset) const {
@@ -262,17 +294,16 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
 
   absl::Status Encode(const FrameResult& result) {
     *response_->mutable_statistics() = StatisticsOf(result);
-    const absl::Time composite_start = absl::Now();
-    const std::vector<image::Rgba8> pixels =
-        composite::FlattenOver(result.image, checked_.background_color);
+    tbb::task_arena* const arena = service_->options_.arena.get();
+    const image::FrameImage& image = result.image;
     const absl::Time encode_start = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    response_->set_png(image::EncodePng(result.image.width, result.image.height, pixels));
+    response_->set_png(arena->execute([&] {
+      return image::EncodePng(image.width, image.height, image.colors, checked_.background_color);
+    }));
     isoscope::v1::RenderStatistics* statistics = response_->mutable_statistics();
     statistics->set_png_bytes(static_cast<std::int64_t>(response_->png().size()));
     isoscope::v1::StepDurations* durations = statistics->mutable_durations();
-    *durations->mutable_composite_duration() =
-        rpc::ToProto(result.composite_duration + (encode_start - composite_start));
     *durations->mutable_encode_duration() = rpc::ToProto(absl::Now() - encode_start);
     return absl::OkStatus();
   }
@@ -355,10 +386,8 @@ class IsosurfaceServiceImpl::ExportCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
-    const isoscope::v1::Dimensions& cells = dataset.dataset.block_cells();
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const volume::BlockLayout layout,
-        volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()}));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
+                              LayoutOf(dataset.dataset, geometry));
 
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
@@ -416,6 +445,8 @@ class IsosurfaceServiceImpl::ExportCall final
 
 IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options)
     : options_(options),
+      active_blocks_(kMaxActiveBlocksBytes),
+      images_(image::FrameImagePool::Make(kMaxUnusedImageBytes)),
       frame_executor_(
           static_cast<std::size_t>(options.max_concurrent_frames),
           // frame_count_ bounds the frames; each of them fits.

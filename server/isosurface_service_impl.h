@@ -6,11 +6,15 @@
 
 #include <atomic>
 #include <cstdint>
+#include <memory>
 
 #include "absl/time/time.h"
+#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/executor.h"
+#include "core/image/frame_image.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/active_blocks.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
@@ -20,6 +24,7 @@ struct IsosurfaceServiceOptions {
   int max_concurrent_frames = 4;      // >= 1
   int max_queued_frames = 32;         // >= 0
   absl::Duration max_frame_duration = absl::Minutes(5);
+  std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
 };
 
 // Thread-safe. Destroy it only after its server has shut down. A frame holds a thread from its
@@ -49,6 +54,8 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   const IsosurfaceServiceOptions options_;
   std::atomic<std::int64_t> next_frame_number_{1};
   std::atomic<int> frame_count_{0};  // in work or waiting
+  ActiveBlocksCache active_blocks_;
+  const std::shared_ptr<image::FrameImagePool> images_;
   // Last: their threads use what is above.
   base::Executor frame_executor_;
   base::Executor export_executor_;

@@ -2,6 +2,8 @@
 
 #include <zstd.h>
 
+#include <memory>
+
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
 
@@ -13,12 +15,20 @@ namespace {
 // The fastest of the regular levels: messages are sent once.
 constexpr int kLevel = 1;
 
+struct FreeContext {
+  void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
+  void operator()(ZSTD_DCtx* context) const { ZSTD_freeDCtx(context); }
+};
+
 }  // namespace
 
 std::string Compress(absl::string_view bytes) {
   std::string frame(ZSTD_compressBound(bytes.size()), '\0');
-  const std::size_t size =
-      ZSTD_compress(frame.data(), frame.size(), bytes.data(), bytes.size(), kLevel);
+  // Making a context costs more than compressing a small message.
+  thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> context(ZSTD_createCCtx());
+  ISOSCOPE_CHECK(context != nullptr);
+  const std::size_t size = ZSTD_compressCCtx(context.get(), frame.data(), frame.size(),
+                                             bytes.data(), bytes.size(), kLevel);
   ISOSCOPE_CHECK(!ZSTD_isError(size));
   frame.resize(size);
   return frame;
@@ -40,7 +50,10 @@ absl::StatusOr<std::string> Decompress(absl::string_view frame, std::size_t max_
         "compressed frame of %d bytes is truncated or followed by other bytes", frame.size()));
   }
   std::string bytes(static_cast<std::size_t>(stated), '\0');
-  const std::size_t size = ZSTD_decompress(bytes.data(), bytes.size(), frame.data(), frame.size());
+  thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> context(ZSTD_createDCtx());
+  ISOSCOPE_CHECK(context != nullptr);
+  const std::size_t size =
+      ZSTD_decompressDCtx(context.get(), bytes.data(), bytes.size(), frame.data(), frame.size());
   if (ZSTD_isError(size)) {
     return absl::DataLossError(
         absl::StrFormat("compressed frame is damaged: %s", ZSTD_getErrorName(size)));

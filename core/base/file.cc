@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include <sys/stat.h>
+#include <sys/uio.h>
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
@@ -86,10 +87,7 @@ class PosixRandomAccessFile : public RandomAccessFile {
 
   [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
                                     char* out) const override {
-    ISOSCOPE_CHECK_GE(offset, 0);
-    if (offset > size_bytes_ || size > static_cast<std::size_t>(size_bytes_ - offset)) {
-      return TooShort(offset, size, size_bytes_);
-    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(*this, offset, size));
     std::size_t done = 0;
     while (done < size) {
       const ssize_t count =
@@ -99,27 +97,32 @@ class PosixRandomAccessFile : public RandomAccessFile {
         if (errno == EINTR) {
           continue;
         }
-        return ErrnoToStatus(errno, absl::StrFormat("read %d bytes at offset %d of", size, offset),
-                             path_);
+        return ReadFailed(errno, *this, offset, size);
       }
       if (count == 0) {  // it was cut since it was opened
-        return TooShort(offset, size, offset + static_cast<std::int64_t>(done));
+        return FileTooShort(*this, offset, size, offset + static_cast<std::int64_t>(done));
       }
       done += static_cast<std::size_t>(count);
     }
     return absl::OkStatus();
   }
 
-  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
-  [[nodiscard]] const std::string& path() const override { return path_; }
-
- private:
-  [[nodiscard]] absl::Status TooShort(std::int64_t offset, std::size_t size,
-                                      std::int64_t end) const {
-    return absl::DataLossError(absl::StrFormat(
-        "%s: ends after %d bytes, expected %d bytes at offset %d", path_, end, size, offset));
+  [[nodiscard]] std::size_t ReadCached(std::int64_t offset, std::size_t size,
+                                       char* out) const override {
+    const iovec part = {.iov_base = out, .iov_len = std::min(size, kMaxTransferBytes)};
+    const ssize_t count = preadv2(descriptor_.get(), &part, 1, offset, RWF_NOWAIT);
+    return count < 0 ? 0 : static_cast<std::size_t>(count);
   }
 
+  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
+  [[nodiscard]] const std::string& path() const override { return path_; }
+  void ExpectScatteredReads() const override {
+    // Advice: what the system makes of it changes no byte.
+    static_cast<void>(posix_fadvise(descriptor_.get(), 0, 0, POSIX_FADV_RANDOM));
+  }
+  [[nodiscard]] int descriptor() const override { return descriptor_.get(); }
+
+ private:
   const Descriptor descriptor_;
   const std::int64_t size_bytes_;
   const std::string path_;
@@ -219,6 +222,27 @@ class PosixWritableFile : public WritableFile {
 
 }  // namespace
 
+absl::Status CheckRange(const RandomAccessFile& file, std::int64_t offset, std::size_t size) {
+  ISOSCOPE_CHECK_GE(offset, 0);
+  const std::int64_t end = file.size_bytes();
+  if (offset > end || size > static_cast<std::size_t>(end - offset)) {
+    return FileTooShort(file, offset, size, end);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status FileTooShort(const RandomAccessFile& file, std::int64_t offset, std::size_t size,
+                          std::int64_t end) {
+  return absl::DataLossError(absl::StrFormat(
+      "%s: ends after %d bytes, expected %d bytes at offset %d", file.path(), end, size, offset));
+}
+
+absl::Status ReadFailed(int error_number, const RandomAccessFile& file, std::int64_t offset,
+                        std::size_t size) {
+  return ErrnoToStatus(error_number, absl::StrFormat("read %d bytes at offset %d of", size, offset),
+                       file.path());
+}
+
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {
   // O_NONBLOCK: opening a FIFO would wait for its writer. Regular files ignore it.
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
@@ -231,6 +255,9 @@ absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std
     return absl::FailedPreconditionError(
         absl::StrCat(path, ": is a ", S_ISDIR(info.st_mode) ? "directory" : "special file",
                      ", expected a regular file"));
+  }
+  if (fcntl(descriptor.get(), F_SETFL, 0) != 0) {  // some kernels' io_uring heeds O_NONBLOCK
+    return ErrnoToStatus(errno, "set up", path);
   }
   return std::make_unique<PosixRandomAccessFile>(std::move(descriptor), info.st_size, path);
 }

@@ -27,8 +27,19 @@ class RandomAccessFile {
   // Reads exactly `size` bytes from `offset` into `out`. DATA_LOSS if the file ends before.
   [[nodiscard]] virtual absl::Status ReadAt(std::int64_t offset, std::size_t size,
                                             char* out) const = 0;
+  // Reads what of it lies in the system's memory, from `offset` without a gap, and returns how much
+  // that is: anything in [0, size]. Never waits for a disk; errors show as less, and again in
+  // ReadAt.
+  [[nodiscard]] virtual std::size_t ReadCached(std::int64_t /*offset*/, std::size_t /*size*/,
+                                               char* /*out*/) const {
+    return 0;
+  }
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
   [[nodiscard]] virtual const std::string& path() const = 0;
+  // From now on the system reads what is asked for, and nothing ahead of it.
+  virtual void ExpectScatteredReads() const {}
+  // What pread takes; -1 if there is none that gives these bytes.
+  [[nodiscard]] virtual int descriptor() const { return -1; }
 };
 
 // A new file. Thread-compatible. Writes are buffered: nothing is promised to be on disk before
@@ -75,6 +86,14 @@ absl::Status SyncDirectory(const std::string& path);
 absl::Status RemoveRecursively(const std::string& path);
 bool PathExists(const std::string& path);
 bool IsDirectory(const std::string& path);
+
+// What ReadAt answers: DATA_LOSS if the range does not lie within size_bytes(); the error of a
+// range that met the file's end at `end`; that of one which the system refused.
+absl::Status CheckRange(const RandomAccessFile& file, std::int64_t offset, std::size_t size);
+absl::Status FileTooShort(const RandomAccessFile& file, std::int64_t offset, std::size_t size,
+                          std::int64_t end);
+absl::Status ReadFailed(int error_number, const RandomAccessFile& file, std::int64_t offset,
+                        std::size_t size);
 
 // Maps errno to a status that names `what` and `path`.
 absl::Status ErrnoToStatus(int error_number, absl::string_view what, absl::string_view path);

@@ -1,56 +1,70 @@
 #include "core/composite/depth_composite.h"
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
+
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
 
 namespace isoscope::composite {
 namespace {
 
-// Runs this long are looked at first and copied only where something wins: most of an agent's
-// image is background.
-constexpr std::size_t kRunPixels = 64;
-
-// FragmentKey(depth a, id a) < FragmentKey(depth b, id b) in 32-bit lanes: floats in [0, 1] order
-// as their bits do, and -0 equals +0.
-int Wins(float depth_a, std::uint32_t id_a, float depth_b, std::uint32_t id_b) {
-  const int nearer = depth_a < depth_b ? 1 : 0;
-  const int tied = depth_a == depth_b ? 1 : 0;
-  const int first = id_a < id_b ? 1 : 0;
-  return nearer | (tied & first);
-}
+constexpr int kTilePx = image::TileSet::kTilePx;
 
 }  // namespace
 
 void CompositeInto(const image::FrameImage& from, image::FrameImage* into) {
   ISOSCOPE_CHECK_EQ(from.width, into->width);
   ISOSCOPE_CHECK_EQ(from.height, into->height);
-  const std::size_t count = into->pixel_count();
-  for (std::size_t begin = 0; begin < count; begin += kRunPixels) {
-    const std::size_t end = count - begin < kRunPixels ? count : begin + kRunPixels;
-    int any = 0;
-    for (std::size_t i = begin; i < end; ++i) {
-      any |= Wins(from.depth[i], from.block_id[i], into->depth[i], into->block_id[i]);
-    }
-    if (any == 0) {
-      continue;
-    }
-    for (std::size_t i = begin; i < end; ++i) {
-      const bool wins =
-          Wins(from.depth[i], from.block_id[i], into->depth[i], into->block_id[i]) != 0;
-      into->depth[i] = wins ? from.depth[i] : into->depth[i];
-      into->block_id[i] = wins ? from.block_id[i] : into->block_id[i];
-      into->color[i] = wins ? from.color[i] : into->color[i];
-    }
+  for (int row = 0; row < from.touched.rows(); ++row) {
+    const int begin_y = row * kTilePx;
+    const int end_y = std::min(begin_y + kTilePx, from.height);
+    from.touched.ForEachInRow(row, [&](int column) {
+      const int begin_x = column * kTilePx;
+      const int count = std::min(kTilePx, from.width - begin_x);
+      for (int y = begin_y; y < end_y; ++y) {
+        const std::size_t first = from.IndexOf(begin_x, y);
+        const std::uint64_t* from_keys = from.keys.data() + first;
+        const image::Rgba8* from_colors = from.colors.data() + first;
+        std::uint64_t* keys = into->keys.data() + first;
+        image::Rgba8* colors = into->colors.data() + first;
+        // Looked at first: where tiles overlap, mostly one image is before the other.
+        std::uint32_t any = 0;
+        for (int x = 0; x < count; ++x) {
+          any |= std::uint32_t{from_keys[x] < keys[x]};
+        }
+        if (any == 0) {
+          continue;
+        }
+        for (int x = 0; x < count; ++x) {
+          const bool wins = from_keys[x] < keys[x];
+          keys[x] = wins ? from_keys[x] : keys[x];
+          colors[x] = wins ? from_colors[x] : colors[x];
+        }
+      }
+    });
   }
+  into->touched.InsertAllOf(from.touched);
 }
 
-std::vector<image::Rgba8> FlattenOver(const image::FrameImage& image, image::Rgba8 background) {
-  std::vector<image::Rgba8> flat(image.color);
-  for (std::size_t i = 0; i < flat.size(); ++i) {
-    flat[i] = image.block_id[i] == image::kNoBlock ? background : flat[i];
+void FlattenOver(image::Rgba8 background, image::FrameImage* image) {
+  if (background == image::Rgba8{}) {
+    return;
   }
-  return flat;
+  tbb::parallel_for(tbb::blocked_range<int>(0, image->height, kTilePx),
+                    [&](const tbb::blocked_range<int>& rows) {
+                      const std::size_t begin = image->IndexOf(0, rows.begin());
+                      const std::size_t end = image->IndexOf(0, rows.end());
+                      const std::uint64_t* keys = image->keys.data();
+                      image::Rgba8* colors = image->colors.data();
+                      for (std::size_t i = begin; i < end; ++i) {
+                        colors[i] = keys[i] == image::kBackgroundKey ? background : colors[i];
+                      }
+                    });
+  image->touched.InsertAll();
 }
 
 }  // namespace isoscope::composite

@@ -3,20 +3,19 @@
 #ifndef ISOSCOPE_CORE_COMPOSITE_DEPTH_COMPOSITE_H_
 #define ISOSCOPE_CORE_COMPOSITE_DEPTH_COMPOSITE_H_
 
-#include <cstdint>
-#include <vector>
-
 #include "core/image/frame_image.h"
 
 namespace isoscope::composite {
 
 // Keeps, in each pixel of `into`, the fragment with the smaller FragmentKey. Associative,
 // commutative and idempotent: the order of arrival and the number of agents do not matter.
-// REQUIRES: same size.
+// O(pixels of the tiles touched in `from`). REQUIRES: same size.
 void CompositeInto(const image::FrameImage& from, image::FrameImage* into);
 
-// The final picture: `image` over the background colour (straight alpha).
-std::vector<image::Rgba8> FlattenOver(const image::FrameImage& image, image::Rgba8 background);
+// Makes `image` the final picture, over the background colour (straight alpha), in place:
+// image->colors is then what to show. All tiles count as touched, unless the background is
+// transparent black and there is nothing to do. In parallel, inside the caller's TBB arena.
+void FlattenOver(image::Rgba8 background, image::FrameImage* image);
 
 }  // namespace isoscope::composite
 

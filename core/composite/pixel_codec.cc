@@ -4,10 +4,14 @@
 #include <array>
 #include <bit>
 #include <cstddef>
+#include <cstring>
+#include <memory>
+#include <span>
 #include <utility>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_format.h"
+#include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
 #include "core/base/coding.h"
@@ -18,133 +22,117 @@
 namespace isoscope::composite {
 namespace {
 
-constexpr int kTilePx = 8;
+using image::TileSet;
+
+constexpr int kTilePx = TileSet::kTilePx;
 constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
 constexpr char kMagic[] = "ISPX";
 constexpr std::size_t kMagicSize = 4;
 constexpr std::size_t kChecksummedOffset = 8;
-constexpr std::size_t kHeaderSize = 40;
-constexpr std::uint8_t kVersion = 1;
-// A full tile of as many blocks as pixels: mask, dictionary size, and for each pixel an id, an
-// index, depth and colour.
-constexpr std::int64_t kMaxTileBytes = 8 + 1 + kTilePixels * (4 + 1 + 4 + 3);
+constexpr std::size_t kHeaderSize = 56;
+constexpr std::uint8_t kVersion = 2;
+// Of a pixel: depth and colour, and the extra bits that one of them may have.
+constexpr std::size_t kMaxExtraBits = 32;
+// What follows the extra bits, so that reading 8 bytes at once never leaves the band.
+constexpr std::size_t kPaddingBytes = 8;
+// A full tile of as many blocks as pixels: coverage, dictionary size; for each pixel block id,
+// label, control byte, extra bits.
+constexpr std::int64_t kMaxTileBytes = 2 * kTilePx + 1 + kTilePixels * (4 + 1 + 1 + 4 + 4);
+// One row of tiles of the widest image must fit into a band.
+static_assert(kMaxTileBytes * (16384 / kTilePx) + (std::int64_t{1} << 14) < kMaxBandBytes);
 constexpr std::uint32_t kOneBits = std::bit_cast<std::uint32_t>(1.0F);
+// Bands of more colours send each as it is.
+constexpr std::size_t kMaxPaletteSize = 2048;
 
 constexpr std::uint32_t ZigZag(std::uint32_t difference) {
   return difference << 1 ^ (0U - (difference >> 31));
 }
 constexpr std::uint32_t UnZigZag(std::uint32_t code) { return code >> 1 ^ (0U - (code & 1)); }
 
-constexpr std::uint8_t Low8(std::uint32_t x) { return static_cast<std::uint8_t>(x); }
+// A number is sent as one of 16 classes and some extra bits: class c has those from bases[c] on, as
+// many as bits[c] bits tell apart; the next class begins there.
+struct NumberCode {
+  constexpr explicit NumberCode(const std::array<std::uint8_t, 16>& extra_bits) : bits(extra_bits) {
+    for (std::size_t c = 1; c < bits.size(); ++c) {
+      bases[c] = bases[c - 1] + (std::uint32_t{1} << bits[c - 1]);
+    }
+    for (std::size_t width = 0; width < last_of_width.size(); ++width) {
+      last_of_width[width] = Search(static_cast<std::uint32_t>((std::uint64_t{1} << width) - 1));
+    }
+  }
+  // The class of a number.
+  [[nodiscard]] constexpr std::uint8_t Search(std::uint32_t value) const {
+    std::uint8_t c = 15;
+    while (value < bases[c]) {
+      --c;
+    }
+    return c;
+  }
+  [[nodiscard]] std::uint32_t ClassOf(std::uint32_t value) const {
+    const std::uint32_t c = last_of_width[static_cast<std::size_t>(std::bit_width(value))];
+    return c - (value < bases[c] ? 1U : 0U);
+  }
+  // Whether the numbers of one width lie in two classes at most, as ClassOf takes for granted.
+  [[nodiscard]] constexpr bool IsSearchedInOneStep() const {
+    for (std::size_t width = 1; width < last_of_width.size(); ++width) {
+      if (last_of_width[width] > Search(std::uint32_t{1} << (width - 1)) + 1) {
+        return false;
+      }
+    }
+    return true;
+  }
 
-// A covered pixel as it is predicted from another.
-struct Pixel {
+  std::array<std::uint8_t, 16> bits;
+  std::array<std::uint32_t, 16> bases{};
+  std::array<std::uint8_t, 33> last_of_width{};
+};
+
+// Measured on surfaces of CT and MRI scans and of random fields at 1024 x 1024: most differences of
+// depth have 9 to 16 bits, and 0 to 2 where a triangle is many pixels wide.
+constexpr NumberCode kDepthCode({0, 1, 3, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 22, 32});
+// Indices of a palette of some hundred colours; the last is for colours sent as they are.
+constexpr NumberCode kColorCode({0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 16, 32});
+static_assert(kDepthCode.IsSearchedInOneStep() && kColorCode.IsSearchedInOneStep());
+
+// What a control byte means: the class of the depth in its low half, that of the colour in the
+// high.
+struct Control {
+  std::uint32_t depth_base = 0;
+  std::uint32_t color_base = 0;
   std::uint32_t depth_bits = 0;
-  std::uint8_t r = 0;
-  std::uint8_t g_minus_r = 0;
-  std::uint8_t b_minus_g = 0;
+  std::uint32_t all_bits = 0;
 };
-
-// Walks the predecessors of docs/format/wire.md: `Of(row)` is where the pixel that comes next, in
-// `row` of its tile, has its predecessor, and where it must then be stored.
-class Predecessor {
- public:
-  void BeginTile() { row_ = -1; }
-  Pixel& Of(int row) {
-    if (row != row_) {
-      previous_ = first_of_row_;
-      is_first_ = true;
-      row_ = row;
-    }
-    return previous_;
+constexpr std::array<Control, 256> kControls = [] {
+  std::array<Control, 256> controls{};
+  for (std::size_t byte = 0; byte < controls.size(); ++byte) {
+    const std::size_t depth = byte & 15;
+    const std::size_t color = byte >> 4;
+    controls[byte] = {kDepthCode.bases[depth], kColorCode.bases[color], kDepthCode.bits[depth],
+                      std::uint32_t{kDepthCode.bits[depth]} + kColorCode.bits[color]};
   }
-  void Stored() {
-    if (is_first_) {
-      first_of_row_ = previous_;
-      if (!tile_started_) {
-        tile_started_ = true;
-        first_of_tile_ = previous_;
-      }
-      is_first_ = false;
-    }
-  }
-  void EndTile() {
-    first_of_row_ = first_of_tile_;
-    tile_started_ = false;
-  }
+  return controls;
+}();
 
- private:
-  Pixel previous_;
-  Pixel first_of_row_;
-  Pixel first_of_tile_;
-  int row_ = -1;
-  bool is_first_ = true;
-  bool tile_started_ = false;
-};
-
-// What a band holds, before it is split into planes.
-struct Band {
-  std::vector<std::uint64_t> masks;
-  std::vector<std::uint8_t> dictionary_sizes;
-  std::vector<std::uint32_t> dictionaries;  // zigzag differences
-  std::vector<std::uint8_t> indices;
-  std::vector<std::uint32_t> depths;  // zigzag differences
-  std::array<std::vector<std::uint8_t>, 3> colors;
-
-  void Clear() {
-    masks.clear();
-    dictionary_sizes.clear();
-    dictionaries.clear();
-    indices.clear();
-    depths.clear();
-    for (auto& plane : colors) {
-      plane.clear();
-    }
-  }
-};
-
-void AppendPlanes(const std::vector<std::uint32_t>& values, std::string* out) {
-  const std::size_t count = values.size();
-  const std::size_t begin = out->size();
-  out->resize(begin + 4 * count);
-  for (std::size_t plane = 0; plane < 4; ++plane) {
-    char* bytes = out->data() + begin + plane * count;
-    const std::uint32_t* from = values.data();
-    for (std::size_t i = 0; i < count; ++i) {
-      bytes[i] = static_cast<char>(from[i] >> (8 * plane) & 0xff);
-    }
-  }
+// A colour as a number whose order groups similar ones: red first.
+std::uint32_t NumberOf(image::Rgba8 color) {
+  return std::uint32_t{color.r} << 24 | std::uint32_t{color.g} << 16 | std::uint32_t{color.b} << 8 |
+         color.a;
+}
+image::Rgba8 ColorOf(std::uint32_t number) {
+  return {static_cast<std::uint8_t>(number >> 24), static_cast<std::uint8_t>(number >> 16),
+          static_cast<std::uint8_t>(number >> 8), static_cast<std::uint8_t>(number)};
 }
 
-template <typename T>
-void AppendBytes(const std::vector<T>& values, std::string* out) {
-  out->append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
-}
+// Which pixels of a tile are covered: bit `column` of element `row`.
+using TileMask = std::array<std::uint16_t, kTilePx>;
 
-// The dictionary of one tile.
-class TileDictionary {
- public:
-  // The index of `id`, which is added if it is new.
-  std::uint8_t IndexOf(std::uint32_t id) {
-    if (size_ > 0 && ids_[last_] == id) {
-      return Low8(last_);
-    }
-    for (last_ = 0; last_ < size_; ++last_) {
-      if (ids_[last_] == id) {
-        return Low8(last_);
-      }
-    }
-    ids_[size_++] = id;
-    return Low8(last_);
+int PixelCount(const TileMask& mask) {
+  int count = 0;
+  for (const std::uint64_t rows : std::bit_cast<std::array<std::uint64_t, kTilePx / 4>>(mask)) {
+    count += std::popcount(rows);
   }
-  [[nodiscard]] std::uint32_t size() const { return size_; }
-  [[nodiscard]] std::uint32_t id(std::uint32_t index) const { return ids_[index]; }
-
- private:
-  std::array<std::uint32_t, kTilePixels> ids_;
-  std::uint32_t size_ = 0;
-  std::uint32_t last_ = 0;
-};
+  return count;
+}
 
 // Part of the tile inside the image.
 struct TileArea {
@@ -154,136 +142,425 @@ struct TileArea {
   int rows;
 };
 
-TileArea AreaOf(int tile_x, int tile_y, int width, int height) {
+TileArea AreaOf(int tile_x, int tile_y, const image::FrameImage& image) {
   const int x = tile_x * kTilePx;
   const int y = tile_y * kTilePx;
-  return {x, y, std::min(kTilePx, width - x), std::min(kTilePx, height - y)};
+  return {x, y, std::min(kTilePx, image.width - x), std::min(kTilePx, image.height - y)};
 }
 
-std::uint64_t CoverageMask(const image::FrameImage& image, const TileArea& area,
-                           const std::function<bool(int x, int y)>& keep) {
-  std::uint64_t mask = 0;
-  for (int row = 0; row < area.rows; ++row) {
-    const std::uint32_t* ids =
-        image.block_id.data() +
-        static_cast<std::size_t>(area.y + row) * static_cast<std::size_t>(image.width) +
-        static_cast<std::size_t>(area.x);
-    std::uint64_t row_mask = 0;
-    for (int column = 0; column < area.columns; ++column) {
-      row_mask |= std::uint64_t{ids[column] != image::kNoBlock} << column;
+// The numbers of one tile as far as they are known, and what they let one expect of the next
+// (docs/format/wire.md). Encoder and decoder walk it in the same way.
+class Prediction {
+ public:
+  struct Number {
+    std::uint32_t depth = 0;
+    std::uint32_t color = 0;
+  };
+
+  // Calls fn(index of the pixel in the tile, what to expect of it) for each covered pixel, in
+  // order; fn returns what it is.
+  template <typename Fn>
+  void Walk(const TileMask& mask, const Fn& fn) {
+    std::uint32_t above = 0;
+    std::uint32_t above_2 = 0;
+    Number last = last_;
+    for (std::size_t row = 0; row < kTilePx; ++row) {
+      const std::uint32_t here = mask[row];
+      const std::uint32_t left = here << 1;
+      const std::uint32_t planar = here & left & above & (above << 1);
+      for (std::uint32_t rest = here; rest != 0; rest &= rest - 1) {
+        const std::size_t index =
+            std::size_t{kTilePx} * row + static_cast<std::size_t>(std::countr_zero(rest));
+        const std::uint32_t bit = rest & (0U - rest);
+        std::uint32_t* const depth = &depths_[index];
+        std::uint32_t* const color = &colors_[index];
+        if ((planar & bit) != 0) {
+          last.depth = depth[-1] + depth[-kStride] - depth[-kStride - 1];
+          last.color = color[-1] + color[-kStride] - color[-kStride - 1];
+        } else if ((left & bit) != 0) {
+          last = {depth[-1], color[-1]};
+          if ((left << 1 & bit) != 0) {
+            last.depth += depth[-1] - depth[-2];
+          }
+        } else if ((above & bit) != 0) {
+          last = {depth[-kStride], color[-kStride]};
+          if ((above_2 & bit) != 0) {
+            last.depth += depth[-kStride] - depth[-2 * kStride];
+          }
+        }
+        last = fn(index, last);
+        *depth = last.depth;
+        *color = last.color;
+      }
+      above_2 = above;
+      above = here;
     }
-    if (keep && row_mask != 0) {
-      for (int column = 0; column < area.columns; ++column) {
-        if ((row_mask >> column & 1) != 0 && !keep(area.x + column, area.y + row)) {
-          row_mask &= ~(std::uint64_t{1} << column);
+    last_ = last;
+  }
+
+ private:
+  static constexpr std::ptrdiff_t kStride = kTilePx;
+
+  std::array<std::uint32_t, kTilePixels> depths_;
+  std::array<std::uint32_t, kTilePixels> colors_;
+  Number last_;  // the pixel before; across tiles too
+};
+
+// The colours of a band, and their indices when they are sorted.
+class Palette {
+ public:
+  static constexpr std::uint16_t kNone = 0xffff;
+
+  // Where `number` is kept; it is added if it is new. kNone once there are too many.
+  std::uint16_t SlotOf(std::uint32_t number) {
+    // Colours of one material, of the same red, differ little in green and blue: their low bits
+    // tell them apart.
+    std::size_t at = (number >> 20 & 0xff0) | (number >> 14 & 12) | (number >> 8 & 3);
+    while (numbers_[at] != number || indices_[at] == kNone) {
+      if (indices_[at] == kNone) {
+        if (size_ == kMaxPaletteSize) {
+          return kNone;
+        }
+        numbers_[at] = number;
+        indices_[at] = 0;
+        ++size_;
+        break;
+      }
+      at = (at + 1) % numbers_.size();
+    }
+    return static_cast<std::uint16_t>(at);
+  }
+
+  // The colours, sorted; from now on IndexOf is what is known of a slot.
+  std::vector<std::uint32_t> Sort() {
+    std::vector<std::uint64_t> sorted;  // number, slot
+    sorted.reserve(size_);
+    for (std::size_t at = 0; at < numbers_.size(); ++at) {
+      if (indices_[at] != kNone) {
+        sorted.push_back(std::uint64_t{numbers_[at]} << 32 | at);
+      }
+    }
+    std::sort(sorted.begin(), sorted.end());
+    std::vector<std::uint32_t> numbers(sorted.size());
+    for (std::size_t i = 0; i < sorted.size(); ++i) {
+      numbers[i] = static_cast<std::uint32_t>(sorted[i] >> 32);
+      indices_[static_cast<std::uint32_t>(sorted[i])] = static_cast<std::uint16_t>(i);
+    }
+    return numbers;
+  }
+
+  // The place of a slot's colour among the sorted ones.
+  [[nodiscard]] std::uint32_t IndexOf(std::uint16_t slot) const { return indices_[slot]; }
+
+ private:
+  static constexpr std::size_t kSlotCount = 2 * kMaxPaletteSize;
+
+  std::array<std::uint32_t, kSlotCount> numbers_;
+  std::array<std::uint16_t, kSlotCount> indices_ = [] {
+    std::array<std::uint16_t, kSlotCount> none;
+    none.fill(kNone);
+    return none;
+  }();
+  std::size_t size_ = 0;
+};
+
+// Writes bits, the first into the lowest bit of the first byte.
+class BitWriter {
+ public:
+  explicit BitWriter(char* out) : out_(out) {}
+
+  // REQUIRES: count <= 57; 8 bytes may be written from where the writer is.
+  void Put(std::uint64_t bits, unsigned count) {
+    pending_ |= bits << pending_count_;
+    pending_count_ += count;
+    std::memcpy(out_, &pending_, sizeof(pending_));
+    out_ += pending_count_ / 8;
+    pending_ >>= pending_count_ & ~7U;
+    pending_count_ &= 7;
+  }
+  // The end of what was written.
+  [[nodiscard]] char* Finish() { return out_ + (pending_count_ != 0 ? 1 : 0); }
+
+ private:
+  char* out_;
+  std::uint64_t pending_ = 0;
+  unsigned pending_count_ = 0;
+};
+
+// What is in a band besides control bytes and extra bits.
+struct SideInfo {
+  std::vector<std::uint64_t> present;  // a bit a tile; a row of tiles begins at a word
+  std::vector<TileMask> masks;         // of tiles with a covered pixel
+  std::vector<std::uint8_t> dictionary_sizes;
+  std::vector<std::uint32_t> dictionaries;  // block ids
+  std::vector<std::uint8_t> labels;
+};
+
+// The dictionary of one tile.
+class TileDictionary {
+ public:
+  // The index of `id`, which is added if it is new.
+  std::uint8_t IndexOf(std::uint32_t id) {
+    if (size_ > 0 && ids_[last_] == id) {
+      return static_cast<std::uint8_t>(last_);
+    }
+    for (last_ = 0; last_ < size_; ++last_) {
+      if (ids_[last_] == id) {
+        return static_cast<std::uint8_t>(last_);
+      }
+    }
+    ids_[size_++] = id;
+    return static_cast<std::uint8_t>(last_);
+  }
+  [[nodiscard]] std::span<const std::uint32_t> ids() const { return {ids_.data(), size_}; }
+
+ private:
+  std::array<std::uint32_t, kTilePixels> ids_;
+  std::size_t size_ = 0;
+  std::size_t last_ = 0;
+};
+
+std::size_t RowWords(const TileSet& tiles) {
+  return static_cast<std::size_t>((tiles.columns() + 63) / 64);
+}
+
+// Appends 4 planes: the lowest bytes of all numbers, then the next.
+void AppendPlanes(const std::vector<std::uint32_t>& numbers, std::string* out) {
+  const std::size_t begin = out->size();
+  out->resize(begin + 4 * numbers.size());
+  for (std::size_t plane = 0; plane < 4; ++plane) {
+    char* bytes = out->data() + begin + plane * numbers.size();
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      bytes[i] = static_cast<char>(numbers[i] >> (8 * plane) & 0xff);
+    }
+  }
+}
+
+// Joins 4 planes of `count` bytes.
+std::vector<std::uint32_t> JoinPlanes(absl::string_view planes, std::size_t count) {
+  std::vector<std::uint32_t> numbers(count);
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(planes.data());
+  for (std::size_t i = 0; i < count; ++i) {
+    numbers[i] = std::uint32_t{bytes[i]} | std::uint32_t{bytes[i + count]} << 8 |
+                 std::uint32_t{bytes[i + 2 * count]} << 16 |
+                 std::uint32_t{bytes[i + 3 * count]} << 24;
+  }
+  return numbers;
+}
+
+template <typename T>
+void AppendBytes(const std::vector<T>& values, std::string* out) {
+  out->append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+// Block ids and palettes: the difference to the one before is what is sent.
+void ToDifferences(std::vector<std::uint32_t>* numbers) {
+  std::uint32_t previous = 0;
+  for (std::uint32_t& number : *numbers) {
+    number = ZigZag(number - std::exchange(previous, number));
+  }
+}
+void FromDifferences(std::vector<std::uint32_t>* numbers) {
+  std::uint32_t previous = 0;
+  for (std::uint32_t& number : *numbers) {
+    number = previous += UnZigZag(number);
+  }
+}
+
+// The rows of tiles [begin_row, end_row) of an image.
+class BandEncoder {
+ public:
+  BandEncoder(const image::FrameImage& image, int begin_row, int end_row)
+      : image_(image), begin_row_(begin_row), end_row_(end_row) {}
+
+  // Empty: there is no covered pixel.
+  std::string Encode() {
+    FindCovered();
+    if (pixel_count_ == 0) {
+      return {};
+    }
+    FindColors();
+    controls_ = std::make_unique_for_overwrite<std::uint8_t[]>(pixel_count_);
+    extras_ = std::make_unique_for_overwrite<char[]>(2 * kMaxExtraBits / 8 * pixel_count_ +
+                                                     kPaddingBytes);
+    if (!palette_numbers_.empty()) {
+      EncodePixels<true>();
+    } else {
+      EncodePixels<false>();
+    }
+    return Serialize();
+  }
+
+ private:
+  void FindCovered() {
+    const std::size_t row_words = RowWords(image_.touched);
+    side_.present.resize(row_words * static_cast<std::size_t>(end_row_ - begin_row_));
+    for (int tile_y = begin_row_; tile_y < end_row_; ++tile_y) {
+      std::uint64_t* present =
+          side_.present.data() + row_words * static_cast<std::size_t>(tile_y - begin_row_);
+      image_.touched.ForEachInRow(tile_y, [&](int tile_x) {
+        const TileArea area = AreaOf(tile_x, tile_y, image_);
+        TileMask mask{};
+        for (int row = 0; row < area.rows; ++row) {
+          const std::uint64_t* keys = image_.keys.data() + image_.IndexOf(area.x, area.y + row);
+          std::uint32_t bits = 0;
+          for (int column = 0; column < area.columns; ++column) {
+            bits |= std::uint32_t{keys[column] != image::kBackgroundKey} << column;
+          }
+          mask[static_cast<std::size_t>(row)] = static_cast<std::uint16_t>(bits);
+        }
+        const int count = PixelCount(mask);
+        if (count == 0) {
+          return;
+        }
+        present[tile_x / 64] |= std::uint64_t{1} << (tile_x % 64);
+        side_.masks.push_back(mask);
+        areas_.push_back(area);
+        pixel_count_ += static_cast<std::size_t>(count);
+      });
+    }
+  }
+
+  // The palette, and which slot of it each covered pixel has.
+  void FindColors() {
+    slots_ = std::make_unique_for_overwrite<std::uint16_t[]>(pixel_count_);
+    std::uint16_t* out = slots_.get();
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      for (std::size_t row = 0; row < kTilePx; ++row) {
+        const std::uint32_t mask = side_.masks[tile][row];
+        if (mask == 0) {
+          continue;
+        }
+        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
+        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
+          const std::uint16_t slot = palette_.SlotOf(NumberOf(colors[std::countr_zero(rest)]));
+          if (slot == Palette::kNone) {
+            return;
+          }
+          *out++ = slot;
         }
       }
     }
-    mask |= row_mask << (kTilePx * row);
+    palette_numbers_ = palette_.Sort();
   }
-  return mask;
-}
 
-// Calls fn(row, pixel index in the image) for each set bit, in order.
-template <typename Fn>
-void ForEachPixel(std::uint64_t mask, const TileArea& area, int width, const Fn& fn) {
-  for (int row = 0; row < kTilePx; ++row) {
-    const std::size_t row_start =
-        static_cast<std::size_t>(area.y + row) * static_cast<std::size_t>(width) +
-        static_cast<std::size_t>(area.x);
-    for (auto bits = static_cast<std::uint32_t>(mask >> (kTilePx * row) & 0xff); bits != 0;
-         bits &= bits - 1) {
-      fn(row, row_start + static_cast<std::size_t>(std::countr_zero(bits)));
+  template <bool kHasPalette>
+  void EncodePixels() {
+    std::uint8_t* control = controls_.get();
+    [[maybe_unused]] const std::uint16_t* slot = slots_.get();
+    BitWriter extras(extras_.get());
+    Prediction prediction;
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      const std::uint64_t* keys = RowOf(image_.keys, areas_[tile], 0);
+      const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], 0);
+      TileDictionary dictionary;
+      const std::size_t first_label = side_.labels.size();
+      side_.labels.resize(first_label + kTilePixels);
+      std::uint8_t* label = side_.labels.data() + first_label;
+      const auto width = static_cast<std::size_t>(image_.width);
+      prediction.Walk(side_.masks[tile], [&](std::size_t index, Prediction::Number expected) {
+        const std::size_t at = index / kTilePx * width + index % kTilePx;
+        const std::uint64_t key = keys[at];
+        const Prediction::Number number{
+            static_cast<std::uint32_t>(key >> 32),
+            kHasPalette ? palette_.IndexOf(*slot++) : NumberOf(colors[at])};
+        const std::uint32_t depth_code = ZigZag(number.depth - expected.depth);
+        const std::uint32_t color_code = ZigZag(number.color - expected.color);
+        const std::uint32_t classes =
+            kDepthCode.ClassOf(depth_code) | kColorCode.ClassOf(color_code) << 4;
+        *control++ = static_cast<std::uint8_t>(classes);
+        const Control& code = kControls[classes];
+        const std::uint64_t depth_extra = depth_code - code.depth_base;
+        const std::uint64_t color_extra = color_code - code.color_base;
+        if (kHasPalette) {
+          extras.Put(depth_extra | color_extra << code.depth_bits, code.all_bits);
+        } else {
+          extras.Put(depth_extra, code.depth_bits);
+          extras.Put(color_extra, code.all_bits - code.depth_bits);
+        }
+        *label++ = dictionary.IndexOf(image::BlockOf(key));
+        return number;
+      });
+      const std::span<const std::uint32_t> ids = dictionary.ids();
+      side_.labels.resize(ids.size() == 1 ? first_label
+                                          : static_cast<std::size_t>(label - side_.labels.data()));
+      side_.dictionary_sizes.push_back(static_cast<std::uint8_t>(ids.size() - 1));
+      side_.dictionaries.insert(side_.dictionaries.end(), ids.begin(), ids.end());
     }
-  }
-}
-
-void AddTile(const image::FrameImage& image, const TileArea& area, std::uint64_t mask,
-             std::uint32_t* previous_id, Predecessor* predecessor, Band* band) {
-  TileDictionary dictionary;
-  const std::size_t first_index = band->indices.size();
-  const std::size_t first_pixel = band->depths.size();
-  const auto count = static_cast<std::size_t>(std::popcount(mask));
-  band->indices.resize(first_index + count);
-  band->depths.resize(first_pixel + count);
-  for (auto& plane : band->colors) {
-    plane.resize(first_pixel + count);
-  }
-  std::uint8_t* index = band->indices.data() + first_index;
-  std::uint32_t* depth = band->depths.data() + first_pixel;
-  std::uint8_t* c0 = band->colors[0].data() + first_pixel;
-  std::uint8_t* c1 = band->colors[1].data() + first_pixel;
-  std::uint8_t* c2 = band->colors[2].data() + first_pixel;
-  predecessor->BeginTile();
-  ForEachPixel(mask, area, image.width, [&](int row, std::size_t i) {
-    const image::Rgba8 color = image.color[i];
-    // + 0.0F turns -0 into +0, as FragmentKey does.
-    const Pixel pixel{std::bit_cast<std::uint32_t>(image.depth[i] + 0.0F), color.r,
-                      static_cast<std::uint8_t>(color.g - color.r),
-                      static_cast<std::uint8_t>(color.b - color.g)};
-    Pixel& before = predecessor->Of(row);
-    *depth++ = ZigZag(pixel.depth_bits - before.depth_bits);
-    *c0++ = static_cast<std::uint8_t>(pixel.r - before.r);
-    *c1++ = static_cast<std::uint8_t>(pixel.g_minus_r - before.g_minus_r);
-    *c2++ = static_cast<std::uint8_t>(pixel.b_minus_g - before.b_minus_g);
-    before = pixel;
-    predecessor->Stored();
-    *index++ = dictionary.IndexOf(image.block_id[i]);
-  });
-  predecessor->EndTile();
-  if (dictionary.size() == 1) {
-    band->indices.resize(first_index);
-  }
-  band->dictionary_sizes.push_back(Low8(dictionary.size() - 1));
-  for (std::uint32_t entry = 0; entry < dictionary.size(); ++entry) {
-    band->dictionaries.push_back(ZigZag(dictionary.id(entry) - *previous_id));
-    *previous_id = dictionary.id(entry);
-  }
-}
-
-std::string Serialize(const Band& band, const image::FrameImage& image, int begin_tile_row,
-                      int tile_row_count) {
-  std::string payload;
-  payload.reserve(band.masks.size() * 8 + band.dictionary_sizes.size() +
-                  4 * band.dictionaries.size() + band.indices.size() + 7 * band.depths.size());
-  AppendBytes(band.masks, &payload);
-  AppendBytes(band.dictionary_sizes, &payload);
-  AppendPlanes(band.dictionaries, &payload);
-  AppendBytes(band.indices, &payload);
-  AppendPlanes(band.depths, &payload);
-  for (const auto& plane : band.colors) {
-    AppendBytes(plane, &payload);
+    extras_size_ = static_cast<std::size_t>(extras.Finish() - extras_.get());
+    std::memset(extras_.get() + extras_size_, 0, kPaddingBytes);
+    extras_size_ += kPaddingBytes;
   }
 
-  std::string bytes(kMagic, kMagicSize);
-  base::AppendLittleEndian(std::uint32_t{0}, &bytes);
-  base::AppendLittleEndian(kVersion, &bytes);
-  base::AppendLittleEndian(std::uint8_t{0}, &bytes);
-  base::AppendLittleEndian(std::uint16_t{0}, &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(image.width), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(image.height), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(begin_tile_row), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(tile_row_count), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(band.depths.size()), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(band.dictionaries.size()), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(band.indices.size()), &bytes);
-  bytes += base::Compress(payload);
-  base::StoreLittleEndian(
-      base::ExtendCrc32c(0, bytes.data() + kChecksummedOffset, bytes.size() - kChecksummedOffset),
-      bytes.data() + kMagicSize);
-  return bytes;
-}
+  std::string Serialize() {
+    const std::size_t dictionary_count = side_.dictionaries.size();
+    std::string side;
+    side.reserve(8 * side_.present.size() + sizeof(TileMask) * areas_.size() + areas_.size() +
+                 4 * dictionary_count + side_.labels.size() + 4 * palette_numbers_.size());
+    AppendBytes(side_.present, &side);
+    AppendBytes(side_.masks, &side);
+    AppendBytes(side_.dictionary_sizes, &side);
+    ToDifferences(&side_.dictionaries);
+    AppendPlanes(side_.dictionaries, &side);
+    AppendBytes(side_.labels, &side);
+    ToDifferences(&palette_numbers_);
+    AppendPlanes(palette_numbers_, &side);
+    const std::string frame = base::Compress(side);
 
-int TileCount(int size_px) { return (size_px + kTilePx - 1) / kTilePx; }
+    std::string bytes;
+    bytes.reserve(kHeaderSize + frame.size() + pixel_count_ + extras_size_);
+    bytes.append(kMagic, kMagicSize);
+    base::AppendLittleEndian(std::uint32_t{0}, &bytes);
+    base::AppendLittleEndian(kVersion, &bytes);
+    base::AppendLittleEndian(std::uint8_t{0}, &bytes);
+    base::AppendLittleEndian(std::uint16_t{0}, &bytes);
+    for (const std::size_t field :
+         {static_cast<std::size_t>(image_.width), static_cast<std::size_t>(image_.height),
+          static_cast<std::size_t>(begin_row_), static_cast<std::size_t>(end_row_ - begin_row_),
+          pixel_count_, areas_.size(), dictionary_count, side_.labels.size(),
+          palette_numbers_.size(), frame.size(), extras_size_}) {
+      base::AppendLittleEndian(static_cast<std::uint32_t>(field), &bytes);
+    }
+    bytes += frame;
+    bytes.append(reinterpret_cast<const char*>(controls_.get()), pixel_count_);
+    bytes.append(extras_.get(), extras_size_);
+    base::StoreLittleEndian(
+        base::ExtendCrc32c(0, bytes.data() + kChecksummedOffset, bytes.size() - kChecksummedOffset),
+        bytes.data() + kMagicSize);
+    return bytes;
+  }
+
+  template <typename T>
+  [[nodiscard]] const T* RowOf(const std::vector<T>& plane, const TileArea& area,
+                               std::size_t row) const {
+    return plane.data() + image_.IndexOf(area.x, area.y + static_cast<int>(row));
+  }
+
+  const image::FrameImage& image_;
+  const int begin_row_;
+  const int end_row_;
+  SideInfo side_;
+  std::vector<TileArea> areas_;  // of tiles with a covered pixel
+  std::size_t pixel_count_ = 0;
+  Palette palette_;
+  std::vector<std::uint32_t> palette_numbers_;  // empty: colours are sent as they are
+  std::unique_ptr<std::uint16_t[]> slots_;
+  std::unique_ptr<std::uint8_t[]> controls_;
+  std::unique_ptr<char[]> extras_;
+  std::size_t extras_size_ = 0;
+};
 
 // The header of a band that fits `image`, checked.
 struct Header {
-  std::uint32_t begin_tile_row = 0;
-  std::uint32_t tile_row_count = 0;
-  std::size_t tile_count = 0;
+  int begin_row = 0;
+  int row_count = 0;
   std::size_t pixel_count = 0;
+  std::size_t tile_count = 0;
   std::size_t dictionary_count = 0;
-  std::size_t index_count = 0;
+  std::size_t label_count = 0;
+  std::size_t palette_size = 0;  // 0: colours are sent as they are
+  std::size_t frame_size = 0;
+  std::size_t extras_size = 0;
 };
 
 absl::StatusOr<Header> ReadHeader(absl::string_view band, const image::FrameImage& image) {
@@ -303,7 +580,7 @@ absl::StatusOr<Header> ReadHeader(absl::string_view band, const image::FrameImag
   std::uint8_t version = 0;
   std::uint8_t flags = 0;
   std::uint16_t reserved = 0;
-  std::array<std::uint32_t, 7> fields{};
+  std::array<std::uint32_t, 11> fields{};
   bool complete = decoder.Read(&version) && decoder.Read(&flags) && decoder.Read(&reserved);
   for (std::uint32_t& field : fields) {
     complete = complete && decoder.Read(&field);
@@ -313,251 +590,297 @@ absl::StatusOr<Header> ReadHeader(absl::string_view band, const image::FrameImag
         absl::StrFormat("pixel band: version %d, flags %d, reserved %d; expected %d, 0, 0", version,
                         flags, reserved, kVersion));
   }
-  const auto [width, height, begin_row, row_count, pixels, entries, indices] = fields;
+  const auto [width, height, begin_row, row_count, pixels, tiles, entries, labels, colors, frame,
+              extras] = fields;
   if (width != static_cast<std::uint32_t>(image.width) ||
       height != static_cast<std::uint32_t>(image.height)) {
     return absl::DataLossError(
         absl::StrFormat("pixel band of an image of %d x %d pixels; expected %d x %d", width, height,
                         image.width, image.height));
   }
-  const auto tile_columns = static_cast<std::uint32_t>(TileCount(image.width));
-  const auto tile_rows = static_cast<std::uint32_t>(TileCount(image.height));
+  const auto tile_rows = static_cast<std::uint32_t>(image.touched.rows());
   if (row_count < 1 || begin_row >= tile_rows || row_count > tile_rows - begin_row) {
     return absl::DataLossError(absl::StrFormat(
         "pixel band of tile rows [%d, +%d): the image has %d", begin_row, row_count, tile_rows));
   }
   Header header;
-  header.begin_tile_row = begin_row;
-  header.tile_row_count = row_count;
-  header.tile_count = std::size_t{tile_columns} * row_count;
+  header.begin_row = static_cast<int>(begin_row);
+  header.row_count = static_cast<int>(row_count);
   header.pixel_count = pixels;
+  header.tile_count = tiles;
   header.dictionary_count = entries;
-  header.index_count = indices;
-  if (pixels < 1 || header.pixel_count > header.tile_count * kTilePixels || entries > pixels ||
-      indices > pixels) {
+  header.label_count = labels;
+  header.palette_size = colors;
+  header.frame_size = frame;
+  header.extras_size = extras;
+  if (tiles < 1 || tiles > pixels || header.pixel_count > tiles * kTilePixels || entries < tiles ||
+      entries > pixels || labels > pixels || colors > kMaxPaletteSize || extras < kPaddingBytes) {
+    return absl::DataLossError(absl::StrFormat(
+        "pixel band: %d tiles, %d pixels, %d dictionary entries, %d labels, %d colours, %d bytes "
+        "of extra bits",
+        tiles, pixels, entries, labels, colors, extras));
+  }
+  const std::size_t size =
+      kHeaderSize + header.frame_size + header.pixel_count + header.extras_size;
+  if (band.size() != size) {
     return absl::DataLossError(
-        absl::StrFormat("pixel band of %d tiles: %d pixels, %d dictionary entries, %d indices",
-                        header.tile_count, pixels, entries, indices));
+        absl::StrFormat("pixel band of %d bytes; its header states %d", band.size(), size));
   }
   return header;
-}
-
-// Joins 4 planes of `count` bytes.
-std::vector<std::uint32_t> JoinPlanes(absl::string_view planes, std::size_t count) {
-  std::vector<std::uint32_t> values(count);
-  const auto* bytes = reinterpret_cast<const std::uint8_t*>(planes.data());
-  for (std::size_t i = 0; i < count; ++i) {
-    values[i] = std::uint32_t{bytes[i]} | std::uint32_t{bytes[i + count]} << 8 |
-                std::uint32_t{bytes[i + 2 * count]} << 16 |
-                std::uint32_t{bytes[i + 3 * count]} << 24;
-  }
-  return values;
 }
 
 absl::Status Damaged(absl::string_view what) {
   return absl::DataLossError(absl::StrFormat("pixel band: %s", what));
 }
 
-// The sections of a payload, and what they say once the differences are undone.
-struct Payload {
-  std::vector<std::uint64_t> masks;
-  absl::string_view dictionary_sizes;
-  std::vector<std::uint32_t> dictionaries;  // block ids
-  absl::string_view indices;
-  std::vector<std::uint32_t> depths;  // bits
-  absl::string_view colors;           // differences
-};
+// Decodes a band completely before the image is touched.
+class BandDecoder {
+ public:
+  BandDecoder(absl::string_view band, const Header& header, const image::FrameImage& image)
+      : header_(header),
+        image_(image),
+        frame_(band.substr(kHeaderSize, header.frame_size)),
+        controls_(reinterpret_cast<const std::uint8_t*>(frame_.data()) + frame_.size()),
+        extras_(reinterpret_cast<const char*>(controls_) + header.pixel_count),
+        keys_(std::make_unique_for_overwrite<std::uint64_t[]>(header.pixel_count)),
+        colors_(std::make_unique_for_overwrite<image::Rgba8[]>(header.pixel_count)) {}
 
-// Everything is checked here, so that compositing can't fail half-way.
-absl::StatusOr<Payload> ReadPayload(absl::string_view bytes, const Header& header,
-                                    const image::FrameImage& image) {
-  base::Decoder decoder(bytes);
-  Payload payload;
-  payload.masks.resize(header.tile_count);
-  absl::string_view section;
-  if (!decoder.ReadBytes(8 * header.tile_count, &section)) {
-    return Damaged("the coverage masks are incomplete");
-  }
-  std::copy(section.begin(), section.end(), reinterpret_cast<char*>(payload.masks.data()));
-
-  const int tile_columns = TileCount(image.width);
-  std::size_t covered_tiles = 0;
-  std::size_t pixel_count = 0;
-  for (std::size_t tile = 0; tile < header.tile_count; ++tile) {
-    const std::uint64_t mask = payload.masks[tile];
-    if (mask == 0) {
-      continue;
-    }
-    ++covered_tiles;
-    pixel_count += static_cast<std::size_t>(std::popcount(mask));
-    const int tile_x = static_cast<int>(tile) % tile_columns;
-    const int tile_y =
-        static_cast<int>(header.begin_tile_row) + static_cast<int>(tile) / tile_columns;
-    const TileArea area = AreaOf(tile_x, tile_y, image.width, image.height);
-    const std::uint64_t row_mask = (std::uint64_t{1} << area.columns) - 1;
-    std::uint64_t inside = 0;
-    for (int row = 0; row < area.rows; ++row) {
-      inside |= row_mask << (kTilePx * row);
-    }
-    if ((mask & ~inside) != 0) {
-      return Damaged("a coverage mask reaches outside the image");
-    }
-  }
-  if (pixel_count != header.pixel_count) {
-    return Damaged("the coverage masks do not have as many pixels as the header states");
+  absl::Status Decode() {
+    ISOSCOPE_RETURN_IF_ERROR(ReadSideInfo());
+    ISOSCOPE_RETURN_IF_ERROR(CheckTiles());
+    return header_.palette_size != 0 ? DecodePixels<true>() : DecodePixels<false>();
   }
 
-  if (!decoder.ReadBytes(covered_tiles, &payload.dictionary_sizes)) {
-    return Damaged("the dictionary sizes are incomplete");
-  }
-  absl::string_view dictionary_planes;
-  absl::string_view depth_planes;
-  if (!decoder.ReadBytes(4 * header.dictionary_count, &dictionary_planes) ||
-      !decoder.ReadBytes(header.index_count, &payload.indices) ||
-      !decoder.ReadBytes(4 * header.pixel_count, &depth_planes) ||
-      !decoder.ReadBytes(3 * header.pixel_count, &payload.colors) || decoder.remaining() != 0) {
-    return Damaged("the payload does not have the size that its header states");
-  }
-
-  payload.dictionaries = JoinPlanes(dictionary_planes, header.dictionary_count);
-  std::uint32_t previous_id = 0;
-  for (std::uint32_t& entry : payload.dictionaries) {
-    entry = previous_id += UnZigZag(entry);
-    if (entry == image::kNoBlock) {
-      return Damaged("a covered pixel belongs to no block");
-    }
-  }
-
-  payload.depths = JoinPlanes(depth_planes, header.pixel_count);
-  Predecessor predecessor;
-  std::uint32_t* depth = payload.depths.data();
-  std::uint32_t largest = 0;
-  std::size_t entry_count = 0;
-  std::size_t index_count = 0;
-  const char* size_code = payload.dictionary_sizes.data();
-  for (const std::uint64_t mask : payload.masks) {
-    if (mask == 0) {
-      continue;
-    }
-    const auto pixels = static_cast<std::size_t>(std::popcount(mask));
-    const std::size_t entries = std::size_t{static_cast<std::uint8_t>(*size_code++)} + 1;
-    entry_count += entries;
-    if (entries > 1) {
-      if (index_count + pixels > payload.indices.size()) {
-        return Damaged("the indices are incomplete");
-      }
-      for (const char index : payload.indices.substr(index_count, pixels)) {
-        if (static_cast<std::uint8_t>(index) >= entries) {
-          return Damaged("an index points outside its dictionary");
+  // REQUIRES: Decode returned OK.
+  void CompositeInto(image::FrameImage* into) const {
+    const std::uint64_t* key = keys_.get();
+    const image::Rgba8* color = colors_.get();
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      const TileArea& area = areas_[tile];
+      into->touched.Insert(area.x / kTilePx, area.y / kTilePx);
+      for (std::size_t row = 0; row < kTilePx; ++row) {
+        const std::uint32_t mask = side_.masks[tile][row];
+        if (mask == 0) {
+          continue;
+        }
+        const std::size_t first = into->IndexOf(area.x, area.y + static_cast<int>(row));
+        std::uint64_t* keys = into->keys.data() + first;
+        image::Rgba8* colors = into->colors.data() + first;
+        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1, ++key, ++color) {
+          const int column = std::countr_zero(rest);
+          if (*key < keys[column]) {
+            keys[column] = *key;
+            colors[column] = *color;
+          }
         }
       }
-      index_count += pixels;
     }
-    predecessor.BeginTile();
-    ForEachPixel(mask, TileArea{}, 0, [&](int row, std::size_t) {
-      Pixel& before = predecessor.Of(row);
-      before.depth_bits += UnZigZag(*depth);
-      *depth++ = before.depth_bits;
-      largest = std::max(largest, before.depth_bits);
-      predecessor.Stored();
-    });
-    predecessor.EndTile();
   }
-  if (entry_count != header.dictionary_count || index_count != header.index_count) {
-    return Damaged("the dictionaries do not have as many entries as the header states");
-  }
-  if (largest > kOneBits) {
-    return Damaged("a depth is not in [0, 1]");
-  }
-  return payload;
-}
 
-void CompositePayload(const Payload& payload, const Header& header, image::FrameImage* into) {
-  const int tile_columns = TileCount(into->width);
-  const std::uint32_t* dictionary = payload.dictionaries.data();
-  const char* size_code = payload.dictionary_sizes.data();
-  const char* index = payload.indices.data();
-  const std::uint32_t* depth = payload.depths.data();
-  const auto* c0 = reinterpret_cast<const std::uint8_t*>(payload.colors.data());
-  const std::uint8_t* c1 = c0 + header.pixel_count;
-  const std::uint8_t* c2 = c1 + header.pixel_count;
-  Predecessor predecessor;
-  for (std::size_t tile = 0; tile < payload.masks.size(); ++tile) {
-    const std::uint64_t mask = payload.masks[tile];
-    if (mask == 0) {
-      continue;
+ private:
+  absl::Status ReadSideInfo() {
+    const std::size_t present_count =
+        RowWords(image_.touched) * static_cast<std::size_t>(header_.row_count);
+    const std::size_t size = 8 * present_count + sizeof(TileMask) * header_.tile_count +
+                             header_.tile_count + 4 * header_.dictionary_count +
+                             header_.label_count + 4 * header_.palette_size;
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string side, base::Decompress(frame_, size));
+    if (side.size() != size) {
+      return Damaged("the side information does not have the size that the header states");
     }
-    const int tile_y =
-        static_cast<int>(header.begin_tile_row) + static_cast<int>(tile) / tile_columns;
-    const TileArea area =
-        AreaOf(static_cast<int>(tile) % tile_columns, tile_y, into->width, into->height);
-    const std::size_t entries = std::size_t{static_cast<std::uint8_t>(*size_code++)} + 1;
-    predecessor.BeginTile();
-    ForEachPixel(mask, area, into->width, [&](int row, std::size_t i) {
-      Pixel& before = predecessor.Of(row);
-      before.r = static_cast<std::uint8_t>(before.r + *c0++);
-      before.g_minus_r = static_cast<std::uint8_t>(before.g_minus_r + *c1++);
-      before.b_minus_g = static_cast<std::uint8_t>(before.b_minus_g + *c2++);
-      predecessor.Stored();
-      const float fragment_depth = std::bit_cast<float>(*depth++);
-      const std::uint32_t id =
-          entries == 1 ? *dictionary : dictionary[static_cast<std::uint8_t>(*index++)];
-      if (image::FragmentKey(fragment_depth, id) <
-          image::FragmentKey(into->depth[i], into->block_id[i])) {
-        into->depth[i] = fragment_depth;
-        into->block_id[i] = id;
-        const auto g = static_cast<std::uint8_t>(before.r + before.g_minus_r);
-        into->color[i] = {before.r, g, static_cast<std::uint8_t>(g + before.b_minus_g), 255};
+    const char* at = side.data();
+    const auto read = [&at](std::size_t count, auto* values) {
+      values->resize(count);
+      const std::size_t bytes = count * sizeof((*values)[0]);
+      if (bytes != 0) {
+        std::memcpy(values->data(), at, bytes);
       }
-    });
-    predecessor.EndTile();
-    dictionary += entries;
+      at += bytes;
+    };
+    const auto read_planes = [&at](std::size_t count) {
+      std::vector<std::uint32_t> numbers = JoinPlanes({at, 4 * count}, count);
+      at += 4 * count;
+      FromDifferences(&numbers);
+      return numbers;
+    };
+    read(present_count, &side_.present);
+    read(header_.tile_count, &side_.masks);
+    read(header_.tile_count, &side_.dictionary_sizes);
+    side_.dictionaries = read_planes(header_.dictionary_count);
+    read(header_.label_count, &side_.labels);
+    for (const std::uint32_t number : read_planes(header_.palette_size)) {
+      palette_.push_back(ColorOf(number));
+    }
+    return absl::OkStatus();
   }
-}
+
+  // Finds where tiles are; checks coverage, dictionaries and labels.
+  absl::Status CheckTiles() {
+    const int columns = image_.touched.columns();
+    const std::size_t row_words = RowWords(image_.touched);
+    areas_.reserve(header_.tile_count);
+    for (std::size_t word = 0; word < side_.present.size(); ++word) {
+      const int tile_y = header_.begin_row + static_cast<int>(word / row_words);
+      for (std::uint64_t rest = side_.present[word]; rest != 0; rest &= rest - 1) {
+        const int tile_x = 64 * static_cast<int>(word % row_words) + std::countr_zero(rest);
+        if (tile_x >= columns || areas_.size() == header_.tile_count) {
+          return Damaged("there are other tiles than the header states");
+        }
+        areas_.push_back(AreaOf(tile_x, tile_y, image_));
+      }
+    }
+    if (areas_.size() != header_.tile_count) {
+      return Damaged("there are fewer tiles than the header states");
+    }
+    std::size_t pixel_count = 0;
+    std::size_t entry_count = 0;
+    std::size_t label_count = 0;
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      const TileMask& mask = side_.masks[tile];
+      const std::uint32_t inside = (1U << areas_[tile].columns) - 1;
+      for (int row = 0; row < kTilePx; ++row) {
+        if ((mask[static_cast<std::size_t>(row)] & ~(row < areas_[tile].rows ? inside : 0)) != 0) {
+          return Damaged("the coverage of a tile reaches outside the image");
+        }
+      }
+      const auto pixels = static_cast<std::size_t>(PixelCount(mask));
+      if (pixels == 0) {
+        return Damaged("a tile has no covered pixel");
+      }
+      pixel_count += pixels;
+      const std::size_t entries = std::size_t{side_.dictionary_sizes[tile]} + 1;
+      entry_count += entries;
+      if (entries > 1) {
+        if (pixels > side_.labels.size() - label_count) {
+          return Damaged("labels are missing");
+        }
+        const auto first = side_.labels.begin() + static_cast<std::ptrdiff_t>(label_count);
+        if (*std::max_element(first, first + static_cast<std::ptrdiff_t>(pixels)) >= entries) {
+          return Damaged("a label points outside its dictionary");
+        }
+        label_count += pixels;
+      }
+    }
+    if (pixel_count != header_.pixel_count || entry_count != header_.dictionary_count ||
+        label_count != header_.label_count) {
+      return Damaged("the tiles do not have as many pixels, entries, labels as the header states");
+    }
+    for (const std::uint32_t id : side_.dictionaries) {
+      if (id == image::kNoBlock) {
+        return Damaged("a covered pixel belongs to no block");
+      }
+    }
+    // Reading 8 bytes from the byte of any bit stays inside, because of the padding.
+    std::size_t bit_count = 0;
+    for (std::size_t i = 0; i < header_.pixel_count; ++i) {
+      bit_count += kControls[controls_[i]].all_bits;
+    }
+    if ((bit_count + 7) / 8 + kPaddingBytes != header_.extras_size) {
+      return Damaged("there are not as many extra bits as the control bytes say");
+    }
+    return absl::OkStatus();
+  }
+
+  template <bool kHasPalette>
+  absl::Status DecodePixels() {
+    const std::uint8_t* control = controls_;
+    std::uint64_t* key = keys_.get();
+    image::Rgba8* color = colors_.get();
+    const std::uint8_t* label = side_.labels.data();
+    const std::uint32_t* dictionary = side_.dictionaries.data();
+    std::size_t bit = 0;
+    std::uint32_t largest_depth = 0;
+    std::uint32_t largest_color = 0;
+    const auto palette_size = static_cast<std::uint32_t>(palette_.size());
+    Prediction prediction;
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      const std::size_t entries = std::size_t{side_.dictionary_sizes[tile]} + 1;
+      const std::uint64_t* const first_key = key;
+      prediction.Walk(side_.masks[tile], [&](std::size_t, Prediction::Number expected) {
+        const Control& code = kControls[*control++];
+        const unsigned color_bits = code.all_bits - code.depth_bits;
+        const std::uint64_t depth_extra = BitsFrom(bit);
+        // At least 57 bits: enough for both, but for colours that are sent as they are.
+        const std::uint64_t color_extra =
+            kHasPalette ? depth_extra >> code.depth_bits : BitsFrom(bit + code.depth_bits);
+        bit += code.all_bits;
+        const Prediction::Number number{
+            expected.depth + UnZigZag(code.depth_base + LowBits(depth_extra, code.depth_bits)),
+            expected.color + UnZigZag(code.color_base + LowBits(color_extra, color_bits))};
+        largest_depth = std::max(largest_depth, number.depth);
+        if (kHasPalette) {
+          largest_color = std::max(largest_color, number.color);
+          *color++ = palette_[std::min(number.color, palette_size - 1)];
+        } else {
+          *color++ = ColorOf(number.color);
+        }
+        *key++ = std::uint64_t{number.depth} << 32;
+        return number;
+      });
+      const auto pixels = static_cast<std::size_t>(key - first_key);
+      std::uint64_t* tile_keys = key - pixels;
+      for (std::size_t i = 0; i < pixels; ++i) {
+        tile_keys[i] |= entries == 1 ? dictionary[0] : dictionary[label[i]];
+      }
+      label += entries == 1 ? 0 : pixels;
+      dictionary += entries;
+    }
+    if (largest_depth > kOneBits) {
+      return Damaged("a depth is not in [0, 1]");
+    }
+    if (kHasPalette && largest_color >= palette_size) {
+      return Damaged("a colour is not in the palette");
+    }
+    return absl::OkStatus();
+  }
+
+  // At least 57 bits, the first of them `bit`.
+  [[nodiscard]] std::uint64_t BitsFrom(std::size_t bit) const {
+    return base::LoadLittleEndian<std::uint64_t>(extras_ + bit / 8) >> (bit % 8);
+  }
+  static std::uint32_t LowBits(std::uint64_t bits, unsigned count) {
+    return static_cast<std::uint32_t>(bits & ((std::uint64_t{1} << count) - 1));
+  }
+
+  const Header& header_;
+  const image::FrameImage& image_;
+  const absl::string_view frame_;
+  const std::uint8_t* const controls_;
+  const char* const extras_;
+  SideInfo side_;
+  std::vector<TileArea> areas_;
+  std::vector<image::Rgba8> palette_;
+  // Of the covered pixels, in order.
+  std::unique_ptr<std::uint64_t[]> keys_;
+  std::unique_ptr<image::Rgba8[]> colors_;
+};
 
 }  // namespace
 
-std::vector<std::string> EncodePixels(const image::FrameImage& image,
-                                      const std::function<bool(int x, int y)>& keep) {
-  const int tile_columns = TileCount(image.width);
-  const int tile_rows = TileCount(image.height);
-  std::vector<std::string> bands;
-  if (tile_columns == 0 || tile_rows == 0) {
-    return bands;
+std::vector<std::string> EncodePixels(const image::FrameImage& image) {
+  const int columns = image.touched.columns();
+  const int rows = image.touched.rows();
+  if (columns == 0 || rows == 0) {
+    return {};
   }
-  const auto rows_per_band =
-      static_cast<int>(std::max<std::int64_t>(1, kMaxBandBytes / (kMaxTileBytes * tile_columns)));
-  Band band;
-  for (int begin_row = 0; begin_row < tile_rows; begin_row += rows_per_band) {
-    const int end_row = std::min(tile_rows, begin_row + rows_per_band);
-    band.Clear();
-    Predecessor predecessor;
-    std::uint32_t previous_id = 0;
-    for (int tile_y = begin_row; tile_y < end_row; ++tile_y) {
-      for (int tile_x = 0; tile_x < tile_columns; ++tile_x) {
-        const TileArea area = AreaOf(tile_x, tile_y, image.width, image.height);
-        const std::uint64_t mask = CoverageMask(image, area, keep);
-        band.masks.push_back(mask);
-        if (mask != 0) {
-          AddTile(image, area, mask, &previous_id, &predecessor, &band);
-        }
-      }
-    }
-    if (!band.depths.empty()) {
-      bands.push_back(Serialize(band, image, begin_row, end_row - begin_row));
-    }
-  }
+  constexpr std::int64_t kFixedBytes = std::int64_t{1} << 14;  // header, palette, coverage of tiles
+  const int rows_per_band = static_cast<int>(std::clamp<std::int64_t>(
+      (kMaxBandBytes - kFixedBytes) / (kMaxTileBytes * columns), 1, kMaxBandRows / kTilePx));
+  std::vector<std::string> bands(static_cast<std::size_t>((rows - 1) / rows_per_band + 1));
+  tbb::parallel_for(std::size_t{0}, bands.size(), [&](std::size_t index) {
+    const int begin_row = static_cast<int>(index) * rows_per_band;
+    bands[index] =
+        BandEncoder(image, begin_row, std::min(rows, begin_row + rows_per_band)).Encode();
+  });
+  std::erase(bands, std::string());
   return bands;
 }
 
 absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Header header, ReadHeader(band, *into));
-  const std::size_t payload_size_limit =
-      header.tile_count * static_cast<std::size_t>(kMaxTileBytes);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
-                            base::Decompress(band.substr(kHeaderSize), payload_size_limit));
-  ISOSCOPE_ASSIGN_OR_RETURN(const Payload payload, ReadPayload(bytes, header, *into));
-  CompositePayload(payload, header, into);
+  BandDecoder decoder(band, header, *into);
+  ISOSCOPE_RETURN_IF_ERROR(decoder.Decode());
+  decoder.CompositeInto(into);
   return absl::OkStatus();
 }
 

@@ -7,7 +7,7 @@ namespace {
 
 // Sets the bits of the samples in `box`, given in the block's own sample coordinates.
 BitRow MaskOf(const BlockShape& shape, const math::IndexBox& box) {
-  BitRow mask(shape.word_count);
+  BitRow mask(shape.padded_word_count);
   for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
     for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
       for (std::int64_t x = box.begin.x; x < box.end.x; ++x) {
@@ -33,9 +33,19 @@ BlockShape MakeBlockShape(const volume::BlockLayout& layout, volume::BlockId id)
   shape.slice = shape.row * static_cast<std::size_t>(shape.stored_dims.y);
   shape.sample_count = shape.slice * static_cast<std::size_t>(shape.stored_dims.z);
   shape.word_count = (shape.sample_count + 63) / 64;
+  shape.padded_word_count = (shape.word_count + kWordGroup - 1) / kWordGroup * kWordGroup;
+  shape.row_inverse = 1.0 / static_cast<double>(shape.row);
+  shape.slice_inverse = 1.0 / static_cast<double>(shape.slice);
+  for (std::size_t lane = 0; lane < shape.lane_offsets.size(); ++lane) {
+    const std::size_t corner = lane / 4;
+    shape.lane_offsets[lane] = static_cast<std::uint32_t>(
+        4 * ((corner & 1) + (corner >> 1 & 1) * shape.row + (corner >> 2) * shape.slice) +
+        lane % 4);
+  }
   const math::IndexBox local_cells{cells.begin - stored.begin, cells.end - stored.begin};
   shape.cells = MaskOf(shape, local_cells);
   shape.interior = MaskOf(shape, {{1, 1, 1}, shape.stored_dims - math::Index3{2, 2, 2}});
+  shape.first_interior = static_cast<std::uint32_t>(1 + shape.row + shape.slice);
   for (int axis = 0; axis < 3; ++axis) {
     shape.touches_border |= own.begin[axis] == 0 || own.end[axis] == layout.sample_dims()[axis];
     math::IndexBox edges = local_cells;

@@ -19,13 +19,20 @@ namespace isoscope::extract {
 
 using BitRow = std::vector<std::uint64_t>;
 
+// Words of a mask are handled in groups of this many.
+inline constexpr std::size_t kWordGroup = 8;
+
 // Immutable after MakeBlockShape.
 struct BlockShape {
   math::Index3 stored_dims;  // samples, ghosts included
   std::size_t row = 0;       // samples from (x, y, z) to (x, y + 1, z)
   std::size_t slice = 0;     // samples from (x, y, z) to (x, y, z + 1)
   std::size_t sample_count = 0;
-  std::size_t word_count = 0;  // of each mask: ceil(sample_count / 64)
+  std::size_t word_count = 0;  // that hold samples: ceil(sample_count / 64)
+  // Of each mask: word_count rounded up to whole groups. Bits past the samples are 0.
+  std::size_t padded_word_count = 0;
+  double row_inverse = 0;    // 1 / row
+  double slice_inverse = 0;  // 1 / slice
   // Some own sample lacks a neighbour because the volume ends there.
   bool touches_border = false;
   // By axis, the bit of the edge's lower sample: edges of the block's cells, and those of them that
@@ -37,6 +44,10 @@ struct BlockShape {
   // Lower samples of edges both of whose ends have all their neighbours in the block, whatever the
   // edge's axis.
   BitRow interior;
+  std::uint32_t first_interior = 0;  // the lowest bit of `interior`, if there is one
+  // [CaseTable::lanes value]: from 4 * (a cell's lowest sample) to 4 * (the edge's lower sample) +
+  // axis.
+  std::array<std::uint32_t, 32> lane_offsets{};
 };
 
 // O(samples).

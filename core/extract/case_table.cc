@@ -197,6 +197,8 @@ CaseTable MakeCaseTable() {
     table.triangle_counts[row] = static_cast<std::uint8_t>(triangles.size() / 3);
     for (std::size_t i = 0; i < triangles.size(); ++i) {
       table.edges[row][i] = static_cast<std::uint8_t>(triangles[i]);
+      table.lanes[row][i] =
+          static_cast<std::uint8_t>(4 * CornersOfEdge(triangles[i]).lower + triangles[i] / 4);
     }
   }
   return table;

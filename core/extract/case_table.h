@@ -36,6 +36,8 @@ struct CaseTable {
   std::array<std::uint8_t, 256> triangle_counts{};
   // Three edges for each triangle, counter-clockwise seen from outside; the rest is 0.
   std::array<std::array<std::uint8_t, 16>, 256> edges{};
+  // The same, each edge as 4 * (its lower corner) + axis.
+  std::array<std::array<std::uint8_t, 16>, 256> lanes{};
 };
 
 // The table, made on first use. Thread-safe.

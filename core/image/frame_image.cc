@@ -1,16 +1,131 @@
 #include "core/image/frame_image.h"
 
+#include <algorithm>
+#include <utility>
+
 #include "core/base/check.h"
 
 namespace isoscope::image {
+namespace {
+
+std::size_t SizeBytes(const FrameImage& image) {
+  return image.keys.capacity() * sizeof(std::uint64_t) + image.colors.capacity() * sizeof(Rgba8);
+}
+
+// Makes the touched tiles background again.
+void Clear(FrameImage* image) {
+  for (int row = 0; row < image->touched.rows(); ++row) {
+    const int begin_y = row * TileSet::kTilePx;
+    const int end_y = std::min(begin_y + TileSet::kTilePx, image->height);
+    image->touched.ForEachInRow(row, [&](int column) {
+      const int begin_x = column * TileSet::kTilePx;
+      const int count = std::min(TileSet::kTilePx, image->width - begin_x);
+      for (int y = begin_y; y < end_y; ++y) {
+        const auto begin = static_cast<std::ptrdiff_t>(image->IndexOf(begin_x, y));
+        std::fill_n(image->keys.begin() + begin, count, kBackgroundKey);
+        std::fill_n(image->colors.begin() + begin, count, Rgba8{});
+      }
+    });
+  }
+  image->touched.Clear();
+}
+
+}  // namespace
 
 FrameImage::FrameImage(int image_width, int image_height)
     : width(image_width), height(image_height) {
   ISOSCOPE_CHECK_GE(width, 0);
   ISOSCOPE_CHECK_GE(height, 0);
-  depth.assign(pixel_count(), kFarDepth);
-  block_id.assign(pixel_count(), kNoBlock);
-  color.assign(pixel_count(), Rgba8{});
+  keys.assign(pixel_count(), kBackgroundKey);
+  colors.assign(pixel_count(), Rgba8{});
+  touched = TileSet(width, height);
+}
+
+FrameImage::~FrameImage() {
+  if (pool_ != nullptr) {
+    const std::shared_ptr<FrameImagePool> pool = std::move(pool_);
+    pool->TakeBack(std::move(*this));
+  }
+}
+
+FrameImage::FrameImage(FrameImage&& other) noexcept
+    : width(std::exchange(other.width, 0)),
+      height(std::exchange(other.height, 0)),
+      keys(std::move(other.keys)),
+      colors(std::move(other.colors)),
+      touched(std::exchange(other.touched, TileSet())),
+      pool_(std::move(other.pool_)) {}
+
+FrameImage& FrameImage::operator=(FrameImage&& other) noexcept {
+  std::swap(width, other.width);
+  std::swap(height, other.height);
+  keys.swap(other.keys);
+  colors.swap(other.colors);
+  std::swap(touched, other.touched);
+  pool_.swap(other.pool_);
+  return *this;
+}
+
+FrameImage::FrameImage(const FrameImage& other)
+    : width(other.width),
+      height(other.height),
+      keys(other.keys),
+      colors(other.colors),
+      touched(other.touched) {}
+
+FrameImage& FrameImage::operator=(const FrameImage& other) {
+  if (this != &other) {
+    *this = FrameImage(other);
+  }
+  return *this;
+}
+
+void FrameImage::Set(int x, int y, std::uint64_t key, Rgba8 color) {
+  touched.Insert(x / TileSet::kTilePx, y / TileSet::kTilePx);
+  keys[IndexOf(x, y)] = key;
+  colors[IndexOf(x, y)] = color;
+}
+
+std::shared_ptr<FrameImagePool> FrameImagePool::Make(std::size_t max_bytes) {
+  return std::shared_ptr<FrameImagePool>(new FrameImagePool(max_bytes));
+}
+
+FrameImage FrameImagePool::Take(int width, int height) {
+  FrameImage image;
+  {
+    absl::MutexLock lock(&mutex_);
+    const auto fits = [&](const FrameImage& unused) {
+      return unused.width == width && unused.height == height;
+    };
+    const auto found = std::find_if(unused_.rbegin(), unused_.rend(), fits);
+    if (found != unused_.rend()) {
+      image = std::move(*found);
+      unused_.erase(std::next(found).base());
+      unused_bytes_ -= SizeBytes(image);
+    }
+  }
+  if (image.keys.empty()) {
+    image = FrameImage(width, height);
+  }
+  image.pool_ = shared_from_this();
+  return image;
+}
+
+void FrameImagePool::TakeBack(FrameImage image) {
+  const std::size_t size = SizeBytes(image);
+  if (size > max_bytes_) {
+    return;
+  }
+  Clear(&image);
+  std::vector<FrameImage> dropped;  // freed after the lock
+  absl::MutexLock lock(&mutex_);
+  while (unused_bytes_ + size > max_bytes_) {
+    unused_bytes_ -= SizeBytes(unused_.front());
+    dropped.push_back(std::move(unused_.front()));
+    unused_.erase(unused_.begin());
+  }
+  unused_bytes_ += size;
+  unused_.push_back(std::move(image));
 }
 
 }  // namespace isoscope::image

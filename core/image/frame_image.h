@@ -8,7 +8,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+
+#include "core/image/tile_set.h"
 
 namespace isoscope::image {
 
@@ -34,23 +40,75 @@ constexpr std::uint64_t FragmentKey(float depth, std::uint32_t block_id) {
   // + 0.0F turns -0 into +0, whose bits are the smallest.
   return std::uint64_t{std::bit_cast<std::uint32_t>(depth + 0.0F)} << 32 | block_id;
 }
+inline constexpr std::uint64_t kBackgroundKey = FragmentKey(kFarDepth, kNoBlock);
 
-// Three planes of width * height elements each, row by row from the top. Thread-compatible.
-struct FrameImage {
+constexpr float DepthOf(std::uint64_t key) {
+  return std::bit_cast<float>(static_cast<std::uint32_t>(key >> 32));
+}
+constexpr std::uint32_t BlockOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
+
+class FrameImagePool;
+
+// Two planes of width * height elements each, row by row from the top. Thread-compatible.
+//
+// Every pixel outside the tiles of `touched` is background, so that clearing, scanning and encoding
+// cost what was drawn and not what the viewport holds: whoever draws into a tile inserts it first.
+class FrameImage {
+ public:
   FrameImage() = default;
-  // All background: transparent black, kFarDepth, kNoBlock.
+  // All background: transparent black, kBackgroundKey; nothing touched.
   FrameImage(int image_width, int image_height);
+  ~FrameImage();
+  FrameImage(FrameImage&&) noexcept;
+  FrameImage& operator=(FrameImage&&) noexcept;
+  FrameImage(const FrameImage&);
+  FrameImage& operator=(const FrameImage&);
 
   [[nodiscard]] std::size_t pixel_count() const {
     return static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   }
-  friend bool operator==(const FrameImage&, const FrameImage&) = default;
+  [[nodiscard]] std::size_t IndexOf(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+           static_cast<std::size_t>(x);
+  }
+  // One fragment, and its tile touched: for tests and sparse writers.
+  void Set(int x, int y, std::uint64_t key, Rgba8 color);
+
+  // The same picture; what was touched does not count.
+  friend bool operator==(const FrameImage& a, const FrameImage& b) {
+    return a.width == b.width && a.height == b.height && a.keys == b.keys && a.colors == b.colors;
+  }
 
   int width = 0;
   int height = 0;
-  std::vector<float> depth;  // window depth: 0 near, 1 far
-  std::vector<std::uint32_t> block_id;
-  std::vector<Rgba8> color;
+  std::vector<std::uint64_t> keys;  // FragmentKey
+  std::vector<Rgba8> colors;
+  TileSet touched;
+
+ private:
+  friend class FrameImagePool;
+  std::shared_ptr<FrameImagePool> pool_;  // takes the planes back; null: none does
+};
+
+// Keeps the planes of images that are no longer used, cleared, so that a frame neither allocates
+// nor touches fresh pages. Thread-safe.
+class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
+ public:
+  // Keeps at most this many bytes of unused images.
+  static std::shared_ptr<FrameImagePool> Make(std::size_t max_bytes);
+
+  // An image that is all background. It goes back when it is destroyed.
+  FrameImage Take(int width, int height);
+
+ private:
+  friend class FrameImage;
+  explicit FrameImagePool(std::size_t max_bytes) : max_bytes_(max_bytes) {}
+  void TakeBack(FrameImage image);
+
+  const std::size_t max_bytes_;
+  absl::Mutex mutex_;
+  std::vector<FrameImage> unused_ ABSL_GUARDED_BY(mutex_);  // the last used is the last
+  std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace isoscope::image

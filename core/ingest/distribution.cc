@@ -113,29 +113,62 @@ void DealInactive(const std::vector<volume::BlockId>& blocks, Loads* loads,
 
 }  // namespace
 
-std::vector<std::uint16_t> DistributeRandomly(std::int64_t block_count, int shard_count,
-                                              std::uint64_t seed) {
+ShardMap ShardMap::Random(std::int64_t block_count, int shard_count, std::uint64_t seed) {
   CheckShardCount(block_count, shard_count);
-  std::vector<std::uint16_t> shard_of_block(static_cast<std::size_t>(block_count));
-  std::vector<std::int64_t> counts(static_cast<std::size_t>(shard_count));
-  for (std::size_t id = 0; id < shard_of_block.size(); ++id) {
-    // Multiply and shift: uniform up to 2^-16 even for the most shards.
-    const std::uint64_t shard =
-        (base::RandomBits(seed, id) >> 32) * static_cast<std::uint64_t>(shard_count) >> 32;
-    shard_of_block[id] = static_cast<std::uint16_t>(shard);
-    ++counts[shard];
+  ShardMap map(shard_count);
+  map.seed_ = seed;
+  if (shard_count == 1) {
+    return map;
   }
-  std::size_t id = 0;
+  std::vector<std::int64_t> counts(static_cast<std::size_t>(shard_count));
+  for (std::int64_t id = 0; id < block_count; ++id) {
+    ++counts[map.Draw(static_cast<volume::BlockId>(id))];
+  }
+  volume::BlockId id = 0;
   for (std::size_t shard = 0; shard < counts.size(); ++shard) {
     if (counts[shard] > 0) {
       continue;
     }
-    while (counts[shard_of_block[id]] < 2) {
+    while (counts[map.Draw(id)] < 2) {
       ++id;
     }
-    --counts[shard_of_block[id]];
-    shard_of_block[id] = static_cast<std::uint16_t>(shard);
-    ++counts[shard];
+    --counts[map.Draw(id)];
+    counts[shard] = 1;
+    map.moved_.emplace_back(id++, static_cast<std::uint16_t>(shard));
+  }
+  return map;
+}
+
+ShardMap ShardMap::Greedy(const volume::RangeTable& ranges, int shard_count) {
+  ShardMap map(shard_count);
+  map.table_ = DistributeGreedily(ranges, shard_count);
+  return map;
+}
+
+std::uint16_t ShardMap::Draw(volume::BlockId id) const {
+  // Multiply and shift: uniform up to 2^-16 even for the most shards.
+  return static_cast<std::uint16_t>(
+      (base::RandomBits(seed_, id) >> 32) * static_cast<std::uint64_t>(shard_count_) >> 32);
+}
+
+std::uint16_t ShardMap::ShardOf(volume::BlockId id) const {
+  if (!table_.empty()) {
+    return table_[id];
+  }
+  if (shard_count_ == 1) {
+    return 0;
+  }
+  const auto moved =
+      std::lower_bound(moved_.begin(), moved_.end(), std::pair(id, std::uint16_t{0}));
+  return moved != moved_.end() && moved->first == id ? moved->second : Draw(id);
+}
+
+std::vector<std::uint16_t> DistributeRandomly(std::int64_t block_count, int shard_count,
+                                              std::uint64_t seed) {
+  const ShardMap map = ShardMap::Random(block_count, shard_count, seed);
+  std::vector<std::uint16_t> shard_of_block(static_cast<std::size_t>(block_count));
+  for (std::size_t id = 0; id < shard_of_block.size(); ++id) {
+    shard_of_block[id] = map.ShardOf(static_cast<volume::BlockId>(id));
   }
   return shard_of_block;
 }

@@ -4,11 +4,36 @@
 #define ISOSCOPE_CORE_INGEST_DISTRIBUTION_H_
 
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "core/volume/range_table.h"
 
 namespace isoscope::ingest {
+
+// The shard of every block. Immutable; thread-safe.
+class ShardMap {
+ public:
+  // As DistributeRandomly, computed when asked for. O(block_count) time, O(shard_count) memory.
+  static ShardMap Random(std::int64_t block_count, int shard_count, std::uint64_t seed);
+  // As DistributeGreedily: a table of 2 bytes a block.
+  static ShardMap Greedy(const volume::RangeTable& ranges, int shard_count);
+
+  // REQUIRES: id < block_count.
+  [[nodiscard]] std::uint16_t ShardOf(volume::BlockId id) const;
+  [[nodiscard]] int shard_count() const { return shard_count_; }
+
+ private:
+  explicit ShardMap(int shard_count) : shard_count_(shard_count) {}
+
+  // What (seed, id) alone say.
+  [[nodiscard]] std::uint16_t Draw(volume::BlockId id) const;
+
+  int shard_count_;
+  std::uint64_t seed_ = 0;
+  std::vector<std::pair<volume::BlockId, std::uint16_t>> moved_;  // random: ascending by id
+  std::vector<std::uint16_t> table_;                              // greedy: by id
+};
 
 // Both return the shard of each block, by BlockId, and leave no shard empty.
 // REQUIRES: 1 <= shard_count <= min(block_count, store::kMaxShardCount).

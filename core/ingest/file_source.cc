@@ -1,7 +1,6 @@
 #include "core/ingest/file_source.h"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -16,32 +15,15 @@
 #include "core/base/file.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/ingest/byte_order.h"
 #include "core/ingest/inflate_reader.h"
 
 namespace isoscope::ingest {
 namespace {
 
-template <std::size_t kSize>
-void SwapBytes(std::size_t count, char* samples) {
-  for (std::size_t i = 0; i < count; ++i) {
-    std::array<char, kSize> sample;
-    std::copy_n(samples + i * kSize, kSize, sample.begin());
-    std::reverse_copy(sample.begin(), sample.end(), samples + i * kSize);
-  }
-}
-
-void SwapBytes(std::size_t sample_size, std::size_t count, char* samples) {
-  switch (sample_size) {
-    case 2:
-      return SwapBytes<2>(count, samples);
-    case 4:
-      return SwapBytes<4>(count, samples);
-    case 8:
-      return SwapBytes<8>(count, samples);
-    default:
-      return;
-  }
-}
+// What an InflateReader holds, with its scratch space.
+constexpr std::int64_t kInflaterBytes = 512 * base::kKiB;
 
 bool IsRescaled(const SampleLocation& location) {
   return location.slope != 1 || location.intercept != 0;
@@ -86,17 +68,23 @@ class FileSource final : public VolumeSource {
   [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
   [[nodiscard]] const std::string& name() const override { return name_; }
 
-  absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) override {
+  [[nodiscard]] bool is_seekable() const override { return !location_.is_compressed; }
+  [[nodiscard]] std::int64_t memory_bytes() const override {
+    return location_.is_compressed ? kInflaterBytes : 0;
+  }
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = geometry_.sample_dims;
-    ISOSCOPE_CHECK(begin_z >= 0 && begin_z < end_z && end_z <= dims.z);
+    const std::int64_t row_count = dims.y * dims.z;
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
     const auto stored_size = static_cast<std::int64_t>(volume::SizeOf(location_.stored_type));
-    const std::int64_t plane_bytes = dims.x * dims.y * stored_size;
-    const std::int64_t begin = begin_z * plane_bytes;
-    const auto size = static_cast<std::size_t>((end_z - begin_z) * plane_bytes);
+    const std::int64_t row_bytes = dims.x * stored_size;
+    const std::int64_t begin = begin_row * row_bytes;
+    const auto size = static_cast<std::size_t>((end_row - begin_row) * row_bytes);
     const std::size_t count = size / static_cast<std::size_t>(stored_size);
     char* stored = out + count * volume::SizeOf(type_) - size;
     if (location_.is_compressed) {
-      ISOSCOPE_RETURN_IF_ERROR(Inflate(begin, size, dims.z * plane_bytes, stored));
+      ISOSCOPE_RETURN_IF_ERROR(Inflate(begin, size, row_count * row_bytes, stored));
     } else {
       ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(location_.offset + begin, size, stored));
     }

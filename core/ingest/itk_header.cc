@@ -1,5 +1,3 @@
-// The only translation unit that includes ITK: its headers are slow to compile.
-
 #include "core/ingest/itk_header.h"
 
 #include <cstddef>
@@ -9,13 +7,13 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "itkImageIOBase.h"
 #include "itkMetaImageIO.h"
 #include "itkNiftiImageIO.h"
 #include "itkNrrdImageIO.h"
 #include "itkObject.h"
 
 #include "core/base/status_macros.h"
+#include "core/ingest/itk_types.h"
 
 namespace isoscope::ingest {
 namespace {
@@ -46,34 +44,6 @@ itk::ImageIOBase::Pointer MakeImageIo(FileFormat format) {
       return itk::MetaImageIO::New().GetPointer();
   }
   return nullptr;
-}
-
-absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnum component,
-                                                const std::string& path) {
-  using Component = itk::ImageIOBase::IOComponentEnum;
-  switch (component) {
-    case Component::UCHAR:
-      return volume::ScalarType::kUint8;
-    case Component::CHAR:
-      return volume::ScalarType::kInt8;
-    case Component::USHORT:
-      return volume::ScalarType::kUint16;
-    case Component::SHORT:
-      return volume::ScalarType::kInt16;
-    case Component::UINT:
-      return volume::ScalarType::kUint32;
-    case Component::INT:
-      return volume::ScalarType::kInt32;
-    case Component::FLOAT:
-      return volume::ScalarType::kFloat32;
-    case Component::DOUBLE:
-      return volume::ScalarType::kFloat64;
-    default:
-      return absl::InvalidArgumentError(absl::StrCat(
-          path, ": samples of type ", itk::ImageIOBase::GetComponentTypeAsString(component),
-          "; expected (u)int8, (u)int16, (u)int32, float32 or float64: convert the file to one of "
-          "them"));
-  }
 }
 
 absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, const std::string& path) {
@@ -116,6 +86,34 @@ absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, const std::strin
 }
 
 }  // namespace
+
+absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnum component,
+                                                const std::string& path) {
+  using Component = itk::ImageIOBase::IOComponentEnum;
+  switch (component) {
+    case Component::UCHAR:
+      return volume::ScalarType::kUint8;
+    case Component::CHAR:
+      return volume::ScalarType::kInt8;
+    case Component::USHORT:
+      return volume::ScalarType::kUint16;
+    case Component::SHORT:
+      return volume::ScalarType::kInt16;
+    case Component::UINT:
+      return volume::ScalarType::kUint32;
+    case Component::INT:
+      return volume::ScalarType::kInt32;
+    case Component::FLOAT:
+      return volume::ScalarType::kFloat32;
+    case Component::DOUBLE:
+      return volume::ScalarType::kFloat64;
+    default:
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ": samples of type ", itk::ImageIOBase::GetComponentTypeAsString(component),
+          "; expected (u)int8, (u)int16, (u)int32, float32 or float64: convert the file to one of "
+          "them"));
+  }
+}
 
 absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path) {
   try {

@@ -3,11 +3,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstddef>
-#include <limits>
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -16,14 +18,20 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
 #include "oneapi/tbb/parallel_for.h"
+#include "oneapi/tbb/task_group.h"
 
-#include "core/base/crc32c.h"
+#include "core/base/check.h"
+#include "core/base/external_sorter.h"
 #include "core/base/file.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/ingest/block_cutter.h"
 #include "core/ingest/distribution.h"
+#include "core/ingest/partition_plan.h"
+#include "core/ingest/tile_reader.h"
+#include "core/store/shard_compressor.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "core/volume/block_samples.h"
@@ -31,17 +39,7 @@
 namespace isoscope::ingest {
 namespace {
 
-// Larger slabs gain nothing: measured 2026-11 on 512 x 512 x 234 samples.
-constexpr std::int64_t kMaxSlabBytes = 32 * base::kMiB;
-// Between two looks at the cancellation.
-constexpr std::int64_t kReadBytes = 8 * base::kMiB;
-// Blocks that are cut in parallel before they are written.
-constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
-// Tables beside the slab, for each block and beside two copies of the range table: its shard,
-// ordinal and place in a list, its writer's entry, and the lists of the greedy distribution.
-constexpr std::int64_t kTableBytesPerBlock = 48;
-// The intervals of one shard and the tree that is built of them.
-constexpr std::int64_t kIndexBytesPerBlock = 140;
+constexpr std::uint32_t kBlocksBetweenChecks = 1 << 16;
 
 std::string BaseName(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
@@ -101,6 +99,20 @@ absl::Status ValidateShardCount(int shard_count, const volume::BlockLayout& layo
   return absl::OkStatus();
 }
 
+absl::Status CopyFile(const std::string& from, const std::string& to) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto in, base::OpenRandomAccessFile(from));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto out, base::CreateWritableFile(to));
+  std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
+  for (std::int64_t offset = 0; offset < in->size_bytes();) {
+    const auto size = static_cast<std::size_t>(
+        std::min(in->size_bytes() - offset, static_cast<std::int64_t>(buffer.size())));
+    ISOSCOPE_RETURN_IF_ERROR(in->ReadAt(offset, size, buffer.data()));
+    ISOSCOPE_RETURN_IF_ERROR(out->Append({buffer.data(), size}));
+    offset += static_cast<std::int64_t>(size);
+  }
+  return out->Close();
+}
+
 // A folder that is removed with everything in it unless it was kept.
 class PartialDirectory {
  public:
@@ -130,136 +142,222 @@ class PartialDirectory {
   bool is_kept_ = false;
 };
 
-// How many layers of blocks a slab holds, so that everything stays under the limit.
-struct MemoryPlan {
-  std::int64_t layers_per_slab = 1;
-  std::int64_t slab_planes = 0;
-  std::int64_t batch_bytes = 0;
+// Calls visit(index) for every block in the order of store::BlockOrderKey, without a list of them.
+// REQUIRES: at most 2^21 blocks on each axis.
+template <typename Visit>  // absl::Status(const math::Index3&)
+absl::Status VisitInMortonOrder(const volume::BlockLayout& layout, const math::Index3& corner,
+                                std::int64_t size, const Visit& visit) {
+  const math::Index3& dims = layout.block_dims();
+  if (corner.x >= dims.x || corner.y >= dims.y || corner.z >= dims.z) {
+    return absl::OkStatus();
+  }
+  if (size == 1) {
+    return visit(corner);
+  }
+  const std::int64_t half = size / 2;
+  for (std::int64_t octant = 0; octant < 8; ++octant) {
+    ISOSCOPE_RETURN_IF_ERROR(VisitInMortonOrder(
+        layout, corner + math::Index3{octant % 2 * half, octant / 2 % 2 * half, octant / 4 * half},
+        half, visit));
+  }
+  return absl::OkStatus();
+}
+
+// What blocks are ordered by where Morton codes repeat.
+struct OrderKey {
+  std::uint64_t code = 0;
+  volume::BlockId id = 0;
+
+  friend bool operator<(const OrderKey& a, const OrderKey& b) {
+    return std::tie(a.code, a.id) < std::tie(b.code, b.id);
+  }
 };
 
-// Stored planes [begin, end) of block layers [first, last).
-std::pair<std::int64_t, std::int64_t> PlanesOfLayers(const volume::BlockLayout& layout,
-                                                     std::int64_t first, std::int64_t last) {
-  const std::int64_t cells = layout.block_cells().z;
-  return {std::max<std::int64_t>(first * cells - 1, 0),
-          std::min(last * cells + 2, layout.sample_dims().z)};
+// `directory` and `sort_bytes`: for volumes of more than 2^21 blocks on an axis.
+template <typename Visit>
+absl::Status ForEachBlockInOrder(const volume::BlockLayout& layout, const std::string& directory,
+                                 std::int64_t sort_bytes, const Visit& visit) {
+  const math::Index3& dims = layout.block_dims();
+  const std::int64_t longest = std::max({dims.x, dims.y, dims.z});
+  constexpr std::int64_t kMaxOfCode = std::int64_t{1} << 21;
+  if (longest <= kMaxOfCode) {
+    return VisitInMortonOrder(
+        layout, {}, static_cast<std::int64_t>(std::bit_ceil(static_cast<std::uint64_t>(longest))),
+        visit);
+  }
+  base::ExternalSorter<OrderKey> keys(directory, sort_bytes);
+  for (std::int64_t id = 0; id < layout.block_count(); ++id) {
+    const auto [code, block] = store::BlockOrderKey(layout, static_cast<volume::BlockId>(id));
+    ISOSCOPE_RETURN_IF_ERROR(keys.Add({code, block}));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(keys.Finish());
+  while (!keys.is_at_end()) {
+    ISOSCOPE_RETURN_IF_ERROR(visit(layout.IndexOf(keys.current().id)));
+    ISOSCOPE_RETURN_IF_ERROR(keys.Advance());
+  }
+  return absl::OkStatus();
 }
 
-absl::StatusOr<MemoryPlan> PlanMemory(const volume::BlockLayout& layout, volume::ScalarType type,
-                                      const PartitionOptions& options) {
-  const auto sample_size = static_cast<std::int64_t>(volume::SizeOf(type));
-  const math::Index3& dims = layout.sample_dims();
-  const math::Index3& cells = layout.block_cells();
-  const std::int64_t plane_bytes = dims.x * dims.y * sample_size;
-  const std::int64_t max_block_bytes = (cells.x + 3) * (cells.y + 3) * (cells.z + 3) * sample_size;
-  MemoryPlan plan;
-  plan.batch_bytes = std::max(kBatchBytes, max_block_bytes);
-  const std::int64_t block_count = layout.block_count();
-  const std::int64_t table_bytes = block_count * (kTableBytesPerBlock + 4 * sample_size);
-  // A shard of a random distribution may hold a few blocks more than its part; 2 is generous.
-  const std::int64_t index_bytes =
-      std::min(block_count, 2 * block_count / options.shard_count + 1) * kIndexBytesPerBlock;
-  const auto needed = [&](std::int64_t layers) {
-    const std::int64_t planes = std::min(layers * cells.z + 3, dims.z);
-    return table_bytes + std::max(planes * plane_bytes + plan.batch_bytes, index_bytes);
-  };
-  if (needed(1) > options.memory_limit_bytes) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "memory limit %d bytes: one layer of blocks (%d x %d x %d samples of %s) with tables for "
-        "%d blocks needs %d bytes; raise --memory-limit%s",
-        options.memory_limit_bytes, dims.x, dims.y, std::min(cells.z + 3, dims.z),
-        volume::NameOf(type), block_count, needed(1),
-        cells.z > 4 ? " or use blocks with fewer cells in z" : ""));
+// The blocks of a tile in the order of PositionInTiles.
+class TileCursor {
+ public:
+  TileCursor(const volume::BlockLayout& layout, const PartitionPlan& plan, const Tile& tile)
+      : layout_(layout), tile_(tile), size_(plan.layers_per_tile) {
+    cube_ = {0, tile.begin_row, tile.begin_layer};
+    at_ = cube_;
   }
-  while (plan.layers_per_slab < layout.block_dims().z &&
-         ((plan.layers_per_slab + 1) * cells.z + 3) * plane_bytes <= kMaxSlabBytes &&
-         needed(plan.layers_per_slab + 1) <= options.memory_limit_bytes) {
-    ++plan.layers_per_slab;
+
+  [[nodiscard]] bool is_at_end() const { return cube_.y >= tile_.end_row; }
+  // REQUIRES: !is_at_end().
+  [[nodiscard]] volume::BlockId id() const { return layout_.IdOf(at_); }
+  void Next() {
+    const math::Index3 end{std::min(cube_.x + size_, layout_.block_dims().x),
+                           std::min(cube_.y + size_, tile_.end_row), tile_.end_layer};
+    if (++at_.x < end.x) {
+      return;
+    }
+    at_.x = cube_.x;
+    if (++at_.y < end.y) {
+      return;
+    }
+    at_.y = cube_.y;
+    if (++at_.z < end.z) {
+      return;
+    }
+    cube_.x += size_;
+    if (cube_.x >= layout_.block_dims().x) {
+      cube_.x = 0;
+      cube_.y += size_;
+    }
+    at_ = cube_;
   }
-  plan.slab_planes = std::min(plan.layers_per_slab * cells.z + 3, dims.z);
-  return plan;
-}
+
+ private:
+  const volume::BlockLayout& layout_;
+  const Tile tile_;
+  const std::int64_t size_;
+  math::Index3 cube_;  // its first block
+  math::Index3 at_;
+};
+
+// Where a block goes. Sorted by position: blocks are cut in that order.
+struct Placement {
+  std::int64_t offset = 0;     // in its shard
+  std::uint32_t position = 0;  // PositionInTiles
+  std::uint32_t ordinal = 0;   // in its shard
+  std::uint16_t shard = 0;
+
+  friend bool operator<(const Placement& a, const Placement& b) { return a.position < b.position; }
+};
+static_assert(sizeof(Placement) == kPlacementBytesPerBlock);
+
+// What the index and the tree of its shard hold of a block. Sorted by shard and ordinal.
+struct Entry {
+  volume::ScalarSpan span;
+  volume::BlockId id = 0;
+  std::uint32_t ordinal = 0;
+  std::uint32_t crc32c = 0;
+  std::uint16_t shard = 0;
+
+  friend bool operator<(const Entry& a, const Entry& b) {
+    return std::tie(a.shard, a.ordinal) < std::tie(b.shard, b.ordinal);
+  }
+};
+static_assert(sizeof(Entry) == kEntryBytesPerBlock);
+
+// Blocks that are cut together and then written together.
+struct Batch {
+  std::vector<volume::BlockId> ids;
+  std::vector<Placement> placements;
+  std::vector<volume::ScalarSpan> spans;
+  std::vector<std::uint32_t> crcs;
+  std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
+  std::vector<std::uint32_t> order;  // into `ids`: by shard, then by place in it
+  std::vector<char> bytes;
+};
 
 // One run of Partition.
 class Partitioner {
  public:
   Partitioner(VolumeSource* source, const PartitionOptions& options, volume::BlockLayout layout,
-              const MemoryPlan& plan, const base::Cancellation& cancellation)
+              const PartitionPlan& plan, const base::Cancellation& cancellation)
       : source_(*source),
         options_(options),
         cancellation_(cancellation),
         layout_(layout),
         type_(source->scalar_type()),
         plan_(plan),
-        plane_bytes_(layout.sample_dims().x * layout.sample_dims().y *
-                     static_cast<std::int64_t>(volume::SizeOf(type_))),
-        ranges_(type_, layout.block_count()) {
-    progress_.total_bytes = plane_bytes_ * layout.sample_dims().z *
-                            (options.distribution == store::Distribution::kGreedy ? 2 : 1);
+        pass_bytes_(math::Volume(layout.sample_dims()) *
+                    static_cast<std::int64_t>(volume::SizeOf(type_))) {
+    progress_.total_bytes =
+        pass_bytes_ * (options.distribution == store::Distribution::kGreedy ? 2 : 1);
   }
 
   // Writes the whole dataset into `directory`, which exists.
   absl::StatusOr<store::Manifest> Run(const std::string& directory, const std::string& name) {
-    if (options_.distribution == store::Distribution::kGreedy) {
-      progress_.phase = "reading ranges";
-      ISOSCOPE_RETURN_IF_ERROR(
-          ForEachSlab([&](const Slab& slab, volume::BlockId begin, volume::BlockId end) {
-            FindSpans(slab, begin, end);
-            return absl::OkStatus();
-          }));
-      shard_of_block_ = DistributeGreedily(ranges_, options_.shard_count);
-      has_spans_ = true;
-    } else {
-      shard_of_block_ =
-          DistributeRandomly(layout_.block_count(), options_.shard_count, options_.seed);
-    }
+    TileReader reader(&source_, layout_, plan_, directory, &cancellation_);
+    ISOSCOPE_ASSIGN_OR_RETURN(const ShardMap shards, DealOut(&reader));
     progress_.phase = "writing blocks";
-    ISOSCOPE_RETURN_IF_ERROR(CreateShards(directory));
-    ISOSCOPE_RETURN_IF_ERROR(
-        ForEachSlab([&](const Slab& slab, volume::BlockId begin, volume::BlockId end) {
-          return WriteBlocks(slab, begin, end);
-        }));
-    planes_ = {};
-    batch_ = {};
+    ISOSCOPE_RETURN_IF_ERROR(CreateShards(directory, shards));
+    ISOSCOPE_ASSIGN_OR_RETURN(range_writer_,
+                              store::RangeTableWriter::Create(
+                                  absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
+    entries_.emplace(directory, plan_.entry_bytes);
+    ISOSCOPE_RETURN_IF_ERROR(ForEachTile(
+        &reader, [&](const Slab& slab, const Tile& tile) { return WriteBlocks(slab, tile); }));
+    batches_ = {};
+    placements_.reset();
     progress_.phase = "building index";
     Report();
     return Finish(directory, name);
   }
 
  private:
-  template <typename Visit>  // absl::Status(const Slab&, BlockId begin, BlockId end)
-  absl::Status ForEachSlab(const Visit& visit) {
-    planes_.resize(static_cast<std::size_t>(plan_.slab_planes * plane_bytes_));
-    const std::int64_t layer_count = layout_.block_dims().z;
-    const std::int64_t layer_blocks = layout_.block_dims().x * layout_.block_dims().y;
-    std::int64_t held_begin = 0;  // planes [held_begin, held_end) are in planes_
-    std::int64_t held_end = 0;
-    for (std::int64_t layer = 0; layer < layer_count; layer += plan_.layers_per_slab) {
-      const std::int64_t end_layer = std::min(layer + plan_.layers_per_slab, layer_count);
-      const auto [begin, end] = PlanesOfLayers(layout_, layer, end_layer);
-      // The planes shared with the slab before are kept, so that the source is read once.
-      const std::int64_t kept = std::max<std::int64_t>(held_end - begin, 0);
-      std::copy_n(planes_.data() + (held_end - kept - held_begin) * plane_bytes_,
-                  kept * plane_bytes_, planes_.data());
-      ISOSCOPE_RETURN_IF_ERROR(ReadPlanes(begin + kept, end, planes_.data() + kept * plane_bytes_));
-      held_begin = begin;
-      held_end = end;
-      ISOSCOPE_RETURN_IF_ERROR(visit(Slab{.samples = planes_.data(), .begin_z = begin},
-                                     static_cast<volume::BlockId>(layer * layer_blocks),
-                                     static_cast<volume::BlockId>(end_layer * layer_blocks)));
+  // One pass: the next tile is read while `visit` works on this one.
+  template <typename Visit>  // absl::Status(const Slab&, const Tile&)
+  absl::Status ForEachTile(TileReader* reader, const Visit& visit) {
+    const std::int64_t done_before = progress_.done_bytes;
+    const std::int64_t count = TileCount(layout_, plan_);
+    const std::size_t buffer_count = plan_.is_double_buffered ? 2 : 1;
+    for (std::size_t buffer = 0; buffer < buffer_count; ++buffer) {
+      tiles_[buffer].resize(static_cast<std::size_t>(plan_.tile_bytes));
     }
-    return absl::OkStatus();
-  }
-
-  absl::Status ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
-    const std::int64_t step = std::max<std::int64_t>(kReadBytes / plane_bytes_, 1);
-    for (std::int64_t z = begin; z < end; z += step) {
+    ISOSCOPE_RETURN_IF_ERROR(reader->Read(0, nullptr, tiles_[0].data()));
+    for (std::int64_t i = 0; i < count; ++i) {
+      const char* current = tiles_[static_cast<std::size_t>(i) % buffer_count].data();
+      char* next = tiles_[static_cast<std::size_t>(i + 1) % buffer_count].data();
+      absl::Status read;
+      const auto read_next = [&] { read = reader->Read(i + 1, current, next); };
+      const Tile tile = TileAt(layout_, plan_, i);
+      const math::IndexBox box = SamplesOfTile(layout_, tile);
+      const Slab slab{.samples = current,
+                      .begin_z = box.begin.z,
+                      .begin_y = box.begin.y,
+                      .rows = box.end.y - box.begin.y};
+      absl::Status visited;
+      {
+        tbb::task_group ahead;
+        if (buffer_count > 1 && i + 1 < count) {
+          ahead.run(read_next);
+        }
+        visited = visit(slab, tile);
+        ahead.wait();
+      }
+      ISOSCOPE_RETURN_IF_ERROR(visited);
+      if (buffer_count == 1 && i + 1 < count) {
+        read_next();
+      }
+      ISOSCOPE_RETURN_IF_ERROR(read);
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      const std::int64_t count = std::min(step, end - z);
-      ISOSCOPE_RETURN_IF_ERROR(source_.ReadSlab(z, z + count, out + (z - begin) * plane_bytes_));
-      progress_.done_bytes += count * plane_bytes_;
+      progress_.done_bytes =
+          done_before +
+          static_cast<std::int64_t>(static_cast<double>(pass_bytes_) *
+                                    (static_cast<double>(i + 1) / static_cast<double>(count)));
       Report();
     }
+    tiles_ = {};
+    progress_.done_bytes = done_before + pass_bytes_;
+    Report();
     return absl::OkStatus();
   }
 
@@ -269,127 +367,245 @@ class Partitioner {
     }
   }
 
-  void FindSpans(const Slab& slab, volume::BlockId begin, volume::BlockId end) {
-    tbb::parallel_for(begin, end, [&](volume::BlockId id) {
-      ranges_.Set(id, SpanOfBlock(layout_, type_, slab, id));
-    });
+  // Says which shard each block goes to: the greedy distribution takes a pass of its own.
+  absl::StatusOr<ShardMap> DealOut(TileReader* reader) {
+    if (options_.distribution != store::Distribution::kGreedy) {
+      return ShardMap::Random(layout_.block_count(), options_.shard_count, options_.seed);
+    }
+    progress_.phase = "reading ranges";
+    volume::RangeTable ranges(type_, layout_.block_count());
+    ISOSCOPE_RETURN_IF_ERROR(ForEachTile(reader, [&](const Slab& slab, const Tile& tile) {
+      FindSpans(slab, tile, &ranges);
+      return absl::OkStatus();
+    }));
+    return ShardMap::Greedy(ranges, options_.shard_count);
   }
 
-  absl::Status CreateShards(const std::string& directory) {
-    blocks_by_shard_ = store::BlocksByShard(layout_, shard_of_block_, options_.shard_count);
-    ordinals_.resize(shard_of_block_.size());
+  void FindSpans(const Slab& slab, const Tile& tile, volume::RangeTable* ranges) const {
+    const math::Index3& dims = layout_.block_dims();
+    const std::int64_t rows = tile.end_row - tile.begin_row;
+    tbb::parallel_for(
+        std::int64_t{0}, (tile.end_layer - tile.begin_layer) * rows, [&](std::int64_t row) {
+          math::Index3 index{0, tile.begin_row + row % rows, tile.begin_layer + row / rows};
+          for (; index.x < dims.x; ++index.x) {
+            const volume::BlockId id = layout_.IdOf(index);
+            ranges->Set(id, SpanOfBlock(layout_, type_, slab, id));
+          }
+        });
+  }
+
+  // Creates the shards' writers and finds every block's place.
+  absl::Status CreateShards(const std::string& directory, const ShardMap& shards) {
+    placements_.emplace(directory, plan_.placement_bytes);
+    // The next block's, by shard.
+    std::vector<Placement> next(static_cast<std::size_t>(options_.shard_count));
+    const auto place = [&](const math::Index3& index) {
+      const volume::BlockId id = layout_.IdOf(index);
+      const std::uint16_t shard = shards.ShardOf(id);
+      Placement& placement = next[shard];
+      placement.shard = shard;
+      placement.position = static_cast<std::uint32_t>(PositionInTiles(layout_, plan_, index));
+      absl::Status added = placements_->Add(placement);
+      ++placement.ordinal;
+      placement.offset += static_cast<std::int64_t>(volume::StoredSizeBytes(layout_, id, type_));
+      return added;
+    };
+    ISOSCOPE_RETURN_IF_ERROR(ForEachBlockInOrder(layout_, directory, plan_.entry_bytes, place));
+    ISOSCOPE_RETURN_IF_ERROR(placements_->Finish());
     for (int shard = 0; shard < options_.shard_count; ++shard) {
-      const std::vector<volume::BlockId>& blocks =
-          blocks_by_shard_[static_cast<std::size_t>(shard)];
-      for (std::size_t i = 0; i < blocks.size(); ++i) {
-        ordinals_[blocks[i]] = static_cast<std::uint32_t>(i);
-      }
       shard_directories_.push_back(
           absl::StrCat(directory, "/", store::ShardDirectoryName(shard, options_.shard_count)));
       ISOSCOPE_ASSIGN_OR_RETURN(
           std::unique_ptr<store::ShardWriter> writer,
-          store::ShardWriter::Create(shard_directories_.back(), layout_, type_, blocks));
+          store::ShardWriter::Create(shard_directories_.back(), layout_, type_));
       writers_.push_back(std::move(writer));
     }
     return absl::OkStatus();
   }
 
-  // Blocks [begin, end) in batches: cut in parallel, then written, each shard by one thread.
-  absl::Status WriteBlocks(const Slab& slab, volume::BlockId begin, volume::BlockId end) {
-    batch_.resize(static_cast<std::size_t>(plan_.batch_bytes));
-    std::vector<std::size_t> offsets;
-    for (volume::BlockId first = begin; first < end;) {
-      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      offsets.assign(1, 0);
-      volume::BlockId last = first;
-      for (; last < end; ++last) {
-        const std::size_t next = offsets.back() + volume::StoredSizeBytes(layout_, last, type_);
-        if (next > batch_.size()) {
-          break;
-        }
-        offsets.push_back(next);
+  // The tile's blocks in batches: one is cut in parallel while the one before is written.
+  absl::Status WriteBlocks(const Slab& slab, const Tile& tile) {
+    TileCursor cursor(layout_, plan_, tile);
+    // Tiles are runs of ids.
+    const volume::BlockId first_id = cursor.id();
+    volume::RangeTable ranges(type_, (tile.end_layer - tile.begin_layer) *
+                                         (tile.end_row - tile.begin_row) * layout_.block_dims().x);
+    absl::Status written;
+    tbb::task_group writing;
+    for (std::size_t turn = 0; !cursor.is_at_end(); turn = 1 - turn) {
+      Batch& batch = batches_[turn];
+      absl::Status status = cancellation_.Check();
+      if (status.ok()) {
+        status = FillBatch(&cursor, &batch);
       }
-      tbb::parallel_for(first, last, [&](volume::BlockId id) {
-        if (!has_spans_) {
-          ranges_.Set(id, SpanOfBlock(layout_, type_, slab, id));
+      if (status.ok()) {
+        CutBatch(slab, &batch);
+        for (std::size_t i = 0; i < batch.ids.size(); ++i) {
+          ranges.Set(batch.ids[i] - first_id, batch.spans[i]);
         }
-        CutBlock(layout_, type_, slab, id, batch_.data() + offsets[id - first]);
-      });
-      ISOSCOPE_RETURN_IF_ERROR(WriteBatch(first, offsets));
-      first = last;
+      }
+      writing.wait();  // also before an error is returned
+      ISOSCOPE_RETURN_IF_ERROR(status);
+      ISOSCOPE_RETURN_IF_ERROR(written);
+      writing.run([this, &written, &batch] { written = WriteBatch(&batch); });
+    }
+    writing.wait();
+    ISOSCOPE_RETURN_IF_ERROR(written);
+    const volume::ScalarSpan total = ranges.Total();
+    value_range_.min = std::min(value_range_.min, total.min);
+    value_range_.max = std::max(value_range_.max, total.max);
+    return range_writer_->Append(ranges);
+  }
+
+  absl::Status FillBatch(TileCursor* cursor, Batch* batch) {
+    batch->bytes.resize(static_cast<std::size_t>(plan_.batch_bytes));
+    batch->ids.clear();
+    batch->placements.clear();
+    batch->offsets.assign(1, 0);
+    for (; !cursor->is_at_end() && static_cast<std::int64_t>(batch->ids.size()) < kMaxBatchBlocks;
+         cursor->Next()) {
+      const std::size_t end =
+          batch->offsets.back() + volume::StoredSizeBytes(layout_, cursor->id(), type_);
+      if (end > batch->bytes.size()) {
+        break;
+      }
+      ISOSCOPE_CHECK(!placements_->is_at_end());
+      ISOSCOPE_CHECK_EQ(placements_->current().position, next_position_);
+      ++next_position_;
+      batch->ids.push_back(cursor->id());
+      batch->placements.push_back(placements_->current());
+      batch->offsets.push_back(end);
+      ISOSCOPE_RETURN_IF_ERROR(placements_->Advance());
     }
     return absl::OkStatus();
   }
 
-  absl::Status WriteBatch(volume::BlockId first, const std::vector<std::size_t>& offsets) {
-    std::vector<std::size_t> order(offsets.size() - 1);
-    std::iota(order.begin(), order.end(), std::size_t{0});
-    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-      return shard_of_block_[first + a] < shard_of_block_[first + b];
+  void CutBatch(const Slab& slab, Batch* batch) const {
+    batch->spans.resize(batch->ids.size());
+    tbb::parallel_for(std::size_t{0}, batch->ids.size(), [&](std::size_t i) {
+      const volume::BlockId id = batch->ids[i];
+      batch->spans[i] = SpanOfBlock(layout_, type_, slab, id);
+      CutBlock(layout_, type_, slab, id, batch->bytes.data() + batch->offsets[i]);
     });
+    batch->order.resize(batch->ids.size());
+    std::iota(batch->order.begin(), batch->order.end(), std::uint32_t{0});
+    const auto place_of = [&](std::uint32_t i) {
+      const Placement& placement = batch->placements[i];
+      return std::pair(placement.shard, placement.ordinal);
+    };
+    std::sort(batch->order.begin(), batch->order.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return place_of(a) < place_of(b); });
+  }
+
+  // Each shard by one thread, in the order of its file: neighbours are written at once.
+  absl::Status WriteBatch(Batch* batch) {
+    const auto shard_at = [&](std::size_t i) { return batch->placements[batch->order[i]].shard; };
     std::vector<std::size_t> run_begins;  // in `order`, one run a shard
-    for (std::size_t i = 0; i < order.size(); ++i) {
-      if (i == 0 || shard_of_block_[first + order[i]] != shard_of_block_[first + order[i - 1]]) {
+    for (std::size_t i = 0; i < batch->order.size(); ++i) {
+      if (i == 0 || shard_at(i) != shard_at(i - 1)) {
         run_begins.push_back(i);
       }
     }
-    run_begins.push_back(order.size());
+    run_begins.push_back(batch->order.size());
+    batch->crcs.resize(batch->ids.size());
     std::vector<absl::Status> statuses(run_begins.size() - 1);
     tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t run) {
+      store::ShardWriter& writer = *writers_[shard_at(run_begins[run])];
       for (std::size_t i = run_begins[run]; i < run_begins[run + 1] && statuses[run].ok(); ++i) {
-        const std::size_t id = first + order[i];
-        statuses[run] = writers_[shard_of_block_[id]]->WriteBlock(
-            ordinals_[id], absl::string_view(batch_.data() + offsets[order[i]],
-                                             offsets[order[i] + 1] - offsets[order[i]]));
+        const std::size_t at = batch->order[i];
+        const absl::StatusOr<std::uint32_t> crc32c =
+            writer.WriteBlock(batch->ids[at], batch->placements[at].offset,
+                              absl::string_view(batch->bytes.data() + batch->offsets[at],
+                                                batch->offsets[at + 1] - batch->offsets[at]));
+        statuses[run] = crc32c.status();
+        batch->crcs[at] = crc32c.value_or(0);
       }
     });
     for (const absl::Status& status : statuses) {
       ISOSCOPE_RETURN_IF_ERROR(status);
     }
+    for (std::size_t i = 0; i < batch->ids.size(); ++i) {
+      ISOSCOPE_RETURN_IF_ERROR(entries_->Add({.span = batch->spans[i],
+                                              .id = batch->ids[i],
+                                              .ordinal = batch->placements[i].ordinal,
+                                              .crc32c = batch->crcs[i],
+                                              .shard = batch->placements[i].shard}));
+    }
     return absl::OkStatus();
   }
 
-  absl::Status WriteIndex(std::size_t shard) const {
-    std::vector<index::BlockInterval> intervals;
-    intervals.reserve(blocks_by_shard_[shard].size());
-    for (const volume::BlockId id : blocks_by_shard_[shard]) {
-      intervals.push_back({.span = ranges_.Get(id), .block_id = id, .ordinal = ordinals_[id]});
+  // Ends the blocks of the next shard in `entries_`, and builds its tree.
+  absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard) {
+    index::IntervalTreeBuilder tree({.scratch_directory = shard_directories_[shard],
+                                     .memory_bytes = plan_.tree_bytes,
+                                     .cancellation = &cancellation_});
+    store::ShardWriter& writer = *writers_[shard];
+    for (std::uint32_t ordinal = 0; !entries_->is_at_end() && entries_->current().shard == shard;
+         ++ordinal) {
+      const Entry& entry = entries_->current();
+      ISOSCOPE_CHECK_EQ(entry.ordinal, ordinal);
+      if (ordinal % kBlocksBetweenChecks == 0) {
+        ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      }
+      ISOSCOPE_RETURN_IF_ERROR(writer.AppendIndexEntry(entry.id, entry.crc32c));
+      ISOSCOPE_RETURN_IF_ERROR(
+          tree.Add({.span = entry.span, .block_id = entry.id, .ordinal = ordinal}));
+      ISOSCOPE_RETURN_IF_ERROR(entries_->Advance());
     }
+    ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary, writer.Finish());
+    writers_[shard].reset();  // with its buffers
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<base::WritableFile> file,
                               base::CreateWritableFile(absl::StrCat(shard_directories_[shard], "/",
                                                                     store::kIntervalTreeFileName)));
-    return index::BuildIntervalTree(std::move(intervals), file.get());
+    ISOSCOPE_RETURN_IF_ERROR(tree.Finish(file.get()));
+    return summary;
+  }
+
+  // Where the tree of the shard had its memory.
+  absl::StatusOr<store::ShardSummary> Compress(std::size_t shard, const store::ShardSummary& raw) {
+    store::CompressOptions options{.encoding = options_.compression};
+    options.batch_bytes =
+        std::min(options.batch_bytes, static_cast<std::size_t>(plan_.tree_bytes) / 3);
+    return store::CompressShard(
+        shard_directories_[shard], type_, raw, options,
+        [](std::size_t count, absl::FunctionRef<void(std::size_t)> task) {
+          tbb::parallel_for(std::size_t{0}, count, task);
+        },
+        cancellation_);
   }
 
   absl::StatusOr<store::Manifest> Finish(const std::string& directory, const std::string& name) {
-    const std::string range_table = store::EncodeRangeTable(ranges_);
-    const bool is_random = options_.distribution == store::Distribution::kRandom;
-    store::Manifest manifest{.dataset_id = {},
-                             .name = name,
-                             .source = BaseName(source_.name()),
-                             .geometry = source_.geometry(),
-                             .scalar_type = type_,
-                             .value_range = ranges_.Total(),
-                             .block_cells = layout_.block_cells(),
-                             .distribution = options_.distribution,
-                             .seed = is_random ? options_.seed : 0,
-                             .range_table_crc32c = base::Crc32c(range_table),
-                             .shards = {}};
-    for (std::size_t shard = 0; shard < writers_.size(); ++shard) {
-      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary, writers_[shard]->FinishBlocks());
-      writers_[shard].reset();
+    store::Manifest manifest;
+    ISOSCOPE_RETURN_IF_ERROR(entries_->Finish());
+    for (std::size_t shard = 0; shard < shard_directories_.size(); ++shard) {
+      ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary, FinishShard(shard));
+      if (options_.compression != store::BlockEncoding::kRaw) {
+        ISOSCOPE_ASSIGN_OR_RETURN(summary, Compress(shard, summary));
+      }
       manifest.shards.push_back(summary);
-      ISOSCOPE_RETURN_IF_ERROR(WriteIndex(shard));
     }
+    entries_.reset();
+    ISOSCOPE_ASSIGN_OR_RETURN(manifest.range_table_crc32c, range_writer_->Finish());
+    const bool is_random = options_.distribution == store::Distribution::kRandom;
+    manifest.name = name;
+    manifest.source = BaseName(source_.name());
+    manifest.geometry = source_.geometry();
+    manifest.scalar_type = type_;
+    manifest.value_range = value_range_;
+    manifest.block_cells = layout_.block_cells();
+    manifest.distribution = options_.distribution;
+    manifest.seed = is_random ? options_.seed : 0;
     manifest.dataset_id = store::ComputeDatasetId(manifest);
     for (std::size_t shard = 0; shard < shard_directories_.size(); ++shard) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      ISOSCOPE_RETURN_IF_ERROR(store::WriteDescriptions(shard_directories_[shard], manifest,
-                                                        range_table, static_cast<int>(shard)));
+      ISOSCOPE_RETURN_IF_ERROR(
+          CopyFile(absl::StrCat(directory, "/", store::kRangeTableFileName),
+                   absl::StrCat(shard_directories_[shard], "/", store::kRangeTableFileName)));
+      ISOSCOPE_RETURN_IF_ERROR(
+          store::WriteDescriptions(shard_directories_[shard], manifest, static_cast<int>(shard)));
       ISOSCOPE_RETURN_IF_ERROR(base::SyncDirectory(shard_directories_[shard]));
     }
-    ISOSCOPE_RETURN_IF_ERROR(store::WriteDescriptions(directory, manifest, range_table, -1));
+    ISOSCOPE_RETURN_IF_ERROR(store::WriteDescriptions(directory, manifest, -1));
     ISOSCOPE_RETURN_IF_ERROR(base::SyncDirectory(directory));
     return manifest;
   }
@@ -399,17 +615,17 @@ class Partitioner {
   const base::Cancellation& cancellation_;
   const volume::BlockLayout layout_;
   const volume::ScalarType type_;
-  const MemoryPlan plan_;
-  const std::int64_t plane_bytes_;
+  const PartitionPlan plan_;
+  const std::int64_t pass_bytes_;
 
-  volume::RangeTable ranges_;
-  bool has_spans_ = false;  // ranges_ was filled by a pass of its own
   PartitionProgress progress_;
-  std::vector<char> planes_;
-  std::vector<char> batch_;
-  std::vector<std::uint16_t> shard_of_block_;                  // by block
-  std::vector<std::uint32_t> ordinals_;                        // by block
-  std::vector<std::vector<volume::BlockId>> blocks_by_shard_;  // by ordinal
+  std::array<std::vector<char>, 2> tiles_;
+  std::array<Batch, 2> batches_;
+  volume::ScalarSpan value_range_;  // of the tiles so far
+  std::unique_ptr<store::RangeTableWriter> range_writer_;
+  std::optional<base::ExternalSorter<Placement>> placements_;
+  std::uint32_t next_position_ = 0;  // of placements_
+  std::optional<base::ExternalSorter<Entry>> entries_;
   std::vector<std::string> shard_directories_;
   std::vector<std::unique_ptr<store::ShardWriter>> writers_;
 };
@@ -424,8 +640,12 @@ absl::StatusOr<store::Manifest> Partition(VolumeSource& source, const PartitionO
       const volume::BlockLayout layout,
       volume::BlockLayout::Make(source.geometry().sample_dims, options.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
-  ISOSCOPE_ASSIGN_OR_RETURN(const MemoryPlan plan,
-                            PlanMemory(layout, source.scalar_type(), options));
+  const std::int64_t source_bytes = options.reserved_bytes + source.memory_bytes() +
+                                    (source.is_seekable() ? 0 : TileReader::StagingBytes(source));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const PartitionPlan plan,
+      PlanPartition(layout, source.scalar_type(), options.shard_count, options.distribution,
+                    source_bytes, options.memory_limit_bytes));
   ISOSCOPE_RETURN_IF_ERROR(ValidateOutput(output));
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
 

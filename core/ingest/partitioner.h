@@ -14,6 +14,7 @@
 #include "core/ingest/volume_source.h"
 #include "core/math/vec.h"
 #include "core/store/manifest.h"
+#include "core/store/shard_format.h"
 
 namespace isoscope::ingest {
 
@@ -26,18 +27,25 @@ struct PartitionProgress {
 struct PartitionOptions {
   std::string output_directory;  // must not exist; its parent must
   int shard_count = 1;           // 1 .. min(kMaxShardCount, number of blocks)
-  math::Index3 block_cells{16, 16, 16};
+  math::Index3 block_cells{8, 8, 8};
   store::Distribution distribution = store::Distribution::kRandom;
+  // Blocks are compressed after their shard was written: needs disk space for one shard twice.
+  store::BlockEncoding compression = store::BlockEncoding::kRaw;
   std::uint64_t seed = 1;
   std::int64_t memory_limit_bytes = base::kGiB;
+  std::int64_t reserved_bytes = 0;  // of the limit, for what the process holds beside
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
 };
 
-// Streams the volume once (random) or twice (greedy: ranges first) in slabs that keep memory under
-// the limit. Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed at
+// Streams the volume once (random) or twice (greedy: ranges first) in tiles that keep memory under
+// the limit (partition_plan.h): what this call and the source allocate, and reserved_bytes. With
+// the random distribution no table grows with the number of blocks: what is known of each block (90
+// bytes at most) lies in scratch files without a name, in the output, until it is written; the
+// greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes afterwards.
+// Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed at
 // the end; an error or a cancellation removes it. Deterministic: the same source and options give
-// the same bytes.
-// INVALID_ARGUMENT: bad options (more shards than blocks, a memory limit too small for one layer of
+// the same bytes, whatever the limit and the number of threads.
+// INVALID_ARGUMENT: bad options (more shards than blocks, a memory limit too small for one row of
 // blocks: says what is needed). ALREADY_EXISTS: the output exists. RESOURCE_EXHAUSTED: disk full.
 absl::StatusOr<store::Manifest> Partition(VolumeSource& source, const PartitionOptions& options,
                                           const base::Cancellation& cancellation);

@@ -1,8 +1,13 @@
 #include "core/ingest/volume_source.h"
 
+#include <glob.h>
+
 #include <algorithm>
 #include <array>
+#include <filesystem>
+#include <system_error>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -11,9 +16,13 @@
 #include "core/base/check.h"
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/ingest/dicom_source.h"
 #include "core/ingest/file_source.h"
+#include "core/ingest/hdf5_source.h"
 #include "core/ingest/itk_header.h"
 #include "core/ingest/sample_location.h"
+#include "core/ingest/tiff_source.h"
+#include "core/ingest/vti_source.h"
 
 namespace isoscope::ingest {
 namespace {
@@ -46,13 +55,12 @@ class MemorySource final : public VolumeSource {
   [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
   [[nodiscard]] const std::string& name() const override { return name_; }
 
-  absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) override {
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
     const math::Index3& dims = geometry_.sample_dims;
-    ISOSCOPE_CHECK(begin_z >= 0 && begin_z < end_z && end_z <= dims.z);
-    const std::size_t plane_bytes =
-        static_cast<std::size_t>(dims.x * dims.y) * volume::SizeOf(type_);
-    std::copy_n(samples_.data() + static_cast<std::size_t>(begin_z) * plane_bytes,
-                static_cast<std::size_t>(end_z - begin_z) * plane_bytes, out);
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
+    const std::size_t row_bytes = static_cast<std::size_t>(dims.x) * volume::SizeOf(type_);
+    std::copy_n(samples_.data() + static_cast<std::size_t>(begin_row) * row_bytes,
+                static_cast<std::size_t>(end_row - begin_row) * row_bytes, out);
     return absl::OkStatus();
   }
 
@@ -68,18 +76,78 @@ absl::Status CheckIsFile(const std::string& path) {
     return absl::NotFoundError(absl::StrCat(path, ": no such file"));
   }
   if (base::IsDirectory(path)) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path,
-        ": a folder; expected one volume file (a DICOM series is not read: convert it to "
-        "NIfTI, for example with dcm2niix)"));
+    return absl::InvalidArgumentError(absl::StrCat(path, ": a folder; expected a file"));
   }
   return absl::OkStatus();
+}
+
+bool IsTiffName(const std::string& path) {
+  return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
+}
+
+// The TIFF files in a folder, "slice9" before "slice10".
+std::vector<std::string> TiffFilesIn(const std::string& folder) {
+  std::vector<std::string> files;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string path = entry->path().string();
+    if (IsTiffName(path) && !base::IsDirectory(path)) {
+      files.push_back(path);
+    }
+  }
+  std::sort(files.begin(), files.end(), NaturalLess);
+  return files;
+}
+
+// The files that a pattern with '*' or '?' in it names.
+std::vector<std::string> FilesLike(const std::string& pattern) {
+  std::vector<std::string> files;
+  glob_t found{};
+  if (glob(pattern.c_str(), 0, nullptr, &found) == 0) {
+    files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+  }
+  globfree(&found);
+  std::sort(files.begin(), files.end(), NaturalLess);
+  return files;
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenFolder(const std::string& path) {
+  const std::vector<std::string> tiff_files = TiffFilesIn(path);
+  if (!tiff_files.empty()) {
+    return OpenTiffStack(tiff_files, path);
+  }
+  auto series = OpenDicomSeries(path);
+  if (absl::IsNotFound(series.status())) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": a folder with neither TIFF files (.tif .tiff) nor a DICOM series in it"));
+  }
+  return series;
 }
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path) {
+  Hdf5Path hdf5;
+  if (!base::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
+    return OpenTiffStack(FilesLike(path), path);
+  }
+  if (SplitHdf5Path(path, &hdf5)) {
+    return OpenHdf5Dataset(path);
+  }
+  if (base::IsDirectory(path)) {
+    return OpenFolder(path);
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
+  if (IsTiffName(path)) {
+    return OpenTiffStack({path}, path);
+  }
+  if (absl::EndsWithIgnoreCase(path, ".vti")) {
+    return OpenVtiFile(path);
+  }
+  if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
+    return OpenDicomSeries(path);
+  }
   const auto* suffix = std::find_if(kSuffixes.begin(), kSuffixes.end(), [&](const Suffix& known) {
     return absl::EndsWithIgnoreCase(path, known.text);
   });
@@ -87,7 +155,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
     return absl::InvalidArgumentError(absl::StrCat(
         path,
         ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
-        ".nhdr) and MetaImage (.mha .mhd); anything else is read as raw samples with --dims X,Y,Z "
+        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (.vti), HDF5 (file.h5:/dataset), DICOM (a "
+        "series' folder or a file of it) and TIFF (a folder, a pattern in quotation marks, or a "
+        "file of many pages); anything else is read as raw samples with --dims X,Y,Z "
         "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
   }
   std::string header_path = path;

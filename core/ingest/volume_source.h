@@ -25,12 +25,25 @@ class VolumeSource {
   // Path or name, for messages.
   [[nodiscard]] virtual const std::string& name() const = 0;
 
-  // Reads samples [begin_z, end_z) as [z][y][x], x fastest, little-endian, into `out`, which holds
-  // (end_z - begin_z) * ny * nx * SizeOf(type) bytes. Slabs may overlap; they are asked for in
-  // ascending order of begin_z within a pass; a pass may start over at 0.
+  // Reads rows [begin_row, end_row), row = z * ny + y, as [row][x], x fastest, little-endian, into
+  // `out`, which holds (end_row - begin_row) * nx * SizeOf(type) bytes. Runs of rows may overlap;
+  // they are asked for in ascending order of begin_row within a pass, unless is_seekable(); a pass
+  // may start over at 0. Memory beside `out`: memory_bytes(), however many rows.
   // INVALID_ARGUMENT if the file ends early (names bytes expected and found), DATA_LOSS if it is
   // damaged or can't be decoded.
-  virtual absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) = 0;
+  // REQUIRES: 0 <= begin_row < end_row <= ny * nz.
+  virtual absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) = 0;
+
+  // True if rows in any order cost no more than in ascending order.
+  [[nodiscard]] virtual bool is_seekable() const { return true; }
+  // What it holds while it is read, for the memory limit.
+  [[nodiscard]] virtual std::int64_t memory_bytes() const { return 0; }
+
+  // Reads planes [begin_z, end_z).
+  absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) {
+    const std::int64_t rows = geometry().sample_dims.y;
+    return ReadRows(begin_z * rows, end_z * rows, out);
+  }
 };
 
 // What the command line says about a raw file; ignored for formats that carry it themselves, except
@@ -44,7 +57,9 @@ struct RawFormat {
   math::Vec3d origin;
 };
 
-// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd) by ITK.
+// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), VTK ImageData
+// (.vti), a dataset of an HDF5 file ("file.h5:/dataset"), a DICOM series (its folder or a file of
+// it), a TIFF stack (a folder, a pattern with '*' or '?', a file of many pages).
 // NOT_FOUND, INVALID_ARGUMENT (unknown format: lists those known, and says how to read it as raw;
 // not three-dimensional; more than one component), DATA_LOSS.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);

@@ -1,12 +1,10 @@
 // Based on:
-// Pineda 1988, "A parallel algorithm for polygon rasterization" (edge functions);
 // Olano, Greer 1997, "Triangle scan conversion using 2D homogeneous coordinates" (weights);
 // Sutherland, Hodgman 1974, "Reentrant polygon clipping".
 
 #include "core/render/cpu_rasterizer.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 
@@ -15,38 +13,26 @@
 namespace isoscope::render {
 namespace {
 
-constexpr int kSubpixelBits = 8;
-constexpr std::int32_t kSubpixels = 1 << kSubpixelBits;
-constexpr std::int32_t kHalfPixel = kSubpixels / 2;
-// Vertices further out than this are clipped first, so that products of coordinate differences fit
-// 64 bits with room: (2 * 2^15 px * 2^8)^2 = 2^48.
-constexpr double kGuardBandPx = 32768;
-// Triangles no larger than this are filled with 32-bit edge functions: (2^6 px * 2^8)^2 * 2 < 2^31.
-constexpr std::int32_t kSmallTrianglePx = 60;
+view::PixelRect Intersection(const view::PixelRect& a, const view::PixelRect& b) {
+  return {std::max(a.begin_x, b.begin_x), std::max(a.begin_y, b.begin_y),
+          std::min(a.end_x, b.end_x), std::min(a.end_y, b.end_y)};
+}
 
-// The first pixel whose centre is at or right of `x` (1/256 pixels).
-constexpr std::int32_t FirstPixelFrom(std::int32_t x) {
-  return (x + kHalfPixel - 1) >> kSubpixelBits;
+view::PixelRect BoundsOf(const image::PixelMask& mask) {
+  return {mask.begin_column << mask.shift, mask.begin_row << mask.shift,
+          (mask.begin_column + mask.columns) << mask.shift,
+          (mask.begin_row + mask.rows) << mask.shift};
 }
 
 }  // namespace
 
-void CpuRasterizer::TransformVertices(const mesh::BlockMesh& mesh, const view::View& view) {
-  width_ = view.viewport().width_px;
-  height_ = view.viewport().height_px;
-  clip_from_index_ = view.clip_from_index().m;
-  vertices_.resize(mesh.positions.size());
-  needs_clipping_.assign(mesh.positions.size(), 0);
-  const std::array<double, 16>& m = clip_from_index_;
-  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-    const double x = static_cast<double>(mesh.positions[i].x);
-    const double y = static_cast<double>(mesh.positions[i].y);
-    const double z = static_cast<double>(mesh.positions[i].z);
-    const ClipVertex clip{
-        m[0] * x + m[4] * y + m[8] * z + m[12], m[1] * x + m[5] * y + m[9] * z + m[13],
-        m[2] * x + m[6] * y + m[10] * z + m[14], m[3] * x + m[7] * y + m[11] * z + m[15]};
-    needs_clipping_[i] = Project(clip, &vertices_[i]) ? 0 : 1;
-  }
+CpuRasterizer::ClipVertex CpuRasterizer::ToClip(const math::Vec3f& position) const {
+  const std::array<double, 16>& m = projection_.clip_from_index;
+  const double x = static_cast<double>(position.x);
+  const double y = static_cast<double>(position.y);
+  const double z = static_cast<double>(position.z);
+  return {m[0] * x + m[4] * y + m[8] * z + m[12], m[1] * x + m[5] * y + m[9] * z + m[13],
+          m[2] * x + m[6] * y + m[10] * z + m[14], m[3] * x + m[7] * y + m[11] * z + m[15]};
 }
 
 bool CpuRasterizer::Project(const ClipVertex& clip, ScreenVertex* screen) const {
@@ -54,28 +40,26 @@ bool CpuRasterizer::Project(const ClipVertex& clip, ScreenVertex* screen) const 
     return false;
   }
   const double inverse_w = 1.0 / clip.w;
-  const double x = (clip.x * inverse_w * 0.5 + 0.5) * width_;
-  const double y = (0.5 - clip.y * inverse_w * 0.5) * height_;
+  const double x = (clip.x * inverse_w * 0.5 + 0.5) * projection_.width_px;
+  const double y = (0.5 - clip.y * inverse_w * 0.5) * projection_.height_px;
   if (!(std::abs(x) <= kGuardBandPx && std::abs(y) <= kGuardBandPx)) {
     return false;
   }
   screen->x = static_cast<std::int32_t>(std::lrint(x * kSubpixels));
   screen->y = static_cast<std::int32_t>(std::lrint(y * kSubpixels));
-  screen->z = static_cast<float>(clip.z * inverse_w * 0.5 + 0.5);
+  screen->z = static_cast<float>(std::min(clip.z * inverse_w * 0.5 + 0.5, kMaxVertexDepth));
   return true;
 }
 
-void CpuRasterizer::Emit(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
+void CpuRasterizer::Fill(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
                          std::uint32_t triangle) {
-  const view::PixelRect& rect = footprint_.rect;
-  const std::int32_t begin_x = std::max(FirstPixelFrom(std::min({a.x, b.x, c.x})), rect.begin_x);
-  const std::int32_t end_x = std::min(FirstPixelFrom(std::max({a.x, b.x, c.x}) + 1), rect.end_x);
-  if (begin_x >= end_x) {
-    return;
-  }
-  const std::int32_t begin_y = std::max(FirstPixelFrom(std::min({a.y, b.y, c.y})), rect.begin_y);
-  const std::int32_t end_y = std::min(FirstPixelFrom(std::max({a.y, b.y, c.y}) + 1), rect.end_y);
-  if (begin_y >= end_y) {
+  const view::PixelRect box{
+      std::max(FirstPixelFrom(std::min({a.x, b.x, c.x})), rect_.begin_x),
+      std::max(FirstPixelFrom(std::min({a.y, b.y, c.y})), rect_.begin_y),
+      std::min(FirstPixelFrom(std::max({a.x, b.x, c.x}) + 1), rect_.end_x),
+      std::min(FirstPixelFrom(std::max({a.y, b.y, c.y}) + 1), rect_.end_y),
+  };
+  if (box.empty()) {
     return;
   }
   const std::int64_t area =
@@ -83,41 +67,26 @@ void CpuRasterizer::Emit(const ScreenVertex& a, const ScreenVertex& b, const Scr
   if (area == 0) {
     return;
   }
-  ScreenTriangle& out = triangles_.emplace_back();
-  out.v = area > 0 ? std::array{a, b, c} : std::array{a, c, b};
-  out.index = triangle;
-  out.begin_x = begin_x;
-  out.begin_y = begin_y;
-  out.end_x = end_x;
-  out.end_y = end_y;
-  bounds_.begin_x = std::min(bounds_.begin_x, begin_x);
-  bounds_.begin_y = std::min(bounds_.begin_y, begin_y);
-  bounds_.end_x = std::max(bounds_.end_x, end_x);
-  bounds_.end_y = std::max(bounds_.end_y, end_y);
+  const ScreenTriangle screen{
+      .v = area > 0 ? std::array{a, b, c} : std::array{a, c, b}, .index = triangle, .box = box};
+  FillTriangle(screen, nearest_depth_, &fragments_, [this]() { Flush(); });
 }
 
-void CpuRasterizer::ClipAndEmit(const mesh::BlockMesh& mesh, std::uint32_t triangle) {
+void CpuRasterizer::ClipAndFill(const mesh::MeshView& mesh, std::uint32_t triangle) {
   // A plane is the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band is a
   // little inside what Project takes, so that rounding can't push a clipped vertex out again.
   constexpr double kBandPx = kGuardBandPx - 1;
-  const double gx_low = 1 + 2 * kBandPx / width_;
-  const double gx_high = 2 * kBandPx / width_ - 1;
-  const double gy_low = 2 * kBandPx / height_ - 1;
-  const double gy_high = 1 + 2 * kBandPx / height_;
+  const double gx_low = 1 + 2 * kBandPx / projection_.width_px;
+  const double gx_high = 2 * kBandPx / projection_.width_px - 1;
+  const double gy_low = 2 * kBandPx / projection_.height_px - 1;
+  const double gy_high = 1 + 2 * kBandPx / projection_.height_px;
   const std::array<ClipVertex, 5> planes{ClipVertex{0, 0, 1, 1}, ClipVertex{1, 0, 0, gx_low},
                                          ClipVertex{-1, 0, 0, gx_high}, ClipVertex{0, 1, 0, gy_low},
                                          ClipVertex{0, -1, 0, gy_high}};
-  const std::array<double, 16>& m = clip_from_index_;
   std::array<ClipVertex, 8> polygon;
   std::size_t count = 3;
   for (std::size_t corner = 0; corner < 3; ++corner) {
-    const math::Vec3f& p = mesh.positions[mesh.indices[3 * std::size_t{triangle} + corner]];
-    const double x = static_cast<double>(p.x);
-    const double y = static_cast<double>(p.y);
-    const double z = static_cast<double>(p.z);
-    polygon[corner] = {
-        m[0] * x + m[4] * y + m[8] * z + m[12], m[1] * x + m[5] * y + m[9] * z + m[13],
-        m[2] * x + m[6] * y + m[10] * z + m[14], m[3] * x + m[7] * y + m[11] * z + m[15]};
+    polygon[corner] = ToClip(mesh.positions[mesh.indices[3 * std::size_t{triangle} + corner]]);
   }
   for (const ClipVertex& plane : planes) {
     const auto distance = [&plane](const ClipVertex& v) {
@@ -161,135 +130,115 @@ void CpuRasterizer::ClipAndEmit(const mesh::BlockMesh& mesh, std::uint32_t trian
     }
   }
   for (std::size_t i = 2; i < count; ++i) {
-    Emit(screen[0], screen[i - 1], screen[i], triangle);
+    Fill(screen[0], screen[i - 1], screen[i], triangle);
   }
 }
 
-template <typename Int>
-void CpuRasterizer::FillTriangle(const ScreenTriangle& triangle, const view::PixelRect& rect) {
-  const auto& [a, b, c] = triangle.v;
-  const std::int32_t begin_x = std::max(triangle.begin_x, std::int32_t{rect.begin_x});
-  const std::int32_t end_x = std::min(triangle.end_x, std::int32_t{rect.end_x});
-  const std::int32_t begin_y = std::max(triangle.begin_y, std::int32_t{rect.begin_y});
-  const std::int32_t end_y = std::min(triangle.end_y, std::int32_t{rect.end_y});
-
-  // Edge functions at the first pixel centre; >= 0 inside. A pixel centre on an edge belongs to the
-  // triangle only if the edge is a top or a left one.
-  const Int x = Int{begin_x * kSubpixels + kHalfPixel};
-  const Int y = Int{begin_y * kSubpixels + kHalfPixel};
-  const auto edge = [x, y](const ScreenVertex& from, const ScreenVertex& to) {
-    const Int dx = Int{to.x - from.x};
-    const Int dy = Int{to.y - from.y};
-    const bool is_top_left = dy < 0 || (dy == 0 && dx > 0);
-    return dx * (y - from.y) - dy * (x - from.x) - (is_top_left ? 0 : 1);
-  };
-  Int row_ab = edge(a, b);
-  Int row_bc = edge(b, c);
-  Int row_ca = edge(c, a);
-  const Int step_x_ab = Int{a.y - b.y} * kSubpixels;
-  const Int step_x_bc = Int{b.y - c.y} * kSubpixels;
-  const Int step_x_ca = Int{c.y - a.y} * kSubpixels;
-  const Int step_y_ab = Int{b.x - a.x} * kSubpixels;
-  const Int step_y_bc = Int{c.x - b.x} * kSubpixels;
-  const Int step_y_ca = Int{a.x - c.x} * kSubpixels;
-
-  // The depth plane through the three vertices, from a. The arithmetic is the same whichever tile
-  // asks: it starts at the vertex, not at the tile.
-  const auto ux = static_cast<double>(b.x - a.x);
-  const auto uy = static_cast<double>(b.y - a.y);
-  const auto vx = static_cast<double>(c.x - a.x);
-  const auto vy = static_cast<double>(c.y - a.y);
-  const auto uz = static_cast<double>(b.z) - static_cast<double>(a.z);
-  const auto vz = static_cast<double>(c.z) - static_cast<double>(a.z);
-  const double inverse_area = 1.0 / (ux * vy - vx * uy);
-  const double depth_per_x = (uz * vy - vz * uy) * inverse_area;
-  const double depth_per_y = (vz * ux - uz * vx) * inverse_area;
-  // Slivers have steep planes: a fragment is never outside its own triangle's depths.
-  const float nearest = footprint_.nearest_depth;
-  const float depth_low = std::min(std::max(std::min({a.z, b.z, c.z}), nearest), 1.0F);
-  const float depth_high = std::min(std::max(std::max({a.z, b.z, c.z}), nearest), 1.0F);
-
-  const int stride = rect.end_x - rect.begin_x;
-  for (std::int32_t py = begin_y; py < end_y; ++py) {
-    Int ab = row_ab;
-    Int bc = row_bc;
-    Int ca = row_ca;
-    std::uint64_t* row =
-        keys_.data() + static_cast<std::ptrdiff_t>(py - rect.begin_y) * stride - rect.begin_x;
-    const double depth_of_row =
-        static_cast<double>(a.z) + depth_per_y * (py * kSubpixels + kHalfPixel - a.y);
-    for (std::int32_t px = begin_x; px < end_x; ++px) {
-      if ((ab | bc | ca) >= 0) {
-        const double plane = depth_of_row + depth_per_x * (px * kSubpixels + kHalfPixel - a.x);
-        // + 0 turns -0 into +0, whose bits are the smallest.
-        const float depth =
-            std::min(std::max(static_cast<float>(plane), depth_low), depth_high) + 0.0F;
-        const std::uint64_t key =
-            std::uint64_t{std::bit_cast<std::uint32_t>(depth)} << 32 | triangle.index;
-        row[px] = std::min(row[px], key);
-      }
-      ab += step_x_ab;
-      bc += step_x_bc;
-      ca += step_x_ca;
-    }
-    row_ab += step_y_ab;
-    row_bc += step_y_bc;
-    row_ca += step_y_ca;
+void CpuRasterizer::FillClipped(const mesh::MeshView& mesh) {
+  clipped_vertices_.resize(mesh.positions.size());
+  needs_clipping_.resize(mesh.positions.size());
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    needs_clipping_[i] = Project(ToClip(mesh.positions[i]), &clipped_vertices_[i]) ? 0 : 1;
   }
-}
-
-void CpuRasterizer::FillTile(const view::PixelRect& rect) {
-  const auto pixel_count = static_cast<std::size_t>(rect.end_x - rect.begin_x) *
-                           static_cast<std::size_t>(rect.end_y - rect.begin_y);
-  keys_.assign(pixel_count, KeyTile::kNoKey);
-  for (const ScreenTriangle& triangle : triangles_) {
-    if (triangle.begin_x >= rect.end_x || triangle.end_x <= rect.begin_x ||
-        triangle.begin_y >= rect.end_y || triangle.end_y <= rect.begin_y) {
-      continue;
-    }
-    const auto& v = triangle.v;
-    const auto [low_x, high_x] = std::minmax({v[0].x, v[1].x, v[2].x});
-    const auto [low_y, high_y] = std::minmax({v[0].y, v[1].y, v[2].y});
-    if (high_x - low_x <= kSmallTrianglePx * kSubpixels &&
-        high_y - low_y <= kSmallTrianglePx * kSubpixels) {
-      FillTriangle<std::int32_t>(triangle, rect);
-    } else {
-      FillTriangle<std::int64_t>(triangle, rect);
-    }
-  }
-}
-
-void CpuRasterizer::Rasterize(const mesh::BlockMesh& mesh, const view::View& view,
-                              const view::Footprint& footprint,
-                              absl::FunctionRef<void(const KeyTile&)> visit) {
-  footprint_ = footprint;
-  TransformVertices(mesh, view);
-  triangles_.clear();
-  bounds_ = {width_, height_, 0, 0};
   const auto triangle_count = static_cast<std::uint32_t>(mesh.triangle_count());
   for (std::uint32_t triangle = 0; triangle < triangle_count; ++triangle) {
     const std::uint32_t* corners = &mesh.indices[3 * std::size_t{triangle}];
     if ((needs_clipping_[corners[0]] | needs_clipping_[corners[1]] | needs_clipping_[corners[2]]) ==
-        0) [[likely]] {
-      Emit(vertices_[corners[0]], vertices_[corners[1]], vertices_[corners[2]], triangle);
+        0) {
+      Fill(clipped_vertices_[corners[0]], clipped_vertices_[corners[1]],
+           clipped_vertices_[corners[2]], triangle);
     } else {
-      ClipAndEmit(mesh, triangle);
-    }
-  }
-  if (triangles_.empty()) {
-    return;
-  }
-  for (int y = bounds_.begin_y; y < bounds_.end_y; y += kTilePx) {
-    for (int x = bounds_.begin_x; x < bounds_.end_x; x += kTilePx) {
-      const view::PixelRect rect{x, y, std::min(x + kTilePx, bounds_.end_x),
-                                 std::min(y + kTilePx, bounds_.end_y)};
-      FillTile(rect);
-      visit({rect, keys_.data()});
+      ClipAndFill(mesh, triangle);
     }
   }
 }
 
-std::array<double, 3> BarycentricsAtPixel(const mesh::BlockMesh& mesh, std::uint32_t triangle,
+void CpuRasterizer::FillFromVertices(const mesh::MeshView& mesh, std::uint32_t triangle) {
+  const auto vertex = [&](std::size_t corner) {
+    const std::uint32_t i = mesh.indices[3 * std::size_t{triangle} + corner];
+    return ScreenVertex{vertices_.x[i], vertices_.y[i], vertices_.z[i]};
+  };
+  Fill(vertex(0), vertex(1), vertex(2), triangle);
+}
+
+void CpuRasterizer::DropClosed() {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < fragments_.count; ++i) {
+    const std::uint32_t pixel = fragments_.pixels[i];
+    fragments_.pixels[kept] = pixel;
+    fragments_.depths[kept] = fragments_.depths[i];
+    fragments_.triangles[kept] = fragments_.triangles[i];
+    kept +=
+        open_->Contains(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16)) ? 1U : 0U;
+  }
+  fragments_.count = kept;
+}
+
+void CpuRasterizer::Flush() {
+  if (open_ != nullptr) {
+    DropClosed();
+  }
+  if (fragments_.count > 0) {
+    (*visit_)({.bounds = fragments_.bounds,
+               .pixels = std::span(fragments_.pixels).first(fragments_.count),
+               .depths = std::span(fragments_.depths).first(fragments_.count),
+               .triangles = std::span(fragments_.triangles).first(fragments_.count)});
+  }
+  fragments_.Reset();
+}
+
+void CpuRasterizer::Rasterize(const mesh::MeshView& mesh, const view::View& view,
+                              const view::Footprint& footprint, const image::PixelMask* open,
+                              absl::FunctionRef<void(const FragmentBatch&)> visit) {
+  rect_ = footprint.rect;
+  if (open != nullptr) {
+    rect_ = Intersection(rect_, BoundsOf(*open));
+  }
+  if (rect_.empty() || mesh.indices.empty()) {
+    return;
+  }
+  projection_ = {.clip_from_index = view.clip_from_index().m,
+                 .width_px = static_cast<double>(view.viewport().width_px),
+                 .height_px = static_cast<double>(view.viewport().height_px)};
+  nearest_depth_ = footprint.nearest_depth;
+  open_ = open;
+  visit_ = &visit;
+  fragments_.Reset();
+  const ScreenBounds bounds = TransformVertices(projection_, mesh.positions, &vertices_);
+  if (!bounds.is_valid) {
+    FillClipped(mesh);
+    Flush();
+    return;
+  }
+  const view::PixelRect mesh_rect =
+      Intersection(rect_, {FirstPixelFrom(bounds.min_x), FirstPixelFrom(bounds.min_y),
+                           FirstPixelFrom(bounds.max_x + 1), FirstPixelFrom(bounds.max_y + 1)});
+  if (mesh_rect.empty()) {
+    return;
+  }
+  if (std::max(bounds.max_x - bounds.min_x, bounds.max_y - bounds.min_y) <=
+      kMaxTinyExtentPx * kSubpixels) {
+    larger_.clear();
+    FillTinyTriangles({.indices = mesh.indices,
+                       .vertices = &vertices_,
+                       .origin_x = bounds.min_x >> kSubpixelBits,
+                       .origin_y = bounds.min_y >> kSubpixelBits,
+                       .rect = mesh_rect,
+                       .nearest_depth = nearest_depth_},
+                      &fragments_, &larger_, [this]() { Flush(); });
+    for (const std::uint32_t triangle : larger_) {
+      FillFromVertices(mesh, triangle);
+    }
+  } else {
+    const auto triangle_count = static_cast<std::uint32_t>(mesh.triangle_count());
+    for (std::uint32_t triangle = 0; triangle < triangle_count; ++triangle) {
+      FillFromVertices(mesh, triangle);
+    }
+  }
+  Flush();
+}
+
+std::array<double, 3> BarycentricsAtPixel(const mesh::MeshView& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y) {
   const std::array<double, 16>& m = view.clip_from_index().m;
   const double ndc_x = 2 * (x + 0.5) / view.viewport().width_px - 1;

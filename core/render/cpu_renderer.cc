@@ -10,33 +10,43 @@
 #include <limits>
 #include <new>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/container/flat_hash_map.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/render/cpu_rasterizer.h"
+#include "core/render/shade_kernel.h"
 
 namespace isoscope::render {
 namespace {
 
 // Pixels are guarded in squares of this side, one lock each.
 constexpr int kLockTilePx = 64;
-// The triangle of a pixel whose colour is final for its key.
-constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
-constexpr std::uint64_t kBackgroundKey = image::FragmentKey(image::kFarDepth, image::kNoBlock);
-// Colour is a function of |n . v| alone; so many steps that none differs by more than one level.
-constexpr std::size_t kShadeSteps = 4096;
+// In a lock tile.
+constexpr int kImageTileColumns = kLockTilePx / image::TileSet::kTilePx;
 
-struct alignas(64) TileLock {
-  absl::Mutex mutex;
-};
+// What a pass knows of a pixel while it draws, in one word, so that the nearer of two fragments is
+// the smaller word: depth bits << 32 | the number of its triangle. Triangles are numbered over all
+// kept meshes.
+using Fragment = std::uint64_t;
+constexpr Fragment kNoFragment = std::numeric_limits<Fragment>::max();
+// The number of a fragment that is in the image already, with its block and colour.
+constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
+// A mesh's numbers begin at a multiple of this, so that a table finds the mesh of a number.
+constexpr std::uint32_t kNumberUnit = 64;
+
+constexpr std::uint32_t NumberOf(Fragment fragment) { return static_cast<std::uint32_t>(fragment); }
+
+// What the renderer keeps of passes that are over, so that a frame touches no fresh memory.
 
 std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
   std::vector<image::Rgba8> table(kShadeSteps + 1);
@@ -56,149 +66,466 @@ std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
   return table;
 }
 
+// A square of pixels that one thread at a time draws into. Held for well under a microsecond at a
+// time, so waiting is spinning; yields in case the holder lost its core.
+class alignas(64) LockTile {
+ public:
+  void Lock() {
+    for (int tries = 0; is_locked_.test_and_set(std::memory_order_acquire); ++tries) {
+      if (tries >= 64) {
+        std::this_thread::yield();
+      }
+    }
+  }
+  void Unlock() { is_locked_.clear(std::memory_order_release); }
+
+  // The image tiles in it that may have fragments: bit column + row * kImageTileColumns. Guarded
+  // by the lock.
+  std::uint32_t touched = 0;
+
+ private:
+  std::atomic_flag is_locked_;
+};
+
+// A mesh whose pixels are not shaded yet.
+struct KeptMesh {
+  const math::Vec3f* positions = nullptr;
+  const math::Vec3f* normals = nullptr;
+  const std::uint32_t* indices = nullptr;
+  std::uint32_t first_number = 0;
+  volume::BlockId block_id = 0;
+  std::shared_ptr<const mesh::MeshView> mesh;
+};
+
+// The large vectors of a pass. Between passes: no fragments, no meshes, nothing touched.
+struct PassBuffers {
+  PassBuffers(int buffer_width, int buffer_height)
+      : width(buffer_width),
+        height(buffer_height),
+        lock_columns((width + kLockTilePx - 1) / kLockTilePx),
+        lock_rows((height + kLockTilePx - 1) / kLockTilePx),
+        fragments(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNoFragment),
+        lock_tiles(static_cast<std::size_t>(lock_columns) * static_cast<std::size_t>(lock_rows)) {}
+
+  [[nodiscard]] std::size_t size_bytes() const {
+    return fragments.capacity() * sizeof(Fragment) + meshes.capacity() * sizeof(KeptMesh) +
+           mesh_of_unit.capacity() * sizeof(std::uint32_t);
+  }
+
+  const int width;
+  const int height;
+  const int lock_columns;
+  const int lock_rows;
+  std::vector<Fragment> fragments;
+  std::vector<LockTile> lock_tiles;
+  std::vector<KeptMesh> meshes;
+  std::vector<std::uint32_t> mesh_of_unit;  // by number / kNumberUnit, an index of `meshes`
+};
+
+// What passes share. Thread-safe.
+class Resources {
+ public:
+  // Scratch space of a thread.
+  struct Scratch {
+    CpuRasterizer rasterizer;
+    std::vector<std::uint32_t> first_numbers;  // of the meshes at hand
+    ShadeBatch batch;
+    std::array<std::uint32_t, ShadeBatch::kCapacity> pixels{};
+    std::array<Fragment, ShadeBatch::kCapacity> fragments{};
+    std::array<const KeptMesh*, ShadeBatch::kCapacity> meshes{};
+    std::array<const std::uint32_t*, ShadeBatch::kCapacity> corners{};
+  };
+
+  // An image takes 12 bytes a pixel, its buffers 8.
+  explicit Resources(std::size_t max_unused_bytes)
+      : max_unused_image_bytes_(max_unused_bytes / 5 * 3),
+        max_unused_buffer_bytes_(max_unused_bytes / 5 * 2) {}
+
+  std::unique_ptr<PassBuffers> TakeBuffers(int width, int height) {
+    {
+      const absl::MutexLock lock(&mutex_);
+      const auto found = std::find_if(unused_.rbegin(), unused_.rend(), [&](const auto& unused) {
+        return unused->width == width && unused->height == height;
+      });
+      if (found != unused_.rend()) {
+        std::unique_ptr<PassBuffers> buffers = std::move(*found);
+        unused_.erase(std::next(found).base());
+        unused_bytes_ -= buffers->size_bytes();
+        return buffers;
+      }
+    }
+    return std::make_unique<PassBuffers>(width, height);
+  }
+
+  // REQUIRES: as between passes.
+  void GiveBack(std::unique_ptr<PassBuffers> buffers) {
+    const std::size_t size = buffers->size_bytes();
+    if (size > max_unused_buffer_bytes_) {
+      return;
+    }
+    std::vector<std::unique_ptr<PassBuffers>> dropped;  // freed after the lock
+    const absl::MutexLock lock(&mutex_);
+    while (unused_bytes_ + size > max_unused_buffer_bytes_) {
+      unused_bytes_ -= unused_.front()->size_bytes();
+      dropped.push_back(std::move(unused_.front()));
+      unused_.erase(unused_.begin());
+    }
+    unused_bytes_ += size;
+    unused_.push_back(std::move(buffers));
+  }
+
+  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(const Appearance& appearance) {
+    const absl::MutexLock lock(&mutex_);
+    if (shade_table_ == nullptr || !(table_appearance_ == appearance)) {
+      shade_table_ = std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance));
+      table_appearance_ = appearance;
+    }
+    return shade_table_;
+  }
+
+  image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
+  Scratch& LocalScratch() { return scratch_.local(); }
+
+ private:
+  const std::size_t max_unused_image_bytes_;
+  const std::size_t max_unused_buffer_bytes_;
+  const std::shared_ptr<image::FrameImagePool> images_ =
+      image::FrameImagePool::Make(max_unused_image_bytes_);
+  tbb::enumerable_thread_specific<Scratch> scratch_;
+  absl::Mutex mutex_;
+  std::vector<std::unique_ptr<PassBuffers>> unused_ ABSL_GUARDED_BY(mutex_);
+  std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  Appearance table_appearance_ ABSL_GUARDED_BY(mutex_);  // of the last table
+  std::shared_ptr<const std::vector<image::Rgba8>> shade_table_ ABSL_GUARDED_BY(mutex_);
+};
+
 class CpuPass final : public RenderPass {
  public:
   CpuPass(const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance,
-          std::size_t max_kept_bytes)
+          const CpuRendererOptions& options, std::shared_ptr<Resources> resources)
       : view_(view),
         layout_(layout),
-        max_kept_bytes_(max_kept_bytes),
-        shade_table_(MakeShadeTable(appearance)),
+        options_(options),
+        rays_(MakePixelRays(view)),
         width_(view.viewport().width_px),
         height_(view.viewport().height_px),
-        lock_columns_(static_cast<std::size_t>((width_ + kLockTilePx - 1) / kLockTilePx)),
-        locks_(lock_columns_ * static_cast<std::size_t>((height_ + kLockTilePx - 1) / kLockTilePx)),
-        keys_(PixelCount(), kBackgroundKey),
-        triangles_(PixelCount(), kShaded),
-        colors_(PixelCount()) {}
+        resources_(std::move(resources)),
+        shade_table_(resources_->ShadeTableOf(appearance)),
+        image_(resources_->TakeImage(width_, height_)),
+        buffers_(resources_->TakeBuffers(width_, height_)) {}
 
-  absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) override {
-    if (std::int64_t{mesh->block_id} >= layout_.block_count()) {
-      return absl::InvalidArgumentError(absl::StrFormat("block %d: the layout has %d blocks",
-                                                        mesh->block_id, layout_.block_count()));
+  CpuPass(const CpuPass&) = delete;
+  CpuPass& operator=(const CpuPass&) = delete;
+
+  ~CpuPass() override {
+    if (!is_clean_) {
+      Clear();
     }
-    if (mesh->indices.empty()) {
-      return absl::OkStatus();
-    }
-    const view::Footprint footprint = view_.FootprintOf(layout_, mesh->block_id);
-    if (footprint.rect.empty()) {
-      return absl::OkStatus();
+    resources_->GiveBack(std::move(buffers_));
+  }
+
+  using RenderPass::Add;
+  absl::Status Add(std::span<const MeshToDraw> meshes) override {
+    for (const MeshToDraw& item : meshes) {
+      if (std::int64_t{item.mesh->block_id} >= layout_.block_count()) {
+        return absl::InvalidArgumentError(absl::StrFormat(
+            "block %d: the layout has %d blocks", item.mesh->block_id, layout_.block_count()));
+      }
+      ISOSCOPE_CHECK_EQ(item.mesh->positions.size(), item.mesh->normals.size());
     }
     bool must_shade = false;
     {
       // Shared: many meshes are drawn at a time; exclusive: kept meshes are shaded and dropped.
-      absl::ReaderMutexLock drawing(&shading_mutex_);
+      const absl::ReaderMutexLock drawing(&shading_mutex_);
+      Resources::Scratch& scratch = resources_->LocalScratch();
+      scratch.first_numbers.clear();
       {
-        absl::MutexLock lock(&meshes_mutex_);
-        kept_bytes_ += mesh->size_bytes();
-        must_shade = kept_bytes_ > max_kept_bytes_;
-        meshes_[mesh->block_id] = mesh;
+        const absl::MutexLock lock(&meshes_mutex_);
+        for (const MeshToDraw& item : meshes) {
+          scratch.first_numbers.push_back(Keep(item.mesh));
+        }
+        must_shade = IsFull();
       }
-      rasterizers_.local().Rasterize(*mesh, view_, footprint,
-                                     [&](const KeyTile& tile) { Merge(tile, mesh->block_id); });
+      for (std::size_t i = 0; i < meshes.size(); ++i) {
+        const mesh::MeshView& drawn = *meshes[i].mesh;
+        const view::Footprint footprint = view_.FootprintOf(layout_, drawn.block_id);
+        if (drawn.indices.empty() || footprint.rect.empty()) {
+          continue;
+        }
+        scratch.rasterizer.Rasterize(
+            drawn, view_, footprint, meshes[i].open,
+            [&](const FragmentBatch& batch) { Merge(batch, drawn, scratch.first_numbers[i]); });
+      }
     }
     if (must_shade) {
-      ShadeKept();
+      const absl::MutexLock exclusive(&shading_mutex_);
+      bool is_still_full = false;
+      {
+        // Another thread may have done it meanwhile.
+        const absl::MutexLock lock(&meshes_mutex_);
+        is_still_full = IsFull();
+      }
+      if (is_still_full) {
+        ShadeKept(/*is_last=*/false);
+      }
     }
     return absl::OkStatus();
   }
 
   absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    ShadeKept();
-    image::FrameImage image;
-    image.width = width_;
-    image.height = height_;
-    image.depth.resize(PixelCount());
-    image.block_id.resize(PixelCount());
-    image.color = std::move(colors_);
-    for (std::size_t i = 0; i < PixelCount(); ++i) {
-      image.depth[i] = std::bit_cast<float>(static_cast<std::uint32_t>(keys_[i] >> 32));
-      image.block_id[i] = static_cast<std::uint32_t>(keys_[i]);
+    {
+      const absl::MutexLock exclusive(&shading_mutex_);
+      ShadeKept(/*is_last=*/true);
+      is_clean_ = true;
     }
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    return image;
+    return std::move(image_);
   }
 
  private:
-  using MeshMap = absl::flat_hash_map<volume::BlockId, std::shared_ptr<const mesh::BlockMesh>>;
+  // An image tile with fragments to shade.
+  struct TileIndex {
+    int lock_tile = 0;
+    std::uint32_t touched = 0;  // in
+    std::uint32_t drawn = 0;    // out: the image tiles that do have fragments
+  };
 
-  [[nodiscard]] std::size_t PixelCount() const {
-    return static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_);
+  [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+    return kept_bytes_ > options_.max_kept_bytes || next_number_ > options_.max_kept_numbers;
   }
 
-  // Puts a block's tile into the image, lock tile by lock tile.
-  void Merge(const KeyTile& tile, volume::BlockId block_id) {
-    const view::PixelRect& rect = tile.rect;
-    for (int y = rect.begin_y; y < rect.end_y;) {
-      const int end_y = std::min((y / kLockTilePx + 1) * kLockTilePx, rect.end_y);
-      for (int x = rect.begin_x; x < rect.end_x;) {
-        const int end_x = std::min((x / kLockTilePx + 1) * kLockTilePx, rect.end_x);
-        absl::MutexLock lock(&locks_[static_cast<std::size_t>(y / kLockTilePx) * lock_columns_ +
-                                     static_cast<std::size_t>(x / kLockTilePx)]
-                                  .mutex);
-        for (int row = y; row < end_y; ++row) {
-          MergeRow(tile, block_id, row, x, end_x);
-        }
-        x = end_x;
+  // Keeps a mesh until it is shaded; the number of its first triangle.
+  std::uint32_t Keep(std::shared_ptr<const mesh::MeshView> mesh)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+    const auto units =
+        static_cast<std::uint32_t>((mesh->indices.size() / 3 + kNumberUnit - 1) / kNumberUnit);
+    const auto first_number = static_cast<std::uint32_t>(next_number_);
+    next_number_ += std::uint64_t{units} * kNumberUnit;
+    // Meshes of all threads that passed the test below at a time still find room.
+    ISOSCOPE_CHECK_LT(next_number_, std::uint64_t{kShaded});
+    kept_bytes_ += mesh->size_bytes();
+    buffers_->mesh_of_unit.insert(buffers_->mesh_of_unit.end(), units,
+                                  static_cast<std::uint32_t>(buffers_->meshes.size()));
+    KeptMesh& kept = buffers_->meshes.emplace_back();
+    kept.positions = mesh->positions.data();
+    kept.normals = mesh->normals.data();
+    kept.indices = mesh->indices.data();
+    kept.first_number = first_number;
+    kept.block_id = mesh->block_id;
+    kept.mesh = std::move(mesh);
+    return first_number;
+  }
+
+  template <typename Fn>
+  void ForEachLockTile(const view::PixelRect& rect, const Fn& fn) {
+    const int end_row = (rect.end_y - 1) / kLockTilePx;
+    const int end_column = (rect.end_x - 1) / kLockTilePx;
+    for (int row = rect.begin_y / kLockTilePx; row <= end_row; ++row) {
+      for (int column = rect.begin_x / kLockTilePx; column <= end_column; ++column) {
+        fn(row, column,
+           buffers_->lock_tiles[static_cast<std::size_t>(row) *
+                                    static_cast<std::size_t>(buffers_->lock_columns) +
+                                static_cast<std::size_t>(column)]);
       }
-      y = end_y;
     }
   }
 
-  void MergeRow(const KeyTile& tile, volume::BlockId block_id, int y, int begin_x, int end_x) {
-    const view::PixelRect& rect = tile.rect;
-    const std::uint64_t* from =
-        tile.keys + static_cast<std::ptrdiff_t>(y - rect.begin_y) * (rect.end_x - rect.begin_x) -
-        rect.begin_x;
-    const std::ptrdiff_t offset = static_cast<std::ptrdiff_t>(y) * width_;
-    for (int x = begin_x; x < end_x; ++x) {
-      if (from[x] == KeyTile::kNoKey) {
-        continue;
-      }
-      const std::uint64_t key = (from[x] & 0xffffffff00000000u) | block_id;
-      const auto pixel = static_cast<std::size_t>(offset + x);
-      if (key < keys_[pixel]) {
-        keys_[pixel] = key;
-        triangles_[pixel] = static_cast<std::uint32_t>(from[x]);
+  // Marks the image tiles of a lock tile that `rect` meets.
+  static void Touch(const view::PixelRect& rect, int row, int column, LockTile* tile) {
+    constexpr int kTilePx = image::TileSet::kTilePx;
+    const auto clip = [](int px, int lock_tile) {
+      return std::clamp(px - lock_tile * kLockTilePx, 0, kLockTilePx);
+    };
+    const int begin_column = clip(rect.begin_x, column) / kTilePx;
+    const int end_column = (clip(rect.end_x, column) + kTilePx - 1) / kTilePx;
+    const int begin_row = clip(rect.begin_y, row) / kTilePx;
+    const int end_row = (clip(rect.end_y, row) + kTilePx - 1) / kTilePx;
+    const std::uint32_t columns = (1U << end_column) - (1U << begin_column);
+    for (int r = begin_row; r < end_row; ++r) {
+      tile->touched |= columns << (r * kImageTileColumns);
+    }
+  }
+
+  // Puts fragments of a block into the picture. Locks are taken in one order, row by row.
+  void Merge(const FragmentBatch& batch, const mesh::MeshView& mesh,
+             std::uint32_t first_number) ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    ForEachLockTile(batch.bounds, [&](int row, int column, LockTile& tile) {
+      tile.Lock();
+      Touch(batch.bounds, row, column, &tile);
+    });
+    Fragment* fragments = buffers_->fragments.data();
+    const auto width = static_cast<std::uint32_t>(width_);
+    for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
+      const std::uint32_t pixel = batch.pixels[i];
+      Fragment& old = fragments[std::size_t{(pixel >> 16) * width + (pixel & 0xffff)}];
+      const Fragment fragment =
+          Fragment{batch.depths[i]} << 32 | (first_number + batch.triangles[i]);
+      if ((old ^ fragment) >> 32 != 0) [[likely]] {
+        old = std::min(old, fragment);
+      } else if (WinsTie(fragment, old, pixel, mesh, first_number)) {
+        old = fragment;
       }
     }
+    ForEachLockTile(batch.bounds, [](int, int, LockTile& tile) { tile.Unlock(); });
+  }
+
+  // Of two fragments with one depth, the one of the lower block stays, and in one block the one of
+  // the lower triangle. `fragment` is of `mesh`.
+  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel, const mesh::MeshView& mesh,
+               std::uint32_t first_number) {
+    const std::uint32_t old_number = NumberOf(old);
+    if (old_number == kShaded) {
+      const std::size_t index =
+          image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
+      return mesh.block_id < image::BlockOf(image_.keys[index]);
+    }
+    if (old_number >= first_number && old_number - first_number < mesh.indices.size() / 3) {
+      return NumberOf(fragment) < old_number;
+    }
+    const absl::MutexLock lock(&meshes_mutex_);
+    return mesh.block_id <
+           buffers_->meshes[buffers_->mesh_of_unit[old_number / kNumberUnit]].block_id;
   }
 
   // Shades every pixel whose triangle is kept and drops the meshes. Which pixels are shaded early
-  // does not change the picture: a later, nearer fragment replaces key and triangle.
-  void ShadeKept() {
-    absl::MutexLock exclusive(&shading_mutex_);
-    MeshMap meshes;
-    {
-      absl::MutexLock lock(&meshes_mutex_);
-      if (meshes_.empty()) {
-        return;
+  // does not change the picture: a later, nearer fragment replaces them. The last time also takes
+  // the fragments out of the buffers.
+  void ShadeKept(bool is_last) ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
+    const absl::MutexLock lock(&meshes_mutex_);
+    std::vector<TileIndex> tiles;
+    for (std::size_t i = 0; i < buffers_->lock_tiles.size(); ++i) {
+      LockTile& tile = buffers_->lock_tiles[i];
+      if (tile.touched != 0) {
+        tiles.push_back({.lock_tile = static_cast<int>(i), .touched = tile.touched});
+        if (is_last) {
+          tile.touched = 0;
+        }
       }
-      meshes.swap(meshes_);
-      kept_bytes_ = 0;
     }
-    tbb::parallel_for(0, height_, [&](int y) {
-      volume::BlockId last_id = image::kNoBlock;
-      const mesh::BlockMesh* last_mesh = nullptr;
-      for (int x = 0; x < width_; ++x) {
-        const auto pixel = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(y) * width_ + x);
-        if (triangles_[pixel] == kShaded) {
-          continue;
+    tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
+      Resources::Scratch& scratch = resources_->LocalScratch();
+      const int first_column = tiles[i].lock_tile % buffers_->lock_columns * kImageTileColumns;
+      const int first_row = tiles[i].lock_tile / buffers_->lock_columns * kImageTileColumns;
+      for (std::uint32_t rest = tiles[i].touched; rest != 0; rest &= rest - 1) {
+        const int bit = std::countr_zero(rest);
+        if (ShadeTile(first_column + bit % kImageTileColumns, first_row + bit / kImageTileColumns,
+                      is_last, &scratch)) {
+          tiles[i].drawn |= 1U << bit;
         }
-        const auto id = static_cast<volume::BlockId>(keys_[pixel]);
-        if (last_mesh == nullptr || id != last_id) {
-          last_id = id;
-          last_mesh = meshes.at(id).get();
-        }
-        colors_[pixel] = Shade(*last_mesh, triangles_[pixel], x, y);
-        triangles_[pixel] = kShaded;
       }
     });
+    for (const TileIndex& tile : tiles) {
+      const int first_column = tile.lock_tile % buffers_->lock_columns * kImageTileColumns;
+      const int first_row = tile.lock_tile / buffers_->lock_columns * kImageTileColumns;
+      for (std::uint32_t rest = tile.drawn; rest != 0; rest &= rest - 1) {
+        const int bit = std::countr_zero(rest);
+        image_.touched.Insert(first_column + bit % kImageTileColumns,
+                              first_row + bit / kImageTileColumns);
+      }
+    }
+    DropMeshes();
   }
 
-  [[nodiscard]] image::Rgba8 Shade(const mesh::BlockMesh& mesh, std::uint32_t triangle, int x,
-                                   int y) const {
+  void DropMeshes() ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+    buffers_->meshes.clear();
+    buffers_->mesh_of_unit.clear();
+    kept_bytes_ = 0;
+    next_number_ = 0;
+  }
+
+  // Whether the image tile has a pixel to shade.
+  bool ShadeTile(int column, int row, bool is_last, Resources::Scratch* scratch) {
+    constexpr int kTilePx = image::TileSet::kTilePx;
+    static_assert(std::size_t{kTilePx} * kTilePx <= ShadeBatch::kCapacity);
+    const int begin_x = column * kTilePx;
+    const int end_x = std::min(begin_x + kTilePx, width_);
+    const int end_y = std::min((row + 1) * kTilePx, height_);
+    std::size_t count = 0;
+    ShadeBatch& batch = scratch->batch;
+    for (int y = row * kTilePx; y < end_y; ++y) {
+      const std::size_t begin = image_.IndexOf(begin_x, y);
+      Fragment* fragments = buffers_->fragments.data() + begin;
+      const int width = end_x - begin_x;
+      // Planes of the image come from a pool and have left the cache.
+      for (int x = 0; x < width; x += 8) {
+        __builtin_prefetch(&image_.keys[begin + static_cast<std::size_t>(x)], 1);
+      }
+      __builtin_prefetch(&image_.colors[begin], 1);
+      for (int x = 0; x < width; ++x) {
+        const Fragment fragment = fragments[x];
+        scratch->pixels[count] = static_cast<std::uint32_t>(begin) + static_cast<std::uint32_t>(x);
+        scratch->fragments[count] = fragment;
+        batch.x[count] = static_cast<float>(begin_x + x) + 0.5F;
+        batch.y[count] = static_cast<float>(y) + 0.5F;
+        // No fragment is kShaded too.
+        count += NumberOf(fragment) != kShaded ? 1U : 0U;
+        fragments[x] = is_last ? kNoFragment : fragment | kShaded;
+      }
+    }
+    batch.count = count;
+    ShadePixels(scratch);
+    return count > 0;
+  }
+
+  void ShadePixels(Resources::Scratch* scratch) {
+    ShadeBatch& batch = scratch->batch;
+    // Meshes have left the cache since they were drawn: ask for all that is needed before it is.
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      const std::uint32_t number = NumberOf(scratch->fragments[i]);
+      const KeptMesh& mesh = MeshOf(number);
+      scratch->meshes[i] = &mesh;
+      scratch->corners[i] = mesh.indices + 3 * std::size_t{number - mesh.first_number};
+      __builtin_prefetch(scratch->corners[i]);
+    }
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      const KeptMesh& mesh = *scratch->meshes[i];
+      for (std::size_t c = 0; c < 3; ++c) {
+        const std::uint32_t vertex = scratch->corners[i][c];
+        __builtin_prefetch(&mesh.positions[vertex]);
+        __builtin_prefetch(&mesh.normals[vertex]);
+      }
+    }
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      const KeptMesh& mesh = *scratch->meshes[i];
+      const std::uint32_t* corners = scratch->corners[i];
+      for (std::size_t c = 0; c < 3; ++c) {
+        const math::Vec3f& position = mesh.positions[corners[c]];
+        const math::Vec3f& normal = mesh.normals[corners[c]];
+        batch.position[3 * c][i] = position.x;
+        batch.position[3 * c + 1][i] = position.y;
+        batch.position[3 * c + 2][i] = position.z;
+        batch.normal[3 * c][i] = normal.x;
+        batch.normal[3 * c + 1][i] = normal.y;
+        batch.normal[3 * c + 2][i] = normal.z;
+      }
+      image_.keys[scratch->pixels[i]] =
+          (scratch->fragments[i] >> 32 << 32) | std::uint64_t{mesh.block_id};
+    }
+    ComputeShadeSteps(rays_, &batch);
+    for (std::size_t k = 0; k < batch.inexact_count; ++k) {
+      const std::uint32_t i = batch.inexact[k];
+      const std::uint32_t number = NumberOf(scratch->fragments[i]);
+      const KeptMesh& mesh = MeshOf(number);
+      batch.step[i] =
+          ShadeStep(*mesh.mesh, number - mesh.first_number,
+                    static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
+                    static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
+    }
+    const image::Rgba8* table = shade_table_->data();
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      image_.colors[scratch->pixels[i]] = table[batch.step[i]];
+    }
+  }
+
+  // meshes_mutex_ is held by whoever shades.
+  [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t number) const {
+    return buffers_->meshes[buffers_->mesh_of_unit[number / kNumberUnit]];
+  }
+
+  // What ComputeShadeSteps computes, in doubles.
+  [[nodiscard]] std::uint32_t ShadeStep(const mesh::MeshView& mesh, std::uint32_t triangle, int x,
+                                        int y) const {
     const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view_, x, y);
     math::Vec3d normal;
     math::Vec3d position;
@@ -221,48 +548,83 @@ class CpuPass final : public RenderPass {
     // No normal: as if it faced the eye.
     const double cosine =
         scale > 0 ? std::min(std::abs(math::Dot(normal, to_eye)) / std::sqrt(scale), 1.0) : 1.0;
-    return shade_table_[static_cast<std::size_t>(std::lround(cosine * kShadeSteps))];
+    return static_cast<std::uint32_t>(std::lround(cosine * kShadeSteps));
+  }
+
+  // Takes the fragments and meshes of a pass that was given up out of the buffers.
+  void Clear() {
+    const absl::MutexLock lock(&meshes_mutex_);
+    for (int row = 0; row < buffers_->lock_rows; ++row) {
+      for (int column = 0; column < buffers_->lock_columns; ++column) {
+        LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(row) *
+                                                  static_cast<std::size_t>(buffers_->lock_columns) +
+                                              static_cast<std::size_t>(column)];
+        if (tile.touched == 0) {
+          continue;
+        }
+        tile.touched = 0;
+        const int begin_x = column * kLockTilePx;
+        const int width = std::min(kLockTilePx, width_ - begin_x);
+        const int end_y = std::min((row + 1) * kLockTilePx, height_);
+        for (int y = row * kLockTilePx; y < end_y; ++y) {
+          std::fill_n(
+              buffers_->fragments.begin() + static_cast<std::ptrdiff_t>(y) * width_ + begin_x,
+              width, kNoFragment);
+        }
+      }
+    }
+    DropMeshes();
   }
 
   const view::View view_;
   const volume::BlockLayout layout_;
-  const std::size_t max_kept_bytes_;
-  const std::vector<image::Rgba8> shade_table_;
+  const CpuRendererOptions options_;
+  const PixelRays rays_;
   const int width_;
   const int height_;
-  const std::size_t lock_columns_;
-  std::vector<TileLock> locks_;
-  // Guarded by the lock of their tile while drawing, by shading_mutex_ while shading.
-  std::vector<std::uint64_t> keys_;       // FragmentKey
-  std::vector<std::uint32_t> triangles_;  // of the mesh that owns the pixel, or kShaded
-  std::vector<image::Rgba8> colors_;
-  tbb::enumerable_thread_specific<CpuRasterizer> rasterizers_;
+  const std::shared_ptr<Resources> resources_;
+  const std::shared_ptr<const std::vector<image::Rgba8>> shade_table_;
   absl::Mutex shading_mutex_;
   absl::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
-  MeshMap meshes_ ABSL_GUARDED_BY(meshes_mutex_);
+  // Written while shading only. Keys and colours of the pixels whose fragment is kShaded.
+  image::FrameImage image_;
+  // Fragments are guarded by their lock tile while drawing, by shading_mutex_ while shading; meshes
+  // by meshes_mutex_.
+  std::unique_ptr<PassBuffers> buffers_;
+  bool is_clean_ = false;
+  std::uint64_t next_number_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
   std::size_t kept_bytes_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
 };
 
 class CpuRenderer final : public Renderer {
  public:
-  explicit CpuRenderer(std::size_t max_kept_bytes) : max_kept_bytes_(max_kept_bytes) {}
+  explicit CpuRenderer(const CpuRendererOptions& options)
+      : options_(options), resources_(std::make_shared<Resources>(options.max_unused_bytes)) {}
 
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
                                                         const Appearance& appearance) override {
-    return std::make_unique<CpuPass>(view, layout, appearance, max_kept_bytes_);
+    try {
+      return std::make_unique<CpuPass>(view, layout, appearance, options_, resources_);
+    } catch (const std::bad_alloc&) {
+      return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ",
+                                                       view.viewport().width_px, " x ",
+                                                       view.viewport().height_px, " pixels"));
+    }
   }
 
   [[nodiscard]] std::string description() const override { return "cpu: portable rasterizer"; }
 
  private:
-  const std::size_t max_kept_bytes_;
+  const CpuRendererOptions options_;
+  const std::shared_ptr<Resources> resources_;
 };
 
 }  // namespace
 
-std::unique_ptr<Renderer> MakeCpuRenderer(std::size_t max_kept_bytes) {
-  return std::make_unique<CpuRenderer>(max_kept_bytes);
+std::unique_ptr<Renderer> MakeCpuRenderer(const CpuRendererOptions& options) {
+  ISOSCOPE_CHECK_LE(options.max_kept_numbers, std::uint64_t{1} << 31);
+  return std::make_unique<CpuRenderer>(options);
 }
 
 }  // namespace isoscope::render

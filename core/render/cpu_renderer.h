@@ -4,6 +4,8 @@
 #ifndef ISOSCOPE_CORE_RENDER_CPU_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_CPU_RENDERER_H_
 
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 
 #include "core/render/renderer.h"
@@ -11,8 +13,19 @@
 namespace isoscope::render {
 
 // Meshes are rasterised by the thread that adds them, and kept until their pixels are shaded: at
-// Finish, or when more than `max_kept_bytes` of them wait in a pass.
-std::unique_ptr<Renderer> MakeCpuRenderer(std::size_t max_kept_bytes);
+// Finish, or when more of them wait in a pass than this.
+struct CpuRendererOptions {
+  std::size_t max_kept_bytes = std::size_t{512} << 20;
+  // Triangles, about: those of a mesh are rounded up to a multiple of 64. At most 2^31.
+  std::uint64_t max_kept_numbers = std::uint64_t{1} << 31;
+  // Of images and buffers that no pass uses.
+  std::size_t max_unused_bytes = std::size_t{256} << 20;
+};
+
+std::unique_ptr<Renderer> MakeCpuRenderer(const CpuRendererOptions& options);
+inline std::unique_ptr<Renderer> MakeCpuRenderer(std::size_t max_kept_bytes) {
+  return MakeCpuRenderer(CpuRendererOptions{.max_kept_bytes = max_kept_bytes});
+}
 
 }  // namespace isoscope::render
 

@@ -59,7 +59,29 @@ class EglRenderPass : public RenderPass {
     }
   }
 
-  absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) override {
+  using RenderPass::Add;
+  absl::Status Add(std::span<const MeshToDraw> meshes) override {
+    for (const MeshToDraw& item : meshes) {
+      ISOSCOPE_RETURN_IF_ERROR(AddOne(item.mesh, item.open));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
+    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
+    // An empty pass is drawn too if nothing was before: a picture that is too large fails whether
+    // or not a block is on it.
+    if (!image_.has_value() || HasCollected()) {
+      SubmitCollected();
+      ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
+    }
+    return *std::move(image_);
+  }
+
+ private:
+  absl::Status AddOne(std::shared_ptr<const mesh::MeshView> mesh, const image::PixelMask* open) {
     ISOSCOPE_CHECK(mesh != nullptr);
     ISOSCOPE_CHECK_EQ(mesh->positions.size(), mesh->normals.size());
     if (mesh->block_id >= layout_.block_count()) {
@@ -77,7 +99,10 @@ class EglRenderPass : public RenderPass {
     {
       const absl::MutexLock lock(&mutex_);
       collected_bytes_ += mesh->size_bytes();
-      collected_.push_back({.mesh = std::move(mesh), .footprint = footprint});
+      // The mask is copied: the GL thread may still draw after a pass that was given up is gone.
+      collected_.push_back({.mesh = std::move(mesh),
+                            .footprint = footprint,
+                            .open = open == nullptr ? std::nullopt : std::optional(*open)});
       if (collected_bytes_ < batch_bytes_) {
         return absl::OkStatus();
       }
@@ -96,20 +121,6 @@ class EglRenderPass : public RenderPass {
     return absl::OkStatus();
   }
 
-  absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
-    const absl::MutexLock drawing_lock(&drawing_mutex_);
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
-    // An empty pass is drawn too if nothing was before: a picture that is too large fails whether
-    // or not a block is on it.
-    if (!image_.has_value() || HasCollected()) {
-      SubmitCollected();
-      ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
-    }
-    return *std::move(image_);
-  }
-
- private:
   bool HasCollected() {
     const absl::MutexLock lock(&mutex_);
     return !collected_.empty();

@@ -7,6 +7,8 @@
 #include <cstring>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/math/matrix.h"
@@ -43,8 +45,11 @@ void main() {
 constexpr const char* kFragmentShader = R"(#version 330 core
 in vec3 fragment_normal;
 flat in uint fragment_slot;
-// For each slot: block id, bits of the nearest depth, first pixel (x | y << 16), end pixel.
+// For each slot two texels: block id, bits of the nearest depth, first pixel (x | y << 16), end
+// pixel; and of its mask: first word, shift, first cell (column | row << 16), columns and rows.
 uniform usamplerBuffer blocks;
+uniform usamplerBuffer masks;
+const uint kNoMask = 0xffffffffu;
 // The direction from the eye to the pixel at p is ray_origin + ray_x * p.x + ray_y * p.y.
 uniform vec3 ray_origin;
 uniform vec3 ray_x;
@@ -54,12 +59,26 @@ uniform vec3 shading;  // ambient, specular, shininess
 layout(location = 0) out vec4 color;
 layout(location = 1) out uint block_id;
 void main() {
-  uvec4 block = texelFetch(blocks, int(fragment_slot));
+  uvec4 block = texelFetch(blocks, int(2u * fragment_slot));
+  uvec4 mask = texelFetch(blocks, int(2u * fragment_slot + 1u));
   uvec2 pixel = uvec2(gl_FragCoord.xy);
   uvec2 first = uvec2(block.z & 0xffffu, block.z >> 16);
   uvec2 end = uvec2(block.w & 0xffffu, block.w >> 16);
   if (any(lessThan(pixel, first)) || any(greaterThanEqual(pixel, end))) {
     discard;
+  }
+  if (mask.x != kNoMask) {
+    // A cell left of or above the first wraps around to a very large one.
+    uvec2 cell = (pixel >> mask.y) - uvec2(mask.z & 0xffffu, mask.z >> 16);
+    uvec2 cells = uvec2(mask.w & 0xffffu, mask.w >> 16);
+    if (any(greaterThanEqual(cell, cells))) {
+      discard;
+    }
+    uint bit = cell.x + cell.y * cells.x;
+    uint word = texelFetch(masks, int(mask.x + (bit >> 5))).x;
+    if ((word >> (bit & 31u) & 1u) == 0u) {
+      discard;
+    }
   }
   gl_FragDepth = clamp(gl_FragCoord.z, uintBitsToFloat(block.y), 1.0);
   block_id = block.x;
@@ -76,19 +95,30 @@ void main() {
 }
 )";
 
+constexpr std::uint32_t kNoMask = 0xffffffff;
+
 // What the fragment shader reads of a block.
 struct BlockTexel {
   std::uint32_t block_id = 0;
   std::uint32_t nearest_depth_bits = 0;
   std::uint32_t first_pixel = 0;
   std::uint32_t end_pixel = 0;
+  std::uint32_t mask_first_word = kNoMask;  // of 32 bits
+  std::uint32_t mask_shift = 0;
+  std::uint32_t mask_first_cell = 0;
+  std::uint32_t mask_cells = 0;
 };
-static_assert(sizeof(BlockTexel) == 16);
+static_assert(sizeof(BlockTexel) == 32);
 
 std::uint32_t PackPixel(int x, int y) {
   return static_cast<std::uint32_t>(x) | static_cast<std::uint32_t>(y) << 16;
 }
 static_assert(view::kMaxViewportPx <= 0xffff, "pixels are packed in 16 + 16 bits");
+
+// How many words of 32 bits the mask of an item takes.
+std::size_t MaskWordsOf(const DrawItem& item) {
+  return item.open.has_value() ? 2 * item.open->words.size() : 0;
+}
 
 void SetVec3(GLint location, const math::Vec3d& v) {
   glUniform3f(location, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
@@ -104,10 +134,11 @@ absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make() {
   made->slots_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
   made->indices_ = std::make_unique<GlStreamBuffer>(GL_ELEMENT_ARRAY_BUFFER);
   made->blocks_ = std::make_unique<GlStreamBuffer>(GL_TEXTURE_BUFFER);
+  made->masks_ = std::make_unique<GlStreamBuffer>(GL_TEXTURE_BUFFER);
 
   GLint max_texels = 0;
   glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &max_texels);
-  made->max_blocks_in_chunk_ = static_cast<std::size_t>(max_texels);
+  made->max_texels_ = static_cast<std::size_t>(max_texels);
 
   glGenVertexArrays(1, &made->vertex_array_);
   glBindVertexArray(made->vertex_array_);
@@ -127,6 +158,11 @@ absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make() {
   made->blocks_->Bind();
   glBindTexture(GL_TEXTURE_BUFFER, made->blocks_texture_);
   glTexBuffer(GL_TEXTURE_BUFFER, GL_RGBA32UI, made->blocks_->name());
+  glGenTextures(1, &made->masks_texture_);
+  glActiveTexture(GL_TEXTURE1);
+  made->masks_->Bind();
+  glBindTexture(GL_TEXTURE_BUFFER, made->masks_texture_);
+  glTexBuffer(GL_TEXTURE_BUFFER, GL_R32UI, made->masks_->name());
 
   glDisable(GL_DITHER);
   glDisable(GL_BLEND);
@@ -141,6 +177,7 @@ absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make() {
 
 GlMeshDrawer::~GlMeshDrawer() {
   glDeleteTextures(1, &blocks_texture_);
+  glDeleteTextures(1, &masks_texture_);
   glDeleteVertexArrays(1, &vertex_array_);
 }
 
@@ -184,6 +221,7 @@ void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appeara
   glUniform3f(program_->Uniform("shading"), appearance.ambient, appearance.specular,
               appearance.shininess);
   glUniform1i(program_->Uniform("blocks"), 0);
+  glUniform1i(program_->Uniform("masks"), 1);
 }
 
 absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
@@ -210,27 +248,37 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     std::size_t end = begin;
     std::size_t vertices = 0;
     std::size_t indices = 0;
+    std::size_t mask_words = 0;
     // At least one item; a single large mesh makes a large chunk.
     do {
       vertices += items[end].mesh->positions.size();
       indices += items[end].mesh->indices.size();
+      mask_words += MaskWordsOf(items[end]);
       ++end;
-    } while (end < items.size() && end - begin < max_blocks_in_chunk_ &&
+    } while (end < items.size() && 2 * (end - begin + 1) <= max_texels_ &&
+             mask_words + MaskWordsOf(items[end]) <= max_texels_ &&
              vertices + items[end].mesh->positions.size() <= kMaxChunkVertices &&
              indices + items[end].mesh->indices.size() <= kMaxChunkIndices);
+    if (mask_words > max_texels_) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the mask of block ", items[begin].mesh->block_id, " has ", mask_words,
+                       " words; this OpenGL takes at most ", max_texels_));
+    }
     ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin)));
     begin = end;
   }
   ISOSCOPE_RETURN_IF_ERROR(poll());
   image::FrameImage image(width, height);
-  ISOSCOPE_RETURN_IF_ERROR(framebuffer_->ReadInto(&image));
+  ISOSCOPE_RETURN_IF_ERROR(framebuffer_->ReadInto(&readback_, &image));
   return image;
 }
 
 absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
   std::size_t vertex_count = 0;
   std::size_t index_count = 0;
+  std::size_t mask_word_count = 0;
   for (const DrawItem& item : items) {
+    mask_word_count += MaskWordsOf(item);
     vertex_count += item.mesh->positions.size();
     index_count += item.mesh->indices.size();
   }
@@ -240,21 +288,39 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
   ISOSCOPE_ASSIGN_OR_RETURN(void* slots, slots_->Map(vertex_count * sizeof(std::uint32_t)));
   ISOSCOPE_ASSIGN_OR_RETURN(void* indices, indices_->Map(index_count * sizeof(std::uint32_t)));
   ISOSCOPE_ASSIGN_OR_RETURN(void* blocks, blocks_->Map(items.size() * sizeof(BlockTexel)));
+  // One word more: an empty buffer can't be mapped.
+  ISOSCOPE_ASSIGN_OR_RETURN(void* masks,
+                            masks_->Map((mask_word_count + 1) * sizeof(std::uint32_t)));
   auto* position_out = static_cast<math::Vec3f*>(positions);
   auto* normal_out = static_cast<math::Vec3f*>(normals);
   auto* slot_out = static_cast<std::uint32_t*>(slots);
   auto* index_out = static_cast<std::uint32_t*>(indices);
   auto* block_out = static_cast<BlockTexel*>(blocks);
+  auto* mask_out = static_cast<std::uint32_t*>(masks);
+  std::uint32_t first_mask_word = 0;
   std::uint32_t slot = 0;
   std::uint32_t first_vertex = 0;
   for (const DrawItem& item : items) {
-    const mesh::BlockMesh& mesh = *item.mesh;
+    const mesh::MeshView& mesh = *item.mesh;
     const view::PixelRect& rect = item.footprint.rect;
-    *block_out++ = {
+    BlockTexel texel{
         .block_id = mesh.block_id,
         .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
         .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
         .end_pixel = PackPixel(rect.end_x, rect.end_y)};
+    if (item.open.has_value()) {
+      const image::PixelMask& open = *item.open;
+      texel.mask_first_word = first_mask_word;
+      texel.mask_shift = static_cast<std::uint32_t>(open.shift);
+      texel.mask_first_cell = PackPixel(open.begin_column, open.begin_row);
+      texel.mask_cells = PackPixel(open.columns, open.rows);
+      for (const std::uint64_t word : open.words) {
+        *mask_out++ = static_cast<std::uint32_t>(word);
+        *mask_out++ = static_cast<std::uint32_t>(word >> 32);
+      }
+      first_mask_word += static_cast<std::uint32_t>(MaskWordsOf(item));
+    }
+    *block_out++ = texel;
     const std::size_t count = mesh.positions.size();
     position_out = std::copy_n(mesh.positions.data(), count, position_out);
     normal_out = std::copy_n(mesh.normals.data(), count, normal_out);
@@ -267,12 +333,14 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
     first_vertex += static_cast<std::uint32_t>(count);
     ++slot;
   }
-  for (GlStreamBuffer* buffer :
-       {positions_.get(), normals_.get(), slots_.get(), indices_.get(), blocks_.get()}) {
+  for (GlStreamBuffer* buffer : {positions_.get(), normals_.get(), slots_.get(), indices_.get(),
+                                 blocks_.get(), masks_.get()}) {
     ISOSCOPE_RETURN_IF_ERROR(buffer->Unmap());
   }
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_BUFFER, blocks_texture_);
+  glActiveTexture(GL_TEXTURE1);
+  glBindTexture(GL_TEXTURE_BUFFER, masks_texture_);
   glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(index_count), GL_UNSIGNED_INT, nullptr);
   return GlStatus("draw a chunk of blocks");
 }

@@ -3,7 +3,7 @@
 // * A fragment's colour and depth come from its triangle and the view alone: one program, vertex
 //   positions relative to one point of the volume, no blending, dithering or multisampling.
 // * Depth is written by the fragment shader: the interpolated depth, clamped from below to the
-//   block's nearest depth. Fragments outside the block's rectangle are dropped.
+//   block's nearest depth. Fragments outside the block's rectangle or mask are dropped.
 // * The depth test is GL_LEQUAL, so of equal depths the last drawn stays; blocks are drawn from the
 //   highest id to the lowest and triangles from the last to the first. So the smallest FragmentKey
 //   stays, and even depth 1 wins over the background.
@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -23,6 +24,7 @@
 #include <epoxy/gl.h>
 
 #include "core/image/frame_image.h"
+#include "core/image/pixel_mask.h"
 #include "core/mesh/block_mesh.h"
 #include "core/render/appearance.h"
 #include "core/render/gl_objects.h"
@@ -30,10 +32,11 @@
 
 namespace isoscope::render {
 
-// A mesh and where its block can appear.
+// A mesh, where its block can appear, and outside what its fragments are dropped.
 struct DrawItem {
-  std::shared_ptr<const mesh::BlockMesh> mesh;
+  std::shared_ptr<const mesh::MeshView> mesh;
   view::Footprint footprint;
+  std::optional<image::PixelMask> open;
 };
 
 // GL thread only.
@@ -47,7 +50,7 @@ class GlMeshDrawer {
   // Draws `items`, in whatever order they come, on a background of its own.
   //
   // poll: called between draws; its error ends the work and is returned.
-  // RESOURCE_EXHAUSTED if the driver can't have so large a picture or has no memory.
+  // RESOURCE_EXHAUSTED if the driver can't have so large a picture or mask, or has no memory.
   absl::StatusOr<image::FrameImage> Draw(const view::View& view, const Appearance& appearance,
                                          std::vector<DrawItem> items,
                                          absl::FunctionRef<absl::Status()> poll);
@@ -66,9 +69,12 @@ class GlMeshDrawer {
   std::unique_ptr<GlStreamBuffer> slots_;
   std::unique_ptr<GlStreamBuffer> indices_;
   std::unique_ptr<GlStreamBuffer> blocks_;  // behind blocks_texture_
+  std::unique_ptr<GlStreamBuffer> masks_;   // behind masks_texture_
   GLuint blocks_texture_ = 0;
+  GLuint masks_texture_ = 0;
   GLuint vertex_array_ = 0;
-  std::size_t max_blocks_in_chunk_ = 0;
+  std::size_t max_texels_ = 0;  // of a texture buffer
+  GlReadback readback_;
 };
 
 }  // namespace isoscope::render

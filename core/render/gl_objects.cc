@@ -173,17 +173,41 @@ void GlFramebuffer::BindAndClear() const {
   glClearBufferfv(GL_DEPTH, 0, &image::kFarDepth);
 }
 
-absl::Status GlFramebuffer::ReadInto(image::FrameImage* image) const {
+absl::Status GlFramebuffer::ReadInto(GlReadback* scratch, image::FrameImage* image) const {
   ISOSCOPE_CHECK_EQ(image->width, width_);
   ISOSCOPE_CHECK_EQ(image->height, height_);
+  scratch->colors.resize(image->pixel_count());
+  scratch->block_ids.resize(image->pixel_count());
+  scratch->depths.resize(image->pixel_count());
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
   glReadBuffer(GL_COLOR_ATTACHMENT0);
-  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, image->color.data());
+  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, scratch->colors.data());
   glReadBuffer(GL_COLOR_ATTACHMENT1);
-  glReadPixels(0, 0, width_, height_, GL_RED_INTEGER, GL_UNSIGNED_INT, image->block_id.data());
-  glReadPixels(0, 0, width_, height_, GL_DEPTH_COMPONENT, GL_FLOAT, image->depth.data());
-  return GlStatus("read the picture back");
+  glReadPixels(0, 0, width_, height_, GL_RED_INTEGER, GL_UNSIGNED_INT, scratch->block_ids.data());
+  glReadPixels(0, 0, width_, height_, GL_DEPTH_COMPONENT, GL_FLOAT, scratch->depths.data());
+  ISOSCOPE_RETURN_IF_ERROR(GlStatus("read the picture back"));
+
+  constexpr int kTilePx = image::TileSet::kTilePx;
+  for (int y = 0; y < height_; ++y) {
+    for (int begin_x = 0; begin_x < width_; begin_x += kTilePx) {
+      const std::size_t begin = image->IndexOf(begin_x, y);
+      const std::size_t end = begin + static_cast<std::size_t>(std::min(kTilePx, width_ - begin_x));
+      std::uint32_t all_ids = image::kNoBlock;
+      for (std::size_t i = begin; i < end; ++i) {
+        all_ids &= scratch->block_ids[i];
+      }
+      if (all_ids == image::kNoBlock) {
+        continue;
+      }
+      image->touched.Insert(begin_x / kTilePx, y / kTilePx);
+      for (std::size_t i = begin; i < end; ++i) {
+        image->keys[i] = image::FragmentKey(scratch->depths[i], scratch->block_ids[i]);
+        image->colors[i] = scratch->colors[i];
+      }
+    }
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace isoscope::render

@@ -5,7 +5,9 @@
 #define ISOSCOPE_CORE_RENDER_GL_OBJECTS_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -60,6 +62,13 @@ class GlProgram {
   GLuint name_ = 0;
 };
 
+// Where the planes of a GlFramebuffer are read to, reused from picture to picture.
+struct GlReadback {
+  std::vector<image::Rgba8> colors;
+  std::vector<std::uint32_t> block_ids;
+  std::vector<float> depths;
+};
+
 // Colour (RGBA8), block id (R32UI) and depth (32-bit float) of one size.
 class GlFramebuffer {
  public:
@@ -74,9 +83,10 @@ class GlFramebuffer {
 
   // Makes it the target of drawing, the viewport its size, and all pixels background.
   void BindAndClear() const;
-  // Reads the three planes; framebuffer row 0 becomes image row 0.
-  // REQUIRES: `image` has this size.
-  absl::Status ReadInto(image::FrameImage* image) const;
+  // Reads the picture; framebuffer row 0 becomes image row 0. Touched are the tiles in which a
+  // block owns a pixel.
+  // REQUIRES: `image` has this size and is all background.
+  absl::Status ReadInto(GlReadback* scratch, image::FrameImage* image) const;
 
  private:
   GlFramebuffer() = default;

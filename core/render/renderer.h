@@ -12,13 +12,16 @@
 #define ISOSCOPE_CORE_RENDER_RENDERER_H_
 
 #include <memory>
+#include <span>
 #include <string>
+#include <utility>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
+#include "core/image/pixel_mask.h"
 #include "core/mesh/block_mesh.h"
 #include "core/render/appearance.h"
 #include "core/view/view.h"
@@ -26,16 +29,28 @@
 
 namespace isoscope::render {
 
+struct MeshToDraw {
+  // Not null; no longer changes; one normal a position.
+  std::shared_ptr<const mesh::MeshView> mesh;
+  // Fragments at other pixels are dropped; null: none is. Outlives the pass.
+  const image::PixelMask* open = nullptr;
+};
+
 // One picture in the making. Destroying it unfinished abandons it.
 class RenderPass {
  public:
   virtual ~RenderPass() = default;
 
-  // Draws `mesh`, now or by Finish(). Thread-safe; any order. Each block at most once in a pass;
-  // an empty mesh is fine. May wait for earlier meshes to be drawn, so that memory stays bounded.
+  // Draws meshes, now or by Finish(). Thread-safe; any order. Each block at most once in a pass; an
+  // empty mesh is fine. May wait for earlier meshes to be drawn, so that memory stays bounded.
   // INVALID_ARGUMENT if the layout has no such block. An error of earlier drawing is returned here
-  // or by Finish(). REQUIRES: mesh is not null and no longer changes; one normal a position.
-  virtual absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) = 0;
+  // or by Finish().
+  virtual absl::Status Add(std::span<const MeshToDraw> meshes) = 0;
+  absl::Status Add(std::shared_ptr<const mesh::MeshView> mesh,
+                   const image::PixelMask* open = nullptr) {
+    const MeshToDraw one{std::move(mesh), open};
+    return Add(std::span(&one, 1));
+  }
 
   // Completes the picture. Call once, after every Add has returned. Returns the error of
   // `cancellation` if it fires, without waiting for what is being drawn; RESOURCE_EXHAUSTED if the

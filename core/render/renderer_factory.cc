@@ -12,7 +12,12 @@ namespace isoscope::render {
 namespace {
 
 // Meshes of a pass that wait for their pixels to be shaded (docs/architecture.md, "Memory").
-constexpr std::size_t kMaxKeptMeshBytes = 256 << 20;
+std::unique_ptr<Renderer> MakeCpuRenderer(const RendererOptions& options) {
+  CpuRendererOptions cpu;
+  cpu.max_kept_bytes = options.max_kept_mesh_bytes;
+  cpu.max_unused_bytes = options.max_unused_bytes;
+  return render::MakeCpuRenderer(cpu);
+}
 
 absl::StatusOr<std::unique_ptr<Renderer>> MakeEglRenderer(const RendererOptions& options) {
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<Renderer> renderer,
@@ -26,7 +31,7 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeAutoRenderer(const RendererOptions
   if (egl.ok() && (*egl)->is_hardware()) {
     return *std::move(egl);
   }
-  return MakeCpuRenderer(kMaxKeptMeshBytes);
+  return MakeCpuRenderer(options);
 }
 
 }  // namespace
@@ -50,7 +55,7 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeRenderer(const RendererOptions& op
     case RendererKind::kEgl:
       return MakeEglRenderer(options);
     case RendererKind::kCpu:
-      return MakeCpuRenderer(kMaxKeptMeshBytes);
+      return MakeCpuRenderer(options);
     case RendererKind::kAuto:
       break;
   }

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
 
+#include <cstddef>
 #include <memory>
 #include <string>
 
@@ -24,6 +25,10 @@ struct RendererOptions {
   // Which EGL device, as `isoscope-agent --list-egl-devices` numbers them; -1: the first that
   // works.
   int egl_device = -1;
+  // Of the CPU renderer: meshes that wait in a pass for their pixels to be shaded, and images and
+  // buffers that no pass uses.
+  std::size_t max_kept_mesh_bytes = std::size_t{256} << 20;
+  std::size_t max_unused_bytes = std::size_t{256} << 20;
 };
 
 // "auto", "egl", "cpu"; INVALID_ARGUMENT otherwise.

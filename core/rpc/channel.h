@@ -23,7 +23,7 @@
 namespace isoscope::rpc {
 
 // The largest message sent or received: a PNG of the largest viewport, a band of pixels
-// (composite::kMaxBandBytes), an occlusion map. Reported by GetCapabilities.
+// (composite::kMaxBandBytes), the active blocks of a shard. Reported by GetCapabilities.
 inline constexpr int kMaxMessageBytes = 256 * base::kMiB;
 
 // Keepalive, limits, reconnect back-off of 50 ms to 1 s; never a proxy.

@@ -81,6 +81,28 @@ absl::StatusOr<BinaryHeader> DecodeBinaryFile(absl::string_view magic, absl::str
   return header;
 }
 
+std::string EncodeBlockIndexEntry(const BlockIndexEntry& entry) {
+  std::string bytes;
+  bytes.reserve(kBlockIndexEntryBytes);
+  base::AppendLittleEndian(entry.block_id, &bytes);
+  base::AppendLittleEndian(entry.encoding, &bytes);
+  base::AppendLittleEndian(entry.offset, &bytes);
+  base::AppendLittleEndian(entry.size, &bytes);
+  base::AppendLittleEndian(entry.raw_size, &bytes);
+  base::AppendLittleEndian(entry.crc32c, &bytes);
+  base::AppendLittleEndian(std::uint32_t{0}, &bytes);
+  return bytes;
+}
+
+BlockIndexEntry DecodeBlockIndexEntry(const char* bytes) {
+  return {.block_id = base::LoadLittleEndian<volume::BlockId>(bytes),
+          .encoding = base::LoadLittleEndian<std::uint32_t>(bytes + 4),
+          .offset = base::LoadLittleEndian<std::int64_t>(bytes + 8),
+          .size = base::LoadLittleEndian<std::uint32_t>(bytes + 16),
+          .raw_size = base::LoadLittleEndian<std::uint32_t>(bytes + 20),
+          .crc32c = base::LoadLittleEndian<std::uint32_t>(bytes + 24)};
+}
+
 std::pair<std::uint64_t, volume::BlockId> BlockOrderKey(const volume::BlockLayout& layout,
                                                         volume::BlockId id) {
   const math::Index3 index = layout.IndexOf(id);

@@ -73,13 +73,24 @@ std::string EncodeBinaryHeader(absl::string_view magic, const BinaryHeader& head
 absl::StatusOr<BinaryHeader> DecodeBinaryFile(absl::string_view magic, absl::string_view bytes,
                                               absl::string_view where);
 
+// How the bytes of a block are stored. Reaches files: the numbers must never change. The samples
+// of types wider than a byte are shuffled before they are compressed: docs/format/shard.md.
+enum class BlockEncoding : std::uint32_t { kRaw = 0, kLz4 = 1, kZstd = 2 };
+
 // An entry of the block index. Offsets in it: 0 block id, 4 encoding, 8 offset (8 bytes), 16 stored
 // size, 20 raw size, 24 CRC-32C of the stored bytes, 28 reserved.
 inline constexpr std::size_t kBlockIndexEntryBytes = 32;
-
-// How the bytes of a block are stored. Reaches files: the numbers must never change. 1 (LZ4 block)
-// and 2 (Zstandard frame) are reserved.
-enum class BlockEncoding : std::uint32_t { kRaw = 0 };
+struct BlockIndexEntry {
+  volume::BlockId block_id = 0;
+  std::uint32_t encoding = 0;  // a BlockEncoding, or one of a later version
+  std::int64_t offset = 0;
+  std::uint32_t size = 0;
+  std::uint32_t raw_size = 0;
+  std::uint32_t crc32c = 0;
+};
+std::string EncodeBlockIndexEntry(const BlockIndexEntry& entry);
+// Reads kBlockIndexEntryBytes; any bytes will do.
+BlockIndexEntry DecodeBlockIndexEntry(const char* bytes);
 
 // The order of blocks in a shard: the Morton code of the block's index, then the id (codes hold 21
 // bits an axis and repeat beyond).

@@ -8,9 +8,9 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
-#include "core/base/coding.h"
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
+#include "core/store/block_codec.h"
 #include "core/store/json_fields.h"
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
@@ -246,19 +246,12 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
   entries_.reserve(static_cast<std::size_t>(header.count));
   std::int64_t offset = 0;
   for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
-    const char* in = bytes.data() + at;
-    Entry entry;
-    entry.block_id = base::LoadLittleEndian<volume::BlockId>(in);
-    const auto encoding = base::LoadLittleEndian<std::uint32_t>(in + 4);
-    entry.offset = base::LoadLittleEndian<std::int64_t>(in + 8);
-    entry.size = base::LoadLittleEndian<std::uint32_t>(in + 16);
-    const auto raw_size = base::LoadLittleEndian<std::uint32_t>(in + 20);
-    entry.crc32c = base::LoadLittleEndian<std::uint32_t>(in + 24);
-    if (encoding != static_cast<std::uint32_t>(BlockEncoding::kRaw)) {
+    const BlockIndexEntry entry = DecodeBlockIndexEntry(bytes.data() + at);
+    if (entry.encoding > static_cast<std::uint32_t>(BlockEncoding::kZstd)) {
       return absl::FailedPreconditionError(absl::StrFormat(
-          "%s: offset %d: block %d is stored in encoding %d, this program reads 0 (raw); use a "
+          "%s: offset %d: block %d is stored in encoding %d, this program reads 0 to 2; use a "
           "newer program",
-          path, at, entry.block_id, encoding));
+          path, at, entry.block_id, entry.encoding));
     }
     const bool is_in_order = entry.block_id < layout_.block_count() &&
                              (entries_.empty() || BlockOrderKey(layout_, entries_.back().block_id) <
@@ -268,19 +261,30 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
           absl::StrFormat("%s: offset %d: block %d, expected ids below %d in Morton order", path,
                           at, entry.block_id, layout_.block_count()));
     }
-    const std::size_t stored_size =
+    const std::size_t raw_size =
         volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
-    if (entry.size != stored_size || raw_size != stored_size || entry.offset != offset) {
+    const auto encoding = static_cast<BlockEncoding>(entry.encoding);
+    const bool has_right_size = encoding == BlockEncoding::kRaw
+                                    ? entry.size == raw_size
+                                    : entry.size > 0 && entry.size < raw_size;
+    if (!has_right_size || entry.raw_size != raw_size || entry.offset != offset) {
       return absl::DataLossError(absl::StrFormat(
-          "%s: offset %d: block %d of %d stored and %d raw bytes at %d, expected %d at %d", path,
-          at, entry.block_id, entry.size, raw_size, entry.offset, stored_size, offset));
+          "%s: offset %d: block %d of %d stored (%s) and %d raw bytes at %d, expected %d raw bytes "
+          "at %d, fewer if compressed",
+          path, at, entry.block_id, entry.size, NameOf(encoding), entry.raw_size, entry.offset,
+          raw_size, offset));
     }
     offset += entry.size;
-    entries_.push_back(entry);
+    entries_.push_back({.block_id = entry.block_id,
+                        .size = entry.size,
+                        .offset = entry.offset,
+                        .crc32c = entry.crc32c,
+                        .encoding = encoding});
   }
 
   const std::string blocks_path = PathIn(directory_, kBlocksFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenPart(blocks_path, open_file));
+  blocks_file_->ExpectScatteredReads();
   if (offset != expected.block_bytes || blocks_file_->size_bytes() != offset) {
     return absl::DataLossError(
         absl::StrFormat("%s: %d bytes, the manifest expects %d and the block index %d", blocks_path,
@@ -303,16 +307,44 @@ std::string ShardReader::Where() const {
 
 std::vector<ShardReader::Run> ShardReader::PlanRuns(
     absl::Span<const std::uint32_t> ordinals) const {
-  std::vector<Run> runs;
+  std::vector<std::int64_t> gaps;
+  std::int64_t useful_bytes = 0;
   for (std::size_t i = 0; i < ordinals.size(); ++i) {
     ISOSCOPE_CHECK_LT(ordinals[i], entries_.size());
     ISOSCOPE_DCHECK(i == 0 || ordinals[i - 1] < ordinals[i]);
     const Entry& entry = entries_[ordinals[i]];
+    useful_bytes += entry.size;
+    if (i > 0) {
+      const Entry& before = entries_[ordinals[i - 1]];
+      if (const std::int64_t gap = entry.offset - (before.offset + before.size); gap > 0) {
+        gaps.push_back(gap);
+      }
+    }
+  }
+  // Gaps below `largest_gap` are read over, and the first `ties_left` of those that equal it.
+  std::sort(gaps.begin(), gaps.end());
+  auto budget = static_cast<std::int64_t>(kMaxGapShare * static_cast<double>(useful_bytes));
+  std::int64_t largest_gap = 0;
+  std::int64_t ties_left = 0;
+  for (const std::int64_t gap : gaps) {
+    budget -= gap;
+    if (budget < 0) {
+      break;
+    }
+    ties_left = gap == largest_gap ? ties_left + 1 : 1;
+    largest_gap = gap;
+  }
+
+  std::vector<Run> runs;
+  for (std::size_t i = 0; i < ordinals.size(); ++i) {
+    const Entry& entry = entries_[ordinals[i]];
     const std::int64_t end = entry.offset + entry.size;
     if (!runs.empty()) {
       Run& run = runs.back();
-      if (entry.offset - (run.offset + run.size) <= kMaxGapBytes &&
+      const std::int64_t gap = entry.offset - (run.offset + run.size);
+      if ((gap == 0 || gap < largest_gap || (gap == largest_gap && ties_left > 0)) &&
           end - run.offset <= kMaxRunBytes) {
+        ties_left -= gap == largest_gap ? 1 : 0;
         run.size = end - run.offset;
         ++run.count;
         continue;
@@ -324,24 +356,33 @@ std::vector<ShardReader::Run> ShardReader::PlanRuns(
 }
 
 absl::Status ShardReader::ReadRun(
-    const Run& run, absl::Span<const std::uint32_t> ordinals, std::string* buffer,
+    const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
     absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
-  ISOSCOPE_CHECK_LE(run.first + run.count, ordinals.size());
   const auto size = static_cast<std::size_t>(run.size);
-  if (buffer->size() < size) {
-    buffer->resize(size);
+  return VisitRun(run, ordinals, blocks_file_->ReadAt(run.offset, size, buffer), buffer, visit);
+}
+
+base::ReadQueue::Read ShardReader::RequestFor(const Run& run) const {
+  return {
+      .file = blocks_file_.get(), .offset = run.offset, .size = static_cast<std::size_t>(run.size)};
+}
+
+absl::Status ShardReader::VisitRun(
+    const Run& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
+    const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
+  ISOSCOPE_CHECK_LE(run.first + run.count, ordinals.size());
+  if (!read_status.ok()) {
+    return {read_status.code(), absl::StrCat(Where(), ": ", read_status.message())};
   }
-  if (const absl::Status status = blocks_file_->ReadAt(run.offset, size, buffer->data());
-      !status.ok()) {
-    return {status.code(), absl::StrCat(Where(), ": ", status.message())};
-  }
+  std::string decoded;
+  std::string scratch;
   for (const std::uint32_t ordinal : ordinals.subspan(run.first, run.count)) {
     ISOSCOPE_CHECK_LT(ordinal, entries_.size());
     const Entry& entry = entries_[ordinal];
     ISOSCOPE_CHECK_GE(entry.offset, run.offset);
     ISOSCOPE_CHECK_LE(entry.offset + entry.size, run.offset + run.size);
-    const char* bytes = buffer->data() + (entry.offset - run.offset);
-    const std::uint32_t computed = base::ExtendCrc32c(0, bytes, entry.size);
+    const char* stored = bytes + (entry.offset - run.offset);
+    const std::uint32_t computed = base::ExtendCrc32c(0, stored, entry.size);
     if (computed != entry.crc32c) {
       return absl::DataLossError(absl::StrFormat(
           "%s: block %d: %d bytes at offset %d of %s: crc32c 0x%08x stored, 0x%08x computed; copy "
@@ -349,8 +390,23 @@ absl::Status ShardReader::ReadRun(
           Where(), entry.block_id, entry.size, entry.offset, blocks_file_->path(), entry.crc32c,
           computed));
     }
+    const char* samples = stored;
+    if (entry.encoding != BlockEncoding::kRaw) {
+      const std::size_t raw_size =
+          volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
+      decoded.resize(raw_size);
+      const absl::Status status =
+          DecodeBlock(entry.encoding, manifest_.scalar_type, {stored, entry.size}, raw_size,
+                      &scratch, decoded.data());
+      if (!status.ok()) {
+        return absl::DataLossError(absl::StrFormat("%s: block %d at offset %d of %s: %s", Where(),
+                                                   entry.block_id, entry.offset,
+                                                   blocks_file_->path(), status.message()));
+      }
+      samples = decoded.data();
+    }
     ISOSCOPE_RETURN_IF_ERROR(
-        visit({.block_id = entry.block_id, .type = manifest_.scalar_type, .bytes = bytes}));
+        visit({.block_id = entry.block_id, .type = manifest_.scalar_type, .bytes = samples}));
   }
   return absl::OkStatus();
 }

@@ -15,8 +15,10 @@
 #include "absl/types/span.h"
 
 #include "core/base/file.h"
+#include "core/base/read_queue.h"
 #include "core/base/units.h"
 #include "core/store/manifest.h"
+#include "core/store/shard_format.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/range_table.h"
@@ -68,19 +70,24 @@ class ShardReader {
     std::size_t first = 0;  // index into the ordinals that were planned
     std::size_t count = 0;
   };
-  // Groups ascending `ordinals`, all < block_count(), into runs: blocks whose gap is at most
-  // kMaxGapBytes are read together, up to kMaxRunBytes.
+  // Groups ascending `ordinals`, all < block_count(), into runs of at most kMaxRunBytes. The
+  // smallest gaps are read over, as many as together are at most kMaxGapShare of the blocks' bytes.
   [[nodiscard]] std::vector<Run> PlanRuns(absl::Span<const std::uint32_t> ordinals) const;
-  static constexpr std::int64_t kMaxGapBytes = 32 * base::kKiB;
   static constexpr std::int64_t kMaxRunBytes = base::kMiB;
+  static constexpr double kMaxGapShare = 0.18;
 
-  // Reads one run of `ordinals` into `buffer` (grown as needed, reused by the caller), checks each
-  // block's CRC-32C and calls `visit` in order; the samples live until the next call with that
-  // buffer. DATA_LOSS names dataset, shard, block, file and offset; an error of `visit` is returned
-  // at once. Thread-safe.
-  absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
-                       std::string* buffer,
+  // Reads one run of `ordinals` into `buffer`, run.size bytes, checks each block's CRC-32C and
+  // calls `visit` in order; the samples are valid during that call. DATA_LOSS names dataset, shard,
+  // block, file and offset; an error of `visit` is returned at once. Thread-safe.
+  absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
                        absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
+
+  // The same in two steps: what to read, for a base::ReadQueue; and, with what that answered and
+  // the bytes it read, the rest.
+  [[nodiscard]] base::ReadQueue::Read RequestFor(const Run& run) const;
+  absl::Status VisitRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
+                        const absl::Status& read_status, const char* bytes,
+                        absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
  private:
   ShardReader() = default;
@@ -95,6 +102,7 @@ class ShardReader {
     std::uint32_t size = 0;
     std::int64_t offset = 0;
     std::uint32_t crc32c = 0;
+    BlockEncoding encoding = BlockEncoding::kRaw;
   };
 
   std::string directory_;

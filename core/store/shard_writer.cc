@@ -34,34 +34,34 @@ void AppendVector(const math::Vec3<T>& vector, std::string* out) {
   base::AppendLittleEndian(vector.z, out);
 }
 
-// Size and checksums of the interval tree, for shard.json.
-struct TreeFile {
+// Size and checksums of a file.
+struct FileSums {
   std::int64_t size = 0;
   std::uint32_t crc32c = 0;
   std::uint32_t head_crc32c = 0;  // of the first kIntervalTreeHeadBytes
 };
 
-absl::StatusOr<TreeFile> SumUpTreeFile(const std::string& path) {
+absl::StatusOr<FileSums> SumUpFile(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto file, base::OpenRandomAccessFile(path));
-  TreeFile tree{.size = file->size_bytes()};
+  FileSums sums{.size = file->size_bytes()};
   std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
-  for (std::int64_t offset = 0; offset < tree.size;) {
+  for (std::int64_t offset = 0; offset < sums.size;) {
     const auto size = static_cast<std::size_t>(
-        std::min(tree.size - offset, static_cast<std::int64_t>(buffer.size())));
+        std::min(sums.size - offset, static_cast<std::int64_t>(buffer.size())));
     ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(offset, size, buffer.data()));
-    tree.crc32c = base::ExtendCrc32c(tree.crc32c, buffer.data(), size);
+    sums.crc32c = base::ExtendCrc32c(sums.crc32c, buffer.data(), size);
     if (offset == 0) {
-      tree.head_crc32c =
+      sums.head_crc32c =
           base::Crc32c(absl::string_view(buffer.data(), size)
                            .substr(0, static_cast<std::size_t>(kIntervalTreeHeadBytes)));
     }
     offset += static_cast<std::int64_t>(size);
   }
-  return tree;
+  return sums;
 }
 
 std::string EncodeShardFile(const Manifest& manifest, std::uint32_t manifest_crc32c,
-                            int shard_index, const TreeFile& tree) {
+                            int shard_index, const FileSums& tree) {
   const ShardSummary& shard = manifest.shards[static_cast<std::size_t>(shard_index)];
   Json json;
   json["format"] = std::string(kShardFormat);
@@ -79,90 +79,108 @@ std::string EncodeShardFile(const Manifest& manifest, std::uint32_t manifest_crc
   return SealJson(DumpJson(json));
 }
 
+std::string EncodeRangeTableHeader(volume::ScalarType type, std::int64_t block_count,
+                                   std::uint32_t entries_crc32c) {
+  return EncodeBinaryHeader(kRangeTableMagic,
+                            {.scalar_type = static_cast<std::uint32_t>(type),
+                             .entry_size = static_cast<std::uint32_t>(2 * volume::SizeOf(type)),
+                             .count = block_count,
+                             .payload_crc32c = entries_crc32c});
+}
+
+absl::Status CheckIsNotDescribed(const std::string& manifest_path) {
+  if (base::PathExists(manifest_path)) {
+    return absl::AlreadyExistsError(
+        absl::StrCat(manifest_path, ": exists, expected a directory without a manifest"));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<ShardWriter>> ShardWriter::Create(
-    const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
-    std::vector<volume::BlockId> blocks, CreateFile create_file) {
+absl::StatusOr<std::unique_ptr<ShardWriter>> ShardWriter::Create(const std::string& directory,
+                                                                 const volume::BlockLayout& layout,
+                                                                 volume::ScalarType type,
+                                                                 CreateFile create_file) {
   auto writer = std::unique_ptr<ShardWriter>(new ShardWriter);
-  writer->entries_.reserve(blocks.size());
-  for (std::size_t ordinal = 0; ordinal < blocks.size(); ++ordinal) {
-    const volume::BlockId id = blocks[ordinal];
-    if (id >= layout.block_count() ||
-        (ordinal > 0 && BlockOrderKey(layout, blocks[ordinal - 1]) >= BlockOrderKey(layout, id))) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("shard %s: block %d at ordinal %d: expected ids below %d in Morton order",
-                          directory, id, ordinal, layout.block_count()));
-    }
-    const auto size = static_cast<std::uint32_t>(volume::StoredSizeBytes(layout, id, type));
-    writer->entries_.push_back({.offset = writer->block_bytes_, .size = size});
-    writer->block_bytes_ += size;
-  }
   writer->directory_ = directory;
   writer->create_file_ = std::move(create_file);
+  writer->layout_ = layout;
   writer->type_ = type;
-  writer->blocks_ = std::move(blocks);
   ISOSCOPE_RETURN_IF_ERROR(base::CreateDirectory(directory));
   ISOSCOPE_ASSIGN_OR_RETURN(writer->blocks_file_,
                             writer->create_file_(absl::StrCat(directory, "/", kBlocksFileName)));
   return writer;
 }
 
-absl::Status ShardWriter::WriteBlock(std::uint32_t ordinal, absl::string_view samples) {
-  if (ordinal >= entries_.size()) {
-    return absl::InvalidArgumentError(absl::StrFormat("shard %s: block ordinal %d, expected < %d",
-                                                      directory_, ordinal, entries_.size()));
-  }
-  Entry& entry = entries_[ordinal];
-  if (samples.size() != entry.size) {
+absl::StatusOr<std::uint32_t> ShardWriter::WriteBlock(volume::BlockId id, std::int64_t offset,
+                                                      absl::string_view samples) {
+  if (id >= layout_.block_count() || offset < 0) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("shard %s: block %d has %d bytes, expected %d", directory_,
-                        blocks_[ordinal], samples.size(), entry.size));
+        absl::StrFormat("shard %s: block %d at offset %d, expected an id below %d and no negative "
+                        "offset",
+                        directory_, id, offset, layout_.block_count()));
   }
-  if (entry.is_written) {
-    return absl::InternalError(
-        absl::StrFormat("shard %s: block %d is written twice", directory_, blocks_[ordinal]));
+  const std::size_t expected = volume::StoredSizeBytes(layout_, id, type_);
+  if (samples.size() != expected) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "shard %s: block %d has %d bytes, expected %d", directory_, id, samples.size(), expected));
   }
-  ISOSCOPE_RETURN_IF_ERROR(blocks_file_->WriteAt(entry.offset, samples));
-  entry.crc32c = base::Crc32c(samples);
-  entry.is_written = true;
+  ISOSCOPE_RETURN_IF_ERROR(blocks_file_->WriteAt(offset, samples));
+  ++written_block_count_;
+  return base::Crc32c(samples);
+}
+
+absl::Status ShardWriter::AppendIndexEntry(volume::BlockId id, std::uint32_t crc32c) {
+  if (id >= layout_.block_count() ||
+      (block_count_ > 0 && BlockOrderKey(layout_, last_id_) >= BlockOrderKey(layout_, id))) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("shard %s: block %d at ordinal %d: expected ids below %d in Morton order",
+                        directory_, id, block_count_, layout_.block_count()));
+  }
+  if (index_file_ == nullptr) {
+    // Not before the index: with many shards there would be two buffers of each.
+    ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
+    ISOSCOPE_ASSIGN_OR_RETURN(index_file_,
+                              create_file_(absl::StrCat(directory_, "/", kBlockIndexFileName)));
+    ISOSCOPE_RETURN_IF_ERROR(index_file_->Append(std::string(kBinaryHeaderBytes, '\0')));
+  }
+  const auto size = static_cast<std::uint32_t>(volume::StoredSizeBytes(layout_, id, type_));
+  std::array<char, kBlockIndexEntryBytes> entry{};
+  base::StoreLittleEndian(id, entry.data());
+  base::StoreLittleEndian(static_cast<std::uint32_t>(BlockEncoding::kRaw), entry.data() + 4);
+  base::StoreLittleEndian(block_bytes_, entry.data() + 8);
+  base::StoreLittleEndian(size, entry.data() + 16);  // stored
+  base::StoreLittleEndian(size, entry.data() + 20);  // raw
+  base::StoreLittleEndian(crc32c, entry.data() + 24);
+  ISOSCOPE_RETURN_IF_ERROR(index_file_->Append({entry.data(), entry.size()}));
+  entries_crc32c_ = base::ExtendCrc32c(entries_crc32c_, entry.data(), entry.size());
+  last_id_ = id;
+  block_bytes_ += size;
+  ++block_count_;
   return absl::OkStatus();
 }
 
-absl::StatusOr<ShardSummary> ShardWriter::FinishBlocks() {
-  std::string payload;
-  payload.reserve(entries_.size() * kBlockIndexEntryBytes);
-  for (std::size_t ordinal = 0; ordinal < entries_.size(); ++ordinal) {
-    const Entry& entry = entries_[ordinal];
-    if (!entry.is_written) {
-      return absl::InternalError(
-          absl::StrFormat("shard %s: block %d was never written", directory_, blocks_[ordinal]));
-    }
-    base::AppendLittleEndian(blocks_[ordinal], &payload);
-    base::AppendLittleEndian(static_cast<std::uint32_t>(BlockEncoding::kRaw), &payload);
-    base::AppendLittleEndian(entry.offset, &payload);
-    base::AppendLittleEndian(entry.size, &payload);  // stored
-    base::AppendLittleEndian(entry.size, &payload);  // raw
-    base::AppendLittleEndian(entry.crc32c, &payload);
-    base::AppendLittleEndian(std::uint32_t{0}, &payload);
+absl::StatusOr<ShardSummary> ShardWriter::Finish() {
+  if (block_count_ == 0 || block_count_ != written_block_count_ ||
+      block_bytes_ != blocks_file_->size_bytes()) {
+    return absl::InternalError(absl::StrFormat(
+        "shard %s: %d blocks up to offset %d were written, expected the %d blocks of %d bytes of "
+        "the index, at least one",
+        directory_, written_block_count_, blocks_file_->size_bytes(), block_count_, block_bytes_));
   }
-  ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
-
-  const std::string header =
-      EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = static_cast<std::uint32_t>(type_),
-                                            .entry_size = kBlockIndexEntryBytes,
-                                            .count = static_cast<std::int64_t>(entries_.size()),
-                                            .payload_crc32c = base::Crc32c(payload),
-                                            .data_size = block_bytes_});
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto index_file,
-                            create_file_(absl::StrCat(directory_, "/", kBlockIndexFileName)));
-  ISOSCOPE_RETURN_IF_ERROR(index_file->Append(header));
-  ISOSCOPE_RETURN_IF_ERROR(index_file->Append(payload));
-  ISOSCOPE_RETURN_IF_ERROR(index_file->Close());
-  return ShardSummary{.block_count = static_cast<std::int64_t>(entries_.size()),
-                      .block_bytes = block_bytes_,
-                      .block_index_crc32c =
-                          base::ExtendCrc32c(base::Crc32c(header), payload.data(), payload.size())};
+  // Last: an index that was not finished has no header.
+  ISOSCOPE_RETURN_IF_ERROR(index_file_->WriteAt(
+      0, EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = static_cast<std::uint32_t>(type_),
+                                               .entry_size = kBlockIndexEntryBytes,
+                                               .count = block_count_,
+                                               .payload_crc32c = entries_crc32c_,
+                                               .data_size = block_bytes_})));
+  ISOSCOPE_RETURN_IF_ERROR(index_file_->Close());
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileSums index,
+                            SumUpFile(absl::StrCat(directory_, "/", kBlockIndexFileName)));
+  return ShardSummary{
+      .block_count = block_count_, .block_bytes = block_bytes_, .block_index_crc32c = index.crc32c};
 }
 
 std::vector<std::vector<volume::BlockId>> BlocksByShard(
@@ -225,12 +243,7 @@ std::string ComputeDatasetId(const Manifest& manifest) {
 }
 
 std::string EncodeRangeTable(const volume::RangeTable& ranges) {
-  return EncodeBinaryHeader(
-             kRangeTableMagic,
-             {.scalar_type = static_cast<std::uint32_t>(ranges.type()),
-              .entry_size = static_cast<std::uint32_t>(2 * volume::SizeOf(ranges.type())),
-              .count = ranges.block_count(),
-              .payload_crc32c = base::Crc32c(ranges.bytes())}) +
+  return EncodeRangeTableHeader(ranges.type(), ranges.block_count(), base::Crc32c(ranges.bytes())) +
          ranges.bytes();
 }
 
@@ -252,21 +265,46 @@ absl::StatusOr<volume::RangeTable> DecodeRangeTable(absl::string_view bytes,
                                        std::string(bytes.substr(kBinaryHeaderBytes)));
 }
 
+absl::StatusOr<std::unique_ptr<RangeTableWriter>> RangeTableWriter::Create(
+    const std::string& path, volume::ScalarType type) {
+  auto writer = std::unique_ptr<RangeTableWriter>(new RangeTableWriter);
+  writer->path_ = path;
+  writer->type_ = type;
+  ISOSCOPE_ASSIGN_OR_RETURN(writer->file_, base::CreateWritableFile(path));
+  ISOSCOPE_RETURN_IF_ERROR(writer->file_->Append(std::string(kBinaryHeaderBytes, '\0')));
+  return writer;
+}
+
+absl::Status RangeTableWriter::Append(const volume::RangeTable& part) {
+  ISOSCOPE_CHECK(part.type() == type_);
+  entries_crc32c_ = base::ExtendCrc32c(entries_crc32c_, part.bytes().data(), part.bytes().size());
+  block_count_ += part.block_count();
+  return file_->Append(part.bytes());
+}
+
+absl::StatusOr<std::uint32_t> RangeTableWriter::Finish() {
+  ISOSCOPE_RETURN_IF_ERROR(
+      file_->WriteAt(0, EncodeRangeTableHeader(type_, block_count_, entries_crc32c_)));
+  ISOSCOPE_RETURN_IF_ERROR(file_->Close());
+  ISOSCOPE_ASSIGN_OR_RETURN(const FileSums sums, SumUpFile(path_));
+  return sums.crc32c;
+}
+
 absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
-                               absl::string_view range_table_bytes, int shard_index) {
+                               int shard_index) {
   const std::string prefix = directory + "/";
   const std::string manifest_path = prefix + kManifestFileName;
-  if (base::PathExists(manifest_path)) {
-    return absl::AlreadyExistsError(
-        absl::StrCat(manifest_path, ": exists, expected a directory without a manifest"));
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsNotDescribed(manifest_path));
+  if (!base::PathExists(prefix + kRangeTableFileName)) {
+    return absl::NotFoundError(absl::StrCat(prefix, kRangeTableFileName,
+                                            ": does not exist, expected before the manifest"));
   }
   const std::string manifest_bytes = EncodeManifest(manifest);
-  ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(prefix + kRangeTableFileName, range_table_bytes));
   if (shard_index >= 0) {
     ISOSCOPE_CHECK_LT(static_cast<std::size_t>(shard_index), manifest.shards.size());
     ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t manifest_crc32c,
                               VerifySeal(manifest_bytes, manifest_path));
-    ISOSCOPE_ASSIGN_OR_RETURN(const TreeFile tree, SumUpTreeFile(prefix + kIntervalTreeFileName));
+    ISOSCOPE_ASSIGN_OR_RETURN(const FileSums tree, SumUpFile(prefix + kIntervalTreeFileName));
     ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(
         prefix + kShardFileName, EncodeShardFile(manifest, manifest_crc32c, shard_index, tree)));
   }
@@ -275,6 +313,14 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
   const std::string partial_path = manifest_path + ".partial";
   ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(partial_path, manifest_bytes));
   return base::RenamePath(partial_path, manifest_path);
+}
+
+absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
+                               absl::string_view range_table_bytes, int shard_index) {
+  const std::string prefix = directory + "/";
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsNotDescribed(prefix + kManifestFileName));
+  ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(prefix + kRangeTableFileName, range_table_bytes));
+  return WriteDescriptions(directory, manifest, shard_index);
 }
 
 }  // namespace isoscope::store

@@ -74,49 +74,66 @@ bool IsFinite(const math::Mat4d& matrix) {
   return std::all_of(matrix.m.begin(), matrix.m.end(), [](double x) { return std::isfinite(x); });
 }
 
-// A box in clip space: its corners, and by how much float32 may be wrong in each coordinate.
+// A box in clip space: its corners, coordinate by coordinate, and by how much float32 may be wrong
+// in each. Plain loops over the corners, which compilers turn into SIMD.
 struct ClipBox {
-  std::array<math::Vec4d, 8> corners;
-  math::Vec4d error;
+  static constexpr std::size_t kCorners = 8;
+  std::array<std::array<double, kCorners>, 4> corners;  // [x, y, z, w][corner]
+  std::array<double, 4> error;
 };
 
 ClipBox ProjectBox(const math::Mat4d& m, const math::Vec3d& min, const math::Vec3d& max) {
   ClipBox box;
-  const math::Box3d index_box{min, max};
-  const std::array<math::Vec3d, 8> corners = index_box.Corners();
-  for (std::size_t i = 0; i < corners.size(); ++i) {
-    box.corners[i] = m * math::Vec4d{corners[i].x, corners[i].y, corners[i].z, 1};
+  const double reach_x = std::max(std::abs(min.x), std::abs(max.x));
+  const double reach_y = std::max(std::abs(min.y), std::abs(max.y));
+  const double reach_z = std::max(std::abs(min.z), std::abs(max.z));
+  for (std::size_t row = 0; row < 4; ++row) {
+    const double mx = m.m[row];
+    const double my = m.m[4 + row];
+    const double mz = m.m[8 + row];
+    const double mw = m.m[12 + row];
+    for (std::size_t corner = 0; corner < ClipBox::kCorners; ++corner) {
+      const double x = (corner & 1) != 0 ? max.x : min.x;
+      const double y = (corner & 2) != 0 ? max.y : min.y;
+      const double z = (corner & 4) != 0 ? max.z : min.z;
+      box.corners[row][corner] = mx * x + my * y + (mz * z + mw);
+    }
+    box.error[row] = kClipError * (std::abs(mx) * reach_x + std::abs(my) * reach_y +
+                                   std::abs(mz) * reach_z + std::abs(mw));
   }
-  math::Mat4d magnitude = m;
-  for (double& entry : magnitude.m) {
-    entry = std::abs(entry);
-  }
-  const math::Vec4d sum = magnitude * math::Vec4d{std::max(std::abs(min.x), std::abs(max.x)),
-                                                  std::max(std::abs(min.y), std::abs(max.y)),
-                                                  std::max(std::abs(min.z), std::abs(max.z)), 1};
-  box.error = {kClipError * sum.x, kClipError * sum.y, kClipError * sum.z, kClipError * sum.w};
   return box;
+}
+
+struct Range {
+  double min = 0;
+  double max = 0;
+};
+
+// Of value(corner) over all corners.
+template <typename Value>
+Range RangeOf(const Value& value) {
+  Range range{value(0), value(0)};
+  for (std::size_t corner = 1; corner < ClipBox::kCorners; ++corner) {
+    const double v = value(corner);
+    range.min = v < range.min ? v : range.min;
+    range.max = v > range.max ? v : range.max;
+  }
+  return range;
 }
 
 // True if all of the box is certainly outside one plane of the frustum, however it is rounded. The
 // planes are linear, so the corners decide, whatever the sign of w.
 bool IsOutside(const ClipBox& box) {
-  const math::Vec4d& e = box.error;
-  bool left = true;
-  bool right = true;
-  bool bottom = true;
-  bool top = true;
-  bool in_front = true;
-  bool beyond = true;
-  for (const math::Vec4d& c : box.corners) {
-    left = left && c.x + c.w < -(e.x + e.w);
-    right = right && c.x - c.w > e.x + e.w;
-    bottom = bottom && c.y + c.w < -(e.y + e.w);
-    top = top && c.y - c.w > e.y + e.w;
-    in_front = in_front && c.z + c.w < -(e.z + e.w);
-    beyond = beyond && c.z - c.w > e.z + e.w;
+  const std::array<double, ClipBox::kCorners>& w = box.corners[3];
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::array<double, ClipBox::kCorners>& c = box.corners[axis];
+    const double error = box.error[axis] + box.error[3];
+    if (RangeOf([&](std::size_t i) { return c[i] + w[i]; }).max < -error ||
+        RangeOf([&](std::size_t i) { return c[i] - w[i]; }).min > error) {
+      return true;
+    }
   }
-  return left || right || bottom || top || in_front || beyond;
+  return false;
 }
 
 // The pixels [begin, end) of an axis whose centres lie within [min, max] +- margin.
@@ -207,45 +224,46 @@ Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& ind
   }
   const Footprint everything{.rect = {0, 0, viewport_.width_px, viewport_.height_px},
                              .nearest_depth = 0};
-  const math::Vec4d& e = box.error;
-  double min_w = std::numeric_limits<double>::infinity();
-  for (const math::Vec4d& c : box.corners) {
-    if (c.z + c.w < e.z + e.w) {
-      return everything;  // reaches the near plane, where a renderer clips
-    }
-    min_w = std::min(min_w, c.w);
+  const auto& [clip_x, clip_y, clip_z, clip_w] = box.corners;
+  const auto& [error_x, error_y, error_z, error_w] = box.error;
+  if (RangeOf([&](std::size_t i) { return clip_z[i] + clip_w[i]; }).min < error_z + error_w) {
+    return everything;  // reaches the near plane, where a renderer clips
   }
-  min_w -= e.w;
+  const double min_w = RangeOf([&](std::size_t i) { return clip_w[i]; }).min - error_w;
   if (!(min_w > 0)) {
     return everything;
   }
 
-  math::Box3d ndc;
-  for (const math::Vec4d& c : box.corners) {
-    const double inverse_w = 1 / c.w;
-    ndc.Add({c.x * inverse_w, c.y * inverse_w, c.z * inverse_w});
+  std::array<double, ClipBox::kCorners> inverse_w;
+  for (std::size_t i = 0; i < ClipBox::kCorners; ++i) {
+    inverse_w[i] = 1 / clip_w[i];
   }
+  const Range x = RangeOf([&](std::size_t i) { return clip_x[i] * inverse_w[i]; });
+  const Range y = RangeOf([&](std::size_t i) { return clip_y[i] * inverse_w[i]; });
+  const Range z = RangeOf([&](std::size_t i) { return clip_z[i] * inverse_w[i]; });
   const double half_width = 0.5 * viewport_.width_px;
   const double half_height = 0.5 * viewport_.height_px;
-  const double reach_x = std::max(std::abs(ndc.min.x), std::abs(ndc.max.x));
-  const double reach_y = std::max(std::abs(ndc.min.y), std::abs(ndc.max.y));
+  const double reach_x = std::max(std::abs(x.min), std::abs(x.max));
+  const double reach_y = std::max(std::abs(y.min), std::abs(y.max));
   const double margin_x =
-      half_width * ((e.x + reach_x * e.w) / min_w + kViewportError * (reach_x + 1)) + kSnapErrorPx;
+      half_width * ((error_x + reach_x * error_w) / min_w + kViewportError * (reach_x + 1)) +
+      kSnapErrorPx;
   const double margin_y =
-      half_height * ((e.y + reach_y * e.w) / min_w + kViewportError * (reach_y + 1)) + kSnapErrorPx;
+      half_height * ((error_y + reach_y * error_w) / min_w + kViewportError * (reach_y + 1)) +
+      kSnapErrorPx;
   if (!(std::max(margin_x, margin_y) <= kMaxMarginPx)) {
     return everything;
   }
 
   Footprint footprint;
-  CoverPixels(half_width * (ndc.min.x + 1), half_width * (ndc.max.x + 1), margin_x,
-              viewport_.width_px, &footprint.rect.begin_x, &footprint.rect.end_x);
-  CoverPixels(half_height * (1 - ndc.max.y), half_height * (1 - ndc.min.y), margin_y,
-              viewport_.height_px, &footprint.rect.begin_y, &footprint.rect.end_y);
+  CoverPixels(half_width * (x.min + 1), half_width * (x.max + 1), margin_x, viewport_.width_px,
+              &footprint.rect.begin_x, &footprint.rect.end_x);
+  CoverPixels(half_height * (1 - y.max), half_height * (1 - y.min), margin_y, viewport_.height_px,
+              &footprint.rect.begin_y, &footprint.rect.end_y);
   if (footprint.rect.empty()) {
     footprint.rect = {};
   }
-  footprint.nearest_depth = RoundTowardViewer(0.5 * ndc.min.z + 0.5);
+  footprint.nearest_depth = RoundTowardViewer(0.5 * z.min + 0.5);
   return footprint;
 }
 

@@ -10,6 +10,7 @@
 
 #include "core/math/vec.h"
 #include "core/view/view.h"
+#include "core/visibility/ray_kernel.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/range_table.h"
 
@@ -24,7 +25,7 @@ struct Ray {
 // The rays of a frame, numbered 0 .. count() - 1 in spatially coherent order: first the centres of
 // all boundary faces of all boundary blocks, then random points of the image plane. A ray is a pure
 // function of (view, layout, seed, number): it does not depend on who casts it.
-// Immutable; thread-safe. The view and the layout must outlive it.
+// Immutable; thread-safe. O(1) to make.
 class RaySet {
  public:
   // REQUIRES: the layout is that of the view's volume. There is about one random ray for every
@@ -40,29 +41,28 @@ class RaySet {
   [[nodiscard]] std::optional<Ray> RayOf(std::int64_t number) const;
 
   // Casts rays [begin, end). Each stops at the first active block it meets at or behind the eye
-  // and inside the frustum's side planes; returns the blocks hit, ascending, each once.
-  // REQUIRES: 0 <= begin <= end <= count(). O(blocks on an axis) for each ray. Source of the walk:
-  // Amanatides, Woo 1987, "A fast voxel traversal algorithm for ray tracing".
-  [[nodiscard]] std::vector<volume::BlockId> Cast(std::int64_t begin, std::int64_t end,
-                                                  const volume::BlockSet& active) const;
+  // and inside the frustum's side planes; inserts the blocks hit into `hits`, so that a thread
+  // gathers all it casts in one set. Rays of one row of faces or cells go side by side through the
+  // processor's vector lanes; the hits depend neither on that nor on how the rays are divided.
+  // REQUIRES: 0 <= begin <= end <= count(); both sets are of the layout's blocks. O(blocks on an
+  // axis) for each ray. Source of the walk: Amanatides, Woo 1987, "A fast voxel traversal algorithm
+  // for ray tracing".
+  void Cast(std::int64_t begin, std::int64_t end, const volume::BlockSet& active,
+            volume::BlockSet* hits) const;
 
  private:
-  [[nodiscard]] std::optional<Ray> FaceRay(std::int64_t number) const;
-  [[nodiscard]] Ray ImageRay(std::int64_t number) const;
+  // Rays that lie in one row, numbered to and fro: neighbours in number are neighbours in space.
+  struct Run {
+    RayRow row;
+    std::int64_t begin_column = 0;
+    std::int64_t count = 0;
+  };
+  // The longest run from ray `begin` on that ends by `end`.
+  [[nodiscard]] Run RunAt(std::int64_t begin, std::int64_t end) const;
 
-  const view::View& view_;
-  const volume::BlockLayout& layout_;
-  std::uint64_t seed_;
+  RayScene scene_;
   std::int64_t face_ray_count_ = 0;
   std::int64_t image_ray_count_ = 0;
-  std::int64_t grid_columns_ = 0;  // cells of random rays
-  std::int64_t grid_rows_ = 0;
-  // The camera in index space: the eye, and what one unit of depth, half an image to the right and
-  // half an image up are (perspective: at distance 1).
-  math::Vec3d eye_;
-  math::Vec3d forward_;
-  math::Vec3d half_right_;
-  math::Vec3d half_up_;
 };
 
 // The share of an agent: rays [Begin, End) of `ray_count` for agent `agent_index` of `agent_count`.
@@ -78,6 +78,7 @@ std::vector<volume::BlockId> UnionOfHits(const std::vector<volume::BlockId>& a,
                                          const std::vector<volume::BlockId>& b);
 
 // The occluding blocks: the hits and those of their 26 neighbours that are active.
+// REQUIRES: the hits are blocks of the layout. O(hits + blocks / 64).
 volume::BlockSet OccludingBlocks(const std::vector<volume::BlockId>& hits,
                                  const volume::BlockLayout& layout, const volume::BlockSet& active);
 

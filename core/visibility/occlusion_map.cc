@@ -1,160 +1,199 @@
 #include "core/visibility/occlusion_map.h"
 
 #include <algorithm>
-#include <cstddef>
 #include <utility>
 
-#include "absl/strings/str_format.h"
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
-#include "core/base/coding.h"
-#include "core/base/compression.h"
-#include "core/base/crc32c.h"
-#include "core/base/status_macros.h"
 
 namespace isoscope::visibility {
 namespace {
 
-constexpr char kMagic[] = "ISOM";
-constexpr std::size_t kMagicSize = 4;
-constexpr std::size_t kChecksummedOffset = 8;
-constexpr std::size_t kHeaderSize = 20;
-constexpr std::uint8_t kVersion = 1;
-constexpr std::uint8_t kDepthCode = 0;
-constexpr std::uint8_t kMaskCode = 1;
-constexpr std::uint8_t kNothingCode = 2;
+constexpr int kTilePx = image::TileSet::kTilePx;
 
-constexpr std::uint16_t kFarthestCovered = DepthQuantizer::kUncovered - 1;
-// Farther than every depth: a pixel that nothing is drawn on.
-constexpr float kBeyondDepth = 2.0F;
-
-// A rectangle is first looked at where it is at most this many texels wide and high.
+// Hides first looks at a rectangle where it is at most this many texels wide and high.
 constexpr int kStartTexels = 4;
 
-int TexelCount(int size_px, int level) { return ((size_px - 1) >> level) + 1; }
+float Farther(float a, float b) { return a > b ? a : b; }
 
-constexpr std::uint16_t ZigZag(int difference) {
-  const auto d = static_cast<std::uint16_t>(difference);
-  return static_cast<std::uint16_t>(d << 1 ^ (0 - (d >> 15)));
-}
-constexpr std::uint16_t UnZigZag(std::uint16_t code) {
-  return static_cast<std::uint16_t>(code >> 1 ^ (0 - (code & 1)));
-}
-
-// The farthest depth of each texel in a row of texels, kBeyondDepth if it has an uncovered pixel.
-void FarthestOfRow(const image::FrameImage& image, int texel_y, int level,
-                   std::vector<float>* farthest) {
-  std::fill(farthest->begin(), farthest->end(), 0.0F);
-  const int end_y = std::min((texel_y + 1) << level, image.height);
-  for (int y = texel_y << level; y < end_y; ++y) {
-    const std::size_t row = static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width);
-    const float* depth = image.depth.data() + row;
-    const std::uint32_t* id = image.block_id.data() + row;
-    for (int x = 0; x < image.width; ++x) {
-      const float drawn = id[x] == image::kNoBlock ? kBeyondDepth : depth[x];
-      float& texel = (*farthest)[static_cast<std::size_t>(x >> level)];
-      texel = drawn > texel ? drawn : texel;
+// The farthest of each 2 x 2 texels of a square of 2 side x 2 side.
+template <int kSide>
+void Halve(const float* fine, float* coarse) {
+  for (int y = 0; y < kSide; ++y) {
+    const float* upper = fine + 4 * kSide * y;
+    const float* lower = upper + 2 * kSide;
+    for (int x = 0; x < kSide; ++x) {
+      coarse[kSide * y + x] =
+          Farther(Farther(upper[2 * x], upper[2 * x + 1]), Farther(lower[2 * x], lower[2 * x + 1]));
     }
   }
+}
+
+// Bit x - begin_x is set if texel x is not nearer than `limit`. At most 32 texels.
+std::uint32_t OpenBits(const float* texels, int begin_x, int end_x, float limit) {
+  std::uint32_t bits = 0;
+  int x = begin_x;
+  // Four independent comparisons a step, or each would wait for the one before.
+  for (; x + 4 <= end_x; x += 4) {
+    const std::uint32_t four =
+        std::uint32_t{!(texels[x] < limit)} | std::uint32_t{!(texels[x + 1] < limit)} << 1 |
+        std::uint32_t{!(texels[x + 2] < limit)} << 2 | std::uint32_t{!(texels[x + 3] < limit)} << 3;
+    bits |= four << (x - begin_x);
+  }
+  for (; x < end_x; ++x) {
+    bits |= std::uint32_t{!(texels[x] < limit)} << (x - begin_x);
+  }
+  return bits;
+}
+
+int CellCount(int begin_px, int end_px, int shift) {
+  return ((end_px - 1) >> shift) - (begin_px >> shift) + 1;
 }
 
 }  // namespace
 
-DepthQuantizer::DepthQuantizer(const view::View& view) {
-  if (view.camera().projection == view::Projection::kPerspective) {
-    // With distances n and f: d = f (z - n) / (z (f - n)), so (z - n) / (f - n) = (n/f) d /
-    // (1 - (1 - n/f) d).
-    scale_ = view.near_distance() / view.far_distance();
-    bend_ = 1 - scale_;
+image::PixelMask ClosedMaskOf(const view::PixelRect& rect) {
+  image::PixelMask mask;
+  if (rect.empty()) {
+    return mask;
   }
+  ISOSCOPE_CHECK_GE(rect.begin_x, 0);
+  ISOSCOPE_CHECK_GE(rect.begin_y, 0);
+  while (CellCount(rect.begin_x, rect.end_x, mask.shift) > kMaxMaskSide ||
+         CellCount(rect.begin_y, rect.end_y, mask.shift) > kMaxMaskSide) {
+    ++mask.shift;
+  }
+  mask.begin_column = rect.begin_x >> mask.shift;
+  mask.begin_row = rect.begin_y >> mask.shift;
+  mask.columns = CellCount(rect.begin_x, rect.end_x, mask.shift);
+  mask.rows = CellCount(rect.begin_y, rect.end_y, mask.shift);
+  mask.words.assign(static_cast<std::size_t>((mask.columns * mask.rows + 63) / 64), 0);
+  return mask;
 }
 
-std::uint16_t DepthQuantizer::Quantize(float window_depth) const {
-  // Monotone although rounded: a correctly rounded operation is monotone in each operand, and with
-  // growing depth the numerator never falls and the positive denominator never rises.
-  const double depth = window_depth;
-  const double distance = scale_ * depth / (1 - bend_ * depth);
-  const double steps = distance * kFarthestCovered;
-  return static_cast<std::uint16_t>(std::min(steps, static_cast<double>(kFarthestCovered)));
-}
-
-OcclusionMap OcclusionMap::FromImage(const image::FrameImage& image,
-                                     const DepthQuantizer& quantizer, MapKind kind, int level) {
+OcclusionMap OcclusionMap::FromImage(const image::FrameImage& image, MapKind kind) {
   ISOSCOPE_CHECK_GE(image.width, 1);
   ISOSCOPE_CHECK_GE(image.height, 1);
-  ISOSCOPE_CHECK_GE(level, 0);
-  ISOSCOPE_CHECK_LE(level, kMaxLevel);
   OcclusionMap map;
   map.kind_ = kind;
-  map.level_ = level;
   map.width_px_ = image.width;
   map.height_px_ = image.height;
-  Level base;
-  base.width = TexelCount(image.width, level);
-  base.height = TexelCount(image.height, level);
-  base.texels.resize(static_cast<std::size_t>(base.width) * static_cast<std::size_t>(base.height));
-  std::vector<float> farthest(static_cast<std::size_t>(base.width));
-  std::uint16_t* texel = base.texels.data();
-  for (int y = 0; y < base.height; ++y) {
-    FarthestOfRow(image, y, level, &farthest);
-    // Quantized after the maximum: the same by monotonicity, and fewer divisions.
-    for (const float depth : farthest) {
-      if (depth == kBeyondDepth) {
-        *texel++ = DepthQuantizer::kUncovered;
-      } else {
-        *texel++ = kind == MapKind::kMask ? std::uint16_t{0} : quantizer.Quantize(depth);
-      }
-    }
-  }
-  map.pyramid_.push_back(std::move(base));
-  map.BuildPyramid();
+  map.BuildTiles(image);
+  map.BuildPlanes();
   return map;
 }
 
-void OcclusionMap::BuildPyramid() {
-  while (pyramid_.back().width > 1 || pyramid_.back().height > 1) {
-    const Level& fine = pyramid_.back();
-    Level coarse;
+void OcclusionMap::BuildTiles(const image::FrameImage& image) {
+  const int columns = image.touched.columns();
+  const int rows = image.touched.rows();
+  Plane plane;
+  plane.width = columns;
+  plane.height = rows;
+  const std::size_t tile_count = static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows);
+  plane.texels.assign(tile_count, kUncovered);
+  slots_.assign(tile_count, 0);
+  std::uint32_t slot_count = 1;
+  for (int row = 0; row < rows; ++row) {
+    std::uint32_t* slots =
+        slots_.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(columns);
+    image.touched.ForEachInRow(row, [&](int column) { slots[column] = slot_count++; });
+  }
+  // Not cleared: every texel of every slot is written.
+  tiles_ = std::make_unique_for_overwrite<float[]>(slot_count * kTileTexels);
+  std::fill_n(tiles_.get(), kTileTexels, kUncovered);
+
+  const bool is_mask = kind_ == MapKind::kMask;
+  const auto build_row = [&](int row) {
+    const std::size_t first_tile =
+        static_cast<std::size_t>(row) * static_cast<std::size_t>(columns);
+    const int tile_height = std::min(kTilePx, image.height - row * kTilePx);
+    image.touched.ForEachInRow(row, [&](int column) {
+      const std::size_t tile = first_tile + static_cast<std::size_t>(column);
+      float* texels = tiles_.get() + slots_[tile] * kTileTexels;
+      const int tile_width = std::min(kTilePx, image.width - column * kTilePx);
+      // Outside the image: nearer than everything, so that coarser texels speak of pixels alone.
+      if (tile_width < kTilePx || tile_height < kTilePx) {
+        std::fill_n(texels, kLevelOffset[1], 0.0F);
+      }
+      for (int y = 0; y < tile_height; ++y) {
+        const std::uint64_t* keys =
+            image.keys.data() + image.IndexOf(column * kTilePx, row * kTilePx + y);
+        float* to = texels + kTilePx * y;
+        for (int x = 0; x < tile_width; ++x) {
+          const float depth = is_mask ? 0.0F : image::DepthOf(keys[x]);
+          to[x] = keys[x] == image::kBackgroundKey ? kUncovered : depth;
+        }
+      }
+      Halve<8>(texels, texels + kLevelOffset[1]);
+      Halve<4>(texels + kLevelOffset[1], texels + kLevelOffset[2]);
+      Halve<2>(texels + kLevelOffset[2], texels + kLevelOffset[3]);
+      Halve<1>(texels + kLevelOffset[3], &plane.texels[tile]);
+    });
+  };
+  tbb::parallel_for(tbb::blocked_range<int>(0, rows), [&](const tbb::blocked_range<int>& range) {
+    for (int row = range.begin(); row < range.end(); ++row) {
+      build_row(row);
+    }
+  });
+  planes_.push_back(std::move(plane));
+}
+
+void OcclusionMap::BuildPlanes() {
+  while (planes_.back().width > 1 || planes_.back().height > 1) {
+    const Plane& fine = planes_.back();
+    Plane coarse;
     coarse.width = (fine.width + 1) / 2;
     coarse.height = (fine.height + 1) / 2;
     coarse.texels.resize(static_cast<std::size_t>(coarse.width) *
                          static_cast<std::size_t>(coarse.height));
     for (int y = 0; y < fine.height; ++y) {
-      const std::uint16_t* from =
+      const float* from =
           fine.texels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(fine.width);
-      std::uint16_t* to = coarse.texels.data() +
-                          static_cast<std::size_t>(y / 2) * static_cast<std::size_t>(coarse.width);
+      float* to = coarse.texels.data() +
+                  static_cast<std::size_t>(y / 2) * static_cast<std::size_t>(coarse.width);
       for (int x = 0; x < fine.width; ++x) {
-        to[x / 2] = std::max(to[x / 2], from[x]);
+        to[x / 2] = Farther(to[x / 2], from[x]);
       }
     }
-    pyramid_.push_back(std::move(coarse));
+    planes_.push_back(std::move(coarse));
   }
 }
 
-bool OcclusionMap::IsBelow(int step, int x, int y, const view::PixelRect& texels,
-                           std::uint16_t limit) const {
-  const Level& level = pyramid_[static_cast<std::size_t>(step)];
-  const std::uint16_t farthest =
-      level.texels[static_cast<std::size_t>(y) * static_cast<std::size_t>(level.width) +
-                   static_cast<std::size_t>(x)];
-  if (farthest < limit) {
+float OcclusionMap::TexelAt(int level, int x, int y) const {
+  if (level >= kTileLevels) {
+    const Plane& plane = planes_[static_cast<std::size_t>(level - kTileLevels)];
+    return plane.texels[static_cast<std::size_t>(y) * static_cast<std::size_t>(plane.width) +
+                        static_cast<std::size_t>(x)];
+  }
+  const int side_bits = kTileLevels - level;
+  const int mask = (1 << side_bits) - 1;
+  const std::size_t tile =
+      static_cast<std::size_t>(y >> side_bits) * static_cast<std::size_t>(planes_.front().width) +
+      static_cast<std::size_t>(x >> side_bits);
+  return tiles_[slots_[tile] * kTileTexels + kLevelOffset[static_cast<std::size_t>(level)] +
+                static_cast<std::size_t>((y & mask) << side_bits | (x & mask))];
+}
+
+bool OcclusionMap::IsNearer(int level, int x, int y, const view::PixelRect& rect,
+                            float limit) const {
+  if (TexelAt(level, x, y) < limit) {
     return true;
   }
-  // What of the base this texel stands for, and is in the rectangle.
-  const Level& base = pyramid_.front();
-  const view::PixelRect whole{x << step, y << step, std::min((x + 1) << step, base.width),
-                              std::min((y + 1) << step, base.height)};
-  const view::PixelRect part{
-      std::max(whole.begin_x, texels.begin_x), std::max(whole.begin_y, texels.begin_y),
-      std::min(whole.end_x, texels.end_x), std::min(whole.end_y, texels.end_y)};
+  // The pixels that this texel stands for, and those of them that are in the rectangle.
+  const view::PixelRect whole{x << level, y << level, std::min((x + 1) << level, width_px_),
+                              std::min((y + 1) << level, height_px_)};
+  const view::PixelRect part{std::max(whole.begin_x, rect.begin_x),
+                             std::max(whole.begin_y, rect.begin_y),
+                             std::min(whole.end_x, rect.end_x), std::min(whole.end_y, rect.end_y)};
   if (part == whole) {
-    return false;  // the farthest texel is in the rectangle
+    return false;  // the farthest pixel is in the rectangle
   }
-  const int finer = step - 1;
+  const int finer = level - 1;
   for (int child_y = part.begin_y >> finer; child_y <= (part.end_y - 1) >> finer; ++child_y) {
     for (int child_x = part.begin_x >> finer; child_x <= (part.end_x - 1) >> finer; ++child_x) {
-      if (!IsBelow(finer, child_x, child_y, part, limit)) {
+      if (!IsNearer(finer, child_x, child_y, part, limit)) {
         return false;
       }
     }
@@ -162,31 +201,25 @@ bool OcclusionMap::IsBelow(int step, int x, int y, const view::PixelRect& texels
   return true;
 }
 
-bool OcclusionMap::Hides(const view::Footprint& footprint, const DepthQuantizer& quantizer) const {
-  if (pyramid_.empty()) {
+bool OcclusionMap::Hides(const view::Footprint& footprint) const {
+  if (planes_.empty()) {
     return false;
   }
-  if (footprint.rect.empty()) {
+  const view::PixelRect& rect = footprint.rect;
+  if (rect.empty()) {
     return true;
   }
-  const Level& base = pyramid_.front();
-  const view::PixelRect texels{std::max(footprint.rect.begin_x, 0) >> level_,
-                               std::max(footprint.rect.begin_y, 0) >> level_,
-                               std::min(((footprint.rect.end_x - 1) >> level_) + 1, base.width),
-                               std::min(((footprint.rect.end_y - 1) >> level_) + 1, base.height)};
-  if (texels.empty()) {
-    return true;
+  ISOSCOPE_CHECK(rect.begin_x >= 0 && rect.begin_y >= 0 && rect.end_x <= width_px_ &&
+                 rect.end_y <= height_px_);
+  const float limit = LimitOf(footprint);
+  const int extent = std::max(rect.end_x - rect.begin_x, rect.end_y - rect.begin_y);
+  int level = 0;
+  while (extent >> level > kStartTexels && level + 1 < level_count()) {
+    ++level;
   }
-  const std::uint16_t limit = kind_ == MapKind::kMask ? DepthQuantizer::kUncovered
-                                                      : quantizer.Quantize(footprint.nearest_depth);
-  const int extent = std::max(texels.end_x - texels.begin_x, texels.end_y - texels.begin_y);
-  int step = 0;
-  while (extent >> step > kStartTexels && step + 1 < static_cast<int>(pyramid_.size())) {
-    ++step;
-  }
-  for (int y = texels.begin_y >> step; y <= (texels.end_y - 1) >> step; ++y) {
-    for (int x = texels.begin_x >> step; x <= (texels.end_x - 1) >> step; ++x) {
-      if (!IsBelow(step, x, y, texels, limit)) {
+  for (int y = rect.begin_y >> level; y <= (rect.end_y - 1) >> level; ++y) {
+    for (int x = rect.begin_x >> level; x <= (rect.end_x - 1) >> level; ++x) {
+      if (!IsNearer(level, x, y, rect, limit)) {
         return false;
       }
     }
@@ -194,119 +227,51 @@ bool OcclusionMap::Hides(const view::Footprint& footprint, const DepthQuantizer&
   return true;
 }
 
-bool OcclusionMap::HidesFragment(int x, int y, float window_depth,
-                                 const DepthQuantizer& quantizer) const {
-  if (pyramid_.empty() || kind_ == MapKind::kMask) {
-    return false;
+std::uint32_t OcclusionMap::OpenTexels(int level, int y, int begin_x, int end_x,
+                                       float limit) const {
+  if (level >= kTileLevels) {
+    const Plane& plane = planes_[static_cast<std::size_t>(level - kTileLevels)];
+    return OpenBits(
+        plane.texels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(plane.width),
+        begin_x, end_x, limit);
   }
-  const Level& base = pyramid_.front();
-  const std::uint16_t farthest =
-      base.texels[static_cast<std::size_t>(y >> level_) * static_cast<std::size_t>(base.width) +
-                  static_cast<std::size_t>(x >> level_)];
-  return farthest != DepthQuantizer::kUncovered && farthest < quantizer.Quantize(window_depth);
+  const int side_bits = kTileLevels - level;
+  const int side = 1 << side_bits;
+  const std::uint32_t* slots = slots_.data() + static_cast<std::size_t>(y >> side_bits) *
+                                                   static_cast<std::size_t>(planes_.front().width);
+  const std::size_t row = kLevelOffset[static_cast<std::size_t>(level)] +
+                          (static_cast<std::size_t>(y & (side - 1)) << side_bits);
+  std::uint32_t open = 0;
+  for (int x = begin_x; x < end_x;) {
+    const int tile_x = x & -side;
+    const int tile_end_x = std::min(tile_x + side, end_x);
+    const float* texels = tiles_.get() + slots[x >> side_bits] * kTileTexels + row;
+    open |= OpenBits(texels, x - tile_x, tile_end_x - tile_x, limit) << (x - begin_x);
+    x = tile_end_x;
+  }
+  return open;
 }
 
-std::string OcclusionMap::Encode() const {
-  std::uint8_t kind_code = kNothingCode;
-  std::string planes;
-  if (!pyramid_.empty()) {
-    kind_code = kind_ == MapKind::kMask ? kMaskCode : kDepthCode;
-    const Level& base = pyramid_.front();
-    const std::size_t count = base.texels.size();
-    const auto width = static_cast<std::size_t>(base.width);
-    planes.resize(2 * count);
-    for (std::size_t i = 0; i < count; ++i) {
-      const int before = i % width != 0 ? base.texels[i - 1]
-                         : i >= width   ? base.texels[i - width]
-                                        : 0;
-      const std::uint16_t code = ZigZag(base.texels[i] - before);
-      planes[i] = static_cast<char>(code & 0xff);
-      planes[count + i] = static_cast<char>(code >> 8);
+image::PixelMask OcclusionMap::OpenPixels(const view::Footprint& footprint) const {
+  image::PixelMask mask = ClosedMaskOf(footprint.rect);
+  const bool covers_nothing = planes_.empty();
+  ISOSCOPE_CHECK(covers_nothing || footprint.rect.empty() ||
+                 (footprint.rect.end_x <= width_px_ && footprint.rect.end_y <= height_px_));
+  const float limit = LimitOf(footprint);
+  const std::uint32_t all = mask.columns == 32 ? ~0U : (1U << mask.columns) - 1;
+  std::size_t bit = 0;
+  for (int row = 0; row < mask.rows; ++row) {
+    const std::uint64_t open = covers_nothing
+                                   ? all
+                                   : OpenTexels(mask.shift, mask.begin_row + row, mask.begin_column,
+                                                mask.begin_column + mask.columns, limit);
+    mask.words[bit / 64] |= open << (bit % 64);
+    if (bit % 64 + static_cast<std::size_t>(mask.columns) > 64) {
+      mask.words[bit / 64 + 1] |= open >> (64 - bit % 64);
     }
+    bit += static_cast<std::size_t>(mask.columns);
   }
-  std::string bytes(kMagic, kMagicSize);
-  base::AppendLittleEndian(std::uint32_t{0}, &bytes);
-  base::AppendLittleEndian(kVersion, &bytes);
-  base::AppendLittleEndian(kind_code, &bytes);
-  base::AppendLittleEndian(static_cast<std::uint8_t>(level_), &bytes);
-  base::AppendLittleEndian(std::uint8_t{0}, &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(width_px_), &bytes);
-  base::AppendLittleEndian(static_cast<std::uint32_t>(height_px_), &bytes);
-  bytes += base::Compress(planes);
-  base::StoreLittleEndian(
-      base::ExtendCrc32c(0, bytes.data() + kChecksummedOffset, bytes.size() - kChecksummedOffset),
-      bytes.data() + kMagicSize);
-  return bytes;
-}
-
-absl::StatusOr<OcclusionMap> OcclusionMap::Decode(absl::string_view bytes,
-                                                  const view::Viewport& viewport) {
-  if (bytes.size() < kHeaderSize || bytes.substr(0, kMagicSize) != kMagic) {
-    return absl::DataLossError(
-        absl::StrFormat("occlusion map of %d bytes: no header of %d bytes with the magic %s",
-                        bytes.size(), kHeaderSize, kMagic));
-  }
-  const auto stated_crc = base::LoadLittleEndian<std::uint32_t>(bytes.data() + kMagicSize);
-  const std::uint32_t actual_crc = base::Crc32c(bytes.substr(kChecksummedOffset));
-  if (stated_crc != actual_crc) {
-    return absl::DataLossError(
-        absl::StrFormat("occlusion map of %d bytes: CRC-32C is %08x, the header states %08x",
-                        bytes.size(), actual_crc, stated_crc));
-  }
-  base::Decoder decoder(bytes.substr(kChecksummedOffset));
-  std::uint8_t version = 0;
-  std::uint8_t kind_code = 0;
-  std::uint8_t level = 0;
-  std::uint8_t flags = 0;
-  std::uint32_t width = 0;
-  std::uint32_t height = 0;
-  const bool complete = decoder.Read(&version) && decoder.Read(&kind_code) &&
-                        decoder.Read(&level) && decoder.Read(&flags) && decoder.Read(&width) &&
-                        decoder.Read(&height);
-  if (!complete || version != kVersion || flags != 0 || kind_code > kNothingCode ||
-      level > kMaxLevel) {
-    return absl::DataLossError(absl::StrFormat(
-        "occlusion map: version %d, kind %d, level %d, flags %d; expected %d, 0 to 2, 0 to %d, 0",
-        version, kind_code, level, flags, kVersion, kMaxLevel));
-  }
-  if (kind_code == kNothingCode) {
-    return OcclusionMap();
-  }
-  ISOSCOPE_RETURN_IF_ERROR(view::Validate(viewport));
-  if (width != static_cast<std::uint32_t>(viewport.width_px) ||
-      height != static_cast<std::uint32_t>(viewport.height_px)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("occlusion map of a viewport of %d x %d pixels; expected %d x %d", width,
-                        height, viewport.width_px, viewport.height_px));
-  }
-  OcclusionMap map;
-  map.kind_ = kind_code == kMaskCode ? MapKind::kMask : MapKind::kDepth;
-  map.level_ = level;
-  map.width_px_ = viewport.width_px;
-  map.height_px_ = viewport.height_px;
-  Level base;
-  base.width = TexelCount(viewport.width_px, level);
-  base.height = TexelCount(viewport.height_px, level);
-  const auto row_size = static_cast<std::size_t>(base.width);
-  const std::size_t count = row_size * static_cast<std::size_t>(base.height);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string planes,
-                            base::Decompress(bytes.substr(kHeaderSize), 2 * count));
-  if (planes.size() != 2 * count) {
-    return absl::DataLossError(
-        absl::StrFormat("occlusion map of %d texels holds %d bytes", count, planes.size()));
-  }
-  base.texels.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    const int before = i % row_size != 0 ? base.texels[i - 1]
-                       : i >= row_size   ? base.texels[i - row_size]
-                                         : 0;
-    const auto code = static_cast<std::uint16_t>(static_cast<std::uint8_t>(planes[i]) |
-                                                 static_cast<std::uint8_t>(planes[count + i]) << 8);
-    base.texels[i] = static_cast<std::uint16_t>(before + UnZigZag(code));
-  }
-  map.pyramid_.push_back(std::move(base));
-  map.BuildPyramid();
-  return map;
+  return mask;
 }
 
 }  // namespace isoscope::visibility

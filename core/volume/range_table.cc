@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstddef>
 #include <limits>
 #include <type_traits>
 #include <utility>
@@ -9,8 +10,79 @@
 #include "core/base/check.h"
 #include "core/base/coding.h"
 
+// This file is compiled once for each instruction set; the processor's best one is called.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/volume/range_table.cc"
+#include "hwy/foreach_target.h"  // IWYU pragma: keep
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace isoscope::volume::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Which of a vector of spans (min, max) hold the threshold: bit i for span i.
+template <typename T, class D>
+std::uint64_t ActiveBits(D d, const T* spans, hn::Vec<D> threshold) {
+  hn::Vec<D> min;
+  hn::Vec<D> max;
+  hn::LoadInterleaved2(d, spans, min, max);
+  const auto is_below = hn::Lt(min, threshold);
+  std::uint64_t bits = 0;
+  if constexpr (std::is_floating_point_v<T>) {
+    hn::StoreMaskBits(d, hn::And(is_below, hn::Ge(max, threshold)),
+                      reinterpret_cast<std::uint8_t*>(&bits));
+  } else {
+    hn::StoreMaskBits(d, hn::AndNot(hn::Lt(max, threshold), is_below),
+                      reinterpret_cast<std::uint8_t*>(&bits));
+  }
+  return bits;
+}
+
+// Sets bit id of `words` iff min < threshold <= max of span id. `bytes`: as RangeTable::bytes().
+template <typename T>
+void FindActive(const char* bytes, std::size_t block_count, T threshold, std::uint64_t* words) {
+  const hn::CappedTag<T, 64> d;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto threshold_lanes = hn::Set(d, threshold);
+  // Only loaded as vectors, which need no alignment.
+  const auto* const spans = reinterpret_cast<const T*>(bytes);
+  const std::size_t full_words = block_count / 64;
+  for (std::size_t word = 0; word < full_words; ++word) {
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < 64; i += lanes) {
+      bits |= ActiveBits(d, spans + 2 * (word * 64 + i), threshold_lanes) << i;
+    }
+    words[word] = bits;
+  }
+  for (std::size_t id = full_words * 64; id < block_count; ++id) {
+    const char* const span = bytes + 2 * sizeof(T) * id;
+    const bool is_active = base::LoadLittleEndian<T>(span) < threshold &&
+                           base::LoadLittleEndian<T>(span + sizeof(T)) >= threshold;
+    words[full_words] |= std::uint64_t{is_active ? 1U : 0U} << (id % 64);
+  }
+}
+
+void FindActiveBlocks(ScalarType type, const char* bytes, std::size_t block_count, double isovalue,
+                      std::uint64_t* words) {
+  VisitScalarType(type, [&]<typename T>() {
+    const Threshold<T> threshold = InsideThreshold<T>(isovalue);
+    if (threshold.any) {
+      FindActive<T>(bytes, block_count, threshold.value, words);
+    }
+  });
+}
+
+}  // namespace
+}  // namespace isoscope::volume::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
 namespace isoscope::volume {
 namespace {
+
+HWY_EXPORT(FindActiveBlocks);
 
 // What an empty span is kept as: min > max in T.
 template <typename T>
@@ -30,6 +102,32 @@ std::int64_t BlockSet::Count() const {
     count += std::popcount(word);
   }
   return count;
+}
+
+std::vector<BlockId> BlockSet::Ids() const {
+  std::vector<BlockId> ids;
+  ids.reserve(static_cast<std::size_t>(Count()));
+  for (std::size_t i = 0; i < words_.size(); ++i) {
+    for (std::uint64_t word = words_[i]; word != 0; word &= word - 1) {
+      ids.push_back(
+          static_cast<BlockId>(i * 64 + static_cast<std::size_t>(std::countr_zero(word))));
+    }
+  }
+  return ids;
+}
+
+void BlockSet::UnionWith(const BlockSet& other) {
+  ISOSCOPE_CHECK_EQ(words_.size(), other.words_.size());
+  for (std::size_t i = 0; i < words_.size(); ++i) {
+    words_[i] |= other.words_[i];
+  }
+}
+
+void BlockSet::IntersectWith(const BlockSet& other) {
+  ISOSCOPE_CHECK_EQ(words_.size(), other.words_.size());
+  for (std::size_t i = 0; i < words_.size(); ++i) {
+    words_[i] &= other.words_[i];
+  }
 }
 
 RangeTable::RangeTable(ScalarType type, std::int64_t block_count)
@@ -73,19 +171,8 @@ ScalarSpan RangeTable::Total() const {
 
 BlockSet RangeTable::ActiveBlocks(double isovalue) const {
   BlockSet active(block_count_);
-  VisitScalarType(type_, [&]<typename T>() {
-    const Threshold<T> threshold = InsideThreshold<T>(isovalue);
-    if (!threshold.any) {
-      return;
-    }
-    for (std::int64_t id = 0; id < block_count_; ++id) {
-      const char* entry = bytes_.data() + 2 * sizeof(T) * static_cast<std::size_t>(id);
-      if (base::LoadLittleEndian<T>(entry) < threshold.value &&
-          base::LoadLittleEndian<T>(entry + sizeof(T)) >= threshold.value) {
-        active.Insert(static_cast<BlockId>(id));
-      }
-    }
-  });
+  HWY_DYNAMIC_DISPATCH(FindActiveBlocks)
+  (type_, bytes_.data(), static_cast<std::size_t>(block_count_), isovalue, active.words().data());
   return active;
 }
 
@@ -99,3 +186,4 @@ RangeTable RangeTable::FromBytes(ScalarType type, std::int64_t block_count, std:
 }
 
 }  // namespace isoscope::volume
+#endif  // HWY_ONCE

@@ -1,4 +1,5 @@
-// The reduce of steps 2 and 3 at 1024 x 1024: depth compositing and the pixel codec, on one core.
+// What happens to pixels between the agents and the picture, at 1024 x 1024: the pixel codec, depth
+// compositing, the occlusion map and its tests, on one thread unless a name says otherwise.
 //
 // The picture is a bumpy sphere with holes, its blocks 12 pixels wide: smooth depth and shading, as
 // isosurfaces have. `agents` is among how many its blocks are dealt at random.
@@ -11,13 +12,16 @@
 #include <vector>
 
 #include "benchmark/benchmark.h"
+#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/check.h"
 #include "core/base/random.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
+#include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
 
-namespace isoscope::composite {
+namespace isoscope {
 namespace {
 
 constexpr int kSize = 1024;
@@ -35,45 +39,55 @@ image::FrameImage MakePicture(int radius, int agents) {
       }
       const double bump = 0.01 * std::sin(40 * u) * std::cos(37 * v);
       const double z = std::sqrt(1 - u * u - v * v) + bump;
-      const auto i = static_cast<std::size_t>(y * kSize + x);
-      image.depth[i] = static_cast<float>(0.9 - 0.3 * z);
-      image.block_id[i] = block;
       const double light = 0.2 + 0.7 * std::abs(z + 0.4 * std::cos(40 * u) * std::cos(37 * v));
       const auto shade = [&](double base) {
         return static_cast<std::uint8_t>(std::min(255.0, base * light));
       };
-      image.color[i] = {shade(230), shade(200), shade(170), 255};
+      image.Set(x, y, image::FragmentKey(static_cast<float>(0.9 - 0.3 * z), block),
+                {shade(230), shade(200), shade(170), 255});
     }
   }
   return image;
+}
+
+double CoveredPixels(const image::FrameImage& image) {
+  return static_cast<double>(image.pixel_count()) -
+         static_cast<double>(
+             std::count(image.keys.begin(), image.keys.end(), image::kBackgroundKey));
 }
 
 void BM_CompositeInto(benchmark::State& state) {
   const image::FrameImage from = MakePicture(500, static_cast<int>(state.range(0)));
   image::FrameImage into(kSize, kSize);
   for (auto _ : state) {
-    CompositeInto(from, &into);
+    composite::CompositeInto(from, &into);
     benchmark::ClobberMemory();
   }
 }
 BENCHMARK(BM_CompositeInto)->ArgName("agents")->Arg(1)->Arg(8)->Unit(benchmark::kMillisecond);
 
-void SetSizes(const std::vector<std::string>& bands, benchmark::State* state) {
+void SetSizes(const std::vector<std::string>& bands, const image::FrameImage& image,
+              benchmark::State* state) {
   std::size_t size = 0;
   for (const std::string& band : bands) {
     size += band.size();
   }
   state->counters["bytes"] = static_cast<double>(size);
+  state->counters["pixels"] =
+      benchmark::Counter(CoveredPixels(image), benchmark::Counter::kIsIterationInvariantRate);
 }
 
 void BM_EncodePixels(benchmark::State& state) {
   const image::FrameImage image =
       MakePicture(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)));
   std::vector<std::string> bands;
-  for (auto _ : state) {
-    bands = EncodePixels(image, nullptr);
-  }
-  SetSizes(bands, &state);
+  tbb::task_arena arena(1);
+  arena.execute([&] {
+    for (auto _ : state) {
+      bands = composite::EncodePixels(image);
+    }
+  });
+  SetSizes(bands, image, &state);
 }
 BENCHMARK(BM_EncodePixels)
     ->ArgNames({"radius", "agents"})
@@ -83,18 +97,20 @@ BENCHMARK(BM_EncodePixels)
     ->Unit(benchmark::kMillisecond);
 
 void BM_DecodePixelsInto(benchmark::State& state) {
-  const std::vector<std::string> bands = EncodePixels(
-      MakePicture(static_cast<int>(state.range(0)), static_cast<int>(state.range(1))), nullptr);
-  image::FrameImage into(kSize, kSize);
+  const image::FrameImage image =
+      MakePicture(static_cast<int>(state.range(0)), static_cast<int>(state.range(1)));
+  const std::vector<std::string> bands = composite::EncodePixels(image);
+  const auto pool = image::FrameImagePool::Make(std::size_t{1} << 26);
   for (auto _ : state) {
-    state.PauseTiming();
-    into = image::FrameImage(kSize, kSize);
-    state.ResumeTiming();
+    image::FrameImage into = pool->Take(kSize, kSize);
     for (const std::string& band : bands) {
-      ISOSCOPE_CHECK(DecodePixelsInto(band, &into).ok());
+      ISOSCOPE_CHECK(composite::DecodePixelsInto(band, &into).ok());
     }
+    state.PauseTiming();  // clearing the image
+    into = image::FrameImage();
+    state.ResumeTiming();
   }
-  SetSizes(bands, &state);
+  SetSizes(bands, image, &state);
 }
 BENCHMARK(BM_DecodePixelsInto)
     ->ArgNames({"radius", "agents"})
@@ -104,12 +120,99 @@ BENCHMARK(BM_DecodePixelsInto)
     ->Unit(benchmark::kMillisecond);
 
 void BM_FlattenOver(benchmark::State& state) {
-  const image::FrameImage image = MakePicture(500, 1);
+  image::FrameImage image = MakePicture(500, 1);
   for (auto _ : state) {
-    benchmark::DoNotOptimize(FlattenOver(image, {0, 0, 0, 255}));
+    composite::FlattenOver({0, 0, 0, 255}, &image);
+    benchmark::ClobberMemory();
   }
 }
-BENCHMARK(BM_FlattenOver)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_FlattenOver)->Unit(benchmark::kMillisecond)->UseRealTime();
+
+void BM_MapFromImage(benchmark::State& state) {
+  const image::FrameImage image = MakePicture(static_cast<int>(state.range(0)), 1);
+  tbb::task_arena arena(static_cast<int>(state.range(1)));
+  for (auto _ : state) {
+    arena.execute([&] {
+      benchmark::DoNotOptimize(
+          visibility::OcclusionMap::FromImage(image, visibility::MapKind::kDepth));
+    });
+  }
+}
+BENCHMARK(BM_MapFromImage)
+    ->ArgNames({"radius", "threads"})
+    ->Args({800, 1})
+    ->Args({500, 1})
+    ->Args({500, 2})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime();
+
+// Blocks as large on the screen as `size` pixels, behind and before the picture.
+std::vector<view::Footprint> MakeFootprints(int size) {
+  std::vector<view::Footprint> footprints;
+  for (std::uint64_t i = 0; i < 4096; ++i) {
+    const auto begin = [&](std::uint64_t axis) {
+      return static_cast<int>(base::RandomUnit(7, 4 * i + axis) * (kSize - size));
+    };
+    const int x = begin(0);
+    const int y = begin(1);
+    footprints.push_back({{x, y, x + size, y + size},
+                          static_cast<float>(0.6 + 0.3 * base::RandomUnit(7, 4 * i + 2))});
+  }
+  return footprints;
+}
+
+void BM_Hides(benchmark::State& state) {
+  const auto map =
+      visibility::OcclusionMap::FromImage(MakePicture(500, 1), visibility::MapKind::kDepth);
+  const auto footprints = MakeFootprints(static_cast<int>(state.range(0)));
+  std::int64_t hidden = 0;
+  for (auto _ : state) {
+    hidden = 0;
+    for (const view::Footprint& footprint : footprints) {
+      hidden += map.Hides(footprint) ? 1 : 0;
+    }
+  }
+  state.counters["hidden"] = static_cast<double>(hidden);
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(footprints.size()));
+}
+BENCHMARK(BM_Hides)->ArgName("size")->Arg(10)->Arg(20)->Arg(60);
+
+void BM_OpenPixels(benchmark::State& state) {
+  const auto map =
+      visibility::OcclusionMap::FromImage(MakePicture(500, 1), visibility::MapKind::kDepth);
+  const auto footprints = MakeFootprints(static_cast<int>(state.range(0)));
+  for (auto _ : state) {
+    for (const view::Footprint& footprint : footprints) {
+      benchmark::DoNotOptimize(map.OpenPixels(footprint));
+    }
+  }
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(footprints.size()));
+}
+BENCHMARK(BM_OpenPixels)->ArgName("size")->Arg(10)->Arg(20)->Arg(60);
+
+// The masks of 4096 blocks, there and back.
+void BM_SendOpenPixels(benchmark::State& state) {
+  const auto map =
+      visibility::OcclusionMap::FromImage(MakePicture(500, 1), visibility::MapKind::kDepth);
+  std::vector<image::PixelMask> masks;
+  std::vector<view::PixelRect> rects;
+  for (const view::Footprint& footprint : MakeFootprints(static_cast<int>(state.range(0)))) {
+    masks.push_back(map.OpenPixels(footprint));
+    rects.push_back(footprint.rect);
+  }
+  std::string bytes;
+  for (auto _ : state) {
+    bytes = visibility::EncodeOpenPixels(masks);
+    ISOSCOPE_CHECK(visibility::DecodeOpenPixels(bytes, rects).ok());
+  }
+  state.counters["bytes"] = static_cast<double>(bytes.size());
+}
+BENCHMARK(BM_SendOpenPixels)
+    ->ArgName("size")
+    ->Arg(10)
+    ->Arg(20)
+    ->Arg(60)
+    ->Unit(benchmark::kMillisecond);
 
 }  // namespace
-}  // namespace isoscope::composite
+}  // namespace isoscope

@@ -1,6 +1,7 @@
 // Extraction of all active blocks of a volume, one thread, samples in memory:
 //
 //   BM_Extract/<field>/<type>/<block edge>
+//   BM_Extract/<field>/<type>/<block edge>/<instruction set>: held to that instead of the best
 //
 // sphere: one smooth sheet; gyroid: a periodic sheet through everything; random: a smooth random
 // field with many sheets; ct: flat regions with sharp sheets and noise between them, as in a scan.
@@ -13,11 +14,15 @@
 #include <tuple>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
 #include "benchmark/benchmark.h"
 
+// As in block_kernels.cc, so that all of its targets are known here.
+#define HWY_WANT_AVX3_DL
 #include "core/base/random.h"
 #include "core/extract/block_extractor.h"
 #include "core/volume/synthetic_fields.h"
+#include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
 
 namespace isoscope::extract {
@@ -61,8 +66,11 @@ const std::string& SamplesOf(const std::string& scene, volume::ScalarType type) 
   return bytes;
 }
 
+// `targets`: the instruction sets to choose from, as for hwy::SetSupportedTargetsForTest.
 void BM_Extract(benchmark::State& state, const Scene& scene, volume::ScalarType type,
-                std::int64_t block_edge) {
+                std::int64_t block_edge, std::int64_t targets) {
+  hwy::SetSupportedTargetsForTest(targets);
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
   volume::GridGeometry geometry;
   geometry.sample_dims = {kEdge, kEdge, kEdge};
   const volume::BlockLayout layout =
@@ -97,7 +105,8 @@ void BM_Extract(benchmark::State& state, const Scene& scene, volume::ScalarType 
   state.counters["active_blocks"] = static_cast<double>(active.size());
 }
 
-// Registers the cross product of scenes, types and block edges.
+// Registers the cross product of scenes, types and block edges, and of instruction sets for one
+// scene.
 const bool kRegistered = [] {
   for (const Scene& scene : kScenes) {
     for (const volume::ScalarType type :
@@ -106,9 +115,19 @@ const bool kRegistered = [] {
         const std::string name = std::string("BM_Extract/") + scene.name + "/" +
                                  std::string(volume::NameOf(type)) + "/" + std::to_string(edge);
         benchmark::RegisterBenchmark(name.c_str(), [&scene, type, edge](benchmark::State& state) {
-          BM_Extract(state, scene, type, edge);
+          BM_Extract(state, scene, type, edge, 0);
         })->Unit(benchmark::kMillisecond);
       }
+    }
+  }
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    for (const volume::ScalarType type :
+         {volume::ScalarType::kUint8, volume::ScalarType::kUint16, volume::ScalarType::kFloat32}) {
+      const std::string name = std::string("BM_Extract/random/") +
+                               std::string(volume::NameOf(type)) + "/8/" + hwy::TargetName(target);
+      benchmark::RegisterBenchmark(name.c_str(), [type, target](benchmark::State& state) {
+        BM_Extract(state, kScenes[2], type, 8, target);
+      })->Unit(benchmark::kMillisecond);
     }
   }
   return true;

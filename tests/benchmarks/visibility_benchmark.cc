@@ -66,12 +66,12 @@ void CastAll(const volume::BlockSet& active, benchmark::State* state) {
   const view::View view = MakeView();
   const volume::BlockLayout layout = MakeLayout();
   const RaySet rays(view, layout, 1);
-  std::size_t hits = 0;
+  volume::BlockSet hits(layout.block_count());
   for (auto _ : *state) {
-    hits = rays.Cast(0, rays.count(), active).size();
+    rays.Cast(0, rays.count(), active, &hits);
   }
   state->counters["rays"] = static_cast<double>(rays.count());
-  state->counters["hits"] = static_cast<double>(hits);
+  state->counters["hits"] = static_cast<double>(hits.Count());
   state->counters["active"] = static_cast<double>(active.Count());
 }
 void BM_CastShell(benchmark::State& state) { CastAll(MakeShell(MakeLayout()), &state); }
@@ -88,79 +88,84 @@ void BM_OccludingBlocks(benchmark::State& state) {
   const volume::BlockLayout layout = MakeLayout();
   const volume::BlockSet active = MakeScattered(layout, 0.3);
   const RaySet rays(view, layout, 1);
-  const std::vector<volume::BlockId> hits = rays.Cast(0, rays.count(), active);
+  volume::BlockSet hit_set(layout.block_count());
+  rays.Cast(0, rays.count(), active, &hit_set);
+  const std::vector<volume::BlockId> hits = hit_set.Ids();
   for (auto _ : state) {
     benchmark::DoNotOptimize(OccludingBlocks(hits, layout, active));
   }
 }
 BENCHMARK(BM_OccludingBlocks)->Unit(benchmark::kMillisecond);
 
+// What every agent does for a frame besides walking its rays: the active blocks of the whole table,
+// the set-up of the rays, the listing of the hits.
+void BM_SelectWithoutRays(benchmark::State& state) {
+  const view::View view = MakeView();
+  const volume::BlockLayout layout = MakeLayout();
+  const volume::BlockSet shell = MakeShell(layout);
+  const auto type = static_cast<volume::ScalarType>(state.range(0));
+  volume::RangeTable table(type, layout.block_count());
+  for (std::int64_t id = 0; id < layout.block_count(); ++id) {
+    const auto block = static_cast<volume::BlockId>(id);
+    table.Set(block, shell.Contains(block) ? volume::ScalarSpan{20, 70} : volume::ScalarSpan{3, 9});
+  }
+  for (auto _ : state) {
+    const volume::BlockSet active = table.ActiveBlocks(50);
+    const RaySet rays(view, layout, 1);
+    volume::BlockSet hits(layout.block_count());
+    rays.Cast(0, 16, active, &hits);
+    benchmark::DoNotOptimize(hits.Ids());
+  }
+  state.SetLabel(std::string(volume::NameOf(type)));
+}
+BENCHMARK(BM_SelectWithoutRays)
+    ->ArgName("type")
+    ->Arg(static_cast<int>(volume::ScalarType::kUint8))
+    ->Arg(static_cast<int>(volume::ScalarType::kUint16))
+    ->Arg(static_cast<int>(volume::ScalarType::kFloat32))
+    ->Arg(static_cast<int>(volume::ScalarType::kFloat64))
+    ->Unit(benchmark::kMillisecond);
+
 // A wall half-way, with holes.
 image::FrameImage MakeWall() {
   image::FrameImage image(kSize, kSize);
-  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (base::RandomUnit(5, i / 16) < 0.01) {
-      continue;
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      const std::size_t i = image.IndexOf(x, y);
+      if (base::RandomUnit(5, i / 16) < 0.01) {
+        continue;
+      }
+      const auto depth = static_cast<float>(0.6 + 0.02 * std::sin(static_cast<double>(i) * 0.01));
+      image.Set(x, y, image::FragmentKey(depth, 1), {});
     }
-    image.depth[i] = static_cast<float>(0.6 + 0.02 * std::sin(static_cast<double>(i) * 0.01));
-    image.block_id[i] = 1;
   }
   return image;
 }
 
 void BM_MapFromImage(benchmark::State& state) {
-  const view::View view = MakeView();
-  const DepthQuantizer quantizer(view);
   const image::FrameImage image = MakeWall();
   for (auto _ : state) {
-    benchmark::DoNotOptimize(OcclusionMap::FromImage(image, quantizer, MapKind::kDepth,
-                                                     static_cast<int>(state.range(0))));
+    benchmark::DoNotOptimize(OcclusionMap::FromImage(image, MapKind::kDepth));
   }
 }
-BENCHMARK(BM_MapFromImage)->ArgName("level")->DenseRange(0, 3)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_MapFromImage)->Unit(benchmark::kMillisecond);
 
-void BM_MapEncode(benchmark::State& state) {
-  const DepthQuantizer quantizer(MakeView());
-  const OcclusionMap map = OcclusionMap::FromImage(MakeWall(), quantizer, MapKind::kDepth,
-                                                   static_cast<int>(state.range(0)));
-  std::string bytes;
-  for (auto _ : state) {
-    bytes = map.Encode();
-  }
-  state.counters["bytes"] = static_cast<double>(bytes.size());
-}
-BENCHMARK(BM_MapEncode)->ArgName("level")->DenseRange(0, 3)->Unit(benchmark::kMillisecond);
-
-void BM_MapDecode(benchmark::State& state) {
-  const DepthQuantizer quantizer(MakeView());
-  const std::string bytes = OcclusionMap::FromImage(MakeWall(), quantizer, MapKind::kDepth,
-                                                    static_cast<int>(state.range(0)))
-                                .Encode();
-  for (auto _ : state) {
-    benchmark::DoNotOptimize(OcclusionMap::Decode(bytes, {kSize, kSize}));
-  }
-}
-BENCHMARK(BM_MapDecode)->ArgName("level")->DenseRange(0, 3)->Unit(benchmark::kMillisecond);
-
-// Projects and tests every block of the volume, as if all were active and one agent had them.
+// Projects and tests every block of the volume, as if all were active.
 void BM_TestAllBlocks(benchmark::State& state) {
   const view::View view = MakeView();
   const volume::BlockLayout layout = MakeLayout();
-  const DepthQuantizer quantizer(view);
-  const OcclusionMap map = OcclusionMap::FromImage(MakeWall(), quantizer, MapKind::kDepth,
-                                                   static_cast<int>(state.range(0)));
+  const OcclusionMap map = OcclusionMap::FromImage(MakeWall(), MapKind::kDepth);
   std::int64_t hidden = 0;
   for (auto _ : state) {
     hidden = 0;
     for (std::int64_t id = 0; id < layout.block_count(); ++id) {
-      const view::Footprint footprint = view.FootprintOf(layout, static_cast<volume::BlockId>(id));
-      hidden += map.Hides(footprint, quantizer) ? 1 : 0;
+      hidden += map.Hides(view.FootprintOf(layout, static_cast<volume::BlockId>(id))) ? 1 : 0;
     }
   }
   state.counters["blocks"] = static_cast<double>(layout.block_count());
   state.counters["hidden"] = static_cast<double>(hidden);
 }
-BENCHMARK(BM_TestAllBlocks)->ArgName("level")->Arg(0)->Arg(2)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_TestAllBlocks)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace isoscope::visibility

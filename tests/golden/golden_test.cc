@@ -132,14 +132,15 @@ absl::StatusOr<image::RgbaImage> Render(const Scene& scene, render::RendererKind
   if (!result.ok()) {
     return result.status();
   }
-  return image::RgbaImage{
-      .width = result->image.width,
-      .height = result->image.height,
-      .pixels = composite::FlattenOver(result->image, image::Rgba8{0, 0, 0, 255})};
+  image::FrameImage& image = result->image;
+  composite::FlattenOver(image::Rgba8{0, 0, 0, 255}, &image);
+  return image::RgbaImage{.width = image.width, .height = image.height, .pixels = image.colors};
 }
 
 struct Comparison {
-  double different_share = 0;
+  int max_difference = 0;  // levels of a channel
+  int different_pixel_count = 0;
+  double different_share = 0;  // of pixels that differ by more than kMaxLevelDifference
   double mean_difference = 0;
   std::vector<image::Rgba8> amplified;  // the difference, eight times
 };
@@ -153,7 +154,10 @@ Comparison Compare(const image::RgbaImage& a, const image::RgbaImage& b) {
     const image::Rgba8& q = b.pixels[i];
     const int levels[3] = {std::abs(p.r - q.r), std::abs(p.g - q.g), std::abs(p.b - q.b)};
     sum += levels[0] + levels[1] + levels[2];
-    different += *std::max_element(levels, levels + 3) > kMaxLevelDifference ? 1 : 0;
+    const int most = *std::max_element(levels, levels + 3);
+    comparison.max_difference = std::max(comparison.max_difference, most);
+    comparison.different_pixel_count += most > 0 ? 1 : 0;
+    different += most > kMaxLevelDifference ? 1 : 0;
     const auto amplify = [](int level) {
       return static_cast<std::uint8_t>(std::min(8 * level, 255));
     };
@@ -201,6 +205,8 @@ void CheckScene(const Scene& scene, render::RendererKind kind) {
   ASSERT_EQ(actual.width, expected.width);
   ASSERT_EQ(actual.height, expected.height);
   const Comparison comparison = Compare(actual, expected);
+  ::testing::Test::RecordProperty("max_difference", comparison.max_difference);
+  ::testing::Test::RecordProperty("different_pixel_count", comparison.different_pixel_count);
   EXPECT_LE(comparison.different_share, kMaxDifferentShare);
   EXPECT_LE(comparison.mean_difference, kMaxMeanDifference);
   if (::testing::Test::HasFailure()) {

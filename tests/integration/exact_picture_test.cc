@@ -8,6 +8,7 @@
 #include <memory>
 #include <numbers>
 #include <string>
+#include <thread>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -36,9 +37,12 @@ constexpr std::int64_t kBlockEdges[] = {4, 8, 16, 32};
 constexpr int kFieldViewCount = 6;
 constexpr int kHeadViewCount = 1;
 #else
-constexpr int kFieldViewCount = 64;
-constexpr int kHeadViewCount = 12;
+constexpr int kFieldViewCount = 20;
+constexpr int kHeadViewCount = 4;
 #endif
+// All, nothing, some samples, and samples with a few segments of meshes.
+constexpr std::size_t kCacheSizes[] = {LocalCluster::kAmpleCacheBytes, 0, std::size_t{1} << 19,
+                                       std::size_t{4} << 20};
 constexpr char kHeadPath[] = "/usr/share/mricron/templates/ch2.nii.gz";
 
 struct Volume {
@@ -125,9 +129,9 @@ struct Difference {
 Difference Compare(const image::FrameImage& a, const image::FrameImage& b) {
   Difference difference;
   for (std::size_t i = 0; i < a.pixel_count(); ++i) {
-    difference.colors += a.color[i] == b.color[i] ? 0 : 1;
-    difference.depths += a.depth[i] == b.depth[i] ? 0 : 1;
-    difference.owners += a.block_id[i] == b.block_id[i] ? 0 : 1;
+    difference.colors += a.colors[i] == b.colors[i] ? 0 : 1;
+    difference.depths += image::DepthOf(a.keys[i]) == image::DepthOf(b.keys[i]) ? 0 : 1;
+    difference.owners += image::BlockOf(a.keys[i]) == image::BlockOf(b.keys[i]) ? 0 : 1;
   }
   return difference;
 }
@@ -140,28 +144,34 @@ std::int64_t TriangleCount(const server::FrameResult& result) {
   return count;
 }
 
-std::int64_t CoveredPixels(const image::FrameImage& image) {
+std::int64_t ReadBytes(const server::FrameResult& result) {
   std::int64_t count = 0;
-  for (const std::uint32_t owner : image.block_id) {
-    count += owner == image::kNoBlock ? 0 : 1;
+  for (const server::AgentStatistics& agent : result.agents) {
+    count += agent.read_bytes;
   }
   return count;
 }
 
-// Datasets of a volume, cut as asked for, each made once.
-class Datasets {
- public:
-  Datasets(const Volume& volume, render::Renderer* renderer)
-      : volume_(volume), renderer_(renderer) {}
+std::int64_t CoveredPixels(const image::FrameImage& image) {
+  std::int64_t count = 0;
+  for (const std::uint64_t key : image.keys) {
+    count += image::BlockOf(key) == image::kNoBlock ? 0 : 1;
+  }
+  return count;
+}
 
-  absl::StatusOr<LocalCluster*> Get(std::int64_t edge, int shard_count,
-                                    store::Distribution distribution) {
-    std::unique_ptr<LocalCluster>& cluster = clusters_[{edge, shard_count, distribution}];
-    if (cluster == nullptr) {
+// Dataset directories of the whole suite, each made once: writing them safely takes longer than
+// drawing them.
+class DatasetDirectories {
+ public:
+  absl::StatusOr<std::string> Get(const Volume& volume, std::int64_t edge, int shard_count,
+                                  store::Distribution distribution) {
+    std::string& directory = directories_[{volume.name, edge, shard_count, distribution}];
+    if (directory.empty()) {
       const auto source =
-          ingest::MakeMemorySource(volume_.geometry, volume_.type, volume_.samples, volume_.name);
+          ingest::MakeMemorySource(volume.geometry, volume.type, volume.samples, volume.name);
       ingest::PartitionOptions options;
-      options.output_directory = directory_.Sub("d" + std::to_string(clusters_.size()));
+      options.output_directory = temp_.Sub("d" + std::to_string(directories_.size()));
       options.shard_count = shard_count;
       options.block_cells = {edge, edge, edge};
       options.distribution = distribution;
@@ -170,8 +180,34 @@ class Datasets {
       if (!manifest.ok()) {
         return manifest.status();
       }
+      directory = options.output_directory;
+    }
+    return directory;
+  }
+
+ private:
+  testing::TempDir temp_;
+  std::map<std::tuple<std::string, std::int64_t, int, store::Distribution>, std::string>
+      directories_;
+};
+
+// Clusters of one renderer on the datasets of a volume, each started once.
+class Datasets {
+ public:
+  Datasets(const Volume& volume, DatasetDirectories* directories, render::Renderer* renderer)
+      : volume_(volume), directories_(directories), renderer_(renderer) {}
+
+  absl::StatusOr<LocalCluster*> Get(std::int64_t edge, int shard_count,
+                                    store::Distribution distribution) {
+    std::unique_ptr<LocalCluster>& cluster = clusters_[{edge, shard_count, distribution}];
+    if (cluster == nullptr) {
+      const absl::StatusOr<std::string> directory =
+          directories_->Get(volume_, edge, shard_count, distribution);
+      if (!directory.ok()) {
+        return directory.status();
+      }
       absl::StatusOr<std::unique_ptr<LocalCluster>> opened =
-          LocalCluster::Open(options.output_directory, renderer_, kThreadCount);
+          LocalCluster::Open(*directory, renderer_, kThreadCount);
       if (!opened.ok()) {
         return opened.status();
       }
@@ -187,8 +223,8 @@ class Datasets {
 
  private:
   const Volume& volume_;
+  DatasetDirectories* const directories_;
   render::Renderer* const renderer_;
-  testing::TempDir directory_;
   std::map<std::tuple<std::int64_t, int, store::Distribution>, std::unique_ptr<LocalCluster>>
       clusters_;
 };
@@ -197,23 +233,33 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
  protected:
   void SetUp() override {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_, render::MakeRenderer({.kind = GetParam()}));
+    if (directories_ == nullptr) {
+      directories_ = std::make_unique<DatasetDirectories>();
+    }
   }
+  static void TearDownTestSuite() { directories_.reset(); }
 
   // Renders `camera_count` random views; for each, every shard count against CULLING_NONE of one
   // shard.
   void CheckRandomViews(const Volume& volume, int camera_count, std::uint64_t first_seed) {
-    Datasets datasets(volume, renderer_.get());
+    Datasets datasets(volume, directories_.get(), renderer_.get());
     std::int64_t covered_pixel_count = 0;
     std::int64_t culled_view_count = 0;
     for (int i = 0; i < camera_count; ++i) {
       const std::uint64_t seed = first_seed + static_cast<std::uint64_t>(i);
       const std::int64_t edge = kBlockEdges[i % 4];
+      // Volumes differ in it: so each edge and shard count has both.
+      const auto distribution_of = [&](int shard_count) {
+        return (static_cast<std::uint64_t>(i % 4 + shard_count) + first_seed / 1000) % 2 == 0
+                   ? store::Distribution::kRandom
+                   : store::Distribution::kGreedy;
+      };
       agent::FrameRequest request = RandomRequest(seed, volume.geometry.Bounds(), volume.isovalue);
       SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed) + ", block edge " +
                    std::to_string(edge));
 
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
-                                    datasets.Get(edge, 1, store::Distribution::kRandom));
+                                    datasets.Get(edge, 1, distribution_of(1)));
       request.culling = visibility::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(request));
       covered_pixel_count += CoveredPixels(reference.image);
@@ -224,10 +270,9 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
         if (shard_count > datasets.BlockCount(edge)) {
           continue;
         }
-        const auto distribution = (i + shard_count) % 2 == 0 ? store::Distribution::kRandom
-                                                             : store::Distribution::kGreedy;
-        ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
-                                      datasets.Get(edge, shard_count, distribution));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            LocalCluster* const cluster,
+            datasets.Get(edge, shard_count, distribution_of(shard_count)));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(request));
         const Difference difference = Compare(reference.image, result.image);
         EXPECT_EQ(difference.colors, 0) << shard_count << " shards";
@@ -250,8 +295,18 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
     EXPECT_GE(culled_view_count, (camera_count + 1) / 2);
   }
 
+  static void ExpectSame(const server::FrameResult& result, const server::FrameResult& reference) {
+    const Difference difference = Compare(reference.image, result.image);
+    EXPECT_EQ(difference.colors, 0);
+    EXPECT_EQ(difference.depths, 0);
+    EXPECT_EQ(difference.owners, 0);
+  }
+
   std::unique_ptr<render::Renderer> renderer_;
+  static std::unique_ptr<DatasetDirectories> directories_;
 };
+
+std::unique_ptr<DatasetDirectories> ExactPictureTest::directories_;
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfGeneratedFields) {
   CheckRandomViews(Gyroid(), kFieldViewCount, 1000);
@@ -306,7 +361,7 @@ Volume SpheresBeforeWall() {
 
 TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
   const Volume volume = SpheresBeforeWall();
-  Datasets datasets(volume, renderer_.get());
+  Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(4, 3, store::Distribution::kRandom));
   agent::FrameRequest request;
@@ -332,9 +387,105 @@ TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
   EXPECT_EQ(difference.owners, 0);
 }
 
+// What agents and coordinator keep between frames: everything, nothing, or a part that changes all
+// the time. Views and levels go there and back.
+TEST_P(ExactPictureTest, NoPixelAndNoTriangleDependsOnWhatWasKept) {
+  const Volume volume = Gyroid();
+  Datasets datasets(volume, directories_.get(), renderer_.get());
+  struct Step {
+    std::uint64_t seed;
+    double isovalue;
+  };
+  const std::vector<Step> steps = {{1, 128}, {1, 128}, {2, 128}, {1, 150}, {2, 150},
+                                   {1, 128}, {2, 150}, {2, 128}, {1, 150}};
+  constexpr visibility::Culling kCullings[] = {
+      visibility::Culling::kNone, visibility::Culling::kMask, visibility::Culling::kDepth};
+  std::int64_t covered_pixel_count = 0;
+  std::map<std::tuple<std::size_t, visibility::Culling>, std::int64_t> triangle_counts;
+  for (const int shard_count : kShardCounts) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
+                                  datasets.Get(8, shard_count, store::Distribution::kRandom));
+    // Without any memory, step by step.
+    std::vector<server::FrameResult> expected;
+    const auto request_of = [&](const Step& step, visibility::Culling culling) {
+      agent::FrameRequest request =
+          RandomRequest(step.seed, volume.geometry.Bounds(), step.isovalue);
+      request.culling = culling;
+      return request;
+    };
+    for (const visibility::Culling culling : kCullings) {
+      for (const Step& step : steps) {
+        cluster->ForgetAll(0);
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result,
+                                      cluster->Render(request_of(step, culling)));
+        EXPECT_GT(ReadBytes(result), 0);
+        covered_pixel_count += CoveredPixels(result.image);
+        // Nor does it depend on the number of shards.
+        const auto [count, is_new] =
+            triangle_counts.try_emplace({expected.size(), culling}, TriangleCount(result));
+        EXPECT_EQ(TriangleCount(result), count->second) << shard_count << " shards";
+        expected.push_back(std::move(result));
+      }
+    }
+    for (const std::size_t cache_bytes : kCacheSizes) {
+      cluster->ForgetAll(cache_bytes);
+      std::size_t next = 0;
+      for (const visibility::Culling culling : kCullings) {
+        for (std::size_t i = 0; i < steps.size(); ++i, ++next) {
+          SCOPED_TRACE(::testing::Message()
+                       << shard_count << " shards, cache of " << cache_bytes << " bytes, culling "
+                       << static_cast<int>(culling) << ", step " << i);
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result,
+                                        cluster->Render(request_of(steps[i], culling)));
+          ExpectSame(result, expected[next]);
+          EXPECT_EQ(TriangleCount(result), TriangleCount(expected[next]));
+          EXPECT_LE(cluster->cache().size_bytes(), cache_bytes);
+          if (cache_bytes == LocalCluster::kAmpleCacheBytes && next > 3) {
+            EXPECT_EQ(ReadBytes(result), 0) << "all of it was read before, and fits";
+          }
+          if (HasFailure()) {
+            return;
+          }
+        }
+      }
+    }
+  }
+  EXPECT_GT(covered_pixel_count, 100'000);
+}
+
+TEST_P(ExactPictureTest, FramesSideBySideOnOneCacheAreTheirOwn) {
+  const Volume volume = Gyroid();
+  Datasets datasets(volume, directories_.get(), renderer_.get());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
+                                datasets.Get(8, 3, store::Distribution::kRandom));
+  std::vector<agent::FrameRequest> requests;
+  std::vector<server::FrameResult> expected;
+  for (std::uint64_t i = 0; i < 4; ++i) {
+    requests.push_back(RandomRequest(1 + i / 2, volume.geometry.Bounds(), i % 2 == 0 ? 128 : 150));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(requests.back()));
+    expected.push_back(std::move(result));
+  }
+  for (const std::size_t cache_bytes : kCacheSizes) {
+    cluster->ForgetAll(cache_bytes);
+    std::vector<std::thread> clients;
+    for (std::size_t i = 0; i < requests.size(); ++i) {
+      clients.emplace_back([&, i] {
+        for (int frame = 0; frame < 4; ++frame) {
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result,
+                                        cluster->Render(requests[i]));
+          ExpectSame(result, expected[i]);
+        }
+      });
+    }
+    for (std::thread& client : clients) {
+      client.join();
+    }
+  }
+}
+
 TEST_P(ExactPictureTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
   const Volume volume = Gyroid();
-  Datasets datasets(volume, renderer_.get());
+  Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 2, store::Distribution::kRandom));
   agent::FrameRequest request = RandomRequest(1, volume.geometry.Bounds(), 1e6);
@@ -345,7 +496,7 @@ TEST_P(ExactPictureTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
 
 TEST_P(ExactPictureTest, PassedDeadlineAndCancellationEndTheFrame) {
   const Volume volume = Gyroid();
-  Datasets datasets(volume, renderer_.get());
+  Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));
   const agent::FrameRequest request = RandomRequest(1, volume.geometry.Bounds(), volume.isovalue);

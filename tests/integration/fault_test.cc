@@ -139,7 +139,7 @@ TEST_P(AgentLostInStepTest, IsUnavailableNamingItAndTheNextFrameAfterItsReturnIs
 }
 
 INSTANTIATE_TEST_SUITE_P(Steps, AgentLostInStepTest,
-                         ::testing::Values("begin", "occluders", "occlusion_map"),
+                         ::testing::Values("begin", "occluders", "visible_blocks"),
                          [](const auto& step) {
                            const std::string name = step.param;
                            return name == "begin"       ? "OccluderSelection"
@@ -164,7 +164,7 @@ TEST_F(HeldFrameTest, ClientThatGoesAwayStopsTheFrameOnEveryAgent) {
 }
 
 TEST_F(HeldFrameTest, InterruptedClientStopsTheFrameAndLeavesNoPicture) {
-  ASSERT_NO_FATAL_FAILURE(Start("occlusion_map"));
+  ASSERT_NO_FATAL_FAILURE(Start("visible_blocks"));
   const std::string output = directory_->Sub("interrupted.png");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto client,
                                 testing::StartIsoscope({"render", "--server", coordinator_.address,

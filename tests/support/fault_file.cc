@@ -1,5 +1,7 @@
 #include "tests/support/fault_file.h"
 
+#include <unistd.h>
+
 #include <cerrno>
 #include <string>
 #include <utility>
@@ -46,6 +48,39 @@ class FaultyFile : public base::RandomAccessFile {
   const std::int64_t fault_offset_;
 };
 
+class DescriptorFile : public base::RandomAccessFile {
+ public:
+  DescriptorFile(int descriptor, std::int64_t size_bytes, std::string path)
+      : descriptor_(descriptor), size_bytes_(size_bytes), path_(std::move(path)) {}
+  ~DescriptorFile() override { close(descriptor_); }
+  DescriptorFile(const DescriptorFile&) = delete;
+  DescriptorFile& operator=(const DescriptorFile&) = delete;
+
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    for (std::size_t done = 0; done < size;) {
+      const std::int64_t place = offset + static_cast<std::int64_t>(done);
+      const ssize_t count = pread(descriptor_, out + done, size - done, place);
+      if (count < 0) {
+        return base::ReadFailed(errno, *this, offset, size);
+      }
+      if (count == 0) {
+        return base::FileTooShort(*this, offset, size, place);
+      }
+      done += static_cast<std::size_t>(count);
+    }
+    return absl::OkStatus();
+  }
+  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
+  [[nodiscard]] const std::string& path() const override { return path_; }
+  [[nodiscard]] int descriptor() const override { return descriptor_; }
+
+ private:
+  const int descriptor_;
+  const std::int64_t size_bytes_;
+  const std::string path_;
+};
+
 class FullDiskFile : public base::WritableFile {
  public:
   FullDiskFile(std::unique_ptr<base::WritableFile> file, std::int64_t capacity_bytes)
@@ -81,6 +116,11 @@ class FullDiskFile : public base::WritableFile {
 std::unique_ptr<base::RandomAccessFile> MakeFaultyFile(std::unique_ptr<base::RandomAccessFile> file,
                                                        ReadFault fault, std::int64_t fault_offset) {
   return std::make_unique<FaultyFile>(std::move(file), fault, fault_offset);
+}
+
+std::unique_ptr<base::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
+                                                           const std::string& path) {
+  return std::make_unique<DescriptorFile>(descriptor, size_bytes, path);
 }
 
 std::unique_ptr<base::WritableFile> MakeFullDiskFile(std::unique_ptr<base::WritableFile> file,

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 
 #include "core/base/file.h"
 
@@ -19,6 +20,12 @@ enum class ReadFault {
 // Reads that touch byte `fault_offset` of `file` suffer `fault`.
 std::unique_ptr<base::RandomAccessFile> MakeFaultyFile(std::unique_ptr<base::RandomAccessFile> file,
                                                        ReadFault fault, std::int64_t fault_offset);
+
+// What lies behind a descriptor, as a file that claims to have `size_bytes`; it closes it. The
+// system itself then fails: /proc/self/mem has holes that read as EIO, a pipe keeps readers
+// waiting.
+std::unique_ptr<base::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
+                                                           const std::string& path);
 
 // A disk that is full: writes that would bring the bytes written to more than `capacity_bytes`
 // write what fits and return RESOURCE_EXHAUSTED, as ENOSPC; so do all later calls, Close() too.

@@ -2,7 +2,7 @@
 // coordinator on to a real one, and holds one kind of message back until SIGUSR1 or the end of the
 // stream. A process of its own, so that a test can kill an agent in a step of its choice.
 //
-// Usage: holding-agent UPSTREAM begin|occluders|occlusion_map
+// Usage: holding-agent UPSTREAM begin|occluders|visible_blocks
 
 #include <unistd.h>
 
@@ -129,7 +129,7 @@ int Main(const std::string& upstream, const std::string& held_name) {
 
 int main(int argc, char** argv) {
   if (argc != 3) {
-    std::cerr << "usage: holding-agent UPSTREAM begin|occluders|occlusion_map\n";
+    std::cerr << "usage: holding-agent UPSTREAM begin|occluders|visible_blocks\n";
     return 2;
   }
   return isoscope::Main(argv[1], argv[2]);

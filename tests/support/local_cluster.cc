@@ -11,22 +11,28 @@
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
 #include "core/store/shard_reader.h"
-#include "core/visibility/occlusion_map.h"
 #include "partition-agent/frame_pipeline.h"
 #include "server/agent_link.h"
 
 namespace isoscope::testing {
 namespace {
 
+constexpr std::size_t kActiveBlocksBytes = std::size_t{16} << 20;
+constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
+
+struct VisibleBlocks {
+  std::vector<volume::BlockId> blocks;
+  std::string open_pixels;
+};
+
 class LocalAgentLink final : public server::AgentLink {
  public:
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameRequest& request,
-                 render::Renderer* renderer, tbb::task_arena* arena, absl::Time deadline,
+                 const agent::AgentResources& resources, absl::Time deadline,
                  server::AgentListener* listener)
       : shard_(std::move(shard)),
         request_(request),
-        renderer_(renderer),
-        arena_(arena),
+        resources_(resources),
         cancellation_(deadline),
         listener_(listener),
         thread_([this] { listener_->OnEnd(Run()); }) {}
@@ -36,13 +42,14 @@ class LocalAgentLink final : public server::AgentLink {
     thread_.join();
   }
 
-  void SendOccluders(const std::vector<volume::BlockId>& hits) override {
+  void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
     absl::MutexLock lock(&mutex_);
-    occluders_ = hits;
+    occluders_ = blocks;
   }
-  void SendOcclusionMap(const std::string& encoded) override {
+  void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
+                         std::string open_pixels) override {
     absl::MutexLock lock(&mutex_);
-    map_ = encoded;
+    visible_ = {blocks, std::move(open_pixels)};
   }
   void Cancel() override {
     cancellation_.Cancel();
@@ -58,21 +65,20 @@ class LocalAgentLink final : public server::AgentLink {
   absl::Status Run() {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<agent::FramePipeline> pipeline,
-        agent::FramePipeline::Make({shard_}, request_, renderer_, arena_, &cancellation_));
+        agent::FramePipeline::Make({shard_}, request_, resources_, &cancellation_));
     image::FrameImage image;
     if (request_.culling == visibility::Culling::kNone) {
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderAll());
     } else {
-      ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::BlockId> hits, pipeline->SelectOccluders());
-      listener_->OnRayHits(std::move(hits));
+      ISOSCOPE_ASSIGN_OR_RETURN(agent::RaySelection selection, pipeline->SelectOccluders());
+      listener_->OnRayHits(std::move(selection.hits), std::move(selection.active));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> occluders, Await(&occluders_));
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderOccluders(occluders));
       SendPixels(image);
       listener_->OnOccludersDone();
-      ISOSCOPE_ASSIGN_OR_RETURN(const std::string encoded, Await(&map_));
-      ISOSCOPE_ASSIGN_OR_RETURN(const visibility::OcclusionMap map,
-                                visibility::OcclusionMap::Decode(encoded, request_.viewport));
-      ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderVisible(map));
+      ISOSCOPE_ASSIGN_OR_RETURN(const VisibleBlocks visible, Await(&visible_));
+      ISOSCOPE_ASSIGN_OR_RETURN(image,
+                                pipeline->RenderVisible(visible.blocks, visible.open_pixels));
     }
     SendPixels(image);
     listener_->OnFrameDone(Statistics(pipeline->statistics()));
@@ -93,7 +99,8 @@ class LocalAgentLink final : public server::AgentLink {
   }
 
   void SendPixels(const image::FrameImage& image) {
-    for (std::string& band : composite::EncodePixels(image, nullptr)) {
+    for (std::string& band :
+         resources_.arena->execute([&] { return composite::EncodePixels(image); })) {
       listener_->OnPixels(std::move(band));
     }
   }
@@ -115,13 +122,12 @@ class LocalAgentLink final : public server::AgentLink {
 
   const std::shared_ptr<const agent::Shard> shard_;
   const agent::FrameRequest request_;
-  render::Renderer* const renderer_;
-  tbb::task_arena* const arena_;
+  const agent::AgentResources resources_;
   base::Cancellation cancellation_;
   server::AgentListener* const listener_;
   absl::Mutex mutex_;
   std::optional<std::vector<volume::BlockId>> occluders_ ABSL_GUARDED_BY(mutex_);
-  std::optional<std::string> map_ ABSL_GUARDED_BY(mutex_);
+  std::optional<VisibleBlocks> visible_ ABSL_GUARDED_BY(mutex_);
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
   std::thread thread_;  // last: it uses all of the above
 };
@@ -129,7 +135,8 @@ class LocalAgentLink final : public server::AgentLink {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
-    const std::string& dataset_directory, render::Renderer* renderer, int thread_count) {
+    const std::string& dataset_directory, render::Renderer* renderer, int thread_count,
+    std::size_t cache_bytes) {
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
                             store::OpenDataset(dataset_directory));
   auto cluster = std::make_unique<LocalCluster>();
@@ -140,7 +147,14 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
   }
   cluster->renderer_ = renderer;
   cluster->arena_ = std::make_unique<tbb::task_arena>(thread_count);
+  cluster->images_ = image::FrameImagePool::Make(kUnusedImageBytes);
+  cluster->ForgetAll(cache_bytes);
   return cluster;
+}
+
+void LocalCluster::ForgetAll(std::size_t cache_bytes) {
+  cache_ = std::make_unique<agent::BlockCache>(cache_bytes);
+  active_blocks_ = std::make_unique<server::ActiveBlocksCache>(kActiveBlocksBytes);
 }
 
 absl::StatusOr<server::FrameResult> LocalCluster::Render(const agent::FrameRequest& request,
@@ -148,18 +162,40 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const agent::FrameReque
   ISOSCOPE_ASSIGN_OR_RETURN(
       const view::View view,
       view::View::Make(request.camera, request.viewport, manifest().geometry));
+  std::vector<std::vector<int>> shard_indices;
+  for (const std::shared_ptr<const agent::Shard>& shard : shards_) {
+    shard_indices.push_back({shard->reader->shard_index()});
+  }
+  const std::string active_key =
+      server::ActiveBlocksCache::KeyOf(manifest().dataset_id, shard_indices, request.isovalue);
+  server::FrameSetup setup;
+  setup.view = &view;
+  setup.layout = &shards_.front()->reader->layout();
+  setup.culling = request.culling;
+  setup.agent_count = static_cast<int>(shards_.size());
+  setup.active = active_blocks_->Find(active_key);
+  setup.images = images_.get();
+  setup.arena = arena_.get();
+  const std::int64_t frame_number = frame_count_.fetch_add(1) + 1;
   const auto begin =
       [&](int agent_index,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
     agent::FrameRequest own = request;
+    own.frame_number = frame_number;
     own.agent_index = agent_index;
-    own.agent_count = static_cast<int>(shards_.size());
+    own.agent_count = setup.agent_count;
+    own.report_active_blocks = setup.active == nullptr;
+    const agent::AgentResources resources{
+        .renderer = renderer_, .arena = arena_.get(), .cache = cache_.get()};
     return std::make_unique<LocalAgentLink>(shards_[static_cast<std::size_t>(agent_index)], own,
-                                            renderer_, arena_.get(), cancellation.deadline(),
-                                            listener);
+                                            resources, cancellation.deadline(), listener);
   };
-  return server::RunFrame(view, request.culling, static_cast<int>(shards_.size()), begin,
-                          cancellation);
+  ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result,
+                            server::RunFrame(setup, begin, cancellation));
+  if (setup.active == nullptr && result.active != nullptr) {
+    active_blocks_->Insert(active_key, result.active);
+  }
+  return result;
 }
 
 }  // namespace isoscope::testing

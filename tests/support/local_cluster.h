@@ -1,9 +1,13 @@
 // A coordinator and its agents in one process, without gRPC: agents are FramePipelines on threads
-// of their own, joined to RunFrame by the same encodings as on the wire. For tests of the picture.
+// of their own, joined to RunFrame by the same encodings as on the wire. What is kept between
+// frames is kept here, too. For tests of the picture.
 
 #ifndef ISOSCOPE_TESTS_SUPPORT_LOCAL_CLUSTER_H_
 #define ISOSCOPE_TESTS_SUPPORT_LOCAL_CLUSTER_H_
 
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,20 +16,26 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/image/frame_image.h"
 #include "core/render/renderer.h"
+#include "partition-agent/block_cache.h"
 #include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
+#include "server/active_blocks.h"
 #include "server/frame_coordinator.h"
 
 namespace isoscope::testing {
 
-// Thread-compatible.
+// Frames may be rendered side by side; all else is thread-compatible.
 class LocalCluster {
  public:
-  // Opens the dataset directory; one agent for each shard. `renderer` must outlive it.
-  static absl::StatusOr<std::unique_ptr<LocalCluster>> Open(const std::string& dataset_directory,
-                                                            render::Renderer* renderer,
-                                                            int thread_count);
+  static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
+
+  // Opens the dataset directory; one agent for each shard, and one cache for all of them.
+  // `renderer` must outlive it.
+  static absl::StatusOr<std::unique_ptr<LocalCluster>> Open(
+      const std::string& dataset_directory, render::Renderer* renderer, int thread_count,
+      std::size_t cache_bytes = kAmpleCacheBytes);
 
   [[nodiscard]] const store::Manifest& manifest() const {
     return shards_.front()->reader->manifest();
@@ -34,7 +44,13 @@ class LocalCluster {
     return shards_;
   }
 
-  // Renders one frame through all steps. agent_index and agent_count of `request` are set here.
+  [[nodiscard]] const agent::BlockCache& cache() const { return *cache_; }
+
+  // Agents and coordinator forget what they kept; the agents' cache is one of `cache_bytes` anew.
+  void ForgetAll(std::size_t cache_bytes);
+
+  // Renders one frame through all steps. Of `request`, its number, what tells the
+  // agents apart and report_active_blocks are set here.
   absl::StatusOr<server::FrameResult> Render(const agent::FrameRequest& request,
                                              const base::Cancellation& cancellation);
   absl::StatusOr<server::FrameResult> Render(const agent::FrameRequest& request) {
@@ -45,6 +61,10 @@ class LocalCluster {
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
   render::Renderer* renderer_ = nullptr;
   std::unique_ptr<tbb::task_arena> arena_;
+  std::unique_ptr<agent::BlockCache> cache_;
+  std::unique_ptr<server::ActiveBlocksCache> active_blocks_;
+  std::shared_ptr<image::FrameImagePool> images_;
+  std::atomic<std::int64_t> frame_count_{0};
 };
 
 }  // namespace isoscope::testing

@@ -1,19 +1,28 @@
 #include "partition-agent/frame_pipeline.h"
 
 #include <algorithm>
+#include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
+#include <thread>
+#include <tuple>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/random.h"
 #include "core/composite/depth_composite.h"
 #include "core/render/renderer_factory.h"
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
+#include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
@@ -30,12 +39,27 @@ using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 // One whole frame of one agent: both images composited, and what it took.
 struct Frame {
-  std::vector<volume::BlockId> hits;
+  RaySelection selection;
+  std::vector<volume::BlockId> occluding_blocks;
+  std::vector<volume::BlockId> visible_blocks;
   image::FrameImage occluders;
   image::FrameImage image;
   AgentStatistics after_selection;
   AgentStatistics statistics;
 };
+
+// What is the same however many threads work and whatever was kept.
+void ExpectSameWork(const Frame& frame, const Frame& expected) {
+  EXPECT_EQ(frame.selection.hits, expected.selection.hits);
+  EXPECT_EQ(frame.selection.active, expected.selection.active);
+  EXPECT_TRUE(frame.occluders == expected.occluders);
+  EXPECT_TRUE(frame.image == expected.image);
+  EXPECT_EQ(frame.statistics.active_block_count, expected.statistics.active_block_count);
+  EXPECT_EQ(frame.statistics.occluding_block_count, expected.statistics.occluding_block_count);
+  EXPECT_EQ(frame.statistics.visible_block_count, expected.statistics.visible_block_count);
+  EXPECT_EQ(frame.statistics.triangle_count, expected.statistics.triangle_count);
+  EXPECT_EQ(frame.statistics.unique_vertex_count, expected.statistics.unique_vertex_count);
+}
 
 class FramePipelineTest : public ::testing::Test {
  protected:
@@ -47,26 +71,61 @@ class FramePipelineTest : public ::testing::Test {
   absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
       const Shards& shards, const FrameRequest& request,
       const base::Cancellation* cancellation = nullptr) {
-    return FramePipeline::Make(shards, request, renderer_.get(), arena_.get(),
+    FrameRequest numbered = request;
+    numbered.frame_number = frame_number_.fetch_add(1);
+    return FramePipeline::Make(shards, numbered, Resources(),
                                cancellation == nullptr ? &never_ : cancellation);
   }
+  [[nodiscard]] AgentResources Resources() const {
+    return {.renderer = renderer_.get(), .arena = arena_.get(), .cache = cache_.get()};
+  }
+  void ForgetAll() { cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes); }
 
-  // The map that a coordinator makes of the occluders.
-  static visibility::OcclusionMap MapOf(const image::FrameImage& occluders,
-                                        const FrameRequest& request, const SmallDataset& dataset) {
+  // What a coordinator of this agent alone sends for step 3: the blocks, and their open pixels.
+  static std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
+      const Frame& frame, const FrameRequest& request, const SmallDataset& dataset) {
     const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
-    return visibility::OcclusionMap::FromImage(occluders, visibility::DepthQuantizer(view),
-                                               visibility::MapKind::kDepth, 0);
+    const volume::BlockLayout layout = dataset.layout();
+    const auto map =
+        visibility::OcclusionMap::FromImage(frame.occluders, visibility::MapKind::kDepth);
+    std::vector<volume::BlockId> blocks;
+    std::vector<image::PixelMask> masks;
+    for (const volume::BlockId id : frame.selection.active) {
+      const view::Footprint footprint = view.FootprintOf(layout, id);
+      if (!std::binary_search(frame.occluding_blocks.begin(), frame.occluding_blocks.end(), id) &&
+          !footprint.rect.empty() && !map.Hides(footprint)) {
+        blocks.push_back(id);
+        masks.push_back(map.OpenPixels(footprint));
+      }
+    }
+    return {blocks, visibility::EncodeOpenPixels(masks)};
   }
 
   void RunAlone(const Shards& shards, const FrameRequest& request, const SmallDataset& dataset,
                 Frame* frame) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->hits, pipeline->SelectOccluders());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->selection, pipeline->SelectOccluders());
     frame->after_selection = pipeline->statistics();
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->occluders, pipeline->RenderOccluders(frame->hits));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        frame->image, pipeline->RenderVisible(MapOf(frame->occluders, request, dataset)));
+    const volume::BlockLayout layout = dataset.layout();
+    volume::BlockSet active(layout.block_count());
+    for (const volume::BlockId id : frame->selection.active) {
+      active.Insert(id);
+    }
+    // The coordinator sends those that are in the picture.
+    const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+    frame->occluding_blocks.clear();
+    for (const volume::BlockId id :
+         visibility::OccludingBlocks(frame->selection.hits, layout, active).Ids()) {
+      if (!view.FootprintOf(layout, id).rect.empty()) {
+        frame->occluding_blocks.push_back(id);
+      }
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->occluders,
+                                  pipeline->RenderOccluders(frame->occluding_blocks));
+    std::string open_pixels;
+    std::tie(frame->visible_blocks, open_pixels) = VisibleOf(*frame, request, dataset);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->image,
+                                  pipeline->RenderVisible(frame->visible_blocks, open_pixels));
     composite::CompositeInto(frame->occluders, &frame->image);
     frame->statistics = pipeline->statistics();
   }
@@ -85,7 +144,13 @@ class FramePipelineTest : public ::testing::Test {
 
   std::unique_ptr<render::Renderer> renderer_;
   std::unique_ptr<tbb::task_arena> arena_ = std::make_unique<tbb::task_arena>(2);
+  static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
+  // Of no use; of some samples; of samples and one segment of meshes; of all.
+  static constexpr std::size_t kCacheSizes[] = {std::size_t{1} << 16, std::size_t{1} << 20,
+                                                std::size_t{1} << 21, kAmpleCacheBytes};
+  std::unique_ptr<BlockCache> cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes);
   const base::Cancellation never_;
+  std::atomic<std::int64_t> frame_number_{1};  // each pipeline is a frame of its own
 };
 
 TEST_F(FramePipelineTest, RenderAllDrawsEveryTriangleOfTheReference) {
@@ -125,35 +190,21 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
   const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
   const store::ShardReader& reader = *shards.front()->reader;
   const volume::BlockSet active = reader.ranges().ActiveBlocks(request.isovalue);
-  const volume::BlockSet occluding =
-      visibility::OccludingBlocks(frame.hits, reader.layout(), active);
-  const visibility::OcclusionMap map = MapOf(frame.occluders, request, dataset);
-  const visibility::DepthQuantizer quantizer(view);
-  std::int64_t visible = 0;
+  EXPECT_EQ(frame.selection.active, active.Ids());
+  const auto drawn = static_cast<std::int64_t>(frame.visible_blocks.size()) +
+                     static_cast<std::int64_t>(frame.occluding_blocks.size());
   std::int64_t off_screen = 0;
-  std::int64_t hidden = 0;
-  for (volume::BlockId id = 0; id < reader.layout().block_count(); ++id) {
-    if (!active.Contains(id)) {
-      continue;
-    }
-    const view::Footprint footprint = view.FootprintOf(reader.layout(), id);
-    if (footprint.rect.empty()) {
-      ++off_screen;
-    } else if (!occluding.Contains(id) && map.Hides(footprint, quantizer)) {
-      ++hidden;
-    } else {
-      ++visible;
-    }
+  for (const volume::BlockId id : frame.selection.active) {
+    off_screen += view.FootprintOf(reader.layout(), id).rect.empty() ? 1 : 0;
   }
-  // The scene shows all three fates, or the test says nothing.
-  EXPECT_GT(visible, 0);
+  // The scene shows all fates, or the test says nothing.
+  EXPECT_GT(frame.visible_blocks.size(), 0U);
   EXPECT_GT(off_screen, 0);
-  EXPECT_GT(hidden, 0);
-  EXPECT_EQ(frame.statistics.visible_block_count, visible);
-  EXPECT_EQ(frame.statistics.active_block_count, visible + off_screen + hidden);
+  EXPECT_LT(drawn + off_screen, active.Count());
+  EXPECT_EQ(frame.statistics.visible_block_count, drawn);
   EXPECT_EQ(frame.statistics.active_block_count, active.Count());
-  EXPECT_EQ(frame.statistics.occluding_block_count, occluding.Count());
-  EXPECT_LE(frame.statistics.occluding_block_count, frame.statistics.active_block_count);
+  EXPECT_EQ(frame.statistics.occluding_block_count,
+            static_cast<std::int64_t>(frame.occluding_blocks.size()));
 
   // Selection reads the index alone; drawing reads blocks.
   EXPECT_EQ(frame.after_selection.triangle_count, 0);
@@ -179,20 +230,340 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
   const Shards shards = dataset.OpenShards();
   FrameRequest request = dataset.Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, Make(shards, request));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto expected, alone->SelectOccluders());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection of_one, alone->SelectOccluders());
+  const std::vector<volume::BlockId>& expected = of_one.hits;
   ASSERT_FALSE(expected.empty());
   EXPECT_TRUE(std::is_sorted(expected.begin(), expected.end()));
   std::vector<volume::BlockId> hits;
+  std::vector<volume::BlockId> active;
   for (int i = 0; i < 3; ++i) {
     request.agent_index = i;
     request.agent_count = 3;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline,
                                   Make({shards[static_cast<std::size_t>(i)]}, request));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, pipeline->SelectOccluders());
-    EXPECT_LT(own.size(), expected.size()) << "agent " << i << " casts the others' rays too";
-    hits = visibility::UnionOfHits(hits, own);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection own, pipeline->SelectOccluders());
+    EXPECT_LT(own.hits.size(), expected.size()) << "agent " << i << " casts the others' rays too";
+    hits = visibility::UnionOfHits(hits, own.hits);
+    EXPECT_TRUE(std::is_sorted(own.active.begin(), own.active.end()));
+    active.insert(active.end(), own.active.begin(), own.active.end());
   }
   EXPECT_EQ(hits, expected);
+  // Each active block is reported by its own agent and by no other.
+  std::sort(active.begin(), active.end());
+  EXPECT_EQ(active, of_one.active);
+}
+
+TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
+  const SmallDataset dataset(1);
+  FrameRequest request = dataset.Request();
+  request.report_active_blocks = false;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
+  EXPECT_FALSE(selection.hits.empty());
+  EXPECT_TRUE(selection.active.empty());
+}
+
+TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  FrameRequest request = dataset.Request();
+  request.isovalue = 230;  // near the largest: not all blocks are active
+  const volume::BlockId block_count = static_cast<volume::BlockId>(dataset.layout().block_count());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, Make({shards[0]}, request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, own->SelectOccluders());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards[1]}, request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection other_selection, others->SelectOccluders());
+  const volume::BlockSet active = shards[0]->reader->ranges().ActiveBlocks(request.isovalue);
+  volume::BlockId inactive = 0;
+  while (inactive < block_count && active.Contains(inactive)) {
+    ++inactive;
+  }
+  ASSERT_LT(inactive, block_count);
+  const auto with = [&](volume::BlockId id) {
+    std::vector<volume::BlockId> blocks = selection.active;
+    blocks.push_back(id);
+    std::sort(blocks.begin(), blocks.end());
+    return blocks;
+  };
+  const volume::BlockId of_another = other_selection.active[other_selection.active.size() / 2];
+  for (const std::vector<volume::BlockId>& blocks :
+       {with(of_another), with(inactive), std::vector<volume::BlockId>{of_another},
+        with(block_count), with(selection.active.front())}) {
+    const auto is_refused = StatusIs(absl::StatusCode::kInvalidArgument,
+                                     HasSubstr("1 of " + absl::StrCat(blocks.size())));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, Make({shards[0]}, request));
+    ISOSCOPE_ASSERT_OK(second->SelectOccluders());
+    EXPECT_THAT(second->RenderOccluders(blocks), is_refused);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto third, Make({shards[0]}, request));
+    ISOSCOPE_ASSERT_OK(third->SelectOccluders());
+    ISOSCOPE_ASSERT_OK(third->RenderOccluders({}));
+    EXPECT_THAT(third->RenderVisible(blocks, ""), is_refused);
+  }
+}
+
+TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
+  const SmallDataset dataset(1);
+  const Shards shards = dataset.OpenShards();
+  const FrameRequest request = dataset.Request();
+  const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+  // Each cell of each block's mask is open or not, as dice decide.
+  std::vector<volume::BlockId> blocks;
+  std::vector<image::PixelMask> masks;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, Make(shards, request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, first->SelectOccluders());
+  for (const volume::BlockId id : selection.active) {
+    const view::PixelRect rect = view.FootprintOf(dataset.layout(), id).rect;
+    blocks.push_back(id);
+    masks.push_back(visibility::ClosedMaskOf(rect));
+    const auto bits = static_cast<std::size_t>(masks.back().columns) *
+                      static_cast<std::size_t>(masks.back().rows);
+    for (std::size_t bit = 0; bit < bits; ++bit) {
+      if (base::RandomUnit(id, bit) < 0.5) {
+        masks.back().words[bit / 64] |= std::uint64_t{1} << (bit % 64);
+      }
+    }
+  }
+  image::FrameImage expected(request.viewport.width_px, request.viewport.height_px);
+  std::int64_t dropped = 0;
+  for (std::size_t i = 0; i < blocks.size(); ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, Make(shards, request));
+    ISOSCOPE_ASSERT_OK(one->SelectOccluders());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, one->RenderOccluders({blocks[i]}));
+    image::FrameImage open(image.width, image.height);
+    for (int y = 0; y < image.height; ++y) {
+      for (int x = 0; x < image.width; ++x) {
+        const std::size_t pixel = image.IndexOf(x, y);
+        if (image.keys[pixel] == image::kBackgroundKey) {
+          continue;
+        }
+        if (masks[i].Contains(x, y)) {
+          open.Set(x, y, image.keys[pixel], image.colors[pixel]);
+        } else {
+          ++dropped;
+        }
+      }
+    }
+    composite::CompositeInto(open, &expected);
+  }
+  EXPECT_GT(dropped, 1000);
+  ISOSCOPE_ASSERT_OK(first->RenderOccluders({}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image,
+                                first->RenderVisible(blocks, visibility::EncodeOpenPixels(masks)));
+  EXPECT_TRUE(image == expected);
+  // No masks: nothing is dropped (the paper's culling by mask).
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto unmasked, Make(shards, request));
+  ISOSCOPE_ASSERT_OK(unmasked->SelectOccluders());
+  ISOSCOPE_ASSERT_OK(unmasked->RenderOccluders({}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage all, unmasked->RenderVisible(blocks, ""));
+  EXPECT_TRUE(all == RenderAll(shards, request));
+}
+
+TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
+  const SmallDataset dataset(1);
+  const Shards shards = dataset.OpenShards();
+  const FrameRequest request = dataset.Request();
+  Frame frame;
+  RunAlone(shards, request, dataset, &frame);
+  ASSERT_GT(frame.visible_blocks.size(), 1U);
+  const std::string open_pixels = VisibleOf(frame, request, dataset).second;
+  std::vector<std::string> bad = {"x", std::string(1000, '\xff'), open_pixels + "x"};
+  for (std::size_t i = 0; i < open_pixels.size(); i += 1 + open_pixels.size() / 40) {
+    bad.push_back(open_pixels);
+    bad.back()[i] = static_cast<char>(bad.back()[i] ^ 16);
+    if (i > 0) {
+      bad.push_back(open_pixels.substr(0, i));
+    }
+  }
+  // Of other blocks: sound, but of other shapes.
+  std::vector<volume::BlockId> fewer = frame.visible_blocks;
+  fewer.pop_back();
+  for (std::size_t i = 0; i <= bad.size(); ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+    ISOSCOPE_ASSERT_OK(pipeline->SelectOccluders());
+    ISOSCOPE_ASSERT_OK(pipeline->RenderOccluders({}));
+    EXPECT_THAT(i < bad.size() ? pipeline->RenderVisible(frame.visible_blocks, bad[i])
+                               : pipeline->RenderVisible(fewer, open_pixels),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("open pixels")))
+        << i;
+  }
+}
+
+TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  const FrameRequest request = dataset.Request();
+  FrameRequest turned = request;
+  view::Azimuth(2.0, &turned.camera);
+  FrameRequest other = request;
+  other.isovalue = SmallDataset::kIsovalue + 10;
+  Frame cold;
+  RunAlone(shards, request, dataset, &cold);
+  EXPECT_GT(cold.statistics.read_bytes, 0);
+  EXPECT_GT(cold.statistics.index_page_read_count, 0);
+  Frame warm;
+  RunAlone(shards, request, dataset, &warm);
+  ExpectSameWork(warm, cold);
+  EXPECT_EQ(warm.statistics.read_bytes, 0);
+  EXPECT_EQ(warm.statistics.index_page_read_count, 0);
+
+  // Another level: its index is read, and blocks that were not; then it is kept, and the first one
+  // still is.
+  RenderAll(shards, request);
+  AgentStatistics of_other;
+  const image::FrameImage other_image = RenderAll(shards, other, &of_other);
+  EXPECT_GT(of_other.index_page_read_count, 0);
+  for (const FrameRequest& known : {request, other, turned}) {
+    AgentStatistics statistics;
+    const image::FrameImage image = RenderAll(shards, known, &statistics);
+    EXPECT_EQ(statistics.read_bytes, 0);
+    // The same from nothing.
+    std::unique_ptr<BlockCache> kept = std::exchange(cache_, std::make_unique<BlockCache>(0));
+    AgentStatistics cold_statistics;
+    EXPECT_TRUE(image == RenderAll(shards, known, &cold_statistics));
+    EXPECT_EQ(statistics.triangle_count, cold_statistics.triangle_count);
+    EXPECT_GT(cold_statistics.read_bytes, 0);
+    EXPECT_EQ(cache_->size_bytes(), 0U);
+    cache_ = std::move(kept);
+  }
+}
+
+// A block that is read once may never be again: its samples are kept when it is read again.
+TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  // Samples are whole numbers: the same blocks are active at all of these.
+  const double isovalues[] = {128.25, 128.5, 128.75};
+  std::vector<std::int64_t> block_bytes;
+  for (const double isovalue : isovalues) {
+    FrameRequest request = dataset.Request();
+    request.isovalue = isovalue;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
+    const std::int64_t index_bytes = pipeline->statistics().read_bytes;
+    EXPECT_GT(pipeline->statistics().index_page_read_count, 0) << "each isovalue asks the index";
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage occluders, pipeline->RenderOccluders({}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image,
+                                  pipeline->RenderVisible(selection.active, ""));
+    block_bytes.push_back(pipeline->statistics().read_bytes - index_bytes);
+    // What came from kept samples is what comes from the disk.
+    std::unique_ptr<BlockCache> kept = std::exchange(cache_, std::make_unique<BlockCache>(0));
+    EXPECT_TRUE(image == RenderAll(shards, request)) << isovalue;
+    cache_ = std::move(kept);
+  }
+  EXPECT_GT(block_bytes[0], 0);
+  EXPECT_EQ(block_bytes[1], block_bytes[0]) << "samples were kept the first time, or lost";
+  EXPECT_EQ(block_bytes[2], 0) << "samples were not kept the second time";
+}
+
+TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  constexpr int kIsovalueCount = 60;
+  constexpr std::size_t kSmallCacheBytes = std::size_t{4} << 20;
+  const auto request_of = [&dataset](int i) {
+    FrameRequest request = dataset.Request();
+    request.isovalue = 100.5 + i;
+    return request;
+  };
+  std::vector<image::FrameImage> expected;
+  std::size_t ample_bytes = 0;
+  for (int i = 0; i < kIsovalueCount; ++i) {
+    expected.push_back(RenderAll(shards, request_of(i)));
+    ample_bytes = cache_->size_bytes();
+  }
+  EXPECT_GT(ample_bytes, 2 * kSmallCacheBytes) << "the cache is not too small for the test";
+  EXPECT_LE(ample_bytes, kAmpleCacheBytes);
+  cache_ = std::make_unique<BlockCache>(kSmallCacheBytes);
+  for (int visit = 0; visit < 2; ++visit) {
+    for (int i = 0; i < kIsovalueCount; ++i) {
+      EXPECT_TRUE(RenderAll(shards, request_of(i)) == expected[static_cast<std::size_t>(i)]) << i;
+      EXPECT_LE(cache_->size_bytes(), kSmallCacheBytes) << i;
+    }
+  }
+  EXPECT_GT(cache_->size_bytes(), kSmallCacheBytes / 4) << "the room is not used";
+  // The last one is there.
+  AgentStatistics statistics;
+  RenderAll(shards, request_of(kIsovalueCount - 1), &statistics);
+  EXPECT_EQ(statistics.read_bytes, 0);
+}
+
+TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  std::vector<FrameRequest> requests(3, dataset.Request());
+  requests[1].isovalue += 10;
+  view::Azimuth(0.5, &requests[2].camera);
+  std::vector<Frame> expected(requests.size());
+  cache_ = std::make_unique<BlockCache>(0);
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    RunAlone(shards, requests[i], dataset, &expected[i]);
+  }
+  ForgetAll();
+  for (const std::size_t max_bytes : kCacheSizes) {
+    cache_ = std::make_unique<BlockCache>(max_bytes);
+    for (int round = 0; round < 3; ++round) {
+      for (std::size_t i = 0; i < requests.size(); ++i) {
+        SCOPED_TRACE(absl::StrCat(max_bytes, " bytes, round ", round, ", request ", i));
+        Frame frame;
+        RunAlone(shards, requests[i], dataset, &frame);
+        ExpectSameWork(frame, expected[i]);
+        EXPECT_LE(cache_->size_bytes(), max_bytes);
+        if (max_bytes == kAmpleCacheBytes && round > 0) {
+          EXPECT_EQ(frame.statistics.read_bytes, 0);
+        }
+        if (max_bytes == kCacheSizes[0]) {
+          EXPECT_GT(frame.statistics.read_bytes, 0) << "the cache is not too small for the test";
+        }
+      }
+    }
+  }
+}
+
+TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  std::vector<FrameRequest> requests(4, dataset.Request());
+  requests[1].isovalue += 10;
+  view::Azimuth(0.5, &requests[2].camera);
+  requests[3].isovalue += 10;
+  std::vector<image::FrameImage> expected;
+  for (const FrameRequest& request : requests) {
+    expected.push_back(RenderAll(shards, request));
+  }
+  for (const std::size_t max_bytes : kCacheSizes) {
+    cache_ = std::make_unique<BlockCache>(max_bytes);
+    std::vector<std::thread> threads;
+    for (std::size_t i = 0; i < requests.size(); ++i) {
+      threads.emplace_back([&, i] {
+        for (int frame = 0; frame < 4; ++frame) {
+          EXPECT_TRUE(RenderAll(shards, requests[i]) == expected[i]) << "request " << i;
+        }
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    EXPECT_LE(cache_->size_bytes(), max_bytes);
+  }
+}
+
+TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) {
+  const SmallDataset dataset(1);
+  const std::string path = dataset.shard_directory(0) + "/" + store::kBlocksFileName;
+  const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
+  const Shards shards = dataset.OpenShards();
+  const FrameRequest request = dataset.Request();
+  const image::FrameImage expected = RenderAll(shards, request);
+  ForgetAll();
+  for (std::int64_t offset = 100; offset < size; offset += 5000) {
+    FlipBit(path, offset);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+  EXPECT_THAT(pipeline->RenderAll(), StatusIs(absl::StatusCode::kDataLoss));
+  for (std::int64_t offset = 100; offset < size; offset += 5000) {
+    FlipBit(path, offset);
+  }
+  EXPECT_TRUE(RenderAll(shards, request) == expected);
 }
 
 TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
@@ -219,17 +590,15 @@ TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
   Frame expected;
   for (const int thread_count : {1, 2, 5}) {
     arena_ = std::make_unique<tbb::task_arena>(thread_count);
+    ForgetAll();
     Frame frame;
     RunAlone(shards, request, dataset, &frame);
     if (thread_count == 1) {
       expected = std::move(frame);
       continue;
     }
-    EXPECT_EQ(frame.hits, expected.hits) << thread_count;
-    EXPECT_TRUE(frame.occluders == expected.occluders) << thread_count;
-    EXPECT_TRUE(frame.image == expected.image) << thread_count;
-    EXPECT_EQ(frame.statistics.triangle_count, expected.statistics.triangle_count);
-    EXPECT_EQ(frame.statistics.visible_block_count, expected.statistics.visible_block_count);
+    SCOPED_TRACE(thread_count);
+    ExpectSameWork(frame, expected);
   }
 }
 
@@ -244,6 +613,7 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   for (int part = 0; part < 8; ++part) {
     const std::int64_t offset = size * part / 8 + 100;
     FlipBit(path, offset);
+    ForgetAll();
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
     const auto image = pipeline->RenderAll();
     FlipBit(path, offset);
@@ -262,15 +632,16 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   for (std::int64_t offset = 100; offset < size; offset += 400) {
     FlipBit(path, offset);
   }
+  ForgetAll();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto hits, pipeline->SelectOccluders());
-  EXPECT_THAT(pipeline->RenderOccluders(hits),
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
+  EXPECT_THAT(pipeline->RenderOccluders(selection.active),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto visible, Make(shards, request));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto again, visible->SelectOccluders());
+  ISOSCOPE_ASSERT_OK(visible->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage none, visible->RenderOccluders({}));
   EXPECT_TRUE(none == image::FrameImage(request.viewport.width_px, request.viewport.height_px));
-  EXPECT_THAT(visible->RenderVisible(visibility::OcclusionMap()),
+  EXPECT_THAT(visible->RenderVisible(selection.active, ""),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
 }
 
@@ -294,15 +665,15 @@ TEST_F(FramePipelineTest, CancelledFrameStopsInEachStep) {
       EXPECT_THAT(pipeline->SelectOccluders(), is_cancelled);
       continue;
     }
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto hits, pipeline->SelectOccluders());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
     if (step == 1) {
       cancellation.Cancel();
-      EXPECT_THAT(pipeline->RenderOccluders(hits), is_cancelled);
+      EXPECT_THAT(pipeline->RenderOccluders(selection.active), is_cancelled);
       continue;
     }
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto image, pipeline->RenderOccluders(hits));
+    ISOSCOPE_ASSERT_OK(pipeline->RenderOccluders({}));
     cancellation.Cancel();
-    EXPECT_THAT(pipeline->RenderVisible(MapOf(image, request, dataset)), is_cancelled);
+    EXPECT_THAT(pipeline->RenderVisible(selection.active, ""), is_cancelled);
   }
   const base::Cancellation late(absl::Now() - absl::Seconds(1));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request, &late));
@@ -332,9 +703,9 @@ class CancellingRenderer final : public render::Renderer {
    public:
     Pass(std::unique_ptr<render::RenderPass> pass, base::Cancellation* cancellation)
         : pass_(std::move(pass)), cancellation_(cancellation) {}
-    absl::Status Add(std::shared_ptr<const mesh::BlockMesh> mesh) override {
+    absl::Status Add(std::span<const render::MeshToDraw> meshes) override {
       cancellation_->Cancel();
-      return pass_->Add(std::move(mesh));
+      return pass_->Add(meshes);
     }
     absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
       ADD_FAILURE() << "a cancelled frame was drawn to its end";
@@ -354,10 +725,15 @@ TEST_F(FramePipelineTest, CancellationInTheMiddleOfDrawingStopsIt) {
   const SmallDataset dataset(1);
   base::Cancellation cancellation;
   CancellingRenderer renderer(renderer_.get(), &cancellation);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto pipeline, FramePipeline::Make(dataset.OpenShards(), dataset.Request(), &renderer,
-                                               arena_.get(), &cancellation));
-  EXPECT_THAT(pipeline->RenderAll(), StatusIs(absl::StatusCode::kCancelled));
+  AgentResources resources = Resources();
+  resources.renderer = &renderer;
+  // From the disk, and from what that run may have left in the cache.
+  for (int run = 0; run < 2; ++run) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto pipeline,
+        FramePipeline::Make(dataset.OpenShards(), dataset.Request(), resources, &cancellation));
+    EXPECT_THAT(pipeline->RenderAll(), StatusIs(absl::StatusCode::kCancelled));
+  }
 }
 
 TEST_F(FramePipelineTest, BadRequestIsRefused) {
@@ -377,7 +753,7 @@ TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
   request.isovalue = 1000;
   Frame frame;
   RunAlone(dataset.OpenShards(), request, dataset, &frame);
-  EXPECT_TRUE(frame.hits.empty());
+  EXPECT_TRUE(frame.selection.hits.empty());
   EXPECT_EQ(frame.statistics.active_block_count, 0);
   EXPECT_TRUE(frame.image ==
               image::FrameImage(request.viewport.width_px, request.viewport.height_px));

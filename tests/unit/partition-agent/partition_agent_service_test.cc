@@ -19,6 +19,7 @@
 #include "core/rpc/proto_convert.h"
 #include "core/view/view.h"
 #include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
@@ -70,14 +71,15 @@ class FrameCall {
   }
 
   bool Send(const v1::RenderFrameRequest& message) { return stream_->Write(message); }
-  bool SendOccluders(const std::vector<volume::BlockId>& hits) {
+  bool SendOccluders(const std::vector<volume::BlockId>& blocks) {
     v1::RenderFrameRequest message;
-    *message.mutable_occluders()->mutable_hits() = rpc::ToProto(hits);
+    *message.mutable_occluders()->mutable_blocks() = rpc::ToProto(blocks);
     return Send(message);
   }
-  bool SendMap(const std::string& encoded) {
+  bool SendVisible(const std::vector<volume::BlockId>& blocks, const std::string& open_pixels) {
     v1::RenderFrameRequest message;
-    message.mutable_occlusion_map()->set_encoded(encoded);
+    *message.mutable_visible_blocks()->mutable_blocks() = rpc::ToProto(blocks);
+    message.mutable_visible_blocks()->set_open_pixels(open_pixels);
     return Send(message);
   }
   bool Read(v1::RenderFrameResponse* message) { return stream_->Read(message); }
@@ -113,6 +115,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
   void SetUp() override {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_,
                                   render::MakeRenderer({.kind = render::RendererKind::kCpu}));
+    ISOSCOPE_ASSERT_OK(memory_->Settle());
     Start(dataset_, 4, 64);
   }
 
@@ -125,6 +128,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
     options.listen_address = listen_address;
     options.renderer = renderer_;
     options.arena = arena_;
+    options.memory = memory_;
     options.max_concurrent_frames = max_concurrent_frames;
     options.max_queued_frames = max_queued_frames;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(server_, AgentServer::Start(options));
@@ -147,6 +151,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
     begin->set_culling(rpc::ToProto(culling));
     begin->set_ray_seed(static_cast<std::int64_t>(request.ray_seed));
     begin->set_agent_count(1);
+    begin->set_report_active_blocks(true);
     return message;
   }
   image::FrameImage EmptyImage() const {
@@ -154,29 +159,40 @@ class PartitionAgentServiceTest : public ::testing::Test {
     return {viewport.width_px, viewport.height_px};
   }
 
-  // Begins a frame and takes its hits.
-  std::vector<volume::BlockId> BeginAndReadHits(FrameCall* call) const {
+  // Begins a frame and takes what step 1 found.
+  RaySelection BeginAndReadHits(FrameCall* call) const {
     EXPECT_TRUE(call->Send(Begin()));
     v1::RenderFrameResponse message;
     EXPECT_TRUE(call->Read(&message));
     EXPECT_TRUE(message.has_ray_hits()) << message.ShortDebugString();
-    auto hits = rpc::BlockListFromProto(message.ray_hits(), 1000, "ray_hits");
+    auto hits = rpc::BlockListFromProto(message.ray_hits().hits(), 1000, "hits");
+    auto active = rpc::BlockListFromProto(message.ray_hits().active_blocks(), 1000, "active");
     EXPECT_THAT(hits, isoscope::testing::IsOk());
-    return *std::move(hits);
+    EXPECT_THAT(active, isoscope::testing::IsOk());
+    return {*std::move(hits), *std::move(active)};
   }
-  // Steps 2 and 3 of a frame that waits for occluders.
-  void Complete(FrameCall* call, const std::vector<volume::BlockId>& hits, image::FrameImage* image,
+  // Steps 2 and 3 of a frame that waits for occluders: the hits, and then what they do not hide.
+  void Complete(FrameCall* call, const RaySelection& selection, image::FrameImage* image,
                 v1::RenderFrameResponse* last) const {
     const FrameRequest request = dataset_.Request();
-    EXPECT_TRUE(call->SendOccluders(hits));
+    EXPECT_TRUE(call->SendOccluders(selection.hits));
     EXPECT_TRUE(call->ReadPixels(image).has_occluders_done());
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const view::View view,
         view::View::Make(request.camera, request.viewport, dataset_.geometry()));
-    EXPECT_TRUE(
-        call->SendMap(visibility::OcclusionMap::FromImage(*image, visibility::DepthQuantizer(view),
-                                                          visibility::MapKind::kDepth, 0)
-                          .Encode()));
+    const auto map = visibility::OcclusionMap::FromImage(*image, visibility::MapKind::kDepth);
+    std::vector<volume::BlockId> blocks;
+    std::vector<image::PixelMask> masks;
+    for (const volume::BlockId id : selection.active) {
+      const view::Footprint footprint = view.FootprintOf(dataset_.layout(), id);
+      if (!std::binary_search(selection.hits.begin(), selection.hits.end(), id) &&
+          !footprint.rect.empty() && !map.Hides(footprint)) {
+        blocks.push_back(id);
+        masks.push_back(map.OpenPixels(footprint));
+      }
+    }
+    EXPECT_FALSE(blocks.empty());
+    EXPECT_TRUE(call->SendVisible(blocks, visibility::EncodeOpenPixels(masks)));
     *last = call->ReadPixels(image);
   }
   // Waits until the agent takes a frame again: it lets go of an old one when gRPC has.
@@ -196,8 +212,10 @@ class PartitionAgentServiceTest : public ::testing::Test {
 
   image::FrameImage Expected() const {
     const base::Cancellation never;
-    auto pipeline = FramePipeline::Make(dataset_.OpenShards(), dataset_.Request(), renderer_.get(),
-                                        arena_.get(), &never);
+    BlockCache none(0);
+    auto pipeline = FramePipeline::Make(
+        dataset_.OpenShards(), dataset_.Request(),
+        {.renderer = renderer_.get(), .arena = arena_.get(), .cache = &none}, &never);
     EXPECT_THAT(pipeline, isoscope::testing::IsOk());
     auto image = (*pipeline)->RenderAll();
     EXPECT_THAT(image, isoscope::testing::IsOk());
@@ -207,6 +225,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
   const SmallDataset dataset_{2};
   std::shared_ptr<render::Renderer> renderer_;
   const std::shared_ptr<tbb::task_arena> arena_ = std::make_shared<tbb::task_arena>(2);
+  const std::shared_ptr<AgentMemory> memory_ = std::make_shared<AgentMemory>(std::size_t{4} << 30);
   std::unique_ptr<AgentServer> server_;
   std::unique_ptr<Stub> stub_;
 };
@@ -234,11 +253,12 @@ TEST_F(PartitionAgentServiceTest, DescribesItsShards) {
 
 TEST_F(PartitionAgentServiceTest, FrameIsThatOfThePipeline) {
   FrameCall call(stub_.get());
-  const auto hits = BeginAndReadHits(&call);
-  EXPECT_FALSE(hits.empty());
+  const RaySelection selection = BeginAndReadHits(&call);
+  EXPECT_FALSE(selection.hits.empty());
+  EXPECT_FALSE(selection.active.empty());
   image::FrameImage image = EmptyImage();
   v1::RenderFrameResponse last;
-  Complete(&call, hits, &image, &last);
+  Complete(&call, selection, &image, &last);
   ASSERT_TRUE(last.has_frame_done());
   EXPECT_EQ(CodeOf(call.Finish()), "OK");
   EXPECT_TRUE(image == Expected());
@@ -261,12 +281,12 @@ TEST_F(PartitionAgentServiceTest, FrameWithoutCullingComesAtOnce) {
 TEST_F(PartitionAgentServiceTest, EveryMessageOutOfOrderIsRefused) {
   v1::RenderFrameRequest occluders;
   occluders.mutable_occluders();
-  v1::RenderFrameRequest map;
-  map.mutable_occlusion_map();
+  v1::RenderFrameRequest visible;
+  visible.mutable_visible_blocks();
   const v1::RenderFrameRequest nothing;
   const v1::RenderFrameRequest begin = Begin();
   const std::vector<std::vector<v1::RenderFrameRequest>> wrong_in_step = {
-      {occluders, map, nothing}, {begin, map, nothing}, {begin, occluders, nothing}};
+      {occluders, visible, nothing}, {begin, visible, nothing}, {begin, occluders, nothing}};
   for (std::size_t step = 0; step < wrong_in_step.size(); ++step) {
     for (std::size_t i = 0; i <= wrong_in_step[step].size(); ++i) {
       SCOPED_TRACE(std::to_string(step) + ", message " + std::to_string(i));
@@ -302,6 +322,7 @@ TEST_F(PartitionAgentServiceTest, WhatIsNotServedIsAFailedPrecondition) {
   options.directories = {dataset_.shard_directory(0)};
   options.renderer = renderer_;
   options.arena = arena_;
+  options.memory = memory_;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto server, AgentServer::Start(options));
   const auto stub = v1::PartitionAgentService::NewStub(server->InProcessChannel());
   FrameCall both(stub.get());
@@ -324,26 +345,83 @@ TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
     const grpc::Status status = call.Finish();
     EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT") << i << ": " << status.error_message();
   }
-  {
-    FrameCall call(stub_.get());
-    BeginAndReadHits(&call);
-    call.SendOccluders({99999});  // no such block
-    EXPECT_EQ(CodeOf(call.Finish()), "INVALID_ARGUMENT");
+  // Block lists that name no block, name one twice, go back, or would overflow.
+  const std::vector<std::vector<std::int64_t>> bad_deltas = {
+      {99999},
+      {-1},
+      {5, 0},
+      {5, -2},
+      {1, std::numeric_limits<std::int64_t>::max()},
+      {std::numeric_limits<std::int64_t>::min()}};
+  for (const std::vector<std::int64_t>& deltas : bad_deltas) {
+    for (const bool is_visible : {false, true}) {
+      FrameCall call(stub_.get());
+      BeginAndReadHits(&call);
+      v1::RenderFrameRequest message;
+      v1::BlockList* list = message.mutable_occluders()->mutable_blocks();
+      if (is_visible) {
+        image::FrameImage image = EmptyImage();
+        call.SendOccluders({});
+        ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+        list = message.mutable_visible_blocks()->mutable_blocks();
+      }
+      list->mutable_block_id_deltas()->Assign(deltas.begin(), deltas.end());
+      call.Send(message);
+      const grpc::Status status = call.Finish();
+      EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT") << deltas.back();
+      EXPECT_THAT(status.error_message(),
+                  HasSubstr(is_visible ? "visible_blocks.blocks" : "occluders.blocks"));
+    }
   }
-  const std::string small_map = visibility::OcclusionMap::FromImage(
-                                    image::FrameImage(8, 8),
-                                    visibility::DepthQuantizer(*view::View::Make(
-                                        dataset_.Request().camera, {8, 8}, dataset_.geometry())),
-                                    visibility::MapKind::kDepth, 0)
-                                    .Encode();
-  for (const std::string& map : {std::string("rubbish"), std::string(1000, '\xff'), small_map}) {
+}
+
+TEST_F(PartitionAgentServiceTest, BlocksOfAnotherAgentAreRefused) {
+  for (const bool is_visible : {false, true}) {
+    // Both shards' blocks to an agent that was asked for the first one alone.
+    FrameCall both(stub_.get());
+    const RaySelection selection = BeginAndReadHits(&both);
     FrameCall call(stub_.get());
-    BeginAndReadHits(&call);
+    v1::RenderFrameRequest begin = Begin();
+    begin.mutable_begin()->mutable_shard_indices()->RemoveLast();
+    call.Send(begin);
+    v1::RenderFrameResponse message;
+    ASSERT_TRUE(call.Read(&message));
+    if (is_visible) {
+      image::FrameImage image = EmptyImage();
+      call.SendOccluders({});
+      ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
+      call.SendVisible(selection.active, "");
+    } else {
+      call.SendOccluders(selection.active);
+    }
+    const grpc::Status status = call.Finish();
+    EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT");
+    EXPECT_THAT(status.error_message(), HasSubstr("not active blocks of this agent"));
+  }
+}
+
+TEST_F(PartitionAgentServiceTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
+  v1::RenderFrameRequest begin = Begin();
+  begin.mutable_begin()->set_report_active_blocks(false);
+  FrameCall call(stub_.get());
+  call.Send(begin);
+  v1::RenderFrameResponse message;
+  ASSERT_TRUE(call.Read(&message));
+  EXPECT_GT(message.ray_hits().hits().block_id_deltas_size(), 0);
+  EXPECT_EQ(message.ray_hits().active_blocks().block_id_deltas_size(), 0);
+}
+
+TEST_F(PartitionAgentServiceTest, DamagedOpenPixelsAreDataLoss) {
+  // Rubbish, and sound masks of no block.
+  for (const std::string& open_pixels :
+       {std::string("rubbish"), std::string(1000, '\xff'), visibility::EncodeOpenPixels({})}) {
+    FrameCall call(stub_.get());
+    const RaySelection selection = BeginAndReadHits(&call);
     image::FrameImage image = EmptyImage();
     call.SendOccluders({});
     ASSERT_TRUE(call.ReadPixels(&image).has_occluders_done());
-    call.SendMap(map);
-    EXPECT_THAT(CodeOf(call.Finish()), AnyOf("INVALID_ARGUMENT", "DATA_LOSS"));
+    call.SendVisible(selection.active, open_pixels);
+    EXPECT_EQ(CodeOf(call.Finish()), "DATA_LOSS");
   }
 }
 
@@ -370,7 +448,7 @@ TEST_F(PartitionAgentServiceTest, CancelledFrameEndsAndMakesRoom) {
 TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
   Start(dataset_, 1, 1);
   FrameCall first(stub_.get());
-  const auto hits = BeginAndReadHits(&first);
+  const RaySelection selection = BeginAndReadHits(&first);
   FrameCall second(stub_.get());
   BeginAndReadHits(&second);
   {
@@ -383,7 +461,7 @@ TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
   // Those in work are not disturbed, and the end of one makes room.
   image::FrameImage image = EmptyImage();
   v1::RenderFrameResponse last;
-  Complete(&first, hits, &image, &last);
+  Complete(&first, selection, &image, &last);
   EXPECT_TRUE(last.has_frame_done());
   EXPECT_EQ(CodeOf(first.Finish()), "OK");
   EXPECT_TRUE(image == Expected());
@@ -394,11 +472,11 @@ TEST_F(PartitionAgentServiceTest, ShutdownWithGraceFinishesTheFrameInWork) {
   // gRPC's in-process transport knows no grace: it cuts its calls at once.
   Start(dataset_, 4, 64, "127.0.0.1:0");
   FrameCall call(stub_.get());
-  const auto hits = BeginAndReadHits(&call);
+  const RaySelection selection = BeginAndReadHits(&call);
   std::thread shutdown([&] { server_->Shutdown(absl::Minutes(2)); });
   image::FrameImage image = EmptyImage();
   v1::RenderFrameResponse last;
-  Complete(&call, hits, &image, &last);
+  Complete(&call, selection, &image, &last);
   EXPECT_TRUE(last.has_frame_done());
   EXPECT_EQ(CodeOf(call.Finish()), "OK");
   EXPECT_TRUE(image == Expected());

@@ -49,6 +49,9 @@ class SmallDataset {
   }
   [[nodiscard]] const store::Manifest& manifest() const { return manifest_; }
   [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
+  [[nodiscard]] volume::BlockLayout layout() const {
+    return *volume::BlockLayout::Make(geometry_.sample_dims, {8, 8, 8});
+  }
   [[nodiscard]] const std::string& samples() const { return samples_; }
 
   [[nodiscard]] std::vector<std::shared_ptr<const agent::Shard>> OpenShards() const {

@@ -197,8 +197,10 @@ TEST_F(ProtoStyleTest, FieldsCarryUnitsInTheirNames) {
     EXPECT_EQ(absl::AsciiStrToLower(name), name) << field->full_name();
     EXPECT_FALSE(absl::StartsWith(name, "num_") || absl::StartsWith(name, "n_"))
         << field->full_name() << ": counts end in _count";
+    // What is not a number has no unit.
+    const bool is_bytes = field->type() == FieldDescriptor::TYPE_BYTES;
     for (const char* abbreviated : {"_ms", "_sec", "_secs", "_deg", "_pixels", "_size", "_kb"}) {
-      EXPECT_FALSE(absl::EndsWith(name, abbreviated))
+      EXPECT_FALSE(!is_bytes && absl::EndsWith(name, abbreviated))
           << field->full_name() << ": use _duration, _degrees, _px or _bytes";
     }
     const bool is_duration = field->type() == FieldDescriptor::TYPE_MESSAGE &&

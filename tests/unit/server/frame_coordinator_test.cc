@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -21,6 +22,7 @@
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
 #include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::server {
@@ -33,31 +35,71 @@ using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-using Hits = std::vector<volume::BlockId>;
+using Blocks = std::vector<volume::BlockId>;
+
+// What step 3 is told.
+struct VisibleBlocks {
+  Blocks blocks;
+  std::string open_pixels;
+};
 
 constexpr int kWidth = 37;
 constexpr int kHeight = 29;
+constexpr math::Index3 kDims{17, 17, 17};
+constexpr volume::BlockId kBlockCount = 64;  // of 4^3 cells
 
 view::View MakeView() {
   volume::GridGeometry geometry;
-  geometry.sample_dims = {17, 17, 17};
-  const view::Camera camera = view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}});
+  geometry.sample_dims = kDims;
+  // Close enough that some blocks are beside the picture.
+  view::Camera camera = view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}});
+  view::Zoom(5.0, &camera);
   return *view::View::Make(camera, {kWidth, kHeight}, geometry);
+}
+
+bool IsIn(const Blocks& blocks, volume::BlockId id) {
+  return std::binary_search(blocks.begin(), blocks.end(), id);
+}
+
+// Blocks in {0 .. kBlockCount - 1} with id % divisor == rest.
+Blocks Every(volume::BlockId divisor, volume::BlockId rest) {
+  Blocks blocks;
+  for (volume::BlockId id = rest; id < kBlockCount; id += divisor) {
+    blocks.push_back(id);
+  }
+  return blocks;
 }
 
 // An image where each pixel is covered with the given chance; depths repeat, so that owners decide.
 image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
   image::FrameImage image(kWidth, kHeight);
-  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (base::RandomUnit(seed, 4 * i) >= coverage) {
-      continue;
+  std::uint64_t i = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x, ++i) {
+      if (base::RandomUnit(seed, 4 * i) >= coverage) {
+        continue;
+      }
+      const float depth =
+          static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
+      const auto owner = static_cast<std::uint32_t>(1000 * base::RandomUnit(seed, 4 * i + 2));
+      // A block has one fragment in a pixel: owner and depth decide the colour.
+      const auto shade = static_cast<std::uint8_t>(owner % 251);
+      image.Set(x, y, image::FragmentKey(depth, owner),
+                {shade, static_cast<std::uint8_t>(255 * depth), shade, 255});
     }
-    image.depth[i] =
-        static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
-    image.block_id[i] = static_cast<std::uint32_t>(1000 * base::RandomUnit(seed, 4 * i + 2));
-    // A block has one fragment in a pixel: owner and depth decide the colour.
-    const auto shade = static_cast<std::uint8_t>(image.block_id[i] % 251);
-    image.color[i] = {shade, static_cast<std::uint8_t>(255 * image.depth[i]), shade, 255};
+  }
+  return image;
+}
+
+// A picture of depth 0.01 but for a strip: hides what is behind it.
+image::FrameImage Wall() {
+  image::FrameImage image(kWidth, kHeight);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      if (x / 6 != 3) {
+        image.Set(x, y, image::FragmentKey(0.01F, 0), {9, 9, 9, 255});
+      }
+    }
   }
   return image;
 }
@@ -66,8 +108,15 @@ image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
 std::vector<std::string> ShuffledBands(const image::FrameImage& image, std::uint64_t seed) {
   std::vector<std::string> bands;
   for (int first_row = 0; first_row < kHeight; first_row += 5) {
-    for (std::string& band : composite::EncodePixels(
-             image, [first_row](int, int y) { return y >= first_row && y < first_row + 5; })) {
+    image::FrameImage piece(kWidth, kHeight);
+    for (int y = first_row; y < std::min(first_row + 5, kHeight); ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        if (const std::size_t i = image.IndexOf(x, y); image.keys[i] != image::kBackgroundKey) {
+          piece.Set(x, y, image.keys[i], image.colors[i]);
+        }
+      }
+    }
+    for (std::string& band : composite::EncodePixels(piece)) {
       bands.push_back(std::move(band));
     }
   }
@@ -88,36 +137,36 @@ class Agent {
   [[nodiscard]] std::string name() const { return absl::StrCat("agent-", index_); }
 
   // Wait for the coordinator's word; CANCELLED once the frame is cancelled.
-  absl::StatusOr<Hits> AwaitOccluders() { return Await(&occluders_); }
-  absl::StatusOr<std::string> AwaitMap() { return Await(&map_); }
+  absl::StatusOr<Blocks> AwaitOccluders() { return Await(&occluders_); }
+  absl::StatusOr<VisibleBlocks> AwaitVisible() { return Await(&visible_); }
   absl::Status AwaitCancel() {
     absl::MutexLock lock(&mutex_);
     mutex_.Await(absl::Condition(&cancelled_));
     return absl::CancelledError("cancelled by the coordinator");
   }
 
-  void SetOccluders(const Hits& hits) {
+  void SetOccluders(const Blocks& blocks) {
     absl::MutexLock lock(&mutex_);
     EXPECT_FALSE(occluders_.has_value()) << name() << ": occluders were sent twice";
-    occluders_ = hits;
+    occluders_ = blocks;
   }
-  void SetMap(const std::string& map) {
+  void SetVisible(VisibleBlocks visible) {
     absl::MutexLock lock(&mutex_);
-    EXPECT_FALSE(map_.has_value()) << name() << ": the occlusion map was sent twice";
-    map_ = map;
+    EXPECT_FALSE(visible_.has_value()) << name() << ": visible blocks were sent twice";
+    visible_ = std::move(visible);
   }
   void Cancel() {
     absl::MutexLock lock(&mutex_);
     cancelled_ = true;
   }
 
-  [[nodiscard]] std::optional<Hits> occluders() const {
+  [[nodiscard]] std::optional<Blocks> occluders() const {
     absl::MutexLock lock(&mutex_);
     return occluders_;
   }
-  [[nodiscard]] std::optional<std::string> map() const {
+  [[nodiscard]] std::optional<VisibleBlocks> visible() const {
     absl::MutexLock lock(&mutex_);
-    return map_;
+    return visible_;
   }
   [[nodiscard]] bool is_cancelled() const {
     absl::MutexLock lock(&mutex_);
@@ -141,8 +190,8 @@ class Agent {
   const int index_;
   AgentListener* const listener_;
   mutable absl::Mutex mutex_;
-  std::optional<Hits> occluders_ ABSL_GUARDED_BY(mutex_);
-  std::optional<std::string> map_ ABSL_GUARDED_BY(mutex_);
+  std::optional<Blocks> occluders_ ABSL_GUARDED_BY(mutex_);
+  std::optional<VisibleBlocks> visible_ ABSL_GUARDED_BY(mutex_);
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
@@ -173,17 +222,17 @@ class FrameCoordinatorTest : public ::testing::Test {
       thread_.join();
       --test_->live_links_;
     }
-    void SendOccluders(const Hits& hits) override {
+    void SendOccluders(const Blocks& blocks) override {
       if (test_->on_occluders) {
         test_->on_occluders();
       }
-      agent_->SetOccluders(hits);
+      agent_->SetOccluders(blocks);
     }
-    void SendOcclusionMap(const std::string& encoded) override {
-      if (test_->on_map) {
-        test_->on_map();
+    void SendVisibleBlocks(const Blocks& blocks, std::string open_pixels) override {
+      if (test_->on_visible) {
+        test_->on_visible();
       }
-      agent_->SetMap(encoded);
+      agent_->SetVisible({blocks, std::move(open_pixels)});
     }
     void Cancel() override { agent_->Cancel(); }
     [[nodiscard]] std::string name() const override { return agent_->name(); }
@@ -207,17 +256,24 @@ class FrameCoordinatorTest : public ::testing::Test {
       agents_.push_back(std::make_shared<Agent>(index, listener));
       return std::make_unique<Link>(agents_.back(), scripts[static_cast<std::size_t>(index)], this);
     };
-    absl::StatusOr<FrameResult> result =
-        RunFrame(view_, culling, static_cast<int>(scripts.size()), begin, *cancellation_);
+    FrameSetup setup;
+    setup.view = &view_;
+    setup.layout = &layout_;
+    setup.culling = culling;
+    setup.agent_count = static_cast<int>(scripts.size());
+    setup.active = known_active_;
+    setup.images = images_.get();
+    setup.arena = &arena_;
+    absl::StatusOr<FrameResult> result = RunFrame(setup, begin, *cancellation_);
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
     return result;
   }
 
-  // An agent that behaves: its hits, then images in shuffled bands.
-  static Script Behave(const Hits& hits, const image::FrameImage& occluders,
+  // An agent that behaves: its hits and active blocks, then images in shuffled bands.
+  static Script Behave(const Blocks& hits, const Blocks& active, const image::FrameImage& occluders,
                        const image::FrameImage& rest, std::uint64_t seed = 1) {
     return [=](Agent& self) -> absl::Status {
-      self.coordinator().OnRayHits(hits);
+      self.coordinator().OnRayHits(hits, active);
       if (const auto all = self.AwaitOccluders(); !all.ok()) {
         return all.status();
       }
@@ -225,8 +281,8 @@ class FrameCoordinatorTest : public ::testing::Test {
         self.coordinator().OnPixels(std::move(band));
       }
       self.coordinator().OnOccludersDone();
-      if (const auto map = self.AwaitMap(); !map.ok()) {
-        return map.status();
+      if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+        return visible.status();
       }
       for (std::string& band : ShuffledBands(rest, seed + 1)) {
         self.coordinator().OnPixels(std::move(band));
@@ -236,30 +292,136 @@ class FrameCoordinatorTest : public ::testing::Test {
     };
   }
   static Script BehaveWithoutPixels() {
-    return Behave({3}, image::FrameImage(kWidth, kHeight), image::FrameImage(kWidth, kHeight));
+    return Behave({3}, {}, image::FrameImage(kWidth, kHeight), image::FrameImage(kWidth, kHeight));
   }
   static Script Wait() {
     return [](Agent& self) { return self.AwaitCancel(); };
   }
 
   const view::View view_ = MakeView();
+  const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
+  const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
+  tbb::task_arena arena_{2};
+  std::shared_ptr<const ActiveBlocks> known_active_;
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
   int failing_begin_ = -1;
   std::function<void()> on_occluders;
-  std::function<void()> on_map;
+  std::function<void()> on_visible;
 };
 
-TEST_F(FrameCoordinatorTest, EveryAgentGetsTheUnionOfAllHits) {
+TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
   const image::FrameImage none(kWidth, kHeight);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const FrameResult result,
-      Run(visibility::Culling::kDepth,
-          {Behave({2, 5, 9}, none, none), Behave({}, none, none), Behave({1, 5, 40}, none, none)}));
-  EXPECT_EQ(result.ray_hit_block_count, 5);
-  for (const auto& agent : agents_) {
-    EXPECT_EQ(agent->occluders(), (Hits{1, 2, 5, 9, 40})) << agent->name();
+  const std::vector<Blocks> active = {Every(5, 0), Every(5, 2), Every(5, 3)};
+  const std::vector<Blocks> hits = {{2, 5, 63}, {}, {5, 40}};
+  std::vector<Script> scripts;
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    scripts.push_back(Behave(hits[i], active[i], none, none));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
+                                Run(visibility::Culling::kDepth, scripts));
+  EXPECT_EQ(result.ray_hit_block_count, 4);
+  ASSERT_NE(result.active, nullptr);
+  EXPECT_EQ(result.active->by_agent, active);
+
+  // An active block is occluding if a hit is it, or touches it. Those beside the picture are not
+  // sent: nobody would see them.
+  const Blocks all_hits = {2, 5, 40, 63};
+  std::size_t occluding_count = 0;
+  std::size_t unsent_count = 0;
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    Blocks expected;
+    for (const volume::BlockId id : active[i]) {
+      const math::Index3 at = layout_.IndexOf(id);
+      for (const volume::BlockId hit : all_hits) {
+        const math::Index3 of_hit = layout_.IndexOf(hit);
+        if (std::abs(at.x - of_hit.x) <= 1 && std::abs(at.y - of_hit.y) <= 1 &&
+            std::abs(at.z - of_hit.z) <= 1) {
+          if (view_.FootprintOf(layout_, id).rect.empty()) {
+            ++unsent_count;
+          } else {
+            expected.push_back(id);
+          }
+          break;
+        }
+      }
+    }
+    EXPECT_EQ(agents_[i]->occluders(), expected) << i;
+    occluding_count += expected.size();
+  }
+  EXPECT_GT(occluding_count, 3U);
+  EXPECT_GT(unsent_count, 3U);
+}
+
+TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
+  const std::vector<Blocks> active = {Every(3, 0), Every(3, 1), Every(3, 2)};
+  const image::FrameImage none(kWidth, kHeight);
+  for (const auto culling : {visibility::Culling::kDepth, visibility::Culling::kMask}) {
+    const bool is_depth = culling == visibility::Culling::kDepth;
+    SCOPED_TRACE(is_depth ? "depth" : "mask");
+    ISOSCOPE_ASSERT_OK(
+        Run(culling, {Behave({21}, active[0], Wall(), none), Behave({}, active[1], none, none),
+                      Behave({}, active[2], none, none)}));
+    const auto map = visibility::OcclusionMap::FromImage(
+        Wall(), is_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
+    std::size_t hidden_count = 0;
+    std::size_t off_screen_count = 0;
+    std::size_t visible_count = 0;
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      const Blocks occluders = *agents_[i]->occluders();
+      Blocks expected;
+      std::vector<image::PixelMask> masks;
+      for (const volume::BlockId id : active[i]) {
+        if (IsIn(occluders, id)) {
+          continue;
+        }
+        const view::Footprint footprint = view_.FootprintOf(layout_, id);
+        if (footprint.rect.empty()) {
+          ++off_screen_count;
+        } else if (map.Hides(footprint)) {
+          ++hidden_count;
+        } else {
+          expected.push_back(id);
+          masks.push_back(map.OpenPixels(footprint));
+        }
+      }
+      visible_count += expected.size();
+      const auto visible = agents_[i]->visible();
+      ASSERT_TRUE(visible.has_value());
+      EXPECT_EQ(visible->blocks, expected);
+      // The paper's mask says nothing of pixels.
+      EXPECT_TRUE(visible->open_pixels ==
+                  (is_depth ? visibility::EncodeOpenPixels(masks) : std::string()));
+    }
+    // The scene shows all three fates, or the test says nothing.
+    EXPECT_GT(visible_count, 0U);
+    EXPECT_GT(hidden_count, 0U);
+    EXPECT_GT(off_screen_count, 0U);
+  }
+}
+
+TEST_F(FrameCoordinatorTest, KnownActiveBlocksReplaceTheReportAndGiveTheSameFrame) {
+  const std::vector<Blocks> active = {Every(2, 0), Every(2, 1)};
+  const image::FrameImage rest = RandomImage(4, 0.3);
+  const auto run = [&](bool reports) {
+    const Blocks none;
+    return Run(visibility::Culling::kDepth,
+               {Behave({9, 30}, reports ? active[0] : none, Wall(), rest),
+                Behave({8}, reports ? active[1] : none, rest, Wall())});
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult first, run(true));
+  const auto first_agents = agents_;
+  known_active_ = first.active;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult second, run(false));
+  EXPECT_EQ(second.active, known_active_);
+  EXPECT_TRUE(second.image == first.image);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_FALSE(agents_[i]->occluders()->empty());
+    EXPECT_FALSE(agents_[i]->visible()->blocks.empty());
+    EXPECT_EQ(agents_[i]->occluders(), first_agents[i]->occluders());
+    EXPECT_EQ(agents_[i]->visible()->blocks, first_agents[i]->visible()->blocks);
+    EXPECT_TRUE(agents_[i]->visible()->open_pixels == first_agents[i]->visible()->open_pixels);
   }
 }
 
@@ -268,14 +430,14 @@ TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
   std::atomic<int> hits_said{0};
   std::atomic<int> occluders_said{0};
   on_occluders = [&] { EXPECT_EQ(hits_said, kAgentCount); };
-  on_map = [&] { EXPECT_EQ(occluders_said, kAgentCount); };
+  on_visible = [&] { EXPECT_EQ(occluders_said, kAgentCount); };
   const Script script = [&](Agent& self) -> absl::Status {
     // The agents speak one after the other: whoever is answered too early is seen.
     while (hits_said != self.index()) {
       absl::SleepFor(absl::Milliseconds(1));
     }
     ++hits_said;
-    self.coordinator().OnRayHits({1});
+    self.coordinator().OnRayHits({1}, {});
     if (const auto all = self.AwaitOccluders(); !all.ok()) {
       return all.status();
     }
@@ -284,8 +446,8 @@ TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
     }
     ++occluders_said;
     self.coordinator().OnOccludersDone();
-    if (const auto map = self.AwaitMap(); !map.ok()) {
-      return map.status();
+    if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+      return visible.status();
     }
     self.coordinator().OnFrameDone({});
     return absl::OkStatus();
@@ -294,7 +456,7 @@ TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
       Run(visibility::Culling::kDepth, std::vector<Script>(kAgentCount, script)).status());
 }
 
-TEST_F(FrameCoordinatorTest, ImageAndMapAreThoseOfTheCompositeInAnyOrderOfArrival) {
+TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
   for (std::uint64_t seed = 0; seed < 12; ++seed) {
     SCOPED_TRACE(seed);
     const auto culling = seed % 2 == 0 ? visibility::Culling::kDepth : visibility::Culling::kMask;
@@ -305,7 +467,7 @@ TEST_F(FrameCoordinatorTest, ImageAndMapAreThoseOfTheCompositeInAnyOrderOfArriva
       const image::FrameImage first = RandomImage(100 * seed + 2 * agent, 0.15);
       rest.push_back(RandomImage(100 * seed + 2 * agent + 1, 0.15));
       composite::CompositeInto(first, &occluders);
-      scripts.push_back(Behave({}, first, rest.back(), 100 * seed + agent));
+      scripts.push_back(Behave({}, {}, first, rest.back(), 100 * seed + agent));
     }
     image::FrameImage expected = occluders;
     for (const image::FrameImage& image : rest) {
@@ -313,14 +475,6 @@ TEST_F(FrameCoordinatorTest, ImageAndMapAreThoseOfTheCompositeInAnyOrderOfArriva
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
     EXPECT_TRUE(result.image == expected);
-    const auto kind = culling == visibility::Culling::kDepth ? visibility::MapKind::kDepth
-                                                             : visibility::MapKind::kMask;
-    const visibility::DepthQuantizer quantizer(view_);
-    const std::string map =
-        visibility::OcclusionMap::FromImage(occluders, quantizer, kind, 0).Encode();
-    for (const auto& agent : agents_) {
-      EXPECT_EQ(agent->map(), map) << agent->name();
-    }
   }
 }
 
@@ -341,11 +495,12 @@ TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(visibility::Culling::kNone, scripts));
   EXPECT_TRUE(result.image == expected);
   EXPECT_EQ(result.ray_hit_block_count, 0);
+  EXPECT_EQ(result.active, nullptr) << "would be kept as if no block were active";
   EXPECT_EQ(result.occluder_selection_duration, absl::ZeroDuration());
   EXPECT_EQ(result.occluder_rendering_duration, absl::ZeroDuration());
   for (const auto& agent : agents_) {
     EXPECT_FALSE(agent->occluders().has_value());
-    EXPECT_FALSE(agent->map().has_value());
+    EXPECT_FALSE(agent->visible().has_value());
   }
 }
 
@@ -370,14 +525,14 @@ TEST_F(FrameCoordinatorTest, StatisticsAreSortedAndBytesSummed) {
 }
 
 // What an agent says, without regard for the order.
-enum class Say { kHits, kPixels, kOccludersDone, kFrameDone, kEnd, kAwaitOccluders, kAwaitMap };
+enum class Say { kHits, kPixels, kOccludersDone, kFrameDone, kEnd, kAwaitOccluders, kAwaitVisible };
 
 Script SayInOrder(const std::vector<Say>& words) {
   return [words](Agent& self) -> absl::Status {
     for (const Say word : words) {
       switch (word) {
         case Say::kHits:
-          self.coordinator().OnRayHits({1});
+          self.coordinator().OnRayHits({1}, {});
           break;
         case Say::kPixels:
           self.coordinator().OnPixels(ShuffledBands(RandomImage(1, 0.5), 1).front());
@@ -395,9 +550,9 @@ Script SayInOrder(const std::vector<Say>& words) {
             return hits.status();
           }
           break;
-        case Say::kAwaitMap:
-          if (const auto map = self.AwaitMap(); !map.ok()) {
-            return map.status();
+        case Say::kAwaitVisible:
+          if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+            return visible.status();
           }
           break;
       }
@@ -410,9 +565,9 @@ TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
   using enum Say;
   const std::vector<Say> step1;
   const std::vector<Say> step2 = {kHits, kAwaitOccluders};
-  const std::vector<Say> step3 = {kHits, kAwaitOccluders, kPixels, kOccludersDone, kAwaitMap};
-  const std::vector<Say> done = {kHits,     kAwaitOccluders, kPixels,   kOccludersDone,
-                                 kAwaitMap, kPixels,         kFrameDone};
+  const std::vector<Say> step3 = {kHits, kAwaitOccluders, kPixels, kOccludersDone, kAwaitVisible};
+  const std::vector<Say> done = {kHits,         kAwaitOccluders, kPixels,   kOccludersDone,
+                                 kAwaitVisible, kPixels,         kFrameDone};
   const struct {
     visibility::Culling culling;
     std::vector<Say> before;
@@ -433,9 +588,10 @@ TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
                                 " words, word ", static_cast<int>(word)));
       std::vector<Say> words = before;
       words.push_back(word);
-      const Script other = culling == visibility::Culling::kNone
-                               ? SayInOrder({kPixels})
-                               : SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitMap});
+      const Script other =
+          culling == visibility::Culling::kNone
+              ? SayInOrder({kPixels})
+              : SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
       EXPECT_THAT(Run(culling, {other, SayInOrder(words)}),
                   StatusIs(absl::StatusCode::kInternal,
                            AllOf(HasSubstr("agent-1"), HasSubstr("out of order"))));
@@ -482,21 +638,21 @@ TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
   const std::vector<Script> failing = {
       [&](Agent&) { return error; },
       [&](Agent& self) {
-        self.coordinator().OnRayHits({1});
+        self.coordinator().OnRayHits({1}, {});
         return self.AwaitOccluders().ok() ? error : absl::InternalError("no occluders came");
       },
       [&](Agent& self) -> absl::Status {
-        self.coordinator().OnRayHits({1});
+        self.coordinator().OnRayHits({1}, {});
         if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
           return hits.status();
         }
         self.coordinator().OnOccludersDone();
-        return self.AwaitMap().ok() ? error : absl::InternalError("no map came");
+        return self.AwaitVisible().ok() ? error : absl::InternalError("no visible blocks came");
       }};
   for (const Script& script : failing) {
     // The others have done all they are asked for and wait for the end, or for the next step.
     using enum Say;
-    const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitMap});
+    const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
     const auto result = Run(visibility::Culling::kDepth, {other, script, other});
     EXPECT_EQ(result.status(), error);
     EXPECT_TRUE(agents_[0]->is_cancelled());
@@ -533,7 +689,7 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
     });
   };
   const Script answers = [&](Agent& self) {
-    self.coordinator().OnRayHits({1});
+    self.coordinator().OnRayHits({1}, {});
     ++answered;
     return self.AwaitCancel();
   };
@@ -543,7 +699,7 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
 
   answered = 0;
   const Script draws = [&](Agent& self) -> absl::Status {
-    self.coordinator().OnRayHits({1});
+    self.coordinator().OnRayHits({1}, {});
     if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
       return hits.status();
     }
@@ -564,7 +720,9 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
 TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
   using enum Say;
   const std::vector<std::vector<Say>> steps = {
-      {}, {kHits, kAwaitOccluders}, {kHits, kAwaitOccluders, kOccludersDone, kAwaitMap, kPixels}};
+      {},
+      {kHits, kAwaitOccluders},
+      {kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible, kPixels}};
   for (const std::vector<Say>& step : steps) {
     cancellation_ = std::make_unique<base::Cancellation>();
     const Script cancels = [&](Agent& self) {
@@ -575,13 +733,13 @@ TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
     const Script then_cancels = [&](Agent& self) -> absl::Status {
       for (const Say word : step) {
         if (word == kHits) {
-          self.coordinator().OnRayHits({1});
+          self.coordinator().OnRayHits({1}, {});
         } else if (word == kAwaitOccluders) {
           EXPECT_THAT(self.AwaitOccluders(), isoscope::testing::IsOk());
         } else if (word == kOccludersDone) {
           self.coordinator().OnOccludersDone();
-        } else if (word == kAwaitMap) {
-          EXPECT_THAT(self.AwaitMap(), isoscope::testing::IsOk());
+        } else if (word == kAwaitVisible) {
+          EXPECT_THAT(self.AwaitVisible(), isoscope::testing::IsOk());
         }
       }
       return cancels(self);

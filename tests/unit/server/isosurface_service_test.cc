@@ -1,5 +1,6 @@
 // The public service against agents of a script: what goes wrong on an agent, and what clients see.
 
+#include <algorithm>
 #include <atomic>
 #include <limits>
 #include <memory>
@@ -8,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
@@ -151,6 +153,66 @@ TEST_F(IsosurfaceServiceTest, AgentsGetTheRequestAndTheirShare) {
   EXPECT_EQ(begin.camera().eye().z(), 0.1);
 }
 
+TEST_F(IsosurfaceServiceTest, AgentsAreAskedForActiveBlocksOncePerLevel) {
+  // Each agent's answers are of its own, so that a list of another frame would show.
+  absl::Mutex mutex;
+  std::vector<bool> asked;
+  std::vector<std::string> visible;
+  const auto play = [&](std::int64_t first_block) {
+    return [&, first_block](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      internal::RenderFrameRequest request;
+      internal::RenderFrameResponse response;
+      stream->Read(&request);
+      const bool is_asked = request.begin().report_active_blocks();
+      response.mutable_ray_hits();
+      if (is_asked) {
+        auto* deltas = response.mutable_ray_hits()->mutable_active_blocks();
+        deltas->add_block_id_deltas(first_block);
+        deltas->add_block_id_deltas(2);
+      }
+      stream->Write(response);
+      stream->Read(&request);
+      response.mutable_occluders_done();
+      stream->Write(response);
+      stream->Read(&request);
+      {
+        absl::MutexLock lock(&mutex);
+        asked.push_back(is_asked);
+        visible.push_back(request.visible_blocks().blocks().ShortDebugString());
+      }
+      response.mutable_frame_done();
+      stream->Write(response);
+      return grpc::Status::OK;
+    };
+  };
+  first_.on_frame = play(0);
+  second_.on_frame = play(1);
+  StartCluster();
+  // True if both agents were asked, false if none was. What they are to draw must not depend on it.
+  const auto render = [&](double isovalue) {
+    {
+      absl::MutexLock lock(&mutex);
+      asked.clear();
+      visible.clear();
+    }
+    isoscope::v1::RenderIsosurfaceRequest request = Request();
+    request.set_isovalue(isovalue);
+    EXPECT_THAT(Render(request), IsOk());
+    absl::MutexLock lock(&mutex);
+    EXPECT_EQ(asked.size(), 2U);
+    EXPECT_EQ(asked.front(), asked.back());
+    std::sort(visible.begin(), visible.end());
+    EXPECT_EQ(visible, (std::vector<std::string>{"block_id_deltas: 0 block_id_deltas: 2",
+                                                 "block_id_deltas: 1 block_id_deltas: 2"}));
+    return static_cast<bool>(asked.front());
+  };
+  EXPECT_TRUE(render(100));
+  EXPECT_FALSE(render(100));
+  EXPECT_TRUE(render(101)) << "another level has other active blocks";
+  EXPECT_FALSE(render(101));
+  EXPECT_FALSE(render(100)) << "the first level was forgotten";
+}
+
 TEST_F(IsosurfaceServiceTest, BadRequestsAreRefusedNamingTheField) {
   StartCluster();
   const auto expect_bad = [this](const isoscope::v1::RenderIsosurfaceRequest& request,
@@ -207,7 +269,7 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatEndsTooEarlyOrSendsRubbishIsAnInternalE
       return grpc::Status::OK;
     }
     internal::RenderFrameResponse response;
-    response.mutable_ray_hits()->add_block_id_deltas(1'000'000);
+    response.mutable_ray_hits()->mutable_hits()->add_block_id_deltas(1'000'000);
     stream->Write(response);
     return grpc::Status::OK;
   };

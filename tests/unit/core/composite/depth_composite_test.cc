@@ -6,7 +6,6 @@
 #include <numeric>
 #include <vector>
 
-#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
@@ -14,10 +13,8 @@
 namespace isoscope::composite {
 namespace {
 
-using ::testing::ElementsAre;
-
-constexpr int kWidth = 67;  // odd, so that the last run of pixels is cut
-constexpr int kHeight = 13;
+constexpr int kWidth = 67;  // not whole tiles
+constexpr int kHeight = 37;
 
 // An image as one agent draws it: few depths, so that ties between blocks are frequent; the blocks
 // of agents are disjoint, as shards are.
@@ -29,26 +26,41 @@ image::FrameImage MakeImage(std::uint64_t seed, std::uint32_t agent) {
     if (bits % 3 == 0) {
       continue;
     }
-    image.depth[i] = kDepths[bits / 3 % kDepths.size()];
-    image.block_id[i] = static_cast<std::uint32_t>(bits >> 32) % 5 * 4 + agent;
+    const float depth = kDepths[bits / 3 % kDepths.size()];
+    const auto block = static_cast<std::uint32_t>(bits >> 32) % 5 * 4 + agent;
     const auto shade = static_cast<std::uint8_t>(bits >> 40);
-    image.color[i] = {shade, static_cast<std::uint8_t>(agent), 7, 255};
+    const int x = static_cast<int>(i) % kWidth;
+    // Tiles that only some agents touch, and some that none does.
+    if (base::RandomBits(seed, 100000 + static_cast<std::uint64_t>(x / 16)) % 3 != 0) {
+      image.Set(x, static_cast<int>(i) / kWidth, image::FragmentKey(depth, block),
+                {shade, static_cast<std::uint8_t>(agent), 7, 255});
+    }
   }
   return image;
 }
 
-// By the definition of FragmentKey, one pixel at a time.
+// By the definition, one pixel at a time.
 image::FrameImage Reference(const image::FrameImage& a, const image::FrameImage& b) {
   image::FrameImage out = a;
   for (std::size_t i = 0; i < out.pixel_count(); ++i) {
-    if (image::FragmentKey(b.depth[i], b.block_id[i]) <
-        image::FragmentKey(a.depth[i], a.block_id[i])) {
-      out.depth[i] = b.depth[i];
-      out.block_id[i] = b.block_id[i];
-      out.color[i] = b.color[i];
+    if (b.keys[i] < a.keys[i]) {
+      out.keys[i] = b.keys[i];
+      out.colors[i] = b.colors[i];
     }
   }
   return out;
+}
+
+// What lies outside the touched tiles is background.
+void ExpectTouchedWhereDrawn(const image::FrameImage& image) {
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      if (!image.touched.Contains(x / image::TileSet::kTilePx, y / image::TileSet::kTilePx)) {
+        ASSERT_EQ(image.keys[image.IndexOf(x, y)], image::kBackgroundKey) << x << ", " << y;
+        ASSERT_EQ(image.colors[image.IndexOf(x, y)], image::Rgba8{}) << x << ", " << y;
+      }
+    }
+  }
 }
 
 image::FrameImage Composite(const image::FrameImage& a, const image::FrameImage& b) {
@@ -61,7 +73,9 @@ TEST(DepthCompositeTest, TheSmallerFragmentKeyWins) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const image::FrameImage a = MakeImage(2 * seed, 0);
     const image::FrameImage b = MakeImage(2 * seed + 1, 1);
-    ASSERT_EQ(Composite(a, b), Reference(a, b)) << "seed " << seed;
+    const image::FrameImage both = Composite(a, b);
+    ASSERT_EQ(both, Reference(a, b)) << "seed " << seed;
+    ExpectTouchedWhereDrawn(both);
   }
 }
 
@@ -97,34 +111,41 @@ TEST(DepthCompositeTest, TheOrderOfArrivalDoesNotMatter) {
   } while (std::next_permutation(order.begin(), order.end()));
 }
 
-TEST(DepthCompositeTest, MinusZeroTiesWithZeroAndTheBlockDecides) {
-  image::FrameImage low(1, 1);
-  low.depth[0] = 0.0F;
-  low.block_id[0] = 3;
-  low.color[0] = {1, 1, 1, 255};
-  image::FrameImage high = low;
-  high.depth[0] = -0.0F;
-  high.block_id[0] = 4;
-  high.color[0] = {2, 2, 2, 255};
-  EXPECT_EQ(Composite(low, high).block_id[0], 3U);
-  EXPECT_EQ(Composite(high, low).block_id[0], 3U);
-  EXPECT_EQ(Composite(high, low).color[0].r, 1);
-}
-
 TEST(DepthCompositeTest, ASurfaceAtTheFarPlaneBeatsTheBackground) {
   image::FrameImage surface(1, 1);
-  surface.block_id[0] = 9;
-  EXPECT_EQ(Composite(image::FrameImage(1, 1), surface).block_id[0], 9U);
-  EXPECT_EQ(Composite(surface, image::FrameImage(1, 1)).block_id[0], 9U);
+  surface.Set(0, 0, image::FragmentKey(1.0F, 9), {1, 2, 3, 255});
+  EXPECT_EQ(image::BlockOf(Composite(image::FrameImage(1, 1), surface).keys[0]), 9U);
+  EXPECT_EQ(image::BlockOf(Composite(surface, image::FrameImage(1, 1)).keys[0]), 9U);
 }
 
 TEST(FlattenOverTest, OnlyWhatNoBlockCoversShowsTheBackground) {
-  image::FrameImage image(2, 1);
-  image.block_id[1] = 0;
-  image.color[1] = {10, 20, 30, 255};
-  image.depth[1] = 1.0F;
-  EXPECT_THAT(FlattenOver(image, {1, 2, 3, 4}),
-              ElementsAre(image::Rgba8{1, 2, 3, 4}, image::Rgba8{10, 20, 30, 255}));
+  for (const int width : {2, 100}) {
+    image::FrameImage image(width, 40);
+    image.Set(1, 0, image::FragmentKey(1.0F, 0), {10, 20, 30, 255});
+    std::vector<image::Rgba8> expected(image.pixel_count(), {1, 2, 3, 4});
+    expected[1] = {10, 20, 30, 255};
+    FlattenOver({1, 2, 3, 4}, &image);
+    EXPECT_EQ(image.colors, expected);
+  }
+}
+
+TEST(FlattenOverTest, APooledImageComesBackClean) {
+  const auto pool = image::FrameImagePool::Make(1 << 20);
+  {
+    image::FrameImage image = pool->Take(50, 50);
+    image.Set(20, 20, image::FragmentKey(0.5F, 1), {10, 20, 30, 255});
+    FlattenOver({0, 0, 0, 255}, &image);
+  }
+  EXPECT_EQ(pool->Take(50, 50), image::FrameImage(50, 50));
+}
+
+TEST(FlattenOverTest, ATransparentBackgroundChangesNothing) {
+  image::FrameImage image(40, 40);
+  image.Set(1, 0, image::FragmentKey(0.5F, 7), {10, 20, 30, 255});
+  const image::FrameImage before = image;
+  FlattenOver({}, &image);
+  EXPECT_EQ(image, before);
+  EXPECT_EQ(image.touched, before.touched);
 }
 
 }  // namespace

@@ -5,22 +5,28 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <map>
 #include <numbers>
 #include <set>
 #include <string>
 #include <tuple>
+#include <type_traits>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
+// As in block_kernels.cc, so that all of its targets are looked at.
+#define HWY_WANT_AVX3_DL
 #include "core/base/coding.h"
 #include "core/base/random.h"
 #include "core/mesh/mesh_metrics.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/synthetic_fields.h"
+#include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/support/status_matchers.h"
@@ -535,6 +541,115 @@ TEST(BlockExtractorTest, BlocksHaveTrianglesExactlyWhenTheirSpanIsActive) {
         }
       }
       EXPECT_EQ(volume::IsActive(span, isovalue), with_triangles.count(id) == 1) << "block " << id;
+    }
+  }
+}
+
+template <typename T>
+void ExpectSameBytes(const std::vector<T>& expected, const std::vector<T>& actual,
+                     const char* what) {
+  ASSERT_EQ(expected.size(), actual.size()) << what;
+  if (!expected.empty()) {
+    EXPECT_EQ(std::memcmp(expected.data(), actual.data(), expected.size() * sizeof(T)), 0) << what;
+  }
+}
+
+// Smooth sheets with noise on them, and for floats every kind of special sample in one corner.
+Volume MixedVolume(const Index3& dims, ScalarType type) {
+  Volume volume = MakeVolume(
+      dims, type, volume::SampleField(volume::RandomField(5, 16, 8), dims, type, 30, 60));
+  volume::VisitScalarType(type, [&]<typename T>() {
+    const std::size_t count = volume.bytes.size() / sizeof(T);
+    for (std::uint64_t i = 0; i < count / 20; ++i) {
+      const std::size_t sample = base::RandomBits(12, i) % count;
+      base::StoreLittleEndian(static_cast<T>(base::RandomBits(13, i) % 120),
+                              volume.bytes.data() + sample * sizeof(T));
+    }
+    if constexpr (std::is_floating_point_v<T>) {
+      const std::array<T, 6> special{std::numeric_limits<T>::quiet_NaN(),
+                                     std::numeric_limits<T>::infinity(),
+                                     -std::numeric_limits<T>::infinity(),
+                                     // The reference doubles differences.
+                                     static_cast<T>(sizeof(T) == 4 ? 3e38 : 1e300),
+                                     std::numeric_limits<T>::denorm_min(), T{0} * T{-1}};
+      for (std::uint64_t i = 0; i < 40; ++i) {
+        const std::size_t sample = base::RandomBits(14, i) % (count / 4);
+        base::StoreLittleEndian(special[i % special.size()],
+                                volume.bytes.data() + sample * sizeof(T));
+      }
+    }
+  });
+  UseObliqueFrame(&volume.geometry);
+  return volume;
+}
+
+TEST(BlockExtractorTest, EveryInstructionSetGivesTheSameBits) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  ASSERT_FALSE(targets.empty());
+  std::vector<Volume> volumes;
+  for (const ScalarType type : kAllTypes) {
+    volumes.push_back(MixedVolume({41, 38, 36}, type));
+    // Rows too long for the corners of a cell to come from two words.
+    volumes.push_back(MixedVolume({90, 12, 11}, type));
+  }
+  for (const Volume& volume : volumes) {
+    for (const Index3& block_cells : {Index3{8, 8, 8}, Index3{16, 16, 16}, Index3{88, 9, 5}}) {
+      hwy::SetSupportedTargetsForTest(targets.back());
+      const std::vector<BlockMesh> expected = ExtractBlocks(volume, block_cells, 60.25);
+      ASSERT_FALSE(expected.empty());
+      for (const std::int64_t target : targets) {
+        SCOPED_TRACE(absl::StrCat(hwy::TargetName(target), " against ",
+                                  hwy::TargetName(targets.back()), ", ",
+                                  volume::NameOf(volume.type)));
+        hwy::SetSupportedTargetsForTest(target);
+        const std::vector<BlockMesh> actual = ExtractBlocks(volume, block_cells, 60.25);
+        ASSERT_EQ(actual.size(), expected.size());
+        for (std::size_t i = 0; i < actual.size(); ++i) {
+          EXPECT_EQ(actual[i].block_id, expected[i].block_id);
+          EXPECT_EQ(actual[i].owned_vertex_count, expected[i].owned_vertex_count);
+          ExpectSameBytes(expected[i].positions, actual[i].positions, "positions");
+          ExpectSameBytes(expected[i].normals, actual[i].normals, "normals");
+          ExpectSameBytes(expected[i].indices, actual[i].indices, "indices");
+          ExpectSameBytes(expected[i].edge_keys, actual[i].edge_keys, "edge_keys");
+        }
+      }
+    }
+  }
+}
+
+TEST(BlockExtractorTest, EveryInstructionSetEqualsTheReference) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    hwy::SetSupportedTargetsForTest(target);
+    for (const ScalarType type : kAllTypes) {
+      const Volume volume = MixedVolume({23, 22, 21}, type);
+      ExpectEqualsReference(volume, {8, 8, 8}, 60.25);
+      ExpectEqualsReference(volume, {3, 4, 5}, 60.25);
+    }
+  }
+}
+
+TEST(BlockExtractorTest, ReadsNothingOutsideTheBlock) {
+  // Exactly the block's bytes on the heap, for AddressSanitizer; the smallest interior blocks have
+  // the least room behind an interior sample.
+  const Index3 dims{7, 7, 7};
+  for (const ScalarType type : kAllTypes) {
+    const Volume volume = MakeVolume(dims, type, volume::SampleNoise(5, dims, type, 100));
+    for (const std::int64_t edge : {1, 2, 3, 4}) {
+      const BlockLayout layout = MakeLayout(volume.geometry, {edge, edge, edge});
+      BlockExtractor extractor(volume.geometry, layout);
+      std::int64_t triangles = 0;
+      for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+        const auto id = static_cast<volume::BlockId>(i);
+        const std::string block = testing::CutBlock(layout, type, volume.bytes, id);
+        const std::vector<char> exact(block.begin(), block.end());
+        BlockMesh mesh;
+        extractor.Extract({id, type, exact.data()}, 50, {}, &mesh);
+        triangles += mesh.triangle_count();
+      }
+      EXPECT_GT(triangles, 0);
     }
   }
 }

@@ -1,5 +1,9 @@
 #include "core/image/frame_image.h"
 
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
 #include "gtest/gtest.h"
 
 namespace isoscope::image {
@@ -16,14 +20,97 @@ TEST(FragmentKeyTest, NegativeZeroIsZero) {
   EXPECT_EQ(FragmentKey(-0.0F, 3), FragmentKey(0.0F, 3));
 }
 
-TEST(FrameImageTest, StartsAsBackground) {
+TEST(FragmentKeyTest, DepthAndBlockComeBack) {
+  const std::uint64_t key = FragmentKey(0.375F, 12);
+  EXPECT_EQ(DepthOf(key), 0.375F);
+  EXPECT_EQ(BlockOf(key), 12u);
+}
+
+TEST(FrameImageTest, StartsAsBackgroundWithNothingTouched) {
   const FrameImage image(3, 2);
   EXPECT_EQ(image.pixel_count(), 6u);
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    EXPECT_EQ(image.depth[i], kFarDepth);
-    EXPECT_EQ(image.block_id[i], kNoBlock);
-    EXPECT_EQ(image.color[i], Rgba8{});
+    EXPECT_EQ(image.keys[i], kBackgroundKey);
+    EXPECT_EQ(image.colors[i], Rgba8{});
   }
+  EXPECT_EQ(image.touched, TileSet(3, 2));
+}
+
+TEST(FrameImageTest, SetTouchesTheTileOfThePixel) {
+  FrameImage image(40, 40);
+  image.Set(39, 17, FragmentKey(0.5F, 7), {1, 2, 3, 255});
+  EXPECT_EQ(image.keys[image.IndexOf(39, 17)], FragmentKey(0.5F, 7));
+  TileSet expected(40, 40);
+  expected.Insert(2, 1);
+  EXPECT_EQ(image.touched, expected);
+}
+
+TEST(FrameImagePoolTest, AnImageComesBackAsBackgroundWithoutNewMemory) {
+  const auto pool = FrameImagePool::Make(1 << 20);
+  const std::uint64_t* planes = nullptr;
+  {
+    FrameImage image = pool->Take(50, 33);
+    planes = image.keys.data();
+    for (int y = 0; y < 33; ++y) {
+      for (int x = 0; x < 50; ++x) {
+        image.Set(x, y, FragmentKey(0.25F, 3), {9, 9, 9, 255});
+      }
+    }
+    const FrameImage moved = std::move(image);  // goes back once, from where it is
+  }
+  const FrameImage again = pool->Take(50, 33);
+  EXPECT_EQ(again.keys.data(), planes);
+  EXPECT_EQ(again, FrameImage(50, 33));
+  EXPECT_EQ(again.touched, TileSet(50, 33));
+}
+
+TEST(FrameImagePoolTest, ImagesInUseAreNeverShared) {
+  const auto pool = FrameImagePool::Make(1 << 20);
+  const FrameImage a = pool->Take(8, 8);
+  const FrameImage b = pool->Take(8, 8);
+  EXPECT_NE(a.keys.data(), b.keys.data());
+}
+
+TEST(FrameImagePoolTest, AnotherSizeIsAnotherImage) {
+  const auto pool = FrameImagePool::Make(1 << 20);
+  { const FrameImage small = pool->Take(8, 8); }
+  const FrameImage large = pool->Take(8, 9);
+  EXPECT_EQ(large.pixel_count(), 72u);
+  EXPECT_EQ(large.keys.size(), 72u);
+}
+
+TEST(FrameImagePoolTest, MoreThanItMayKeepIsFreed) {
+  // One image of 8 x 8 takes 8 * 8 * 12 bytes.
+  const auto pool = FrameImagePool::Make(800);
+  const std::uint64_t* last = nullptr;
+  {
+    FrameImage a = pool->Take(8, 8);
+    FrameImage b = pool->Take(8, 8);
+    last = a.keys.data();  // b goes back first, then a takes its place
+  }
+  const FrameImage kept = pool->Take(8, 8);
+  EXPECT_EQ(kept.keys.data(), last);
+}
+
+TEST(FrameImagePoolTest, AnImageMayOutliveItsPool) {
+  FrameImage image;
+  {
+    const auto pool = FrameImagePool::Make(1 << 20);
+    image = pool->Take(4, 4);
+  }
+  image.Set(1, 1, FragmentKey(0.5F, 1), {});
+}
+
+TEST(FrameImagePoolTest, ACopyIsTheHoldersOwn) {
+  const auto pool = FrameImagePool::Make(1 << 20);
+  FrameImage copy;
+  {
+    FrameImage image = pool->Take(4, 4);
+    image.Set(2, 2, FragmentKey(0.5F, 1), {5, 5, 5, 255});
+    copy = image;
+  }
+  EXPECT_EQ(copy.keys[copy.IndexOf(2, 2)], FragmentKey(0.5F, 1));
+  EXPECT_NE(pool->Take(4, 4).keys.data(), copy.keys.data());
 }
 
 }  // namespace

@@ -1,19 +1,30 @@
 #include "core/image/png_codec.h"
 
 #include <png.h>
+#include <unistd.h>
+#include <zlib.h>
 
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/string_view.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "oneapi/tbb/global_control.h"
+#include "oneapi/tbb/parallel_for.h"
+#include "oneapi/tbb/task_arena.h"
+#include "oneapi/tbb/task_group.h"
+#include <sys/resource.h>
 
+#include "core/base/random.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::image {
@@ -35,6 +46,67 @@ std::vector<Rgba8> MakePixels(int width, int height, bool opaque) {
                       .a = opaque ? std::uint8_t{255} : static_cast<std::uint8_t>(state >> 16)});
   }
   return pixels;
+}
+
+std::vector<Rgba8> MakeNoise(int width, int height, bool opaque) {
+  std::vector<Rgba8> pixels(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    pixels[i] = std::bit_cast<Rgba8>(static_cast<std::uint32_t>(base::RandomBits(7, i)));
+    if (opaque) {
+      pixels[i].a = 255;
+    }
+  }
+  return pixels;
+}
+
+std::vector<Rgba8> MakeConstant(int width, int height, Rgba8 color) {
+  return std::vector<Rgba8>(static_cast<std::size_t>(width) * static_cast<std::size_t>(height),
+                            color);
+}
+
+// By libpng's simplified interface: shares nothing with DecodePng, and takes wider images.
+RgbaImage ReadByLibpng(const std::string& png) {
+  png_image image;
+  std::memset(&image, 0, sizeof(image));
+  image.version = PNG_IMAGE_VERSION;
+  EXPECT_NE(png_image_begin_read_from_memory(&image, png.data(), png.size()), 0) << image.message;
+  image.format = PNG_FORMAT_RGBA;
+  RgbaImage result{.width = static_cast<int>(image.width),
+                   .height = static_cast<int>(image.height),
+                   .pixels = {}};
+  result.pixels.resize(std::size_t{image.width} * image.height);
+  EXPECT_NE(png_image_finish_read(&image, nullptr, result.pixels.data(), 0, nullptr), 0)
+      << image.message;
+  EXPECT_EQ(image.warning_or_error, 0U) << image.message;
+  return result;
+}
+
+struct Chunk {
+  std::string type;
+  std::string data;
+};
+
+std::uint32_t BigEndian32At(const std::string& bytes, std::size_t at) {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    value = value << 8 | static_cast<std::uint8_t>(bytes[at + i]);
+  }
+  return value;
+}
+
+// Checks each chunk's CRC.
+std::vector<Chunk> ChunksOf(const std::string& png) {
+  std::vector<Chunk> chunks;
+  std::size_t at = 8;
+  while (at < png.size()) {
+    const std::size_t size = BigEndian32At(png, at);
+    chunks.push_back({.type = png.substr(at + 4, 4), .data = png.substr(at + 8, size)});
+    const auto* covered = reinterpret_cast<const Bytef*>(png.data()) + at + 4;
+    EXPECT_EQ(BigEndian32At(png, at + 8 + size), crc32_z(0, covered, size + 4));
+    at += size + 12;
+  }
+  EXPECT_EQ(at, png.size());
+  return chunks;
 }
 
 // Colour type byte of the header: 8 signature, 8 chunk head, 4 + 4 size, 1 bit depth.
@@ -69,6 +141,139 @@ TEST(PngCodecTest, PixelsSurviveTheRoundTrip) {
     }
   }
 }
+
+TEST(PngCodecTest, EverySizeAndContentIsReadBackByLibpng) {
+  const std::vector<std::pair<int, int>> sizes{
+      {1, 1},   {1, 300},   {300, 1},  {2, 2},   {3, 3},     {5, 4},
+      {15, 17}, {16, 16},   {17, 15},  {31, 33}, {70000, 3},  // a row longer than a stripe
+      {33, 31}, {700, 301}, {1, 70000}};
+  for (const auto& [width, height] : sizes) {
+    for (const bool opaque : {false, true}) {
+      const std::uint8_t alpha = opaque ? 255 : 0;
+      for (const std::vector<Rgba8>& pixels :
+           {MakePixels(width, height, opaque), MakeNoise(width, height, opaque),
+            MakeConstant(width, height, {0, 0, 0, alpha}),
+            MakeConstant(width, height, {255, 255, 255, alpha}),
+            MakeConstant(width, height, {1, 2, 3, alpha})}) {
+        EXPECT_EQ(ReadByLibpng(EncodePng(width, height, pixels)),
+                  (RgbaImage{.width = width, .height = height, .pixels = pixels}))
+            << width << " x " << height << " opaque " << opaque;
+      }
+    }
+  }
+}
+
+TEST(PngCodecTest, NoRowIsLostOrFilteredWronglyWhereStripesMeet) {
+  // Stripes are 2^18 bytes of RGBA rows: 255 rows of 256 pixels, 63 of 1024, 3 of 16384.
+  for (const auto& [width, rows] :
+       std::vector<std::pair<int, int>>{{256, 255}, {1024, 63}, {16384, 3}}) {
+    for (const int height : {rows - 1, rows, rows + 1, 2 * rows, 2 * rows + 1, 3 * rows - 1}) {
+      for (const bool opaque : {false, true}) {
+        const std::vector<Rgba8> pixels = MakePixels(width, height, opaque);
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RgbaImage decoded,
+                                      DecodePng(EncodePng(width, height, pixels)));
+        EXPECT_EQ(decoded, (RgbaImage{.width = width, .height = height, .pixels = pixels}))
+            << width << " x " << height << " opaque " << opaque;
+      }
+    }
+  }
+}
+
+TEST(PngCodecTest, NoiseGrowsButLittleAndIsReadBack) {
+  for (const bool opaque : {false, true}) {
+    const std::vector<Rgba8> noise = MakeNoise(1024, 500, opaque);
+    const std::string png = EncodePng(1024, 500, noise);
+    const std::size_t raw = noise.size() * (opaque ? 3 : 4);
+    EXPECT_GT(png.size(), raw);
+    EXPECT_LT(png.size(), raw + raw / 100);
+    EXPECT_EQ(ReadByLibpng(png).pixels, noise);
+  }
+}
+
+TEST(PngCodecTest, EmptyAndSmoothPicturesAreSmall) {
+  EXPECT_LT(EncodePng(1024, 1024, MakeConstant(1024, 1024, {})).size(), 30000U);
+  std::vector<Rgba8> ramp = MakeConstant(1024, 1024, {0, 0, 0, 255});
+  for (std::size_t i = 0; i < ramp.size(); ++i) {
+    ramp[i].r = static_cast<std::uint8_t>(i / 1024 / 4);
+  }
+  EXPECT_LT(EncodePng(1024, 1024, ramp).size(), 30000U);
+}
+
+TEST(PngCodecTest, ThreadsDontChangeTheBytes) {
+  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, 4);
+  for (const bool opaque : {false, true}) {
+    for (const std::vector<Rgba8>& pixels :
+         {MakePixels(1000, 800, opaque), MakeNoise(1000, 800, opaque)}) {
+      std::string by_one;
+      tbb::task_arena(1).execute([&] { by_one = EncodePng(1000, 800, pixels); });
+      tbb::task_arena four(4);
+      for (int repetition = 0; repetition < 5; ++repetition) {
+        std::string by_four;
+        four.execute([&] { by_four = EncodePng(1000, 800, pixels); });
+        EXPECT_EQ(by_one == by_four, true) << "opaque " << opaque;
+      }
+    }
+  }
+}
+
+TEST(PngCodecTest, ACallersCancelledTasksDontLeaveHolesInThePicture) {
+  const std::vector<Rgba8> pixels = MakePixels(1000, 400, false);
+  const std::string expected = EncodePng(1000, 400, pixels);
+  std::string png;
+  tbb::task_group_context context;
+  tbb::parallel_for(
+      0, 1,
+      [&](int) {
+        context.cancel_group_execution();
+        png = EncodePng(1000, 400, pixels);
+      },
+      context);
+  EXPECT_EQ(png == expected, true);
+}
+
+TEST(PngCodecTest, TheFileIsChunksInOrderAndOneCompleteZlibStream) {
+  const std::string png = EncodePng(1000, 400, MakePixels(1000, 400, false));
+  std::vector<Chunk> chunks = ChunksOf(png);
+  ASSERT_GE(chunks.size(), 5U);
+  EXPECT_EQ(chunks.front().type, "IHDR");
+  EXPECT_EQ(chunks.front().data, std::string("\0\0\x03\xe8\0\0\x01\x90\x08\x06\0\0\0", 13));
+  EXPECT_EQ(chunks[1].type, "sRGB");
+  EXPECT_EQ(chunks[1].data, std::string(1, '\0'));
+  EXPECT_EQ(chunks.back().type, "IEND");
+  EXPECT_EQ(chunks.back().data, "");
+  std::string deflated;
+  for (std::size_t i = 2; i + 1 < chunks.size(); ++i) {
+    EXPECT_EQ(chunks[i].type, "IDAT");
+    deflated += chunks[i].data;
+  }
+  // uncompress2 tells how much it used, and checks Adler-32.
+  std::vector<Bytef> rows(400 * (1 + 4 * 1000) + 1);
+  uLongf row_bytes = rows.size();
+  uLong used = deflated.size();
+  ASSERT_EQ(
+      uncompress2(rows.data(), &row_bytes, reinterpret_cast<const Bytef*>(deflated.data()), &used),
+      Z_OK);
+  EXPECT_EQ(row_bytes, rows.size() - 1);
+  EXPECT_EQ(used, deflated.size());
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+TEST(PngCodecDeathTest, RunningOutOfMemoryAbortsWithTheSize) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  const std::vector<Rgba8> noise = MakeNoise(4096, 2048, false);
+  EXPECT_DEATH(tbb::task_arena(1).execute([&] {
+    EncodePng(1, 1, MakeConstant(1, 1, {}));  // whatever is allocated once
+    // The picture is 32 MiB; 16 MiB more than what is mapped now are not enough for its PNG.
+    std::size_t pages = 0;
+    std::ifstream("/proc/self/statm") >> pages;
+    const rlim_t bytes = pages * static_cast<std::size_t>(sysconf(_SC_PAGESIZE)) + (1 << 24);
+    const rlimit limit{.rlim_cur = bytes, .rlim_max = bytes};
+    ASSERT_EQ(setrlimit(RLIMIT_AS, &limit), 0);
+    EncodePng(4096, 2048, noise);
+  }),
+               "no memory left to encode a PNG of 4096 x 2048");
+}
+#endif
 
 TEST(PngCodecTest, OnlyOpaqueImagesLoseTheirAlphaChannel) {
   EXPECT_EQ(ColorType(EncodePng(4, 4, MakePixels(4, 4, true))), PNG_COLOR_TYPE_RGB);

@@ -4,6 +4,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <map>
 #include <memory>
@@ -122,8 +123,9 @@ void ExpectDatasetMatches(const std::string& directory, const Volume& v,
     std::string buffer;
     std::vector<volume::BlockId> id_of_ordinal;
     for (const auto& run : reader->PlanRuns(ordinals)) {
+      buffer.resize(static_cast<std::size_t>(run.size));
       ISOSCOPE_ASSERT_OK(
-          reader->ReadRun(run, ordinals, &buffer, [&](const volume::BlockSamples& block) {
+          reader->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
             EXPECT_TRUE(seen.insert(block.block_id).second) << "twice: " << block.block_id;
             id_of_ordinal.push_back(block.block_id);
             const std::string expected = ExpectedBlock(v, layout.StoredSamplesOf(block.block_id));
@@ -188,6 +190,45 @@ std::vector<std::string> EntriesOf(const std::string& directory) {
   return names;
 }
 
+// Fails, cancels or counts at the n-th read; checks the order if it says that it can't seek.
+class ScriptedSource final : public VolumeSource {
+ public:
+  ScriptedSource(std::unique_ptr<VolumeSource> source, std::function<absl::Status(int)> before_read,
+                 bool is_seekable = true)
+      : source_(std::move(source)),
+        before_read_(std::move(before_read)),
+        is_seekable_(is_seekable) {}
+  [[nodiscard]] const volume::GridGeometry& geometry() const override {
+    return source_->geometry();
+  }
+  [[nodiscard]] ScalarType scalar_type() const override { return source_->scalar_type(); }
+  [[nodiscard]] const std::string& name() const override { return source_->name(); }
+  [[nodiscard]] bool is_seekable() const override { return is_seekable_; }
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const absl::Status status = before_read_(read_count_++);
+    rows_read_ += end_row - begin_row;
+    if (!is_seekable_) {
+      EXPECT_TRUE(begin_row == next_row_ || begin_row == 0) << begin_row << " " << next_row_;
+      next_row_ = end_row;
+    }
+    return status.ok() ? source_->ReadRows(begin_row, end_row, out) : status;
+  }
+  [[nodiscard]] int read_count() const { return read_count_; }
+  [[nodiscard]] std::int64_t planes_read() const {
+    return rows_read_ / source_->geometry().sample_dims.y;
+  }
+
+ private:
+  std::unique_ptr<VolumeSource> source_;
+  std::function<absl::Status(int)> before_read_;
+  const bool is_seekable_;
+  int read_count_ = 0;
+  std::int64_t rows_read_ = 0;
+  std::int64_t next_row_ = 0;
+};
+
+absl::Status Proceed(int /*read*/) { return absl::OkStatus(); }
+
 class PartitionerTest : public ::testing::Test {
  protected:
   PartitionOptions Options(const std::string& name) const {
@@ -198,6 +239,14 @@ class PartitionerTest : public ::testing::Test {
   absl::Status Run(const Volume& v, const PartitionOptions& options) {
     const auto source = SourceOf(v);
     return Partition(*source, options, never_).status();
+  }
+  // The least limit that is accepted, as the message says it: bands of one row of blocks.
+  std::int64_t LeastLimit(VolumeSource& source, PartitionOptions options) {
+    options.memory_limit_bytes = 1;
+    const std::string message(Partition(source, options, never_).status().message());
+    const std::size_t at = message.find("needs ");
+    EXPECT_NE(at, std::string::npos) << message;
+    return at == std::string::npos ? 0 : std::stoll(message.substr(at + 6));
   }
   TempDir dir_;
   base::Cancellation never_;
@@ -275,28 +324,36 @@ TEST_F(PartitionerTest, NanIsLeftOutOfSpansAndAllNanBlocksAreNeverActive) {
   ExpectDatasetMatches(dir_.Sub("all-nan"), v, Options("all-nan"));
 }
 
-TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimit) {
-  // One to all of the 8 layers of blocks a slab.
-  const math::Index3 dims{96, 96, 60};
+TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfReading) {
+  // From bands of one row of blocks, by layers, to 4 layers a tile; 8 layers and 12 rows in all.
+  const math::Index3 dims{96, 91, 60};
   const Volume v{dims, ScalarType::kFloat32,
                  volume::SampleField(volume::GyroidField(3), dims, ScalarType::kFloat32, 1, 0)};
   for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
     std::map<std::string, std::string> first;
-    for (const std::int64_t limit : {std::int64_t{4750000}, std::int64_t{5500000},
-                                     std::int64_t{1} << 30, std::int64_t{1} << 30}) {
-      PartitionOptions options = Options("same");
-      options.shard_count = 3;
-      options.block_cells = {8, 8, 8};
-      options.memory_limit_bytes = limit;
-      options.distribution = distribution;
-      ISOSCOPE_ASSERT_OK(Run(v, options));
-      const auto files = FilesBelow(options.output_directory);
-      EXPECT_GE(files.size(), 3u * 5u);
-      if (first.empty()) {
-        first = files;
+    PartitionOptions options = Options("same");
+    options.shard_count = 3;
+    options.distribution = distribution;
+    for (const bool is_seekable : {true, false}) {
+      ScriptedSource probe(SourceOf(v), Proceed, is_seekable);
+      const std::int64_t least = LeastLimit(probe, options);
+      for (const std::int64_t more : {0, 60000, 300000, 1 << 30}) {
+        SCOPED_TRACE(absl::StrCat("seekable ", is_seekable, " limit ", least + more));
+        options.memory_limit_bytes = least + more;
+        ScriptedSource source(SourceOf(v), Proceed, is_seekable);
+        ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
+        if (!is_seekable) {  // bands come from the scratch file
+          EXPECT_EQ(source.planes_read(), distribution == store::Distribution::kGreedy ? 120 : 60);
+        }
+        const auto files = FilesBelow(options.output_directory);
+        EXPECT_EQ(files.size(), 3u * 6u + 2u);
+        if (first.empty()) {
+          ExpectDatasetMatches(options.output_directory, v, options);
+          first = files;
+        }
+        EXPECT_TRUE(files == first);
+        std::filesystem::remove_all(options.output_directory);
       }
-      EXPECT_TRUE(files == first) << "limit " << limit;
-      std::filesystem::remove_all(options.output_directory);
     }
   }
 }
@@ -336,9 +393,9 @@ TEST_F(PartitionerTest, BadOptionsSayWhatIsAllowed) {
     EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << what;
   };
   constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
-  expect([](auto* o) { o->shard_count = 0; }, kInvalid, "expected 1 to 2");
+  expect([](auto* o) { o->shard_count = 0; }, kInvalid, "expected 1 to 16");
   expect([](auto* o) { o->shard_count = -5; }, kInvalid, "-5 shards");
-  expect([](auto* o) { o->shard_count = 3; }, kInvalid, "3 shards for 2 blocks");
+  expect([](auto* o) { o->shard_count = 17; }, kInvalid, "17 shards for 16 blocks");
   expect([](auto* o) { o->block_cells = {0, 8, 8}; }, kInvalid, "0 x 8 x 8");
   expect([](auto* o) { o->block_cells = {8, 8, 129}; }, kInvalid, "1 to 128");
   expect([](auto* o) { o->memory_limit_bytes = 1000; }, kInvalid, "raise --memory-limit");
@@ -387,47 +444,17 @@ TEST_F(PartitionerTest, TrailingSlashAndRelativeOutputWork) {
   EXPECT_TRUE(store::IsDatasetDirectory(dir_.Sub("relative")));
 }
 
-// Fails, cancels or counts at the n-th read.
-class ScriptedSource final : public VolumeSource {
- public:
-  ScriptedSource(std::unique_ptr<VolumeSource> source, std::function<absl::Status(int)> before_read)
-      : source_(std::move(source)), before_read_(std::move(before_read)) {}
-  [[nodiscard]] const volume::GridGeometry& geometry() const override {
-    return source_->geometry();
-  }
-  [[nodiscard]] ScalarType scalar_type() const override { return source_->scalar_type(); }
-  [[nodiscard]] const std::string& name() const override { return source_->name(); }
-  absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) override {
-    const absl::Status status = before_read_(read_count_++);
-    planes_read_ += end_z - begin_z;
-    return status.ok() ? source_->ReadSlab(begin_z, end_z, out) : status;
-  }
-  [[nodiscard]] int read_count() const { return read_count_; }
-  [[nodiscard]] std::int64_t planes_read() const { return planes_read_; }
-
- private:
-  std::unique_ptr<VolumeSource> source_;
-  std::function<absl::Status(int)> before_read_;
-  int read_count_ = 0;
-  std::int64_t planes_read_ = 0;
-};
-
-// 8 layers of blocks, one a slab: at least 8 reads a pass.
+// 8 layers of blocks.
 Volume LayeredVolume() {
   const math::Index3 dims{64, 64, 65};
   return {dims, ScalarType::kUint8, Noise(dims, ScalarType::kUint8)};
 }
-PartitionOptions OneLayerASlab(PartitionOptions options) {
-  options.block_cells = {8, 8, 8};
-  options.shard_count = 2;
-  options.memory_limit_bytes = 4 * base::kMiB + 100 * base::kKiB;
-  return options;
-}
 
 TEST_F(PartitionerTest, EveryPlaneIsReadOnceAPass) {
   for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
-    ScriptedSource source(SourceOf(LayeredVolume()), [](int) { return absl::OkStatus(); });
-    PartitionOptions options = OneLayerASlab(Options(std::string(store::NameOf(distribution))));
+    ScriptedSource source(SourceOf(LayeredVolume()), Proceed);
+    PartitionOptions options = Options(std::string(store::NameOf(distribution)));
+    options.shard_count = 2;
     options.distribution = distribution;
     std::vector<std::string> phases;
     PartitionProgress last;
@@ -440,7 +467,6 @@ TEST_F(PartitionerTest, EveryPlaneIsReadOnceAPass) {
     };
     ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
     const bool is_greedy = distribution == store::Distribution::kGreedy;
-    EXPECT_GE(source.read_count(), is_greedy ? 16 : 8);
     EXPECT_EQ(source.planes_read(), is_greedy ? 130 : 65);
     EXPECT_EQ(last.total_bytes, source.planes_read() * 64 * 64);
     EXPECT_EQ(last.done_bytes, last.total_bytes);
@@ -449,34 +475,73 @@ TEST_F(PartitionerTest, EveryPlaneIsReadOnceAPass) {
   }
 }
 
-TEST_F(PartitionerTest, CancellationAtAnyReadLeavesNothing) {
-  for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
-    const int reads = distribution == store::Distribution::kGreedy ? 16 : 8;
-    for (int cancel_at = 0; cancel_at < reads; ++cancel_at) {
-      base::Cancellation cancellation;
-      ScriptedSource source(SourceOf(LayeredVolume()), [&](int read) {
-        if (read == cancel_at) {
-          cancellation.Cancel();
+PartitionOptions TwoShards(PartitionOptions options) {
+  options.shard_count = 2;
+  return options;
+}
+
+// Ways through the partitioner, and reads in the run to interrupt it at.
+struct Interruption {
+  PartitionOptions options;
+  bool is_seekable;
+  int at_read;
+};
+
+class InterruptionTest : public PartitionerTest {
+ protected:
+  std::vector<Interruption> Interruptions() {
+    std::vector<Interruption> interruptions;
+    for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+      for (const bool is_seekable : {true, false}) {
+        for (const std::int64_t more : {0, 1 << 30}) {
+          PartitionOptions options = Options("interrupted");
+          options.shard_count = 2;
+          options.distribution = distribution;
+          ScriptedSource source(SourceOf(LayeredVolume()), Proceed, is_seekable);
+          options.memory_limit_bytes = LeastLimit(source, options) + more;
+          EXPECT_THAT(Partition(source, options, never_).status(), testing::IsOk());
+          std::filesystem::remove_all(options.output_directory);
+          const int reads = source.read_count();
+          for (int part = 0; part <= 4; ++part) {
+            interruptions.push_back({options, is_seekable, (reads - 1) * part / 4});
+          }
         }
-        return absl::OkStatus();
-      });
-      PartitionOptions options = OneLayerASlab(Options("cancelled"));
-      options.distribution = distribution;
-      EXPECT_THAT(Partition(source, options, cancellation).status(),
-                  StatusIs(absl::StatusCode::kCancelled, _));
-      EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << cancel_at;
+      }
     }
+    return interruptions;
+  }
+};
+
+TEST_F(InterruptionTest, CancellationAtAnyReadLeavesNothing) {
+  for (const Interruption& interruption : Interruptions()) {
+    base::Cancellation cancellation;
+    ScriptedSource source(
+        SourceOf(LayeredVolume()),
+        [&](int read) {
+          if (read == interruption.at_read) {
+            cancellation.Cancel();
+          }
+          return absl::OkStatus();
+        },
+        interruption.is_seekable);
+    EXPECT_THAT(Partition(source, interruption.options, cancellation).status(),
+                StatusIs(absl::StatusCode::kCancelled, _));
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << interruption.at_read;
   }
 }
 
-TEST_F(PartitionerTest, SourceErrorAtAnyReadIsReturnedAndLeavesNothing) {
-  for (int fail_at = 0; fail_at < 8; ++fail_at) {
-    ScriptedSource source(SourceOf(LayeredVolume()), [&](int read) {
-      return read == fail_at ? absl::DataLossError("source broke") : absl::OkStatus();
-    });
-    EXPECT_THAT(Partition(source, OneLayerASlab(Options("failed")), never_).status(),
+TEST_F(InterruptionTest, SourceErrorAtAnyReadIsReturnedAndLeavesNothing) {
+  for (const Interruption& interruption : Interruptions()) {
+    ScriptedSource source(
+        SourceOf(LayeredVolume()),
+        [&](int read) {
+          return read == interruption.at_read ? absl::DataLossError("source broke")
+                                              : absl::OkStatus();
+        },
+        interruption.is_seekable);
+    EXPECT_THAT(Partition(source, interruption.options, never_).status(),
                 StatusIs(absl::StatusCode::kDataLoss, HasSubstr("source broke")));
-    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << fail_at;
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << interruption.at_read;
   }
 }
 
@@ -489,7 +554,7 @@ TEST_F(PartitionerTest, WriteThatFailsLeavesNothing) {
     rlimit small = before;
     small.rlim_cur = limit;
     ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
-    const absl::Status status = Run(LayeredVolume(), OneLayerASlab(Options("full")));
+    const absl::Status status = Run(LayeredVolume(), TwoShards(Options("full")));
     ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
     EXPECT_FALSE(status.ok()) << limit;
     EXPECT_THAT(std::string(status.message()), HasSubstr("full.partial-")) << limit;
@@ -498,13 +563,79 @@ TEST_F(PartitionerTest, WriteThatFailsLeavesNothing) {
   std::signal(SIGXFSZ, old_handler);
 }
 
+// 59319 blocks of one cell: more than the sorters of a small limit hold.
+Volume VolumeOfManyBlocks() {
+  const math::Index3 dims{40, 40, 40};
+  return {dims, ScalarType::kUint8, Noise(dims, ScalarType::kUint8)};
+}
+
+TEST_F(PartitionerTest, BlocksBeyondTheLimitAreSortedOnDiskIntoTheSameBytes) {
+  const Volume v = VolumeOfManyBlocks();
+  PartitionOptions options = Options("many");
+  options.block_cells = {1, 1, 1};
+  for (const int shard_count : {1, 5}) {
+    options.shard_count = shard_count;
+    options.memory_limit_bytes = base::kGiB;
+    ISOSCOPE_ASSERT_OK(Run(v, options));
+    const auto expected = FilesBelow(options.output_directory);
+    std::filesystem::remove_all(options.output_directory);
+    options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
+    EXPECT_LT(options.memory_limit_bytes, 59319 * 150);
+    ISOSCOPE_ASSERT_OK(Run(v, options));
+    EXPECT_TRUE(FilesBelow(options.output_directory) == expected);
+    std::filesystem::remove_all(options.output_directory);
+  }
+}
+
+TEST_F(PartitionerTest, DiskThatIsFullWhileSortingLeavesNothing) {
+  const Volume v = VolumeOfManyBlocks();
+  PartitionOptions options = TwoShards(Options("full"));
+  options.block_cells = {1, 1, 1};
+  options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
+  // The first run of the blocks' places (24 bytes each), the third, and the samples or what is kept
+  // of each block do not fit.
+  for (const rlim_t limit : {rlim_t{100000}, rlim_t{1200000}, rlim_t{1500000}}) {
+    rlimit small = before;
+    small.rlim_cur = limit;
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const absl::Status status = Run(v, options);
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("full.partial-")))
+        << limit;
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << limit;
+  }
+  std::signal(SIGXFSZ, old_handler);
+}
+
+TEST_F(PartitionerTest, CancellationWhileIndexesAreBuiltLeavesNothing) {
+  const Volume v = VolumeOfManyBlocks();
+  PartitionOptions options = TwoShards(Options("cancelled"));
+  options.block_cells = {1, 1, 1};
+  base::Cancellation cancellation;
+  options.progress = [&](const PartitionProgress& progress) {
+    if (progress.phase == std::string("building index")) {
+      cancellation.Cancel();
+    }
+  };
+  EXPECT_THAT(Partition(*SourceOf(v), options, cancellation).status(),
+              StatusIs(absl::StatusCode::kCancelled, _));
+  EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty());
+}
+
 TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
   const Volume v = LayeredVolume();
-  PartitionOptions options = OneLayerASlab(Options("set"));
+  PartitionOptions options = TwoShards(Options("set"));
   const std::string partial = absl::StrCat(options.output_directory, ".partial-", getpid());
   // The state in the middle of a run, copied while the run is in its last read.
+  options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
+  ScriptedSource counted(SourceOf(v), Proceed);
+  ISOSCOPE_ASSERT_OK(Partition(counted, options, never_).status());
+  std::filesystem::remove_all(options.output_directory);
   ScriptedSource source(SourceOf(v), [&](int read) {
-    if (read == 7) {
+    if (read == counted.read_count() - 1) {
       std::filesystem::copy(partial, dir_.Sub("leftover"),
                             std::filesystem::copy_options::recursive);
     }
@@ -527,7 +658,7 @@ TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
 
 TEST_F(PartitionerTest, ShardCanBeCopiedAndOpenedAlone) {
   const Volume v = LayeredVolume();
-  ISOSCOPE_ASSERT_OK(Run(v, OneLayerASlab(Options("set"))));
+  ISOSCOPE_ASSERT_OK(Run(v, TwoShards(Options("set"))));
   std::filesystem::rename(dir_.Sub("set") + "/" + store::ShardDirectoryName(1, 2),
                           dir_.Sub("elsewhere"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, store::ShardReader::Open(dir_.Sub("elsewhere")));

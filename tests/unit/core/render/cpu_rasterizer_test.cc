@@ -1,5 +1,6 @@
 #include "core/render/cpu_rasterizer.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -12,6 +13,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "hwy/targets.h"
 #include "tests/unit/core/render/test_scenes.h"
 
 namespace isoscope::render {
@@ -30,24 +32,30 @@ struct Hit {
   std::uint32_t triangle;
 };
 
-// What each pixel got; a pixel that two tiles cover is a failure.
+// What each pixel got: of its fragments the one with the least depth, then the least triangle.
 std::map<std::pair<int, int>, Hit> Rasterize(const mesh::BlockMesh& mesh, const view::View& view,
-                                             const view::Footprint& footprint) {
-  std::map<std::pair<int, int>, Hit> hits;
-  std::set<std::pair<int, int>> seen;
+                                             const view::Footprint& footprint,
+                                             const image::PixelMask* open = nullptr) {
+  std::map<std::pair<int, int>, std::pair<float, std::uint32_t>> nearest;
   CpuRasterizer rasterizer;
-  rasterizer.Rasterize(mesh, view, footprint, [&](const KeyTile& tile) {
-    const std::uint64_t* key = tile.keys;
-    for (int y = tile.rect.begin_y; y < tile.rect.end_y; ++y) {
-      for (int x = tile.rect.begin_x; x < tile.rect.end_x; ++x, ++key) {
-        EXPECT_TRUE(seen.insert({x, y}).second) << "tiles overlap at " << x << ", " << y;
-        if (*key != KeyTile::kNoKey) {
-          hits[{x, y}] = {std::bit_cast<float>(static_cast<std::uint32_t>(*key >> 32)),
-                          static_cast<std::uint32_t>(*key)};
-        }
+  rasterizer.Rasterize(mesh, view, footprint, open, [&](const FragmentBatch& batch) {
+    for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
+      const int x = static_cast<int>(batch.pixels[i] & 0xffff);
+      const int y = static_cast<int>(batch.pixels[i] >> 16);
+      EXPECT_TRUE(x >= batch.bounds.begin_x && x < batch.bounds.end_x &&
+                  y >= batch.bounds.begin_y && y < batch.bounds.end_y)
+          << "a fragment out of its bounds at " << x << ", " << y;
+      const std::pair hit{std::bit_cast<float>(batch.depths[i]), batch.triangles[i]};
+      const auto [entry, is_new] = nearest.try_emplace({x, y}, hit);
+      if (!is_new) {
+        entry->second = std::min(entry->second, hit);
       }
     }
   });
+  std::map<std::pair<int, int>, Hit> hits;
+  for (const auto& [pixel, hit] : nearest) {
+    hits[pixel] = {hit.first, hit.second};
+  }
   return hits;
 }
 
@@ -190,6 +198,190 @@ TEST(CpuRasterizerTest, DegenerateTrianglesCoverNothing) {
   mesh.normals.assign(4, {0, 0, 1});
   mesh.indices = {0, 1, 2, 0, 3, 1, 0, 0, 0};
   EXPECT_TRUE(Rasterize(mesh, view, WholeViewport(view)).empty());
+}
+
+// The fragments as they come out, sorted: (pixel, triangle, depth bits).
+using Fragments = std::vector<std::array<std::uint32_t, 3>>;
+Fragments AllFragments(const mesh::BlockMesh& mesh, const view::View& view,
+                       const view::Footprint& footprint, const image::PixelMask* open) {
+  Fragments all;
+  CpuRasterizer rasterizer;
+  rasterizer.Rasterize(mesh, view, footprint, open, [&](const FragmentBatch& batch) {
+    for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
+      all.push_back({batch.pixels[i], batch.triangles[i], batch.depths[i]});
+    }
+  });
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
+// Triangles of about this size all over a ball in index space.
+mesh::BlockMesh Confetti(int count, double size, double radius, std::uint64_t seed) {
+  mesh::BlockMesh mesh;
+  std::uint64_t n = 0;
+  const auto random = [&]() { return base::RandomUnit(seed, n++) - 0.5; };
+  for (int i = 0; i < count; ++i) {
+    const math::Vec3d center{32 + 2 * radius * random(), 32 + 2 * radius * random(),
+                             32 + 2 * radius * random()};
+    for (int corner = 0; corner < 3; ++corner) {
+      mesh.positions.push_back({static_cast<float>(center.x + 2 * size * random()),
+                                static_cast<float>(center.y + 2 * size * random()),
+                                static_cast<float>(center.z + 2 * size * random())});
+      mesh.normals.push_back({0, 0, 1});
+      mesh.indices.push_back(static_cast<std::uint32_t>(mesh.indices.size()));
+    }
+  }
+  return mesh;
+}
+
+struct Sweep {
+  double size;    // of a triangle, in cells
+  double radius;  // of the mesh
+};
+constexpr std::array<Sweep, 7> kSweeps{
+    {{0.1, 4}, {0.3, 4}, {1, 4}, {3, 4}, {12, 6}, {40, 20}, {400, 20}}};
+
+// Which pixels a triangle covers, by the definition: the vertices snapped to 1/256 pixels, the
+// centre inside all edges or on a top or left one. For triangles in front of the near plane.
+std::set<std::uint32_t> CoveredByDefinition(const mesh::BlockMesh& mesh, std::uint32_t triangle,
+                                            const view::View& view, const view::PixelRect& rect) {
+  std::array<std::array<std::int64_t, 2>, 3> v;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const math::Vec3f& p = mesh.positions[mesh.indices[3 * std::size_t{triangle} + i]];
+    const math::Vec4d clip =
+        view.clip_from_index() * math::Vec4d{static_cast<double>(p.x), static_cast<double>(p.y),
+                                             static_cast<double>(p.z), 1};
+    v[i] = {std::llrint((clip.x / clip.w * 0.5 + 0.5) * view.viewport().width_px * 256),
+            std::llrint((0.5 - clip.y / clip.w * 0.5) * view.viewport().height_px * 256)};
+  }
+  const auto cross = [](const auto& a, const auto& b, const auto& p) {
+    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
+  };
+  if (cross(v[0], v[1], v[2]) < 0) {
+    std::swap(v[1], v[2]);
+  }
+  std::set<std::uint32_t> covered;
+  if (cross(v[0], v[1], v[2]) == 0) {
+    return covered;
+  }
+  for (int y = rect.begin_y; y < rect.end_y; ++y) {
+    for (int x = rect.begin_x; x < rect.end_x; ++x) {
+      const std::array<std::int64_t, 2> p{256 * x + 128, 256 * y + 128};
+      bool is_inside = true;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const auto& a = v[i];
+        const auto& b = v[(i + 1) % 3];
+        const std::int64_t side = cross(a, b, p);
+        const bool is_top_left = b[1] < a[1] || (b[1] == a[1] && b[0] > a[0]);
+        is_inside = is_inside && (side > 0 || (side == 0 && is_top_left));
+      }
+      if (is_inside) {
+        covered.insert(static_cast<std::uint32_t>(x) | static_cast<std::uint32_t>(y) << 16);
+      }
+    }
+  }
+  return covered;
+}
+
+TEST(CpuRasterizerTest, TrianglesOfAllSizesCoverWhatTheDefinitionSays) {
+  const Scene scene = CubeScene();
+  // In the second picture most of the mesh is left of the first pixel or right of the last.
+  for (const auto& [width, height] : std::vector<std::pair<int, int>>{{150, 140}, {7, 300}}) {
+    const view::View view = MakeView(scene, width, height, 20, 30);
+    const view::Footprint whole = WholeViewport(view);
+    for (const Sweep& sweep : kSweeps) {
+      if (sweep.size > 30) {
+        continue;  // some would be clipped
+      }
+      const mesh::BlockMesh mesh = Confetti(120, sweep.size, sweep.radius, 3);
+      std::map<std::uint32_t, std::set<std::uint32_t>> covered;
+      for (const auto& [pixel, triangle, depth] : AllFragments(mesh, view, whole, nullptr)) {
+        EXPECT_TRUE(covered[triangle].insert(pixel).second) << "a pixel twice";
+      }
+      for (std::uint32_t triangle = 0; triangle < 120; ++triangle) {
+        ASSERT_EQ(covered[triangle], CoveredByDefinition(mesh, triangle, view, whole.rect))
+            << "size " << sweep.size << ", triangle " << triangle << ", width " << width;
+      }
+    }
+  }
+}
+
+TEST(CpuRasterizerTest, FragmentsDoNotDependOnTheOtherTriangles) {
+  const Scene scene = CubeScene();
+  const view::View view = MakeView(scene, 150, 140, 20, 30);
+  for (const Sweep& sweep : kSweeps) {
+    const mesh::BlockMesh mesh = Confetti(150, sweep.size, sweep.radius, 4);
+    Fragments expected;
+    mesh::BlockMesh one = mesh;
+    for (std::uint32_t triangle = 0; triangle < 150; ++triangle) {
+      const auto* corners = &mesh.indices[3 * std::size_t{triangle}];
+      one.indices.assign(corners, corners + 3);
+      // Only its own vertices: what other triangles need must not matter.
+      mesh::BlockMesh alone;
+      for (const std::uint32_t vertex : one.indices) {
+        alone.positions.push_back(mesh.positions[vertex]);
+      }
+      alone.normals.assign(3, {0, 0, 1});
+      alone.indices = {0, 1, 2};
+      for (auto [pixel, index, depth] : AllFragments(alone, view, WholeViewport(view), nullptr)) {
+        expected.push_back({pixel, triangle, depth});
+      }
+    }
+    std::sort(expected.begin(), expected.end());
+    EXPECT_EQ(AllFragments(mesh, view, WholeViewport(view), nullptr), expected) << sweep.size;
+  }
+}
+
+TEST(CpuRasterizerTest, EveryInstructionSetGivesTheSameBits) {
+  const Scene scene = CubeScene();
+  std::vector<view::View> views;
+  for (const auto& [width, height] :
+       std::vector<std::pair<int, int>>{{150, 140}, {1, 1}, {7, 300}, {1023, 31}}) {
+    views.push_back(MakeView(scene, width, height, 20, 30));
+    views.push_back(MakeOrthographicView(scene, width, height, 30, {32, 32, 32}));
+  }
+  // The eye inside: the near plane cuts through the triangles.
+  view::Camera camera;
+  camera.eye = {32, 32, 34};
+  camera.target = {32, 32, 0};
+  camera.fov_y_radians = 1.2;
+  views.push_back(view::View::Make(camera, {200, 200}, scene.geometry).value());
+
+  const image::PixelMask mask{.shift = 1,
+                              .begin_column = 3,
+                              .begin_row = 2,
+                              .columns = 60,
+                              .rows = 40,
+                              .words = std::vector<std::uint64_t>(38, 0xf0f3355aa1234567u)};
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  for (const view::View& view : views) {
+    for (const Sweep& sweep : kSweeps) {
+      for (const int count : {1, 17, sweep.size < 10 ? 700 : 40}) {
+        const mesh::BlockMesh mesh = Confetti(count, sweep.size, sweep.radius, 5);
+        view::Footprint footprint = WholeViewport(view);
+        footprint.nearest_depth = 0.3F;
+        for (const image::PixelMask* open :
+             {static_cast<const image::PixelMask*>(nullptr), &mask}) {
+          std::vector<Fragments> results;
+          for (const std::int64_t target : targets) {
+            hwy::SetSupportedTargetsForTest(target);
+            results.push_back(AllFragments(mesh, view, footprint, open));
+            ASSERT_EQ(results.back(), results.front())
+                << hwy::TargetName(target) << ", triangles of " << sweep.size;
+          }
+          hwy::SetSupportedTargetsForTest(0);
+          if (open != nullptr) {
+            Fragments expected = AllFragments(mesh, view, footprint, nullptr);
+            std::erase_if(expected, [&](const auto& fragment) {
+              return !mask.Contains(static_cast<int>(fragment[0] & 0xffff),
+                                    static_cast<int>(fragment[0] >> 16));
+            });
+            ASSERT_EQ(results.front(), expected);
+          }
+        }
+      }
+    }
+  }
 }
 
 TEST(BarycentricsAtPixelTest, WeightsAreOneAtCornersAndStayInsideForSlivers) {

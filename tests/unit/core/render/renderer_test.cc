@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <numbers>
+#include <optional>
 #include <random>
 #include <thread>
 #include <utility>
@@ -21,6 +22,7 @@
 #include "core/render/cpu_renderer.h"
 #include "core/render/egl_renderer.h"
 #include "core/render/renderer_factory.h"
+#include "hwy/targets.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/core/render/test_scenes.h"
 
@@ -37,6 +39,10 @@ using ::testing::_;
 using ::testing::HasSubstr;
 
 constexpr math::Vec3f kTowardEye{0, 0, 1};
+
+MeshPtr ShareMesh(const mesh::BlockMesh& mesh) {
+  return mesh::ShareView(std::make_shared<const mesh::BlockMesh>(mesh));
+}
 
 // A renderer that draws or shades what it has after so many bytes of meshes.
 absl::StatusOr<std::unique_ptr<Renderer>> MakeWithBatches(RendererKind kind, std::size_t bytes) {
@@ -89,8 +95,8 @@ std::size_t PixelIndex(const FrameImage& image, int x, int y) {
 }
 
 std::int64_t CoveredCount(const FrameImage& image) {
-  return std::count_if(image.block_id.begin(), image.block_id.end(),
-                       [](std::uint32_t id) { return id != kNoBlock; });
+  return std::count_if(image.keys.begin(), image.keys.end(),
+                       [](std::uint64_t key) { return image::BlockOf(key) != kNoBlock; });
 }
 
 // A layout of 8^3-cell blocks in a cube of 65 samples, no surface.
@@ -147,8 +153,9 @@ TEST_P(RendererTest, BlockSizeDoesNotChangeColourOrUnclampedDepth) {
   const FrameImage b = Draw(view, large.layout, large.meshes);
   std::int64_t different = 0;
   for (std::size_t i = 0; i < a.pixel_count(); ++i) {
-    different += a.color[i] == b.color[i] ? 0 : 1;
-    EXPECT_EQ(a.block_id[i] == kNoBlock, b.block_id[i] == kNoBlock) << "a seam at pixel " << i;
+    different += a.colors[i] == b.colors[i] ? 0 : 1;
+    EXPECT_EQ(image::BlockOf(a.keys[i]) == kNoBlock, image::BlockOf(b.keys[i]) == kNoBlock)
+        << "a seam at pixel " << i;
   }
   // Only where two triangles meet at one depth may another block's triangle be shown.
   EXPECT_LT(different, CoveredCount(a) / 1000);
@@ -168,8 +175,10 @@ TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockWhateverTheOrderOrPass) {
   const FrameImage low_only = Draw(view, scene.layout, {low_mesh});
   const FrameImage high_only = Draw(view, scene.layout, {high_mesh});
   ASSERT_GT(CoveredCount(low_only), 50);
-  ASSERT_EQ(low_only.depth, high_only.depth);
-  ASSERT_NE(low_only.color, high_only.color);
+  for (std::size_t i = 0; i < low_only.pixel_count(); ++i) {
+    ASSERT_EQ(image::DepthOf(low_only.keys[i]), image::DepthOf(high_only.keys[i])) << i;
+  }
+  ASSERT_NE(low_only.colors, high_only.colors);
   EXPECT_EQ(Draw(view, scene.layout, {low_mesh, high_mesh}), low_only);
   EXPECT_EQ(Draw(view, scene.layout, {high_mesh, low_mesh}), low_only);
   FrameImage composited = high_only;
@@ -190,9 +199,9 @@ TEST_P(RendererTest, EqualDepthsInABlockGoToTheFirstTriangle) {
   first.indices = {0, 1, 2};
   mesh::BlockMesh swapped = both;
   swapped.indices = {3, 4, 5, 0, 1, 2};
-  const FrameImage expected = Draw(view, scene.layout, {std::make_shared<mesh::BlockMesh>(first)});
-  EXPECT_EQ(Draw(view, scene.layout, {std::make_shared<mesh::BlockMesh>(both)}), expected);
-  EXPECT_NE(Draw(view, scene.layout, {std::make_shared<mesh::BlockMesh>(swapped)}), expected);
+  const FrameImage expected = Draw(view, scene.layout, {ShareMesh(first)});
+  EXPECT_EQ(Draw(view, scene.layout, {ShareMesh(both)}), expected);
+  EXPECT_NE(Draw(view, scene.layout, {ShareMesh(swapped)}), expected);
 }
 
 TEST_P(RendererTest, FragmentsKeepToTheFootprintOfTheirBlock) {
@@ -207,10 +216,10 @@ TEST_P(RendererTest, FragmentsKeepToTheFootprintOfTheirBlock) {
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
       const std::size_t i = PixelIndex(image, x, y);
-      if (image.block_id[i] == kNoBlock) {
+      if (image::BlockOf(image.keys[i]) == kNoBlock) {
         continue;
       }
-      EXPECT_GE(image.depth[i], footprint.nearest_depth);
+      EXPECT_GE(image::DepthOf(image.keys[i]), footprint.nearest_depth);
       EXPECT_GE(x, footprint.rect.begin_x);
       EXPECT_LT(x, footprint.rect.end_x);
       EXPECT_GE(y, footprint.rect.begin_y);
@@ -224,9 +233,10 @@ TEST_P(RendererTest, NoFragmentOfASurfaceIsNearerThanItsBlock) {
   const view::View view = MakeView(scene, 320, 320, 33, -21);
   const FrameImage image = Draw(view, scene.layout, scene.meshes);
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (image.block_id[i] != kNoBlock) {
-      ASSERT_GE(image.depth[i], view.FootprintOf(scene.layout, image.block_id[i]).nearest_depth);
-      ASSERT_LE(image.depth[i], 1.0F);
+    if (image::BlockOf(image.keys[i]) != kNoBlock) {
+      ASSERT_GE(image::DepthOf(image.keys[i]),
+                view.FootprintOf(scene.layout, image::BlockOf(image.keys[i])).nearest_depth);
+      ASSERT_LE(image::DepthOf(image.keys[i]), 1.0F);
     }
   }
 }
@@ -241,13 +251,13 @@ TEST_P(RendererTest, BackgroundStaysUntouched) {
   EXPECT_GT(covered, 20);
   EXPECT_LT(covered, 200);
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (image.block_id[i] == kNoBlock) {
-      EXPECT_EQ(image.depth[i], kFarDepth);
-      EXPECT_EQ(image.color[i], Rgba8{});
+    if (image::BlockOf(image.keys[i]) == kNoBlock) {
+      EXPECT_EQ(image::DepthOf(image.keys[i]), kFarDepth);
+      EXPECT_EQ(image.colors[i], Rgba8{});
     } else {
-      EXPECT_EQ(image.block_id[i], id);
-      EXPECT_LT(image.depth[i], kFarDepth);
-      EXPECT_EQ(image.color[i].a, 255);
+      EXPECT_EQ(image::BlockOf(image.keys[i]), id);
+      EXPECT_LT(image::DepthOf(image.keys[i]), kFarDepth);
+      EXPECT_EQ(image.colors[i].a, 255);
     }
   }
 }
@@ -262,7 +272,7 @@ TEST_P(RendererTest, WhatIsTopLeftInTheViewIsTopLeftInTheImage) {
   EXPECT_GT(CoveredCount(image), 10);
   for (int y = 0; y < 100; ++y) {
     for (int x = 0; x < 100; ++x) {
-      if (image.block_id[PixelIndex(image, x, y)] != kNoBlock) {
+      if (image::BlockOf(image.keys[PixelIndex(image, x, y)]) != kNoBlock) {
         EXPECT_LT(x, 15);
         EXPECT_LT(y, 15);
       }
@@ -289,7 +299,7 @@ TEST_P(RendererTest, SphereHasTheRadiusOfTheClosedFormInAnyAspect) {
     int max_y = -1;
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
-        if (image.block_id[PixelIndex(image, x, y)] != kNoBlock) {
+        if (image::BlockOf(image.keys[PixelIndex(image, x, y)]) != kNoBlock) {
           min_x = std::min(min_x, x);
           max_x = std::max(max_x, x);
           min_y = std::min(min_y, y);
@@ -321,9 +331,9 @@ TEST_P(RendererTest, DepthIsThatOfThePlaneUnderThePixel) {
   const math::Vec4d clip = view.clip_from_index() * math::Vec4d{34, 34, z, 1};
   const double expected = 0.5 * clip.z / clip.w + 0.5;
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (image.block_id[i] != kNoBlock) {
+    if (image::BlockOf(image.keys[i]) != kNoBlock) {
       // Some units in the last place of clip.z and clip.w, both below 8 times the depth range.
-      EXPECT_NEAR(static_cast<double>(image.depth[i]), expected, 4e-6);
+      EXPECT_NEAR(static_cast<double>(image::DepthOf(image.keys[i])), expected, 4e-6);
     }
   }
 }
@@ -337,7 +347,7 @@ TEST_P(RendererTest, ShadingIsTheClosedFormAndTwoSided) {
     const FrameImage image =
         Draw(view, scene.layout,
              {MakeTriangle(id, {32, 32, 36}, {40, 32, 36}, {32, 40, 36}, normal)}, appearance);
-    return image.color[PixelIndex(image, 10, 20)];
+    return image.colors[PixelIndex(image, 10, 20)];
   };
   const auto expected_of = [&](float facing) {
     const auto channel = [&](std::uint8_t base) {
@@ -368,16 +378,16 @@ TEST_P(RendererTest, PerspectiveHeadLightFollowsTheRayOfThePixel) {
   for (const double azimuth : {0.0, 70.0, 200.0}) {
     const view::View view = MakeView(scene, 201, 201, azimuth);
     const FrameImage image = Draw(view, scene.layout, scene.meshes);
-    const Rgba8 center = image.color[PixelIndex(image, 100, 100)];
+    const Rgba8 center = image.colors[PixelIndex(image, 100, 100)];
     const Rgba8 facing{255, 240, 221, 255};
     EXPECT_NEAR(static_cast<int>(center.g), static_cast<int>(facing.g) + 15, 16);
     // At the silhouette of a sphere normals are at right angles to the ray, on every side alike.
     int first = 0;
-    while (image.block_id[PixelIndex(image, first, 100)] == kNoBlock) {
+    while (image::BlockOf(image.keys[PixelIndex(image, first, 100)]) == kNoBlock) {
       ++first;
     }
-    const Rgba8 left = image.color[PixelIndex(image, first + 1, 100)];
-    const Rgba8 right = image.color[PixelIndex(image, 200 - first - 1, 100)];
+    const Rgba8 left = image.colors[PixelIndex(image, first + 1, 100)];
+    const Rgba8 right = image.colors[PixelIndex(image, 200 - first - 1, 100)];
     EXPECT_LT(static_cast<int>(left.g), 110);
     EXPECT_NEAR(static_cast<int>(left.g), static_cast<int>(right.g), 25);
   }
@@ -448,7 +458,7 @@ TEST_P(RendererTest, PassesWithoutTrianglesAreBackground) {
   const Scene scene = EmptyScene();
   const view::View view = MakeView(scene, 31, 17);
   EXPECT_EQ(Draw(view, scene.layout, {}), FrameImage(31, 17));
-  EXPECT_EQ(Draw(view, scene.layout, {std::make_shared<mesh::BlockMesh>()}), FrameImage(31, 17));
+  EXPECT_EQ(Draw(view, scene.layout, {ShareMesh({})}), FrameImage(31, 17));
 }
 
 TEST_P(RendererTest, OddSizesAreDrawn) {
@@ -459,9 +469,9 @@ TEST_P(RendererTest, OddSizesAreDrawn) {
     const FrameImage image = Draw(view, scene.layout, scene.meshes);
     ASSERT_EQ(image.width, width);
     ASSERT_EQ(image.height, height);
-    EXPECT_NE(image.block_id[PixelIndex(image, width / 2, height / 2)], kNoBlock)
+    EXPECT_NE(image::BlockOf(image.keys[PixelIndex(image, width / 2, height / 2)]), kNoBlock)
         << width << " x " << height;
-    EXPECT_EQ(image.color.size(), image.pixel_count());
+    EXPECT_EQ(image.colors.size(), image.pixel_count());
   }
 }
 
@@ -478,11 +488,11 @@ TEST_P(RendererTest, FullDepthWinsOverTheBackground) {
     const FrameImage image = Draw(
         view, scene.layout, {MakeTriangle(id, {32, 32, z}, {40, 32, z}, {32, 40, z}, kTowardEye)});
     for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-      if (image.block_id[i] == kNoBlock) {
-        ASSERT_EQ(image.color[i], Rgba8{}) << z;
+      if (image::BlockOf(image.keys[i]) == kNoBlock) {
+        ASSERT_EQ(image.colors[i], Rgba8{}) << z;
       } else {
-        ASSERT_NE(image.color[i], Rgba8{}) << z;
-        depth_one_was_drawn = depth_one_was_drawn || image.depth[i] == 1.0F;
+        ASSERT_NE(image.colors[i], Rgba8{}) << z;
+        depth_one_was_drawn = depth_one_was_drawn || image::DepthOf(image.keys[i]) == 1.0F;
       }
     }
   }
@@ -497,6 +507,137 @@ TEST_P(RendererTest, BlocksThatTheLayoutDoesNotHaveAreRefused) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("512")));
 }
 
+// A mask around the block's footprint that is open at random.
+image::PixelMask RandomMask(const view::Footprint& footprint, std::mt19937* generator) {
+  image::PixelMask mask;
+  mask.shift = static_cast<int>((*generator)() % 4);
+  const view::PixelRect& rect = footprint.rect;
+  if (rect.empty()) {
+    return mask;
+  }
+  mask.begin_column = rect.begin_x >> mask.shift;
+  mask.begin_row = rect.begin_y >> mask.shift;
+  mask.columns = ((rect.end_x - 1) >> mask.shift) + 1 - mask.begin_column;
+  mask.rows = ((rect.end_y - 1) >> mask.shift) + 1 - mask.begin_row;
+  const auto bits = static_cast<std::size_t>(mask.columns) * static_cast<std::size_t>(mask.rows);
+  mask.words.resize((bits + 63) / 64);
+  for (std::size_t bit = 0; bit < bits; ++bit) {
+    mask.words[bit / 64] |= std::uint64_t{(*generator)() % 2} << (bit % 64);
+  }
+  return mask;
+}
+
+TEST_P(RendererTest, FragmentsOutsideTheMaskOfTheirMeshAreDropped) {
+  const Scene scene = MakeBumpySphere(32, 8, 12, 1);
+  const view::View view = MakeView(scene, 130, 90, 20, 10);
+  std::mt19937 generator(11);
+  std::vector<std::optional<image::PixelMask>> masks;
+  FrameImage expected(130, 90);
+  std::int64_t dropped = 0;
+  for (const MeshPtr& mesh : scene.meshes) {
+    std::optional<image::PixelMask>& mask = masks.emplace_back();
+    if (generator() % 3 != 0) {
+      mask = RandomMask(view.FootprintOf(scene.layout, mesh->block_id), &generator);
+    }
+    FrameImage alone = Draw(view, scene.layout, {mesh});
+    for (int y = 0; y < 90; ++y) {
+      for (int x = 0; x < 130; ++x) {
+        if (mask.has_value() && !mask->Contains(x, y)) {
+          const std::size_t i = PixelIndex(alone, x, y);
+          dropped += alone.keys[i] != image::kBackgroundKey ? 1 : 0;
+          alone.keys[i] = image::kBackgroundKey;
+          alone.colors[i] = Rgba8{};
+        }
+      }
+    }
+    composite::CompositeInto(alone, &expected);
+  }
+  EXPECT_GT(dropped, 500);
+  EXPECT_GT(CoveredCount(expected), 500);
+  for (const std::size_t batch_bytes : {std::size_t{1} << 30, std::size_t{1}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer, MakeWithBatches(GetParam(), batch_bytes));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+    for (std::size_t i = 0; i < scene.meshes.size(); ++i) {
+      ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes[i], masks[i].has_value() ? &*masks[i] : nullptr));
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage image, pass->Finish(base::Cancellation()));
+    EXPECT_EQ(image, expected) << batch_bytes;
+  }
+}
+
+TEST_P(RendererTest, TouchedTilesAreThoseThatHoldAPixel) {
+  const Scene scene = MakeBumpySphere(64, 8, 26, 1.5);
+  constexpr int kTilePx = image::TileSet::kTilePx;
+  for (const auto& [width, height] : std::vector<std::pair<int, int>>{{301, 199}, {16, 17}}) {
+    const view::View view = MakeView(scene, width, height, 20, 30);
+    for (const std::size_t stride : {std::size_t{1}, std::size_t{40}}) {
+      std::vector<MeshPtr> meshes;
+      for (std::size_t i = 0; i < scene.meshes.size(); i += stride) {
+        meshes.push_back(scene.meshes[i]);
+      }
+      const FrameImage image = Draw(view, scene.layout, meshes);
+      image::TileSet expected(width, height);
+      for (int y = 0; y < height; ++y) {
+        for (int x = 0; x < width; ++x) {
+          if (image.keys[image.IndexOf(x, y)] != image::kBackgroundKey) {
+            expected.Insert(x / kTilePx, y / kTilePx);
+          } else {
+            EXPECT_EQ(image.colors[image.IndexOf(x, y)], Rgba8{});
+          }
+        }
+      }
+      EXPECT_EQ(image.touched, expected) << width << " x " << height << ", every " << stride;
+    }
+  }
+}
+
+TEST_P(RendererTest, NothingOfEarlierPassesShows) {
+  const Scene scene = MakeBumpySphere(48, 8, 18, 1);
+  const view::View large = MakeView(scene, 200, 200, 10, 10);
+  const view::View other = MakeView(scene, 200, 200, 100, -30);
+  const std::vector<MeshPtr> few(scene.meshes.begin(), scene.meshes.begin() + 5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto fresh, MakeWithBatches(GetParam(), 1 << 30));
+  const FrameImage expected = Draw(fresh.get(), other, scene.layout, few);
+  for (const std::size_t batch_bytes : {std::size_t{1} << 30, std::size_t{1}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer, MakeWithBatches(GetParam(), batch_bytes));
+    Draw(renderer.get(), large, scene.layout, scene.meshes);
+    EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
+    {
+      // Given up.
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(large, scene.layout, {}));
+      for (const MeshPtr& mesh : scene.meshes) {
+        ISOSCOPE_ASSERT_OK(pass->Add(mesh));
+      }
+    }
+    EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
+    {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(large, scene.layout, {}));
+      ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes.front()));
+      base::Cancellation cancelled;
+      cancelled.Cancel();
+      EXPECT_THAT(pass->Finish(cancelled), StatusIs(absl::StatusCode::kCancelled, _));
+    }
+    EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
+    // Another appearance, then the first again.
+    EXPECT_NE(Draw(renderer.get(), other, scene.layout, few, {.ambient = 0.5F}), expected);
+    EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
+  }
+}
+
+TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockInAnyBatch) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const math::Vec3f a{32, 32, 32};
+  const math::Vec3f b{28, 32, 32};
+  const math::Vec3f c{32, 28, 32};
+  const MeshPtr low_mesh = MakeTriangle(scene.layout.IdOf({3, 3, 3}), a, b, c, kTowardEye);
+  const MeshPtr high_mesh = MakeTriangle(scene.layout.IdOf({3, 3, 4}), a, b, c, {1, 0, 0});
+  const FrameImage low_only = Draw(view, scene.layout, {low_mesh});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer, MakeWithBatches(GetParam(), 1));
+  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {low_mesh, high_mesh}), low_only);
+  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {high_mesh, low_mesh}), low_only);
+}
+
 TEST_P(RendererTest, DescriptionNamesTheBackEnd) {
   EXPECT_THAT(renderer_->description(),
               ::testing::StartsWith(GetParam() == RendererKind::kCpu ? "cpu: " : "egl: "));
@@ -507,6 +648,49 @@ INSTANTIATE_TEST_SUITE_P(BackEnds, RendererTest,
                          [](const auto& back_end) {
                            return back_end.param == RendererKind::kEgl ? "Egl" : "Cpu";
                          });
+
+TEST(CpuRendererTest, EveryInstructionSetDrawsTheSamePicture) {
+  const Scene scene = MakeBumpySphere(64, 8, 26, 1.5);
+  const auto renderer = MakeCpuRenderer(CpuRendererOptions{});
+  std::vector<view::View> views{MakeView(scene, 333, 250, 20, 30),
+                                MakeOrthographicView(scene, 200, 201, 20, {32, 40, 50}),
+                                MakeOrthographicView(scene, 77, 900, 3, {32, 32, 58})};
+  // From inside: triangles are cut at the near plane.
+  view::Camera camera;
+  camera.eye = {32, 32, 50};
+  camera.target = {40, 20, 0};
+  camera.fov_y_radians = 1.5;
+  views.push_back(view::View::Make(camera, {160, 120}, scene.geometry).value());
+  for (const view::View& view : views) {
+    std::vector<FrameImage> images;
+    for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+      hwy::SetSupportedTargetsForTest(target);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+      for (const MeshPtr& mesh : scene.meshes) {
+        ISOSCOPE_ASSERT_OK(pass->Add(mesh));
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(images.emplace_back(), pass->Finish(base::Cancellation()));
+      EXPECT_EQ(images.back(), images.front()) << hwy::TargetName(target);
+    }
+    hwy::SetSupportedTargetsForTest(0);
+    EXPECT_GT(CoveredCount(images.front()), 1000);
+  }
+}
+
+TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
+  const Scene scene = MakeBumpySphere(48, 8, 18, 1);
+  const view::View view = MakeView(scene, 200, 200, 10, 10);
+  std::vector<FrameImage> images;
+  for (const std::uint64_t numbers : {std::uint64_t{1} << 31, std::uint64_t{1000}}) {
+    const auto renderer = MakeCpuRenderer(CpuRendererOptions{.max_kept_numbers = numbers});
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+    for (const MeshPtr& mesh : scene.meshes) {
+      ISOSCOPE_ASSERT_OK(pass->Add(mesh));
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(images.emplace_back(), pass->Finish(base::Cancellation()));
+  }
+  EXPECT_EQ(images[0], images[1]);
+}
 
 // The two back ends agree but for what rounding does at edges of triangles: sub-pixel grids and
 // interpolation differ.
@@ -527,10 +711,12 @@ TEST(RendererAgreementTest, CpuAndEglDrawTheSamePictureWithinRounding) {
     std::int64_t covered_by_one = 0;
     std::int64_t visibly_different = 0;
     for (std::size_t i = 0; i < images[0].pixel_count(); ++i) {
-      covered_by_one +=
-          (images[0].block_id[i] == kNoBlock) != (images[1].block_id[i] == kNoBlock) ? 1 : 0;
-      const Rgba8& a = images[0].color[i];
-      const Rgba8& b = images[1].color[i];
+      covered_by_one += (image::BlockOf(images[0].keys[i]) == kNoBlock) !=
+                                (image::BlockOf(images[1].keys[i]) == kNoBlock)
+                            ? 1
+                            : 0;
+      const Rgba8& a = images[0].colors[i];
+      const Rgba8& b = images[1].colors[i];
       visibly_different += std::abs(a.g - b.g) > 8 ? 1 : 0;
     }
     const std::int64_t covered = CoveredCount(images[0]);

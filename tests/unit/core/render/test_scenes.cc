@@ -50,7 +50,7 @@ class Marcher {
         }
       }
     }
-    return mesh_;
+    return mesh::ShareView(mesh_);
   }
 
  private:
@@ -204,7 +204,7 @@ MeshPtr MakeTriangle(volume::BlockId block_id, const Vec3f& a, const Vec3f& b, c
   mesh->positions = {a, b, c};
   mesh->normals = {normal, normal, normal};
   mesh->indices = {0, 1, 2};
-  return mesh;
+  return mesh::ShareView(std::move(mesh));
 }
 
 }  // namespace isoscope::render

@@ -15,7 +15,7 @@
 
 namespace isoscope::render {
 
-using MeshPtr = std::shared_ptr<const mesh::BlockMesh>;
+using MeshPtr = std::shared_ptr<const mesh::MeshView>;
 
 // A cube of samples with its layout, and a camera on it.
 struct Scene {

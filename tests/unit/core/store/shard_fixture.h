@@ -34,6 +34,31 @@ inline std::string SamplesOf(const volume::BlockLayout& layout, volume::BlockId 
   return bytes;
 }
 
+// Writes the blocks and the index of a shard, whose `ids` come in their order, into the new
+// directory `path`.
+inline absl::StatusOr<ShardSummary> WriteBlocks(
+    const std::string& path, const volume::BlockLayout& layout, volume::ScalarType type,
+    const std::vector<volume::BlockId>& ids,
+    const ShardWriter::CreateFile& create_file = base::CreateWritableFile) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto writer,
+                            ShardWriter::Create(path, layout, type, create_file));
+  std::int64_t offset = 0;
+  for (const volume::BlockId id : ids) {
+    offset += static_cast<std::int64_t>(volume::StoredSizeBytes(layout, id, type));
+  }
+  // From the last to the first: the order of writing must not matter.
+  std::vector<std::uint32_t> crcs(ids.size());
+  for (std::size_t ordinal = ids.size(); ordinal-- > 0;) {
+    const std::string samples = SamplesOf(layout, ids[ordinal], type);
+    offset -= static_cast<std::int64_t>(samples.size());
+    ISOSCOPE_ASSIGN_OR_RETURN(crcs[ordinal], writer->WriteBlock(ids[ordinal], offset, samples));
+  }
+  for (std::size_t ordinal = 0; ordinal < ids.size(); ++ordinal) {
+    ISOSCOPE_RETURN_IF_ERROR(writer->AppendIndexEntry(ids[ordinal], crcs[ordinal]));
+  }
+  return writer->Finish();
+}
+
 // 7 x 6 x 5 samples in blocks of 3 x 2 x 4 cells: 2 x 3 x 1 blocks, smaller ones at the ends.
 struct TestDataset {
   explicit TestDataset(volume::ScalarType scalar_type = volume::ScalarType::kUint8,
@@ -65,15 +90,8 @@ struct TestDataset {
     for (int shard = 0; shard < shard_count; ++shard) {
       const auto& ids = blocks[static_cast<std::size_t>(shard)];
       const std::string path = directory + "/" + ShardDirectoryName(shard, shard_count);
-      ISOSCOPE_ASSIGN_OR_RETURN(const auto writer,
-                                ShardWriter::Create(path, layout, manifest.scalar_type, ids));
-      // From the last to the first: the order of writing must not matter.
-      for (std::size_t ordinal = ids.size(); ordinal-- > 0;) {
-        ISOSCOPE_RETURN_IF_ERROR(
-            writer->WriteBlock(static_cast<std::uint32_t>(ordinal),
-                               SamplesOf(layout, ids[ordinal], manifest.scalar_type)));
-      }
-      ISOSCOPE_ASSIGN_OR_RETURN(const ShardSummary summary, writer->FinishBlocks());
+      ISOSCOPE_ASSIGN_OR_RETURN(const ShardSummary summary,
+                                WriteBlocks(path, layout, manifest.scalar_type, ids));
       manifest.shards.push_back(summary);
       ISOSCOPE_RETURN_IF_ERROR(
           base::WriteWholeFile(path + "/" + kIntervalTreeFileName, "stands for an interval tree"));
@@ -105,10 +123,11 @@ inline absl::StatusOr<std::vector<std::pair<volume::BlockId, std::string>>> Read
     ordinals[i] = static_cast<std::uint32_t>(i);
   }
   std::vector<std::pair<volume::BlockId, std::string>> blocks;
-  std::string buffer;
   for (const ShardReader::Run& run : reader->PlanRuns(ordinals)) {
+    // Of exactly the run's size, so that a sanitizer sees what is written beyond it.
+    std::vector<char> buffer(static_cast<std::size_t>(run.size));
     ISOSCOPE_RETURN_IF_ERROR(
-        reader->ReadRun(run, ordinals, &buffer, [&](const volume::BlockSamples& block) {
+        reader->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
           blocks.emplace_back(
               block.block_id,
               std::string(block.bytes,

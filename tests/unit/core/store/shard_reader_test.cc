@@ -1,6 +1,9 @@
 #include "core/store/shard_reader.h"
 
+#include <algorithm>
+#include <bit>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -379,72 +382,218 @@ TEST_F(ShardReaderTest, VisitorErrorStopsTheRun) {
   TestDataset dataset;
   WriteDataset(&dataset);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
-  const std::vector<std::uint32_t> ordinals = {1, 3, 4};
+  const std::vector<std::uint32_t> ordinals = {1, 2, 3};
   const std::vector<ShardReader::Run> runs = reader->PlanRuns(ordinals);
   ASSERT_EQ(runs.size(), 1u);
-  std::string buffer;
+  std::vector<char> buffer(static_cast<std::size_t>(runs[0].size));
   std::vector<volume::BlockId> visited;
-  EXPECT_THAT(reader->ReadRun(runs[0], ordinals, &buffer,
+  EXPECT_THAT(reader->ReadRun(runs[0], ordinals, buffer.data(),
                               [&](const volume::BlockSamples& block) -> absl::Status {
                                 visited.push_back(block.block_id);
                                 return visited.size() == 2 ? absl::CancelledError("enough")
                                                            : absl::OkStatus();
                               }),
               StatusIs(absl::StatusCode::kCancelled, _));
-  EXPECT_THAT(visited, ::testing::ElementsAre(dataset.blocks[0][1], dataset.blocks[0][3]));
+  EXPECT_THAT(visited, ::testing::ElementsAre(dataset.blocks[0][1], dataset.blocks[0][2]));
 }
 
-TEST_F(ShardReaderTest, RunsBridgeSmallGapsAndKeepTheirLimits) {
-  // 24 blocks of 33^3 to 34^3 samples: about 39 KB each, so one block of gap is too many.
-  TestDataset dataset;
-  dataset.manifest.geometry.sample_dims = {65, 97, 129};
-  dataset.manifest.block_cells = {32, 32, 32};
-  dataset.layout = volume::BlockLayout::Make({65, 97, 129}, {32, 32, 32}).value();
-  dataset.ranges = volume::RangeTable(volume::ScalarType::kUint8, dataset.layout.block_count());
-  dataset.blocks = BlocksByShard(dataset.layout, std::vector<std::uint16_t>(24), 1);
-  WriteDataset(&dataset);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
-  std::vector<std::int64_t> ends;
-  std::int64_t end = 0;
-  for (const volume::BlockId id : dataset.blocks[0]) {
-    end += static_cast<std::int64_t>(
-        volume::StoredSizeBytes(dataset.layout, id, volume::ScalarType::kUint8));
-    ends.push_back(end);
+// Reading plans of a dataset of many blocks, and what they must be.
+class RunPlanTest : public ShardReaderTest {
+ protected:
+  void Open(const math::Index3& sample_dims, std::int64_t edge) {
+    TestDataset dataset;
+    dataset.manifest.geometry.sample_dims = sample_dims;
+    dataset.manifest.block_cells = {edge, edge, edge};
+    dataset.layout = volume::BlockLayout::Make(sample_dims, {edge, edge, edge}).value();
+    const std::int64_t block_count = dataset.layout.block_count();
+    dataset.ranges = volume::RangeTable(volume::ScalarType::kUint8, block_count);
+    dataset.blocks = BlocksByShard(
+        dataset.layout, std::vector<std::uint16_t>(static_cast<std::size_t>(block_count)), 1);
+    WriteDataset(&dataset);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(reader_, ShardReader::Open(shard_directory_));
+    std::int64_t offset = 0;
+    for (const volume::BlockId id : dataset.blocks[0]) {
+      const auto size = static_cast<std::int64_t>(
+          volume::StoredSizeBytes(dataset.layout, id, volume::ScalarType::kUint8));
+      blocks_.push_back({offset, size});
+      offset += size;
+    }
   }
-  // Every subset of a window, among all blocks before and after it.
-  for (unsigned subset = 0; subset < 256; ++subset) {
+
+  // Each block with the given chance.
+  [[nodiscard]] std::vector<std::uint32_t> RandomOrdinals(std::uint64_t seed, double share) const {
     std::vector<std::uint32_t> ordinals;
-    for (std::uint32_t ordinal = 0; ordinal < 24; ++ordinal) {
-      if (ordinal < 8 ? (subset >> ordinal & 1) != 0 : ordinal % 5 != 0) {
+    for (std::uint32_t ordinal = 0; ordinal < blocks_.size(); ++ordinal) {
+      if (base::RandomUnit(seed, ordinal) < share) {
         ordinals.push_back(ordinal);
       }
     }
+    return ordinals;
+  }
+
+  // The gap before each of the ordinals but the first.
+  [[nodiscard]] std::vector<std::int64_t> GapsOf(const std::vector<std::uint32_t>& ordinals) const {
+    std::vector<std::int64_t> gaps;
+    for (std::size_t i = 1; i < ordinals.size(); ++i) {
+      const Extent& before = blocks_[ordinals[i - 1]];
+      gaps.push_back(blocks_[ordinals[i]].offset - before.offset - before.size);
+    }
+    return gaps;
+  }
+
+  // Checks a plan by its definition. Counts what was seen, so that a test can tell that it saw it.
+  void Check(const std::vector<std::uint32_t>& ordinals) {
+    const std::vector<ShardReader::Run> runs = reader_->PlanRuns(ordinals);
+    const std::vector<std::int64_t> gaps = GapsOf(ordinals);
+    std::int64_t useful_bytes = 0;
+    for (const std::uint32_t ordinal : ordinals) {
+      useful_bytes += blocks_[ordinal].size;
+    }
+    const auto budget =
+        static_cast<std::int64_t>(ShardReader::kMaxGapShare * static_cast<double>(useful_bytes));
+    // The smallest gaps that the budget takes in all.
+    std::vector<std::int64_t> sorted = gaps;
+    std::sort(sorted.begin(), sorted.end());
+    std::int64_t sum = 0;
+    std::size_t affordable = 0;
+    while (affordable < sorted.size() && sum + sorted[affordable] <= budget) {
+      sum += sorted[affordable++];
+    }
+
     std::size_t next = 0;
-    std::int64_t previous_begin = -1;
-    std::int64_t previous_end = -1;
-    for (const ShardReader::Run& run : reader->PlanRuns(ordinals)) {
+    std::int64_t read_bytes = 0;
+    std::size_t merge_count = 0;
+    std::size_t limit_count = 0;
+    std::int64_t largest_merged = 0;
+    std::int64_t smallest_left = std::numeric_limits<std::int64_t>::max();
+    for (std::size_t i = 0; i < runs.size(); ++i) {
+      const ShardReader::Run& run = runs[i];
       ASSERT_EQ(run.first, next);
       ASSERT_GE(run.count, 1u);
-      const std::uint32_t first = ordinals[run.first];
-      const std::uint32_t last = ordinals[run.first + run.count - 1];
-      const std::int64_t begin = first == 0 ? 0 : ends[first - 1];
-      EXPECT_EQ(run.offset, begin);
-      EXPECT_EQ(run.offset + run.size, ends[last]);
-      EXPECT_LE(run.size, ShardReader::kMaxRunBytes);
-      for (std::size_t i = run.first + 1; i < run.first + run.count; ++i) {
-        EXPECT_LE(ends[ordinals[i] - 1] - ends[ordinals[i - 1]], ShardReader::kMaxGapBytes);
-      }
-      if (previous_end >= 0) {  // the run before could not have taken this block
-        EXPECT_TRUE(begin - previous_end > ShardReader::kMaxGapBytes ||
-                    ends[first] - previous_begin > ShardReader::kMaxRunBytes);
-      }
-      previous_begin = run.offset;
-      previous_end = run.offset + run.size;
+      ASSERT_LE(run.first + run.count, ordinals.size());
       next += run.count;
+      const Extent& first = blocks_[ordinals[run.first]];
+      const Extent& last = blocks_[ordinals[next - 1]];
+      EXPECT_EQ(run.offset, first.offset);
+      EXPECT_EQ(run.offset + run.size, last.offset + last.size);
+      EXPECT_TRUE(run.size <= ShardReader::kMaxRunBytes || run.count == 1) << run.size;
+      read_bytes += run.size;
+      merge_count += run.count - 1;
+      for (std::size_t j = run.first; j + 1 < next; ++j) {
+        largest_merged = std::max(largest_merged, gaps[j]);
+      }
+      if (i > 0) {
+        const ShardReader::Run& before = runs[i - 1];
+        if (first.offset + first.size - before.offset > ShardReader::kMaxRunBytes) {
+          ++limit_count;  // whatever the gap
+        } else {
+          smallest_left = std::min(smallest_left, gaps[run.first - 1]);
+        }
+      }
     }
     EXPECT_EQ(next, ordinals.size());
+    const std::int64_t gap_bytes = read_bytes - useful_bytes;
+    EXPECT_LE(gap_bytes, budget) << "of " << useful_bytes << " useful bytes";
+    // The smallest gaps, and as many as the budget takes.
+    EXPECT_LE(largest_merged, smallest_left);
+    EXPECT_GE(merge_count + limit_count, affordable);
+    EXPECT_LE(merge_count, affordable);
+    bridged_count_ += gap_bytes > 0 ? 1 : 0;
+    left_count_ += smallest_left < std::numeric_limits<std::int64_t>::max() ? 1 : 0;
+    limited_count_ += limit_count > 0 ? 1 : 0;
   }
-  EXPECT_TRUE(reader->PlanRuns({}).empty());
+
+  struct Extent {
+    std::int64_t offset = 0;
+    std::int64_t size = 0;
+  };
+  std::unique_ptr<ShardReader> reader_;
+  std::vector<Extent> blocks_;  // by ordinal
+  int bridged_count_ = 0;
+  int left_count_ = 0;
+  int limited_count_ = 0;
+};
+
+TEST_F(RunPlanTest, ReadsOverTheSmallestGapsAndNoMoreThanItsShareOfManySmallBlocks) {
+  // 1400 blocks of 4 to 7 samples an edge: gaps of all sizes.
+  ASSERT_NO_FATAL_FAILURE(Open({38, 55, 40}, 4));
+  ASSERT_EQ(blocks_.size(), 1400U);
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    SCOPED_TRACE(seed);
+    const double share = base::RandomUnit(seed, 1'000'000);
+    Check(RandomOrdinals(seed, seed % 2 == 0 ? share : 0.85 + 0.15 * share));
+    if (HasFailure()) {
+      return;
+    }
+  }
+  EXPECT_GT(bridged_count_, 100);
+  EXPECT_GT(left_count_, 50);
+}
+
+TEST_F(RunPlanTest, KeepsTheLargestRunOfLargeBlocks) {
+  // 24 blocks of 33^3 to 35^3 samples: about 39 KB each, so that a run takes some 26.
+  ASSERT_NO_FATAL_FAILURE(Open({65, 97, 257}, 32));
+  for (std::uint64_t seed = 0; seed < 400; ++seed) {
+    SCOPED_TRACE(seed);
+    Check(
+        RandomOrdinals(seed, seed % 4 == 0 ? 1.0 : 0.8 + 0.2 * base::RandomUnit(seed, 1'000'000)));
+    if (HasFailure()) {
+      return;
+    }
+  }
+  EXPECT_GT(bridged_count_, 100);
+  EXPECT_GT(limited_count_, 100);
+}
+
+TEST_F(RunPlanTest, EverySubsetOfAFewBlocksIsPlannedRight) {
+  ASSERT_NO_FATAL_FAILURE(Open({17, 13, 9}, 4));
+  ASSERT_EQ(blocks_.size(), 24U);
+  for (unsigned subset = 0; subset < 1u << 12; ++subset) {
+    std::vector<std::uint32_t> ordinals;
+    for (std::uint32_t ordinal = 0; ordinal < 24; ++ordinal) {
+      // A window, among all blocks after it.
+      if (ordinal >= 12 || (subset >> ordinal & 1) != 0) {
+        ordinals.push_back(ordinal);
+      }
+    }
+    Check(ordinals);
+    ordinals.resize(static_cast<std::size_t>(std::popcount(subset)));  // the window alone
+    Check(ordinals);
+    if (HasFailure()) {
+      FAIL() << "subset " << subset;
+    }
+  }
+  EXPECT_GT(bridged_count_, 100);
+  EXPECT_GT(left_count_, 60);
+  EXPECT_TRUE(reader_->PlanRuns({}).empty());
+}
+
+TEST_F(RunPlanTest, BlocksOfARunThatReadsOverGapsComeBackUnchanged) {
+  ASSERT_NO_FATAL_FAILURE(Open({38, 55, 40}, 4));
+  const std::vector<std::uint32_t> ordinals = RandomOrdinals(3, 0.9);
+  std::vector<volume::BlockId> visited;
+  bool has_gap = false;
+  for (const ShardReader::Run& run : reader_->PlanRuns(ordinals)) {
+    std::vector<char> buffer(static_cast<std::size_t>(run.size));
+    std::int64_t useful_bytes = 0;
+    ISOSCOPE_ASSERT_OK(
+        reader_->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
+          const std::string expected =
+              SamplesOf(reader_->layout(), block.block_id, volume::ScalarType::kUint8);
+          EXPECT_EQ(std::string(block.bytes, expected.size()), expected) << block.block_id;
+          EXPECT_GE(block.bytes, buffer.data());
+          EXPECT_LE(block.bytes + expected.size(), buffer.data() + buffer.size());
+          useful_bytes += static_cast<std::int64_t>(expected.size());
+          visited.push_back(block.block_id);
+          return absl::OkStatus();
+        }));
+    has_gap = has_gap || useful_bytes < run.size;
+  }
+  EXPECT_TRUE(has_gap);
+  ASSERT_EQ(visited.size(), ordinals.size());
+  for (std::size_t i = 0; i < ordinals.size(); ++i) {
+    EXPECT_EQ(visited[i], reader_->block_id(ordinals[i]));
+  }
 }
 
 }  // namespace

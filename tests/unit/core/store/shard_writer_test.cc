@@ -32,14 +32,15 @@ std::string HexOf(absl::string_view bytes) { return absl::BytesToHexString(bytes
 TEST(ShardWriterTest, BytesStayAsDocumented) {
   const TempDir temp;
   const auto layout = volume::BlockLayout::Make({3, 2, 2}, {1, 1, 1}).value();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const auto writer,
-      ShardWriter::Create(temp.Sub("shard"), layout, volume::ScalarType::kUint8, {0, 1}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, ShardWriter::Create(temp.Sub("shard"), layout,
+                                                                       volume::ScalarType::kUint8));
   const std::string first("\x00\x01\x02\x03\x04\x05\x06\x07\x08\x09\x0a\x0b", 12);
   const std::string second(12, '\x2a');
-  ISOSCOPE_ASSERT_OK(writer->WriteBlock(1, second));
-  ISOSCOPE_ASSERT_OK(writer->WriteBlock(0, first));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ShardSummary summary, writer->FinishBlocks());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::uint32_t second_crc, writer->WriteBlock(1, 12, second));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::uint32_t first_crc, writer->WriteBlock(0, 0, first));
+  ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(0, first_crc));
+  ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(1, second_crc));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ShardSummary summary, writer->Finish());
 
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string blocks,
                                 base::ReadWholeFile(temp.Sub("shard/blocks.bin"), 1000));
@@ -168,25 +169,92 @@ TEST(ShardWriterTest, ChecksumsOfWholeFilesDependOnTheirContent) {
 TEST(ShardWriterTest, MisuseIsRefused) {
   const TempDir temp;
   const auto layout = volume::BlockLayout::Make({5, 5, 3}, {2, 2, 2}).value();  // 2 x 2 x 1 blocks
-  const auto create = [&](const std::string& name, std::vector<volume::BlockId> blocks) {
-    return ShardWriter::Create(temp.Sub(name), layout, volume::ScalarType::kUint8,
-                               std::move(blocks));
+  const auto create = [&](const std::string& name) {
+    return ShardWriter::Create(temp.Sub(name), layout, volume::ScalarType::kUint8);
   };
-  EXPECT_THAT(create("a", {1, 0}), StatusIs(absl::StatusCode::kInvalidArgument, _));
-  EXPECT_THAT(create("a", {1, 1}), StatusIs(absl::StatusCode::kInvalidArgument, _));
-  EXPECT_THAT(create("a", {4}), StatusIs(absl::StatusCode::kInvalidArgument, _));
-  EXPECT_FALSE(base::PathExists(temp.Sub("a")));
-  EXPECT_THAT(create("no/parent", {0}), StatusIs(absl::StatusCode::kNotFound, _));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, create("b", {0, 3}));
-  EXPECT_THAT(create("b", {0}), StatusIs(absl::StatusCode::kAlreadyExists, _));
+  constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+  EXPECT_THAT(create("no/parent"), StatusIs(absl::StatusCode::kNotFound, _));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, create("b"));
+  EXPECT_THAT(create("b"), StatusIs(absl::StatusCode::kAlreadyExists, _));
   const std::string samples = SamplesOf(layout, 0, volume::ScalarType::kUint8);
-  EXPECT_THAT(writer->WriteBlock(2, samples), StatusIs(absl::StatusCode::kInvalidArgument, _));
-  EXPECT_THAT(writer->WriteBlock(0, samples + "x"),
-              StatusIs(absl::StatusCode::kInvalidArgument, _));
-  ISOSCOPE_ASSERT_OK(writer->WriteBlock(0, samples));
-  EXPECT_THAT(writer->WriteBlock(0, samples), StatusIs(absl::StatusCode::kInternal, _));
-  EXPECT_THAT(writer->FinishBlocks(),
-              StatusIs(absl::StatusCode::kInternal, HasSubstr("block 3 was never written")));
+  EXPECT_THAT(writer->WriteBlock(4, 0, samples), StatusIs(kInvalid, HasSubstr("block 4")));
+  EXPECT_THAT(writer->WriteBlock(0, -1, samples), StatusIs(kInvalid, HasSubstr("offset -1")));
+  EXPECT_THAT(writer->WriteBlock(0, 0, samples + "x"), StatusIs(kInvalid, _));
+  ISOSCOPE_ASSERT_OK(writer->WriteBlock(0, 0, samples).status());
+  EXPECT_THAT(writer->AppendIndexEntry(4, 0), StatusIs(kInvalid, _));
+  ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(0, 0));
+  EXPECT_THAT(writer->AppendIndexEntry(0, 0), StatusIs(kInvalid, HasSubstr("Morton order")));
+}
+
+TEST(ShardWriterTest, IdsOutOfOrderAreRefused) {
+  const TempDir temp;
+  const auto layout = volume::BlockLayout::Make({5, 5, 3}, {2, 2, 2}).value();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto writer, ShardWriter::Create(temp.Sub("a"), layout, volume::ScalarType::kUint8));
+  ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(2, 0));
+  EXPECT_THAT(writer->AppendIndexEntry(1, 0),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("Morton order")));
+}
+
+// A gap would be read as zeros, and a block that is missing as another's bytes.
+TEST(ShardWriterTest, IndexThatIsNotOfTheBlocksWrittenIsInternal) {
+  const auto layout = volume::BlockLayout::Make({5, 5, 3}, {2, 2, 2}).value();
+  const auto type = volume::ScalarType::kUint8;
+  const auto size = [&](volume::BlockId id) {
+    return static_cast<std::int64_t>(volume::StoredSizeBytes(layout, id, type));
+  };
+  struct Case {
+    std::vector<std::pair<volume::BlockId, std::int64_t>> written;  // id, offset
+    std::vector<volume::BlockId> entries;
+  };
+  const Case cases[] = {{{}, {}},
+                        {{{0, 0}}, {}},
+                        {{}, {0}},
+                        {{{0, 0}}, {0, 1}},
+                        {{{0, 0}, {1, size(0)}}, {0}},
+                        {{{0, 0}, {0, 0}}, {0}},
+                        {{{0, 0}, {1, size(0) + 1}}, {0, 1}},
+                        {{{1, size(0)}}, {0, 1}}};
+  const TempDir temp;
+  int number = 0;
+  for (const Case& c : cases) {
+    SCOPED_TRACE(number);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto writer, ShardWriter::Create(temp.Sub(std::to_string(number++)), layout, type));
+    for (const auto& [id, offset] : c.written) {
+      ISOSCOPE_ASSERT_OK(writer->WriteBlock(id, offset, SamplesOf(layout, id, type)).status());
+    }
+    for (const volume::BlockId id : c.entries) {
+      ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(id, 0));
+    }
+    EXPECT_THAT(writer->Finish(), StatusIs(absl::StatusCode::kInternal, HasSubstr("expected")));
+  }
+}
+
+TEST(ShardWriterTest, RangeTableInPiecesIsTheSameFile) {
+  const TempDir temp;
+  volume::RangeTable whole(volume::ScalarType::kInt16, 10);
+  for (volume::BlockId id = 0; id < 10; ++id) {
+    whole.Set(id, {.min = -1.0 * id, .max = 7.0 * id});
+  }
+  const std::string expected = EncodeRangeTable(whole);
+  const std::string path = temp.Sub("ranges.bin");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer,
+                                RangeTableWriter::Create(path, volume::ScalarType::kInt16));
+  volume::BlockId next = 0;
+  for (const std::int64_t count : {3, 0, 1, 6}) {
+    volume::RangeTable part(volume::ScalarType::kInt16, count);
+    for (volume::BlockId i = 0; i < count; ++i) {
+      part.Set(i, whole.Get(next++));
+    }
+    ISOSCOPE_ASSERT_OK(writer->Append(part));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::uint32_t crc, writer->Finish());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, base::ReadWholeFile(path, 1000));
+  EXPECT_EQ(bytes, expected);
+  EXPECT_EQ(crc, base::Crc32c(expected));
+  EXPECT_THAT(RangeTableWriter::Create(path, volume::ScalarType::kInt16),
+              StatusIs(absl::StatusCode::kAlreadyExists, _));
 }
 
 TEST(ShardWriterTest, FullDiskIsReportedWhereverItStrikes) {
@@ -203,17 +271,8 @@ TEST(ShardWriterTest, FullDiskIsReportedWhereverItStrikes) {
       ISOSCOPE_ASSIGN_OR_RETURN(auto file, base::CreateWritableFile(path));
       return testing::MakeFullDiskFile(std::move(file), capacity);
     };
-    const auto write_all = [&]() -> absl::Status {
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          const auto writer,
-          ShardWriter::Create(directory, layout, volume::ScalarType::kUint8, blocks, create_file));
-      for (std::uint32_t ordinal = 0; ordinal < 4; ++ordinal) {
-        ISOSCOPE_RETURN_IF_ERROR(writer->WriteBlock(
-            ordinal, SamplesOf(layout, blocks[ordinal], volume::ScalarType::kUint8)));
-      }
-      return writer->FinishBlocks().status();
-    };
-    const absl::Status status = write_all();
+    const absl::Status status =
+        WriteBlocks(directory, layout, volume::ScalarType::kUint8, blocks, create_file).status();
     has_succeeded = status.ok();
     if (!has_succeeded) {
       ++failure_count;
@@ -235,6 +294,9 @@ TEST(ShardWriterTest, DescriptionsNeedTheIntervalTreeAndComeOnce) {
   ISOSCOPE_ASSERT_OK(base::CreateDirectory(temp.Sub("bare")));
   EXPECT_THAT(WriteDescriptions(temp.Sub("bare"), dataset.manifest, ranges, 0),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr(kIntervalTreeFileName)));
+  ISOSCOPE_ASSERT_OK(base::CreateDirectory(temp.Sub("empty")));
+  EXPECT_THAT(WriteDescriptions(temp.Sub("empty"), dataset.manifest, -1),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr(kRangeTableFileName)));
   EXPECT_FALSE(base::PathExists(temp.Sub("bare/") + kManifestFileName));
 }
 

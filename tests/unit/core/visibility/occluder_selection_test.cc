@@ -1,17 +1,21 @@
 #include "core/visibility/occluder_selection.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "hwy/highway.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::visibility {
@@ -61,6 +65,14 @@ BlockSet RandomBlocks(const BlockLayout& layout, double share, std::uint64_t see
   return active;
 }
 
+// The blocks that rays [begin, end) hit, ascending.
+std::vector<BlockId> HitsOf(const RaySet& rays, std::int64_t begin, std::int64_t end,
+                            const BlockLayout& layout, const BlockSet& active) {
+  BlockSet hits(layout.block_count());
+  rays.Cast(begin, end, active, &hits);
+  return hits.Ids();
+}
+
 // Where the ray enters the block's box grown by `grow` (infinity: it misses it).
 double EntryOf(const Ray& ray, const BlockLayout& layout, BlockId id, double grow) {
   const math::IndexBox cells = layout.CellsOf(id);
@@ -90,7 +102,7 @@ int ExpectFirstBlocks(const Scene& scene, const RaySet& rays, const BlockSet& ac
   constexpr double kEdge = 1e-7;  // cells
   int hit_count = 0;
   for (std::int64_t number = 0; number < rays.count(); number += stride) {
-    const std::vector<BlockId> hits = rays.Cast(number, number + 1, active);
+    const std::vector<BlockId> hits = HitsOf(rays, number, number + 1, scene.layout, active);
     const std::optional<Ray> ray = rays.RayOf(number);
     if (!ray.has_value()) {
       EXPECT_THAT(hits, IsEmpty());
@@ -170,7 +182,7 @@ TEST(RaySetTest, FlatVolumesAreMet) {
     const BlockSet active = RandomBlocks(scene.layout, 1.0, 1);
     EXPECT_GT(ExpectFirstBlocks(scene, rays, active, 1), 0);
     // From this side every block of a sheet one block thick is in view.
-    EXPECT_EQ(static_cast<std::int64_t>(rays.Cast(0, rays.count(), active).size()),
+    EXPECT_EQ(static_cast<std::int64_t>(HitsOf(rays, 0, rays.count(), scene.layout, active).size()),
               scene.layout.block_count());
   }
 }
@@ -221,7 +233,8 @@ TEST(RaySetTest, AViewThatMissesTheVolumeHitsNothing) {
     camera.projection = projection;
     const Scene scene = MakeScene(camera, samples, {8, 8, 8});
     const RaySet rays(scene.view, scene.layout, 3);
-    EXPECT_THAT(rays.Cast(0, rays.count(), RandomBlocks(scene.layout, 1, 1)), IsEmpty());
+    EXPECT_THAT(HitsOf(rays, 0, rays.count(), scene.layout, RandomBlocks(scene.layout, 1, 1)),
+                IsEmpty());
   }
 }
 
@@ -232,20 +245,335 @@ TEST(RaySetTest, TheHitsDoNotDependOnTheNumberOfAgents) {
   const Scene scene = MakeScene(camera, samples, {8, 8, 8});
   const RaySet rays(scene.view, scene.layout, 99);
   const BlockSet active = RandomBlocks(scene.layout, 0.2, 4);
-  const std::vector<BlockId> all = rays.Cast(0, rays.count(), active);
+  const std::vector<BlockId> all = HitsOf(rays, 0, rays.count(), scene.layout, active);
   ASSERT_GT(all.size(), 20U);
   EXPECT_TRUE(std::is_sorted(all.begin(), all.end()));
   for (const int agents : {1, 2, 3, 7, 64}) {
     std::vector<BlockId> hits;
     for (int agent = 0; agent < agents; ++agent) {
       const RayShare share = ShareOfRays(rays.count(), agent, agents);
-      hits = UnionOfHits(hits, rays.Cast(share.begin, share.end, active));
+      hits = UnionOfHits(hits, HitsOf(rays, share.begin, share.end, scene.layout, active));
     }
     EXPECT_EQ(hits, all) << agents << " agents";
   }
   EXPECT_NE(RaySet(scene.view, scene.layout, 100).RayOf(rays.count() - 1)->direction,
             rays.RayOf(rays.count() - 1)->direction)
       << "the seed must matter";
+}
+
+// What rays and walks are by definition, one at a time: the vector code must give the same bits.
+class Reference {
+ public:
+  Reference(const Scene& scene, std::uint64_t seed, std::int64_t grid_columns,
+            std::int64_t grid_rows)
+      : view_(scene.view),
+        layout_(scene.layout),
+        dims_(scene.layout.block_dims()),
+        seed_(seed),
+        columns_(grid_columns),
+        rows_(grid_rows) {
+    const view::Camera& camera = view_.camera();
+    const double half_height =
+        is_perspective() ? std::tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+    const math::Mat4d& m = view_.index_from_world();
+    const double width = view_.viewport().width_px;
+    const double height = view_.viewport().height_px;
+    eye_ = math::TransformPoint(m, camera.eye);
+    forward_ = math::TransformVector(m, view_.forward());
+    half_right_ = math::TransformVector(m, view_.right() * (half_height * width / height));
+    half_up_ = math::TransformVector(m, view_.up() * half_height);
+  }
+
+  [[nodiscard]] std::int64_t face_ray_count() const {
+    return 2 * (dims_.x * dims_.y + dims_.x * dims_.z + dims_.y * dims_.z);
+  }
+
+  [[nodiscard]] std::optional<Ray> RayOf(std::int64_t number) const {
+    return number < face_ray_count() ? FaceRay(number) : ImageRay(number - face_ray_count());
+  }
+
+  [[nodiscard]] std::optional<BlockId> FirstActiveBlock(const Ray& ray,
+                                                        const BlockSet& active) const {
+    double t_enter = 0;
+    double t_exit = kInfinity;
+    int enter_axis = -1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto size = static_cast<double>(layout_.sample_dims()[axis] - 1);
+      if (ray.direction[axis] == 0) {
+        if (!(ray.origin[axis] >= 0 && ray.origin[axis] <= size)) {
+          return std::nullopt;
+        }
+        continue;
+      }
+      const double t_low = (0 - ray.origin[axis]) / ray.direction[axis];
+      const double t_high = (size - ray.origin[axis]) / ray.direction[axis];
+      if (std::min(t_low, t_high) > t_enter) {
+        t_enter = std::min(t_low, t_high);
+        enter_axis = axis;
+      }
+      t_exit = std::min(t_exit, std::max(t_low, t_high));
+    }
+    if (!(t_enter <= t_exit)) {
+      return std::nullopt;
+    }
+    math::Index3 block;
+    std::array<double, 3> t_next{kInfinity, kInfinity, kInfinity};
+    for (int axis = 0; axis < 3; ++axis) {
+      const double direction = ray.direction[axis];
+      const auto block_size = static_cast<double>(layout_.block_cells()[axis]);
+      const std::int64_t last = dims_[axis] - 1;
+      const double position = ray.origin[axis] + direction * t_enter;
+      block[axis] = axis == enter_axis
+                        ? (direction > 0 ? 0 : last)
+                        : static_cast<std::int64_t>(std::clamp(std::floor(position / block_size),
+                                                               0.0, static_cast<double>(last)));
+      if (direction != 0) {
+        const std::int64_t boundary = direction > 0 ? block[axis] + 1 : block[axis];
+        t_next[static_cast<std::size_t>(axis)] =
+            (static_cast<double>(boundary) * block_size - ray.origin[axis]) / direction;
+      }
+    }
+    while (true) {
+      if (active.Contains(layout_.IdOf(block))) {
+        return layout_.IdOf(block);
+      }
+      const int axis = t_next[0] <= t_next[1] ? (t_next[0] <= t_next[2] ? 0 : 2)
+                                              : (t_next[1] <= t_next[2] ? 1 : 2);
+      double& t = t_next[static_cast<std::size_t>(axis)];
+      if (t > t_exit || ray.direction[axis] == 0) {
+        return std::nullopt;
+      }
+      block[axis] += ray.direction[axis] > 0 ? 1 : -1;
+      if (block[axis] < 0 || block[axis] >= dims_[axis]) {
+        return std::nullopt;
+      }
+      t += static_cast<double>(layout_.block_cells()[axis]) / std::abs(ray.direction[axis]);
+    }
+  }
+
+ private:
+  [[nodiscard]] bool is_perspective() const {
+    return view_.camera().projection == view::Projection::kPerspective;
+  }
+
+  [[nodiscard]] std::optional<Ray> FaceRay(std::int64_t number) const {
+    for (int axis = 0; axis < 3; ++axis) {
+      const int u = (axis + 1) % 3;
+      const int v = (axis + 2) % 3;
+      for (const bool is_upper : {false, true}) {
+        if (number >= dims_[u] * dims_[v]) {
+          number -= dims_[u] * dims_[v];
+          continue;
+        }
+        math::Index3 block;
+        block[axis] = is_upper ? dims_[axis] - 1 : 0;
+        block[v] = number / dims_[u];
+        block[u] = block[v] % 2 == 0 ? number % dims_[u] : dims_[u] - 1 - number % dims_[u];
+        const math::IndexBox cells = layout_.CellsOf(layout_.IdOf(block));
+        math::Vec3d center;
+        center[u] = 0.5 * static_cast<double>(cells.begin[u] + cells.end[u]);
+        center[v] = 0.5 * static_cast<double>(cells.begin[v] + cells.end[v]);
+        center[axis] = static_cast<double>(is_upper ? cells.end[axis] : cells.begin[axis]);
+        return RayThrough(center);
+      }
+    }
+    return std::nullopt;
+  }
+
+  [[nodiscard]] std::optional<Ray> RayThrough(const math::Vec3d& center) const {
+    const math::Vec4d clip = view_.clip_from_index() * math::Vec4d{center.x, center.y, center.z, 1};
+    if (!(clip.w > 0) || std::abs(clip.x) > 1.02 * clip.w || std::abs(clip.y) > 1.02 * clip.w) {
+      return std::nullopt;
+    }
+    if (is_perspective()) {
+      return Ray{eye_, center - eye_};
+    }
+    const math::Vec3d offset =
+        math::TransformPoint(view_.world_from_index(), center) - view_.camera().eye;
+    const double distance = math::Dot(view_.forward(), offset);
+    return Ray{center + forward_ * (view_.near_distance() - distance), forward_};
+  }
+
+  [[nodiscard]] Ray ImageRay(std::int64_t number) const {
+    const std::int64_t row = number / columns_;
+    const std::int64_t column = row % 2 == 0 ? number % columns_ : columns_ - 1 - number % columns_;
+    const auto counter = static_cast<std::uint64_t>(number) * 2;
+    const double x = (static_cast<double>(column) + base::RandomUnit(seed_, counter)) /
+                     static_cast<double>(columns_);
+    const double y = (static_cast<double>(row) + base::RandomUnit(seed_, counter + 1)) /
+                     static_cast<double>(rows_);
+    const math::Vec3d offset = half_right_ * (2 * x - 1) + half_up_ * (1 - 2 * y);
+    if (is_perspective()) {
+      return {eye_, forward_ + offset};
+    }
+    return {eye_ + offset + forward_ * view_.near_distance(), forward_};
+  }
+
+  const view::View& view_;
+  const BlockLayout& layout_;
+  const math::Index3 dims_;
+  const std::uint64_t seed_;
+  const std::int64_t columns_;
+  const std::int64_t rows_;
+  math::Vec3d eye_;
+  math::Vec3d forward_;
+  math::Vec3d half_right_;
+  math::Vec3d half_up_;
+};
+
+// Every ray, and every block hit by every run of rays, against the reference; returns how many rays
+// hit. `viewport` of the scene is 64 x 48: 1024 random rays on a grid of 37 x 28.
+std::int64_t ExpectAsReference(const Scene& scene, const BlockSet& active) {
+  constexpr std::uint64_t kSeed = 7;
+  const RaySet rays(scene.view, scene.layout, kSeed);
+  const Reference reference(scene, kSeed, 37, 28);
+  EXPECT_EQ(rays.count(), reference.face_ray_count() + std::int64_t{37} * 28);
+  std::vector<std::optional<BlockId>> first(static_cast<std::size_t>(rays.count()));
+  std::int64_t hit_count = 0;
+  for (std::int64_t number = 0; number < rays.count(); ++number) {
+    const std::optional<Ray> ray = rays.RayOf(number);
+    const std::optional<Ray> expected = reference.RayOf(number);
+    EXPECT_EQ(ray.has_value(), expected.has_value()) << "ray " << number;
+    if (ray.has_value() && expected.has_value()) {
+      EXPECT_EQ(ray->origin, expected->origin) << "ray " << number;
+      EXPECT_EQ(ray->direction, expected->direction) << "ray " << number;
+      first[static_cast<std::size_t>(number)] = reference.FirstActiveBlock(*expected, active);
+    }
+    hit_count += first[static_cast<std::size_t>(number)].has_value() ? 1 : 0;
+  }
+  // Runs that begin and end anywhere in a row, or span several.
+  for (const std::int64_t length : {std::int64_t{1}, std::int64_t{11}, rays.count()}) {
+    for (std::int64_t begin = 0; begin < rays.count(); begin += length) {
+      const std::int64_t end = std::min(begin + length, rays.count());
+      std::set<BlockId> expected;
+      for (std::int64_t number = begin; number < end; ++number) {
+        const std::optional<BlockId>& block = first[static_cast<std::size_t>(number)];
+        if (block.has_value()) {
+          expected.insert(*block);
+        }
+      }
+      EXPECT_THAT(HitsOf(rays, begin, end, scene.layout, active),
+                  ::testing::ElementsAreArray(expected))
+          << "rays " << begin << " to " << end;
+    }
+  }
+  return hit_count;
+}
+
+TEST(RaySetTest, RaysAndHitsAreBitForBitThoseOfTheReferenceWhateverTheProcessorsVectors) {
+  struct Case {
+    math::Index3 samples;
+    math::Index3 block_cells;
+    double azimuth;
+    double elevation;
+    bool is_orthographic;
+    bool is_inside;  // the eye
+    double share;    // of blocks that are active
+  };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    for (const Case& c : {
+             Case{{41, 30, 35}, {8, 7, 9}, 0.4, 0.3, false, false, 0.2},
+             Case{{41, 30, 35}, {8, 7, 9}, -2.1, 0.6, true, false, 0.2},
+             Case{{65, 65, 65}, {8, 8, 8}, 0.0, 0.0, false, false, 0.03},  // rays meet edges
+             Case{{65, 65, 65}, {8, 8, 8}, 0.0, 0.0, true, false, 0.03},
+             Case{{65, 65, 65}, {4, 4, 4}, 1.0, -0.5, false, true, 0.01},
+             Case{{70, 9, 66}, {1, 2, 3}, 2.5, -1.2, false, false, 0.001},
+             Case{{3000, 3, 2}, {4, 1, 1}, 1.3, 0.1, false, false, 0.002},  // a long row of blocks
+             Case{{40, 40, 2}, {8, 8, 8}, 0.5, 0.0, true, false, 0.5},
+             Case{{41, 30, 35}, {8, 7, 9}, 0.4, 0.3, false, false, 0.0},
+         }) {
+      view::Camera camera = view::MakeDefaultCamera(BoundsOf(c.samples));
+      view::Azimuth(c.azimuth, &camera);
+      view::Elevation(c.elevation, &camera);
+      view::OrthogonalizeUp(&camera);
+      if (c.is_orthographic) {
+        camera.projection = view::Projection::kOrthographic;
+      }
+      if (c.is_inside) {
+        camera.eye = camera.target + (camera.eye - camera.target) * 0.05;
+      }
+      const Scene scene = MakeScene(camera, c.samples, c.block_cells);
+      const std::int64_t hit_count =
+          ExpectAsReference(scene, RandomBlocks(scene.layout, c.share, 11));
+      EXPECT_EQ(hit_count > 0, c.share > 0) << c.samples.x << " " << c.azimuth;
+      ASSERT_FALSE(HasFailure()) << hwy::TargetName(target) << ", " << c.samples.x << " x "
+                                 << c.samples.y << " x " << c.samples.z << " samples, azimuth "
+                                 << c.azimuth;
+    }
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+}
+
+TEST(RaySetTest, AnEdgeBetweenBlocksIsCrossedAlongTheLowerAxisFirst) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {33, 33, 33};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BlockLayout layout,
+                                BlockLayout::Make(geometry.sample_dims, {8, 8, 8}));
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    for (const auto& [low, high] : {std::pair{0, 1}, std::pair{0, 2}, std::pair{1, 2}}) {
+      // Through the centre of the first face normal to `low`, then through the edge at 8, 8.
+      view::Camera camera = view::MakeDefaultCamera(geometry.Bounds());
+      camera.eye = {4, 4, 4};
+      camera.eye[low] = -16;
+      camera.eye[high] = -4;
+      camera.target = {4, 4, 4};
+      camera.target[low] = 0;
+      camera.up = {0, 0, 0};
+      camera.up[3 - low - high] = 1;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::View view,
+                                    view::View::Make(camera, {64, 48}, geometry));
+      const RaySet rays(view, layout, 1);
+      const std::int64_t number = std::int64_t{low} * 2 * 16;
+      math::Vec3d direction;
+      direction[low] = 16;
+      direction[high] = 8;
+      ASSERT_TRUE(rays.RayOf(number).has_value());
+      ASSERT_EQ(rays.RayOf(number)->direction, direction);
+      math::Index3 along_low;
+      along_low[low] = 1;
+      math::Index3 along_high;
+      along_high[high] = 1;
+      BlockSet active(layout.block_count());
+      active.Insert(layout.IdOf(along_low));
+      active.Insert(layout.IdOf(along_high));
+      EXPECT_THAT(HitsOf(rays, number, number + 1, layout, active),
+                  ElementsAre(layout.IdOf(along_low)))
+          << hwy::TargetName(target) << ", axes " << low << " and " << high;
+    }
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+}
+
+TEST(RaySetTest, HitsAreAddedToThoseOfEarlierCalls) {
+  const math::Index3 samples{33, 33, 33};
+  const view::Camera camera = view::MakeDefaultCamera(BoundsOf(samples));
+  const Scene scene = MakeScene(camera, samples, {8, 8, 8});
+  const RaySet rays(scene.view, scene.layout, 1);
+  const BlockSet active = RandomBlocks(scene.layout, 0.3, 5);
+  BlockSet hits(scene.layout.block_count());
+  rays.Cast(0, 40, active, &hits);
+  rays.Cast(100, rays.count(), active, &hits);
+  rays.Cast(40, 100, active, &hits);
+  rays.Cast(50, 50, active, &hits);
+  EXPECT_EQ(hits.Ids(), HitsOf(rays, 0, rays.count(), scene.layout, active));
+}
+
+TEST(RaySetDeathTest, SetsOfAnotherVolumeAreRefused) {
+  const math::Index3 samples{65, 65, 65};
+  const view::Camera camera = view::MakeDefaultCamera(BoundsOf(samples));
+  const Scene scene = MakeScene(camera, samples, {8, 8, 8});
+  const RaySet rays(scene.view, scene.layout, 1);
+  BlockSet right(scene.layout.block_count());
+  BlockSet wrong(scene.layout.block_count() - 64);
+  EXPECT_DEATH(rays.Cast(0, 1, wrong, &right), "active.words");
+  EXPECT_DEATH(rays.Cast(0, 1, right, &wrong), "hits->words");
+  EXPECT_DEATH(rays.Cast(0, rays.count() + 1, right, &right), "end <= count");
 }
 
 TEST(ShareOfRaysTest, SharesFollowOneAnotherAndAreEven) {
@@ -297,6 +625,38 @@ TEST(OccludingBlocksTest, AreTheHitsAndTheirActiveNeighbours) {
     }
   }
   EXPECT_EQ(OccludingBlocks(hits, layout, active), expected);
+}
+
+TEST(OccludingBlocksTest, NeighboursDoNotWrapAroundRowsOrSlabs) {
+  for (const math::Index3& dims :
+       {math::Index3{1, 1, 1}, math::Index3{64, 3, 3}, math::Index3{63, 2, 3},
+        math::Index3{65, 4, 2}, math::Index3{130, 1, 5}, math::Index3{1, 70, 3},
+        math::Index3{2, 1, 130}, math::Index3{7, 9, 11}, math::Index3{32, 32, 1}}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BlockLayout layout,
+                                  BlockLayout::Make(dims + math::Index3{1, 1, 1}, {1, 1, 1}));
+    for (const double share : {0.0, 0.02, 0.3}) {
+      const BlockSet active = RandomBlocks(layout, 0.6, 3);
+      // Hits that are not active stay all the same.
+      const std::vector<BlockId> hits = RandomBlocks(layout, share, 8).Ids();
+      BlockSet expected(layout.block_count());
+      for (const BlockId hit : hits) {
+        expected.Insert(hit);
+        const math::Index3 center = layout.IndexOf(hit);
+        for (std::int64_t n = 0; n < 27; ++n) {
+          const math::Index3 block = center + math::Index3{n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1};
+          bool is_in_volume = true;
+          for (int axis = 0; axis < 3; ++axis) {
+            is_in_volume = is_in_volume && block[axis] >= 0 && block[axis] < dims[axis];
+          }
+          if (is_in_volume && active.Contains(layout.IdOf(block))) {
+            expected.Insert(layout.IdOf(block));
+          }
+        }
+      }
+      EXPECT_EQ(OccludingBlocks(hits, layout, active), expected)
+          << dims.x << " x " << dims.y << " x " << dims.z << ", share " << share;
+    }
+  }
 }
 
 }  // namespace

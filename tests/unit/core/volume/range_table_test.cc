@@ -1,17 +1,22 @@
 #include "core/volume/range_table.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
+#include <string>
 #include <type_traits>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
 #include "core/base/random.h"
+#include "hwy/highway.h"
 
 namespace isoscope::volume {
 namespace {
@@ -122,6 +127,92 @@ TEST(RangeTableTest, ActiveBlocksAreThoseWhoseSpansAreActiveForEveryType) {
       }
     });
   }
+}
+
+TEST(RangeTableTest, ActiveBlocksAreTheSameWhateverTheProcessorsVectors) {
+  constexpr double kIsovalue = 50;
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    for (const ScalarType type : kAllTypes) {
+      for (const std::int64_t count : {1, 63, 64, 65, 128, 1000}) {
+        RangeTable table(type, count);
+        BlockSet expected(count);
+        for (std::int64_t id = 0; id < count; ++id) {
+          const auto block = static_cast<BlockId>(id);
+          const auto counter = static_cast<std::uint64_t>(2 * id);
+          ScalarSpan span;  // one in three is empty
+          if (id % 3 != 0) {
+            span.min = std::floor(100 * base::RandomUnit(1, counter));
+            span.max =
+                std::min(127.0, span.min + std::floor(60 * base::RandomUnit(1, counter + 1)));
+          }
+          table.Set(block, span);
+          if (IsActive(span, kIsovalue)) {
+            expected.Insert(block);
+          }
+        }
+        EXPECT_EQ(table.ActiveBlocks(kIsovalue), expected)
+            << absl::StrCat(hwy::TargetName(target), " ", NameOf(type), " ", count);
+      }
+    }
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+}
+
+TEST(RangeTableTest, NanFromADamagedFileIsNeverActive) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  std::vector<float> values;
+  for (int i = 0; i < 70; ++i) {
+    values.push_back(i % 3 == 0 ? nan : 1.0F);
+    values.push_back(i % 3 == 1 ? nan : 3.0F);
+  }
+  std::string bytes(values.size() * sizeof(float), 0);
+  std::memcpy(bytes.data(), values.data(), bytes.size());
+  const std::vector<BlockId> active =
+      RangeTable::FromBytes(ScalarType::kFloat32, 70, bytes).ActiveBlocks(2).Ids();
+  EXPECT_EQ(active.size(), 23U);
+  for (const BlockId id : active) {
+    EXPECT_EQ(id % 3, 2U);
+  }
+}
+
+TEST(BlockSetTest, IdsAreTheMembersAscending) {
+  BlockSet blocks(200);
+  EXPECT_THAT(blocks.Ids(), ::testing::IsEmpty());
+  for (const BlockId id : {199U, 0U, 64U, 63U, 128U, 64U}) {
+    blocks.Insert(id);
+  }
+  EXPECT_THAT(blocks.Ids(), ::testing::ElementsAre(0, 63, 64, 128, 199));
+  EXPECT_EQ(blocks.Count(), 5);
+}
+
+TEST(BlockSetTest, UnionAndIntersectionAreThoseOfTheMembers) {
+  BlockSet a(130);
+  BlockSet b(130);
+  for (std::int64_t id = 0; id < 130; ++id) {
+    if (id % 2 == 0) {
+      a.Insert(static_cast<BlockId>(id));
+    }
+    if (id % 3 == 0) {
+      b.Insert(static_cast<BlockId>(id));
+    }
+  }
+  BlockSet either = a;
+  either.UnionWith(b);
+  BlockSet both = a;
+  both.IntersectWith(b);
+  for (std::int64_t id = 0; id < 130; ++id) {
+    EXPECT_EQ(either.Contains(static_cast<BlockId>(id)), id % 2 == 0 || id % 3 == 0) << id;
+    EXPECT_EQ(both.Contains(static_cast<BlockId>(id)), id % 6 == 0) << id;
+  }
+}
+
+TEST(BlockSetDeathTest, SetsOfOtherVolumesAreRefused) {
+  BlockSet blocks(64);
+  EXPECT_DEATH(blocks.UnionWith(BlockSet(65)), "words_.size");
+  EXPECT_DEATH(blocks.IntersectWith(BlockSet(65)), "words_.size");
 }
 
 TEST(RangeTableTest, SpansComeBackAndTotalCoversThem) {

@@ -1,0 +1,287 @@
+#include "client-cli/isolated_cluster.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "client-cli/bench_statistics.h"
+
+#include "core/base/status_macros.h"
+#include "core/composite/pixel_codec.h"
+#include "core/store/shard_reader.h"
+#include "core/view/view.h"
+#include "partition-agent/block_cache.h"
+#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/surface_extraction.h"
+#include "server/agent_link.h"
+#include "server/frame_coordinator.h"
+
+namespace isoscope::cli {
+namespace {
+
+constexpr std::size_t kCacheBytes = std::size_t{1} << 30;
+constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
+
+// What all links of a frame tell, step by step.
+struct StepBlocks {
+  std::vector<volume::BlockId> ray_hits;
+  std::vector<volume::BlockId> occluding;
+  std::vector<volume::BlockId> visible;
+};
+
+void Append(const std::vector<volume::BlockId>& from, std::vector<volume::BlockId>* to) {
+  to->insert(to->end(), from.begin(), from.end());
+}
+
+void SortUnique(std::vector<volume::BlockId>* blocks) {
+  std::sort(blocks->begin(), blocks->end());
+  blocks->erase(std::unique(blocks->begin(), blocks->end()), blocks->end());
+}
+
+// An agent that does each step on the thread that asks for it, before that call returns. Its answer
+// waits in the coordinator's queue until all others have been asked.
+class IsolatedLink final : public server::AgentLink {
+ public:
+  IsolatedLink(const agent::FrameRequest& request, StepBlocks* blocks, agent::BlockCache* cache,
+               server::AgentListener* listener)
+      : request_(request), blocks_(blocks), cache_(cache), listener_(listener) {}
+  ~IsolatedLink() override { End(absl::CancelledError("the frame was abandoned")); }
+
+  // Steps 0 and 1, or the whole frame.
+  void Begin(std::shared_ptr<const agent::Shard> shard, render::Renderer* renderer,
+             tbb::task_arena* arena, const base::Cancellation* cancellation) {
+    absl::StatusOr<std::unique_ptr<agent::FramePipeline>> pipeline = agent::FramePipeline::Make(
+        {std::move(shard)}, request_, {.renderer = renderer, .arena = arena, .cache = cache_},
+        cancellation);
+    if (!pipeline.ok()) {
+      End(pipeline.status());
+      return;
+    }
+    pipeline_ = *std::move(pipeline);
+    if (request_.culling == visibility::Culling::kNone) {
+      SendLast(pipeline_->RenderAll());
+      return;
+    }
+    absl::StatusOr<agent::RaySelection> selection = pipeline_->SelectOccluders();
+    if (!selection.ok()) {
+      End(selection.status());
+      return;
+    }
+    Append(selection->hits, &blocks_->ray_hits);
+    listener_->OnRayHits(std::move(selection->hits), std::move(selection->active));
+  }
+
+  void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
+    Append(blocks, &blocks_->occluding);
+    if (has_ended_) {
+      return;
+    }
+    const absl::StatusOr<image::FrameImage> image = pipeline_->RenderOccluders(blocks);
+    if (!image.ok()) {
+      End(image.status());
+      return;
+    }
+    SendPixels(*image);
+    listener_->OnOccludersDone();
+  }
+
+  void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
+                         std::string open_pixels) override {
+    Append(blocks, &blocks_->visible);
+    if (!has_ended_) {
+      SendLast(pipeline_->RenderVisible(blocks, open_pixels));
+    }
+  }
+
+  void Cancel() override { End(absl::CancelledError("cancelled by the coordinator")); }
+  [[nodiscard]] std::string name() const override {
+    return absl::StrCat("isolated agent ", request_.agent_index);
+  }
+  [[nodiscard]] std::int64_t network_bytes() const override { return network_bytes_; }
+
+ private:
+  void SendPixels(const image::FrameImage& image) {
+    for (std::string& band : composite::EncodePixels(image)) {
+      network_bytes_ += static_cast<std::int64_t>(band.size());
+      listener_->OnPixels(std::move(band));
+    }
+  }
+
+  void SendLast(const absl::StatusOr<image::FrameImage>& image) {
+    if (!image.ok()) {
+      End(image.status());
+      return;
+    }
+    SendPixels(*image);
+    const agent::AgentStatistics& from = pipeline_->statistics();
+    server::AgentStatistics statistics;
+    statistics.shard_indices = {request_.agent_index};
+    statistics.active_block_count = from.active_block_count;
+    statistics.visible_block_count = from.visible_block_count;
+    statistics.triangle_count = from.triangle_count;
+    statistics.busy_duration = from.busy_duration;
+    listener_->OnFrameDone(std::move(statistics));
+    End(absl::OkStatus());
+  }
+
+  void End(absl::Status status) {
+    if (!std::exchange(has_ended_, true)) {
+      listener_->OnEnd(std::move(status));
+    }
+  }
+
+  const agent::FrameRequest request_;
+  StepBlocks* const blocks_;
+  agent::BlockCache* const cache_;
+  server::AgentListener* const listener_;
+  std::unique_ptr<agent::FramePipeline> pipeline_;
+  std::int64_t network_bytes_ = 0;
+  bool has_ended_ = false;
+};
+
+IsolatedFrame FrameOf(server::FrameResult result, StepBlocks blocks, absl::Duration wall) {
+  IsolatedFrame frame;
+  frame.image = std::move(result.image);
+  for (const server::AgentStatistics& agent : result.agents) {
+    frame.agents.push_back({.active_block_count = agent.active_block_count,
+                            .drawn_block_count = agent.visible_block_count,
+                            .triangle_count = agent.triangle_count,
+                            .busy_ms = absl::ToDoubleMilliseconds(agent.busy_duration)});
+  }
+  SortUnique(&blocks.ray_hits);
+  SortUnique(&blocks.occluding);
+  frame.drawn = std::move(blocks.visible);
+  Append(blocks.occluding, &frame.drawn);
+  SortUnique(&frame.drawn);
+  frame.ray_hits = std::move(blocks.ray_hits);
+  frame.occluding = std::move(blocks.occluding);
+  frame.other_ms = std::max(0.0, absl::ToDoubleMilliseconds(wall) - Sum(frame.busy_ms()));
+  return frame;
+}
+
+}  // namespace
+
+std::int64_t IsolatedFrame::active_block_count() const {
+  std::int64_t sum = 0;
+  for (const IsolatedAgent& agent : agents) {
+    sum += agent.active_block_count;
+  }
+  return sum;
+}
+
+std::int64_t IsolatedFrame::drawn_block_count() const {
+  std::int64_t sum = 0;
+  for (const IsolatedAgent& agent : agents) {
+    sum += agent.drawn_block_count;
+  }
+  return sum;
+}
+
+std::int64_t IsolatedFrame::triangle_count() const {
+  std::int64_t sum = 0;
+  for (const IsolatedAgent& agent : agents) {
+    sum += agent.triangle_count;
+  }
+  return sum;
+}
+
+std::vector<double> IsolatedFrame::busy_ms() const {
+  std::vector<double> busy;
+  busy.reserve(agents.size());
+  for (const IsolatedAgent& agent : agents) {
+    busy.push_back(agent.busy_ms);
+  }
+  return busy;
+}
+
+absl::StatusOr<std::unique_ptr<IsolatedCluster>> IsolatedCluster::Open(
+    const std::string& dataset_directory, render::Renderer* renderer) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
+                            store::OpenDataset(dataset_directory));
+  std::unique_ptr<IsolatedCluster> cluster(new IsolatedCluster());
+  cluster->renderer_ = renderer;
+  for (const std::string& directory : dataset.shard_directories) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const agent::Shard> shard,
+                              agent::OpenShard(directory));
+    cluster->shards_.push_back(std::move(shard));
+  }
+  return cluster;
+}
+
+absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest& request,
+                                                      const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const view::View view,
+      view::View::Make(request.camera, request.viewport, manifest().geometry));
+  const std::shared_ptr<image::FrameImagePool> images =
+      image::FrameImagePool::Make(kUnusedImageBytes);
+  StepBlocks blocks;
+  // One for each agent, as on its own machine; emptied only when the frame's time is taken.
+  std::vector<std::unique_ptr<agent::BlockCache>> caches;
+  server::FrameSetup setup;
+  setup.view = &view;
+  setup.layout = &layout();
+  setup.culling = request.culling;
+  setup.agent_count = static_cast<int>(shards_.size());
+  setup.images = images.get();
+  setup.arena = &arena_;
+  const auto begin =
+      [&](int agent_index,
+          server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
+    agent::FrameRequest own = request;
+    own.agent_index = agent_index;
+    own.agent_count = setup.agent_count;
+    caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes));
+    auto link = std::make_unique<IsolatedLink>(own, &blocks, caches.back().get(), listener);
+    link->Begin(shards_[static_cast<std::size_t>(agent_index)], renderer_, &arena_, &cancellation);
+    return link;
+  };
+  const absl::Time start = absl::Now();
+  // All of it inside of the arena, so that no step finds a second thread.
+  absl::StatusOr<server::FrameResult> result =
+      arena_.execute([&] { return server::RunFrame(setup, begin, cancellation); });
+  const absl::Duration wall = absl::Now() - start;
+  ISOSCOPE_RETURN_IF_ERROR(result.status());
+  return FrameOf(*std::move(result), std::move(blocks), wall);
+}
+
+absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
+    const agent::FrameRequest& request, const std::vector<volume::BlockId>& blocks,
+    const base::Cancellation& cancellation) {
+  agent::BlockCache cache(kCacheBytes);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<agent::FramePipeline> pipeline,
+      agent::FramePipeline::Make(shards_, request,
+                                 {.renderer = renderer_, .arena = &arena_, .cache = &cache},
+                                 &cancellation));
+  return arena_.execute([&]() -> absl::StatusOr<BlocksPicture> {
+    // It finds the active blocks, which drawing needs; the rays' hits do not matter here.
+    ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
+    BlocksPicture picture;
+    ISOSCOPE_ASSIGN_OR_RETURN(picture.image, pipeline->RenderVisible(blocks, ""));
+    picture.triangle_count = pipeline->statistics().triangle_count;
+    return picture;
+  });
+}
+
+absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
+    double isovalue, const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<agent::SurfaceExtraction> extraction,
+      agent::SurfaceExtraction::Make(shards_, isovalue, &arena_, &cancellation));
+  std::vector<std::int64_t> counts;
+  while (true) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
+    if (meshes.empty()) {
+      return counts;
+    }
+    for (const mesh::BlockMesh& mesh : meshes) {
+      counts.push_back(mesh.triangle_count());
+    }
+  }
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,27 @@
+#include "client-cli/temporary_folder.h"
+
+#include <cerrno>
+#include <cstdlib>
+
+#include "core/base/file.h"
+
+namespace isoscope::cli {
+
+absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
+  const char* place = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): nobody sets any
+  const std::string parent = place != nullptr && *place == '/' ? place : "/tmp";
+  std::string path = absl::StrCat(parent, "/isoscope-XXXXXX");
+  if (mkdtemp(path.data()) == nullptr) {
+    return base::ErrnoToStatus(errno, "can't make a temporary folder in (set TMPDIR to another)",
+                               parent);
+  }
+  return TemporaryFolder(std::move(path));
+}
+
+TemporaryFolder::~TemporaryFolder() {
+  if (!path_.empty()) {
+    base::RemoveRecursively(path_).IgnoreError();  // nobody is left to hear of it
+  }
+}
+
+}  // namespace isoscope::cli

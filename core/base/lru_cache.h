@@ -1,0 +1,123 @@
+// A cache bounded in bytes that forgets what was least recently used.
+
+#ifndef ISOSCOPE_CORE_BASE_LRU_CACHE_H_
+#define ISOSCOPE_CORE_BASE_LRU_CACHE_H_
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <list>
+#include <memory>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/container/flat_hash_map.h"
+#include "absl/hash/hash.h"
+#include "absl/synchronization/mutex.h"
+
+namespace isoscope::base {
+
+// Thread-safe. Values are shared: what is forgotten lives on with those who hold it.
+//
+// Work comes in rounds (frames) that look at much the same keys in the same order. Where those do
+// not fit, forgetting the least recently used would forget each just before it is asked for again.
+// So what was used in this round or the last one is not forgotten for something new: the cache
+// keeps a part of the working set and hits on that.
+//
+// It is split into kPartCount parts of equal size, with a lock each, so that threads seldom wait
+// for each other: no value larger than a part is kept.
+template <typename Key, typename Value, std::size_t kPartCount = 16>
+class LruCache {
+ public:
+  // Holds at most `max_bytes`, as the callers of Insert count them.
+  explicit LruCache(std::size_t max_bytes) { SetMaxBytes(max_bytes); }
+  LruCache(const LruCache&) = delete;
+  LruCache& operator=(const LruCache&) = delete;
+
+  // Takes effect with the next insertions.
+  void SetMaxBytes(std::size_t max_bytes) {
+    max_part_bytes_.store(max_bytes / kPartCount, std::memory_order_relaxed);
+  }
+
+  // A round begins. Rounds are numbered upward from 2 and may overlap.
+  void SetRound(std::uint64_t round) { round_.store(round, std::memory_order_relaxed); }
+
+  // Null if it is not there.
+  std::shared_ptr<const Value> Find(const Key& key) {
+    Part& part = PartOf(key);
+    absl::MutexLock lock(&part.mutex);
+    const auto found = part.places.find(key);
+    if (found == part.places.end()) {
+      return nullptr;
+    }
+    part.entries.splice(part.entries.begin(), part.entries, found->second);
+    found->second->round = round_.load(std::memory_order_relaxed);
+    return found->second->value;
+  }
+
+  // Keeps `value` unless there is no room for it. A key that is there already keeps its value.
+  void Insert(const Key& key, std::shared_ptr<const Value> value, std::size_t size_bytes) {
+    const std::size_t size = size_bytes + kEntryBytes;
+    const std::size_t max_bytes = max_part_bytes_.load(std::memory_order_relaxed);
+    const std::uint64_t round = round_.load(std::memory_order_relaxed);
+    std::list<Entry> forgotten;  // freed after the lock
+    Part& part = PartOf(key);
+    absl::MutexLock lock(&part.mutex);
+    if (size > max_bytes || part.places.contains(key)) {
+      return;
+    }
+    while (part.size_bytes + size > max_bytes) {
+      const auto last = std::prev(part.entries.end());
+      if (last->round + 1 >= round) {
+        return;
+      }
+      part.size_bytes -= last->size_bytes;
+      part.places.erase(last->key);
+      forgotten.splice(forgotten.begin(), part.entries, last);
+    }
+    part.size_bytes += size;
+    part.entries.push_front({key, std::move(value), size, round});
+    part.places.emplace(key, part.entries.begin());
+  }
+
+  [[nodiscard]] std::size_t size_bytes() const {
+    std::size_t sum = 0;
+    for (const Part& part : parts_) {
+      absl::MutexLock lock(&part.mutex);
+      sum += part.size_bytes;
+    }
+    return sum;
+  }
+
+ private:
+  struct Entry {
+    Key key;
+    std::shared_ptr<const Value> value;
+    std::size_t size_bytes = 0;
+    std::uint64_t round = 0;
+  };
+  // What an entry takes beside its value: list node, map slot, control block.
+  static constexpr std::size_t kEntryBytes = sizeof(Entry) + sizeof(Key) + 64;
+
+  struct alignas(64) Part {
+    mutable absl::Mutex mutex;
+    std::list<Entry> entries ABSL_GUARDED_BY(mutex);  // the last used first
+    absl::flat_hash_map<Key, typename std::list<Entry>::iterator> places ABSL_GUARDED_BY(mutex);
+    std::size_t size_bytes ABSL_GUARDED_BY(mutex) = 0;
+  };
+
+  Part& PartOf(const Key& key) {
+    // The map uses the low bits.
+    return parts_[(absl::Hash<Key>{}(key) >> 32) % kPartCount];
+  }
+
+  std::atomic<std::size_t> max_part_bytes_{0};
+  std::atomic<std::uint64_t> round_{2};
+  std::array<Part, kPartCount> parts_;
+};
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_LRU_CACHE_H_

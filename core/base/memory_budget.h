@@ -1,0 +1,61 @@
+// A number of bytes that concurrent work shares: who needs more than is left waits.
+
+#ifndef ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
+#define ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
+
+#include <cstddef>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/statusor.h"
+#include "absl/synchronization/mutex.h"
+
+#include "core/base/cancellation.h"
+
+namespace isoscope::base {
+
+// Thread-safe. Outlives its reservations.
+class MemoryBudget {
+ public:
+  explicit MemoryBudget(std::size_t capacity_bytes)
+      : capacity_bytes_(capacity_bytes), free_bytes_(capacity_bytes) {}
+  MemoryBudget(const MemoryBudget&) = delete;
+  MemoryBudget& operator=(const MemoryBudget&) = delete;
+
+  // Gives the bytes back when it is destroyed.
+  class Reservation {
+   public:
+    Reservation(Reservation&& other) noexcept
+        : budget_(std::exchange(other.budget_, nullptr)), bytes_(other.bytes_) {}
+    Reservation& operator=(Reservation&&) = delete;
+    ~Reservation() {
+      if (budget_ != nullptr) {
+        budget_->Release(bytes_);
+      }
+    }
+
+   private:
+    friend class MemoryBudget;
+    Reservation(MemoryBudget* budget, std::size_t bytes) : budget_(budget), bytes_(bytes) {}
+
+    MemoryBudget* budget_;
+    std::size_t bytes_;
+  };
+
+  // Waits until so many bytes are free. RESOURCE_EXHAUSTED, at once, if there will never be so
+  // many; the error of `cancellation` if it fires first.
+  absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
+
+  [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }
+
+ private:
+  void Release(std::size_t bytes);
+
+  const std::size_t capacity_bytes_;
+  absl::Mutex mutex_;
+  std::size_t free_bytes_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_

@@ -1,0 +1,84 @@
+// Which squares of an image hold something.
+
+#ifndef ISOSCOPE_CORE_IMAGE_TILE_SET_H_
+#define ISOSCOPE_CORE_IMAGE_TILE_SET_H_
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace isoscope::image {
+
+// One bit for each square of kTilePx x kTilePx pixels. Thread-compatible.
+class TileSet {
+ public:
+  static constexpr int kTilePx = 16;
+
+  TileSet() = default;
+  // Empty, for an image of this size.
+  TileSet(int width_px, int height_px)
+      : columns_((width_px + kTilePx - 1) / kTilePx),
+        rows_((height_px + kTilePx - 1) / kTilePx),
+        row_words_(static_cast<std::size_t>((columns_ + 63) / 64)),
+        words_(row_words_ * static_cast<std::size_t>(rows_)) {}
+
+  [[nodiscard]] int columns() const { return columns_; }
+  [[nodiscard]] int rows() const { return rows_; }
+
+  void Insert(int column, int row) {
+    words_[WordOf(column, row)] |= std::uint64_t{1} << (column % 64);
+  }
+  [[nodiscard]] bool Contains(int column, int row) const {
+    return (words_[WordOf(column, row)] >> (column % 64) & 1) != 0;
+  }
+  // The tiles of the pixels [begin_x, end_x) x [begin_y, end_y), inside the image.
+  void InsertPixels(int begin_x, int begin_y, int end_x, int end_y) {
+    for (int row = begin_y / kTilePx; row * kTilePx < end_y; ++row) {
+      for (int column = begin_x / kTilePx; column * kTilePx < end_x; ++column) {
+        Insert(column, row);
+      }
+    }
+  }
+  void InsertAll() {
+    for (int row = 0; row < rows_; ++row) {
+      for (int column = 0; column < columns_; ++column) {
+        Insert(column, row);
+      }
+    }
+  }
+  // REQUIRES: of the same size.
+  void InsertAllOf(const TileSet& other) {
+    for (std::size_t i = 0; i < words_.size(); ++i) {
+      words_[i] |= other.words_[i];
+    }
+  }
+  void Clear() { words_.assign(words_.size(), 0); }
+
+  // Calls fn(column) for each tile of a row that is in the set, ascending.
+  template <typename Fn>
+  void ForEachInRow(int row, const Fn& fn) const {
+    for (std::size_t i = 0; i < row_words_; ++i) {
+      for (std::uint64_t rest = words_[static_cast<std::size_t>(row) * row_words_ + i]; rest != 0;
+           rest &= rest - 1) {
+        fn(static_cast<int>(64 * i) + std::countr_zero(rest));
+      }
+    }
+  }
+
+  friend bool operator==(const TileSet&, const TileSet&) = default;
+
+ private:
+  [[nodiscard]] std::size_t WordOf(int column, int row) const {
+    return static_cast<std::size_t>(row) * row_words_ + static_cast<std::size_t>(column / 64);
+  }
+
+  int columns_ = 0;
+  int rows_ = 0;
+  std::size_t row_words_ = 0;  // a row of tiles begins at a word, so that rows can be shared out
+  std::vector<std::uint64_t> words_;
+};
+
+}  // namespace isoscope::image
+
+#endif  // ISOSCOPE_CORE_IMAGE_TILE_SET_H_

@@ -1,0 +1,187 @@
+#include "core/ingest/partition_plan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "absl/strings/str_format.h"
+
+#include "core/base/units.h"
+#include "core/index/interval_tree_builder.h"
+
+namespace isoscope::ingest {
+namespace {
+
+// Above it tiles of several layers are not worth their memory.
+constexpr std::int64_t kMaxTileBytes = 64 * base::kMiB;
+constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
+// Lists of a batch, for both: 8192 blocks' ids, offsets, order, places, spans, checksums.
+constexpr std::int64_t kBatchTableBytes = base::kMiB;
+constexpr std::int64_t kBatchTableBytesPerBlock = 128;
+
+// More memory for sorting saves merges only beyond about 2^32 bytes; less is for small limits.
+constexpr std::int64_t kSortBytes = 8 * base::kMiB;
+constexpr int kSortShares[] = {1, 4, 16};
+// Sorters have buffers, however few blocks there are.
+constexpr std::int64_t kMinTreeBytes = 32 * base::kKiB;
+// A file's buffer at most.
+constexpr std::int64_t kFileBufferBytes = 256 * base::kKiB;
+// While a shard is finished: its two files, and what sums them up.
+constexpr std::int64_t kFinishingBytes = 2 * kFileBufferBytes + base::kMiB;
+
+// The greedy distribution, in bytes a block beside the ranges: shard 2, lists of blocks that are
+// dealt out together 12 (they grow by doubling).
+constexpr std::int64_t kDealingBytesPerBlock = 14;
+constexpr std::int64_t kDealtBytesPerBlock = 2;
+
+// Blocks of the largest shard.
+std::int64_t LargestShare(std::int64_t blocks, int shard_count) {
+  // Shards of a random distribution differ; six standard deviations are enough for all of them.
+  const double mean = static_cast<double>(blocks) / shard_count;
+  return shard_count == 1
+             ? blocks
+             : std::min(blocks, static_cast<std::int64_t>(mean + 6 * std::sqrt(mean)) + 1);
+}
+
+// The samples of the largest tile of `layers` x `rows` blocks.
+std::int64_t TileBytes(const volume::BlockLayout& layout, volume::ScalarType type,
+                       std::int64_t layers, std::int64_t rows) {
+  const math::Index3& dims = layout.sample_dims();
+  const math::Index3& cells = layout.block_cells();
+  return std::min(layers * cells.z + 3, dims.z) * std::min(rows * cells.y + 3, dims.y) * dims.x *
+         static_cast<std::int64_t>(volume::SizeOf(type));
+}
+
+}  // namespace
+
+absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
+                                            volume::ScalarType type, int shard_count,
+                                            store::Distribution distribution,
+                                            std::int64_t source_bytes,
+                                            std::int64_t memory_limit_bytes) {
+  const math::Index3& cells = layout.block_cells();
+  const math::Index3& block_dims = layout.block_dims();
+  const auto sample_size = static_cast<std::int64_t>(volume::SizeOf(type));
+  const std::int64_t max_block_bytes = (cells.x + 3) * (cells.y + 3) * (cells.z + 3) * sample_size;
+  const std::int64_t blocks = layout.block_count();
+  const std::int64_t largest_share = LargestShare(blocks, shard_count);
+  const bool is_greedy = distribution == store::Distribution::kGreedy;
+  const std::int64_t dealt_bytes = is_greedy ? kDealtBytesPerBlock * blocks : 0;
+  const std::int64_t range_bytes = is_greedy ? 2 * sample_size * blocks : 0;
+  PartitionPlan plan;
+  // A small volume is one batch.
+  plan.batch_bytes = std::max(
+      max_block_bytes,
+      std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes, blocks * max_block_bytes}));
+  // Files hold a batch's blocks back, each no more than its buffer and a page or two.
+  const std::int64_t file_bytes =
+      std::min(shard_count * kFileBufferBytes,
+               2 * plan.batch_bytes + shard_count * (max_block_bytes + 8 * base::kKiB)) +
+      kFileBufferBytes;
+  const auto fits = [&](std::int64_t layers, std::int64_t rows, bool is_double_buffered) {
+    plan.layers_per_tile = layers;
+    plan.block_rows_per_tile = rows;
+    plan.is_double_buffered = is_double_buffered;
+    plan.tile_bytes = TileBytes(layout, type, layers, rows);
+    const std::int64_t tiles = (is_double_buffered ? 2 : 1) * plan.tile_bytes;
+    const std::int64_t tile_range_bytes = 2 * sample_size * layers * rows * block_dims.x;
+    const std::int64_t reading_ranges = range_bytes + tiles;
+    const std::int64_t dealing = range_bytes + (is_greedy ? kDealingBytesPerBlock * blocks : 0);
+    const std::int64_t writing = dealt_bytes + plan.placement_bytes + plan.entry_bytes + tiles +
+                                 tile_range_bytes + file_bytes + 2 * plan.batch_bytes +
+                                 std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
+    const std::int64_t indexing =
+        dealt_bytes + plan.entry_bytes + plan.tree_bytes + file_bytes + kFinishingBytes;
+    plan.total_bytes = source_bytes + std::max({reading_ranges, dealing, writing, indexing});
+    return plan.total_bytes <= memory_limit_bytes;
+  };
+  const auto take_share = [&](int share) {
+    plan.placement_bytes = std::min(kSortBytes / share, kPlacementBytesPerBlock * blocks);
+    plan.entry_bytes = std::min(kSortBytes / share, kEntryBytesPerBlock * blocks);
+    plan.tree_bytes =
+        std::max(index::IntervalTreeBuilder::MemoryBytes(largest_share) / share, kMinTreeBytes);
+  };
+  for (const int share : kSortShares) {
+    take_share(share);
+    for (const std::int64_t layers : {4, 2, 1}) {
+      if (layers > 1 && TileBytes(layout, type, layers, block_dims.y) > kMaxTileBytes) {
+        continue;
+      }
+      if (fits(layers, block_dims.y, layers < block_dims.z)) {
+        return plan;
+      }
+    }
+    if (fits(1, block_dims.y, false)) {
+      return plan;
+    }
+  }
+  // Bands, as high as fit: fewer rows are read twice.
+  const bool band_fits =
+      std::any_of(std::begin(kSortShares), std::end(kSortShares), [&](int share) {
+        take_share(share);
+        return fits(1, 1, false);
+      });
+  if (!band_fits) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "memory limit %d bytes: one row of blocks (%d x %d x %d samples of %s) with tables for %d "
+        "blocks needs %d bytes; raise --memory-limit, or use larger blocks%s",
+        memory_limit_bytes, layout.sample_dims().x, std::min(cells.y + 3, layout.sample_dims().y),
+        std::min(cells.z + 3, layout.sample_dims().z), volume::NameOf(type), blocks,
+        plan.total_bytes, is_greedy ? " or the random distribution" : ""));
+  }
+  std::int64_t low = 1;  // fits
+  std::int64_t high = block_dims.y;
+  while (high - low > 1) {
+    const std::int64_t middle = low + (high - low) / 2;
+    (fits(1, middle, false) ? low : high) = middle;
+  }
+  fits(1, low, false);
+  return plan;
+}
+
+std::int64_t TileCount(const volume::BlockLayout& layout, const PartitionPlan& plan) {
+  const auto parts = [](std::int64_t n, std::int64_t size) { return (n + size - 1) / size; };
+  return parts(layout.block_dims().z, plan.layers_per_tile) *
+         parts(layout.block_dims().y, plan.block_rows_per_tile);
+}
+
+Tile TileAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i) {
+  const math::Index3& dims = layout.block_dims();
+  const std::int64_t bands = (dims.y + plan.block_rows_per_tile - 1) / plan.block_rows_per_tile;
+  Tile tile;
+  tile.begin_layer = i / bands * plan.layers_per_tile;
+  tile.end_layer = std::min(tile.begin_layer + plan.layers_per_tile, dims.z);
+  tile.begin_row = i % bands * plan.block_rows_per_tile;
+  tile.end_row = std::min(tile.begin_row + plan.block_rows_per_tile, dims.y);
+  return tile;
+}
+
+std::int64_t PositionInTiles(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                             const math::Index3& index) {
+  const math::Index3& dims = layout.block_dims();
+  const std::int64_t size = plan.layers_per_tile;
+  const std::int64_t band = std::min(plan.block_rows_per_tile, dims.y);
+  const std::int64_t begin_layer = index.z / size * size;
+  const std::int64_t layers = std::min(size, dims.z - begin_layer);
+  const std::int64_t begin_row = index.y / band * band;
+  const std::int64_t rows = std::min(band, dims.y - begin_row);
+  const math::Index3 in_tile{index.x, index.y - begin_row, index.z - begin_layer};
+  const math::Index3 cube{in_tile.x / size * size, in_tile.y / size * size, 0};  // its first block
+  const std::int64_t width = std::min(size, dims.x - cube.x);
+  const std::int64_t height = std::min(size, rows - cube.y);
+  const std::int64_t before_tile = (begin_layer * dims.y + begin_row * layers) * dims.x;
+  const std::int64_t before_cube = (cube.y * dims.x + cube.x * height) * layers;
+  const math::Index3 at = in_tile - cube;
+  return before_tile + before_cube + (at.z * height + at.y) * width + at.x;
+}
+
+math::IndexBox SamplesOfTile(const volume::BlockLayout& layout, const Tile& tile) {
+  math::IndexBox box = layout.StoredSamplesOf(layout.IdOf({0, tile.begin_row, tile.begin_layer}));
+  box.end = layout
+                .StoredSamplesOf(
+                    layout.IdOf({layout.block_dims().x - 1, tile.end_row - 1, tile.end_layer - 1}))
+                .end;
+  return box;
+}
+
+}  // namespace isoscope::ingest

@@ -1,0 +1,186 @@
+// Based on: Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
+
+#include "core/render/shade_kernel.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/math/matrix.h"
+#include "core/math/vec.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/render/shade_kernel.cc"
+#include "hwy/foreach_target.h"
+//
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace isoscope::render {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using DF = hn::CappedTag<float, 16>;
+using DI = hn::RebindToSigned<DF>;
+using DU = hn::RebindToUnsigned<DF>;
+using VF = hn::Vec<DF>;
+
+struct Vec3 {
+  VF x;
+  VF y;
+  VF z;
+};
+HWY_INLINE Vec3 Subtract(const Vec3& a, const Vec3& b) {
+  return {hn::Sub(a.x, b.x), hn::Sub(a.y, b.y), hn::Sub(a.z, b.z)};
+}
+HWY_INLINE VF Dot(const Vec3& a, const Vec3& b) {
+  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
+}
+HWY_INLINE Vec3 Cross(const Vec3& a, const Vec3& b) {
+  return {hn::Sub(hn::Mul(a.y, b.z), hn::Mul(a.z, b.y)),
+          hn::Sub(hn::Mul(a.z, b.x), hn::Mul(a.x, b.z)),
+          hn::Sub(hn::Mul(a.x, b.y), hn::Mul(a.y, b.x))};
+}
+HWY_INLINE VF SumOfMagnitudes(const Vec3& a) {
+  return hn::Add(hn::Add(hn::Abs(a.x), hn::Abs(a.y)), hn::Abs(a.z));
+}
+HWY_INLINE Vec3 At(const LinearVec3& f, VF x, VF y) {
+  const DF df;
+  const auto axis = [&](std::size_t i) HWY_ATTR {
+    return hn::Add(hn::Add(hn::Set(df, f.at[i]), hn::Mul(hn::Set(df, f.per_x[i]), x)),
+                   hn::Mul(hn::Set(df, f.per_y[i]), y));
+  };
+  return {axis(0), axis(1), axis(2)};
+}
+HWY_INLINE Vec3 LoadCorner(const std::array<ShadeBatch::Lane, 9>& lanes, std::size_t corner,
+                           std::size_t i) {
+  const DF df;
+  return {hn::LoadU(df, lanes[3 * corner].data() + i),
+          hn::LoadU(df, lanes[3 * corner + 1].data() + i),
+          hn::LoadU(df, lanes[3 * corner + 2].data() + i)};
+}
+
+void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
+  const DF df;
+  const DU du;
+  const VF zero = hn::Zero(df);
+  const VF one = hn::Set(df, 1.0F);
+  // What rounding (a few units of 2^-24 of the numbers that cancel) may do to a weight: a quarter.
+  const VF resolution = hn::Set(df, 0x1p-20F);
+  const VF no_normal = hn::Set(df, 1e-12F);
+  batch->inexact_count = 0;
+  for (std::size_t i = 0; i < batch->count; i += hn::Lanes(df)) {
+    const VF x = hn::LoadU(df, batch->x.data() + i);
+    const VF y = hn::LoadU(df, batch->y.data() + i);
+    const Vec3 origin = At(rays.index_origin, x, y);
+    const Vec3 direction = At(rays.index_direction, x, y);
+    const Vec3 a = LoadCorner(batch->position, 0, i);
+    const Vec3 ab = Subtract(LoadCorner(batch->position, 1, i), a);
+    const Vec3 ac = Subtract(LoadCorner(batch->position, 2, i), a);
+    const Vec3 to_origin = Subtract(origin, a);
+    const Vec3 p = Cross(direction, ac);
+    const Vec3 q = Cross(to_origin, ab);
+    const VF determinant = Dot(ab, p);
+    const VF cancelling = hn::Mul(
+        hn::Mul(hn::Add(SumOfMagnitudes(origin), SumOfMagnitudes(a)), SumOfMagnitudes(direction)),
+        hn::Add(SumOfMagnitudes(ab), SumOfMagnitudes(ac)));
+    const auto is_exact = hn::Gt(hn::Abs(determinant), hn::Mul(cancelling, resolution));
+    const VF inverse = hn::Div(one, determinant);
+    // Weights of b and c; a pixel centre lies in its triangle but for the snapping of vertices.
+    const VF wb = hn::Min(hn::Max(hn::Mul(Dot(to_origin, p), inverse), zero), one);
+    const VF wc = hn::Min(hn::Max(hn::Mul(Dot(direction, q), inverse), zero), hn::Sub(one, wb));
+
+    const Vec3 na = LoadCorner(batch->normal, 0, i);
+    const Vec3 nb = Subtract(LoadCorner(batch->normal, 1, i), na);
+    const Vec3 nc = Subtract(LoadCorner(batch->normal, 2, i), na);
+    const auto mix = [&](VF n, VF b, VF c)
+                         HWY_ATTR { return hn::Add(n, hn::Add(hn::Mul(b, wb), hn::Mul(c, wc))); };
+    const Vec3 normal{mix(na.x, nb.x, nc.x), mix(na.y, nb.y, nc.y), mix(na.z, nb.z, nc.z)};
+    const Vec3 ray = At(rays.world_direction, x, y);
+    const VF normal_squared = Dot(normal, normal);
+    const VF facing =
+        hn::Div(hn::Abs(Dot(normal, ray)), hn::Sqrt(hn::Mul(normal_squared, Dot(ray, ray))));
+    // No normal: as if it faced the eye.
+    const VF cosine = hn::IfThenElse(hn::Gt(normal_squared, no_normal), hn::Min(facing, one), one);
+    const VF step =
+        hn::Add(hn::Mul(cosine, hn::Set(df, static_cast<float>(kShadeSteps))), hn::Set(df, 0.5F));
+    // What is not exact may be no number at all.
+    const VF safe_step = hn::IfThenElseZero(is_exact, step);
+    hn::StoreU(hn::BitCast(du, hn::ConvertTo(DI(), safe_step)), du, batch->step.data() + i);
+    const auto is_inexact = hn::Not(hn::RebindMask(du, is_exact));
+    const auto in_use = hn::FirstN(du, std::min(batch->count - i, hn::Lanes(du)));
+    const auto redo = hn::And(is_inexact, in_use);
+    if (!hn::AllFalse(du, redo)) {
+      hn::StoreU(hn::Compress(hn::Iota(du, static_cast<std::uint32_t>(i)), redo), du,
+                 batch->inexact.data() + batch->inexact_count);
+      batch->inexact_count += hn::CountTrue(du, redo);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace isoscope::render
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace isoscope::render {
+namespace {
+
+HWY_EXPORT(ComputeShadeSteps);
+
+std::array<float, 3> ToFloats(const math::Vec3d& v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
+
+LinearVec3 MakeLinear(const math::Vec3d& at, const math::Vec3d& per_x, const math::Vec3d& per_y) {
+  return {.at = ToFloats(at), .per_x = ToFloats(per_x), .per_y = ToFloats(per_y)};
+}
+
+}  // namespace
+
+PixelRays MakePixelRays(const view::View& view) {
+  const view::Camera& camera = view.camera();
+  const bool is_perspective = camera.projection == view::Projection::kPerspective;
+  const double width = view.viewport().width_px;
+  const double height = view.viewport().height_px;
+  // Half of what the picture shows: at distance 1, or anywhere if orthographic.
+  const double half_y =
+      is_perspective ? std::tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+  const double half_x = half_y * width / height;
+  const math::Vec3d at = view.up() * half_y - view.right() * half_x;
+  const math::Vec3d per_x = view.right() * (2 * half_x / width);
+  const math::Vec3d per_y = view.up() * (-2 * half_y / height);
+
+  math::Vec3d direction = view.forward();
+  math::Vec3d direction_x;
+  math::Vec3d direction_y;
+  math::Vec3d origin = camera.eye + view.forward() * view.near_distance();
+  math::Vec3d origin_x = per_x;
+  math::Vec3d origin_y = per_y;
+  if (is_perspective) {
+    direction = direction + at;
+    direction_x = per_x;
+    direction_y = per_y;
+    origin = origin + at * view.near_distance();
+    origin_x = per_x * view.near_distance();
+    origin_y = per_y * view.near_distance();
+  } else {
+    origin = origin + at;
+  }
+  const math::Mat4d& m = view.index_from_world();
+  const auto turned = [&m](const math::Vec3d& v) { return math::TransformVector(m, v); };
+  return {
+      .index_origin =
+          MakeLinear(math::TransformPoint(m, origin), turned(origin_x), turned(origin_y)),
+      .index_direction = MakeLinear(turned(direction), turned(direction_x), turned(direction_y)),
+      .world_direction = MakeLinear(direction, direction_x, direction_y)};
+}
+
+void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
+  HWY_DYNAMIC_DISPATCH(ComputeShadeSteps)(rays, batch);
+}
+
+}  // namespace isoscope::render
+#endif  // HWY_ONCE

@@ -1,0 +1,58 @@
+// Deferred shading of pixels whose triangle is known, many at a time: compiled for several
+// instruction sets as raster_kernels.h is, with the same bits from all of them.
+
+#ifndef ISOSCOPE_CORE_RENDER_SHADE_KERNEL_H_
+#define ISOSCOPE_CORE_RENDER_SHADE_KERNEL_H_
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "core/view/view.h"
+
+namespace isoscope::render {
+
+// Colour is a function of |n . v| alone; so many steps that none differs by more than one level.
+inline constexpr std::size_t kShadeSteps = 4096;
+
+// Something that is linear over the picture: at + per_x * x + per_y * y at position (x, y).
+struct LinearVec3 {
+  std::array<float, 3> at{};
+  std::array<float, 3> per_x{};
+  std::array<float, 3> per_y{};
+};
+
+// The rays through the pixels, from the near plane on. Directions have no particular length.
+struct PixelRays {
+  LinearVec3 index_origin;
+  LinearVec3 index_direction;
+  LinearVec3 world_direction;
+};
+PixelRays MakePixelRays(const view::View& view);
+
+// Some pixels, each with its triangle.
+// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): lanes begin at cache lines.
+struct ShadeBatch {
+  static constexpr std::size_t kCapacity = 256;
+  static constexpr std::size_t kSize = kCapacity + 16;  // vector operations write whole vectors
+  using Lane = std::array<float, kSize>;
+
+  std::size_t count = 0;
+  alignas(64) Lane x;  // pixel centres
+  alignas(64) Lane y;
+  // [3 * corner + axis]
+  alignas(64) std::array<Lane, 9> position;  // index space
+  alignas(64) std::array<Lane, 9> normal;    // world space
+  // What comes out: the step of |n . v|, 0 to kShadeSteps.
+  alignas(64) std::array<std::uint32_t, kSize> step;
+  // The pixels whose triangle is seen too much from the side for floats: their step is no good.
+  std::size_t inexact_count = 0;
+  alignas(64) std::array<std::uint32_t, kSize> inexact;
+};
+
+// Fills step, inexact_count and inexact for the first `count` pixels.
+void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch);
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_SHADE_KERNEL_H_

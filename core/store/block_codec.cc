@@ -1,0 +1,170 @@
+#include "core/store/block_codec.h"
+
+#include <lz4.h>
+#include <zstd.h>
+
+#include <cstdint>
+#include <memory>
+
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+
+namespace isoscope::store {
+namespace {
+
+// The fastest of the ordinary levels.
+constexpr int kZstdLevel = 1;
+
+// Contexts cost more than compressing a small block: each thread keeps its own.
+ZSTD_CCtx* ThreadCompressor() {
+  thread_local const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(),
+                                                                                  &ZSTD_freeCCtx);
+  ISOSCOPE_CHECK(context != nullptr);
+  return context.get();
+}
+ZSTD_DCtx* ThreadDecompressor() {
+  thread_local const std::unique_ptr<ZSTD_DCtx, decltype(&ZSTD_freeDCtx)> context(ZSTD_createDCtx(),
+                                                                                  &ZSTD_freeDCtx);
+  ISOSCOPE_CHECK(context != nullptr);
+  return context.get();
+}
+
+// The first bytes of all samples, then the second ones, ...: of neighbouring samples the higher
+// bytes are often equal.
+template <std::size_t kWidth>
+void Shuffle(const char* in, std::size_t count, char* out) {
+  for (std::size_t byte = 0; byte < kWidth; ++byte) {
+    for (std::size_t i = 0; i < count; ++i) {
+      out[byte * count + i] = in[i * kWidth + byte];
+    }
+  }
+}
+template <std::size_t kWidth>
+void Unshuffle(const char* in, std::size_t count, char* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t byte = 0; byte < kWidth; ++byte) {
+      out[i * kWidth + byte] = in[byte * count + i];
+    }
+  }
+}
+
+void ShuffleOf(std::size_t width, const char* in, std::size_t count, char* out) {
+  switch (width) {
+    case 2:
+      return Shuffle<2>(in, count, out);
+    case 4:
+      return Shuffle<4>(in, count, out);
+    default:
+      ISOSCOPE_CHECK_EQ(width, 8U);
+      return Shuffle<8>(in, count, out);
+  }
+}
+void UnshuffleOf(std::size_t width, const char* in, std::size_t count, char* out) {
+  switch (width) {
+    case 2:
+      return Unshuffle<2>(in, count, out);
+    case 4:
+      return Unshuffle<4>(in, count, out);
+    default:
+      ISOSCOPE_CHECK_EQ(width, 8U);
+      return Unshuffle<8>(in, count, out);
+  }
+}
+
+// Compresses into `*out`, which then has the compressed size. False if it takes as much or more.
+bool Compress(BlockEncoding encoding, absl::string_view bytes, std::string* out) {
+  if (bytes.size() < 2 || bytes.size() > LZ4_MAX_INPUT_SIZE) {
+    return false;
+  }
+  out->resize(bytes.size() - 1);
+  std::size_t size = 0;
+  if (encoding == BlockEncoding::kLz4) {
+    size = static_cast<std::size_t>(LZ4_compress_default(
+        bytes.data(), out->data(), static_cast<int>(bytes.size()), static_cast<int>(out->size())));
+  } else {
+    const std::size_t result = ZSTD_compressCCtx(ThreadCompressor(), out->data(), out->size(),
+                                                 bytes.data(), bytes.size(), kZstdLevel);
+    size = ZSTD_isError(result) != 0 ? 0 : result;
+  }
+  out->resize(size);
+  return size > 0;
+}
+
+// True if `stored` decompresses to exactly `size` bytes.
+bool Decompress(BlockEncoding encoding, absl::string_view stored, std::size_t size, char* out) {
+  if (stored.size() >= size || size > LZ4_MAX_INPUT_SIZE) {
+    return false;
+  }
+  if (encoding == BlockEncoding::kLz4) {
+    return LZ4_decompress_safe(stored.data(), out, static_cast<int>(stored.size()),
+                               static_cast<int>(size)) == static_cast<int>(size);
+  }
+  return ZSTD_decompressDCtx(ThreadDecompressor(), out, size, stored.data(), stored.size()) == size;
+}
+
+}  // namespace
+
+absl::StatusOr<BlockEncoding> ParseBlockEncoding(absl::string_view name) {
+  for (const BlockEncoding encoding :
+       {BlockEncoding::kRaw, BlockEncoding::kLz4, BlockEncoding::kZstd}) {
+    if (name == NameOf(encoding)) {
+      return encoding;
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrFormat("compression \"%s\", expected none, lz4 or zstd", name));
+}
+
+absl::string_view NameOf(BlockEncoding encoding) {
+  switch (encoding) {
+    case BlockEncoding::kRaw:
+      return "none";
+    case BlockEncoding::kLz4:
+      return "lz4";
+    case BlockEncoding::kZstd:
+      return "zstd";
+  }
+  return "unknown";
+}
+
+BlockEncoding EncodeBlock(BlockEncoding wanted, volume::ScalarType type, absl::string_view samples,
+                          std::string* out) {
+  const std::size_t width = volume::SizeOf(type);
+  bool is_smaller = false;
+  if (wanted != BlockEncoding::kRaw && width == 1) {
+    is_smaller = Compress(wanted, samples, out);
+  } else if (wanted != BlockEncoding::kRaw) {
+    std::string shuffled(samples.size(), '\0');
+    ShuffleOf(width, samples.data(), samples.size() / width, shuffled.data());
+    is_smaller = Compress(wanted, shuffled, out);
+  }
+  if (!is_smaller) {
+    out->assign(samples.data(), samples.size());
+    return BlockEncoding::kRaw;
+  }
+  return wanted;
+}
+
+absl::Status DecodeBlock(BlockEncoding encoding, volume::ScalarType type, absl::string_view stored,
+                         std::size_t raw_size, std::string* scratch, char* out) {
+  const std::size_t width = volume::SizeOf(type);
+  bool is_whole = false;
+  if (encoding == BlockEncoding::kRaw) {
+    is_whole = stored.size() == raw_size;
+    stored.copy(out, raw_size);
+  } else if (width == 1) {
+    is_whole = Decompress(encoding, stored, raw_size, out);
+  } else {
+    scratch->resize(raw_size);
+    is_whole = raw_size % width == 0 && Decompress(encoding, stored, raw_size, scratch->data());
+    if (is_whole) {
+      UnshuffleOf(width, scratch->data(), raw_size / width, out);
+    }
+  }
+  return is_whole ? absl::OkStatus()
+                  : absl::DataLossError(absl::StrFormat("%d bytes are no %s encoding of %d bytes",
+                                                        stored.size(), NameOf(encoding), raw_size));
+}
+
+}  // namespace isoscope::store

@@ -1,0 +1,172 @@
+#include "core/store/shard_compressor.h"
+
+#include <algorithm>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/coding.h"
+#include "core/base/crc32c.h"
+#include "core/base/file.h"
+#include "core/base/status_macros.h"
+#include "core/store/block_codec.h"
+
+namespace isoscope::store {
+namespace {
+
+constexpr char kPartialSuffix[] = ".compressed";
+constexpr std::size_t kMaxBatchBlocks = 16384;
+
+absl::StatusOr<std::uint32_t> Crc32cOfFile(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, base::OpenRandomAccessFile(path));
+  std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
+  std::uint32_t crc32c = 0;
+  for (std::int64_t offset = 0; offset < file->size_bytes();) {
+    const auto size = static_cast<std::size_t>(
+        std::min(file->size_bytes() - offset, static_cast<std::int64_t>(buffer.size())));
+    ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(offset, size, buffer.data()));
+    crc32c = base::ExtendCrc32c(crc32c, buffer.data(), size);
+    offset += static_cast<std::int64_t>(size);
+  }
+  return crc32c;
+}
+
+struct EncodedBlock {
+  BlockIndexEntry entry;  // of the raw block, then of the encoded one
+  std::string bytes;
+};
+
+// Reads a raw shard from its first block to its last.
+class RawBlocks {
+ public:
+  static absl::StatusOr<RawBlocks> Open(const std::string& directory, const ShardSummary& raw) {
+    RawBlocks blocks;
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks.index_file_, base::OpenRandomAccessFile(absl::StrFormat(
+                                                      "%s/%s", directory, kBlockIndexFileName)));
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks.blocks_file_, base::OpenRandomAccessFile(absl::StrFormat(
+                                                       "%s/%s", directory, kBlocksFileName)));
+    blocks.block_count_ = raw.block_count;
+    const std::int64_t index_bytes =
+        static_cast<std::int64_t>(kBinaryHeaderBytes) +
+        static_cast<std::int64_t>(kBlockIndexEntryBytes) * raw.block_count;
+    if (blocks.index_file_->size_bytes() != index_bytes ||
+        blocks.blocks_file_->size_bytes() != raw.block_bytes) {
+      return absl::DataLossError(
+          absl::StrFormat("%s: %d bytes of index and %d of blocks, expected %d and %d", directory,
+                          blocks.index_file_->size_bytes(), blocks.blocks_file_->size_bytes(),
+                          index_bytes, raw.block_bytes));
+    }
+    return blocks;
+  }
+
+  // The entries of the next blocks, together at most max_bytes, and their bytes one after the
+  // other. No entries: the end.
+  absl::Status Next(std::size_t max_bytes, std::vector<EncodedBlock>* batch, std::string* bytes) {
+    batch->clear();
+    const auto count = static_cast<std::size_t>(
+        std::min(block_count_ - next_, static_cast<std::int64_t>(kMaxBatchBlocks)));
+    std::string entries(count * kBlockIndexEntryBytes, '\0');
+    ISOSCOPE_RETURN_IF_ERROR(
+        index_file_->ReadAt(static_cast<std::int64_t>(kBinaryHeaderBytes) +
+                                next_ * static_cast<std::int64_t>(kBlockIndexEntryBytes),
+                            entries.size(), entries.data()));
+    std::size_t size = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const BlockIndexEntry entry = DecodeBlockIndexEntry(&entries[i * kBlockIndexEntryBytes]);
+      if (i > 0 && size + entry.size > max_bytes) {
+        break;
+      }
+      if (entry.encoding != static_cast<std::uint32_t>(BlockEncoding::kRaw) ||
+          entry.offset != offset_ + static_cast<std::int64_t>(size) ||
+          entry.size != entry.raw_size) {
+        return absl::DataLossError(absl::StrFormat("%s: block %d is not the next raw block",
+                                                   index_file_->path(), entry.block_id));
+      }
+      size += entry.size;
+      batch->push_back({.entry = entry, .bytes = {}});
+    }
+    bytes->resize(size);
+    ISOSCOPE_RETURN_IF_ERROR(blocks_file_->ReadAt(offset_, size, bytes->data()));
+    offset_ += static_cast<std::int64_t>(size);
+    next_ += static_cast<std::int64_t>(batch->size());
+    return absl::OkStatus();
+  }
+
+ private:
+  std::unique_ptr<base::RandomAccessFile> index_file_;
+  std::unique_ptr<base::RandomAccessFile> blocks_file_;
+  std::int64_t block_count_ = 0;
+  std::int64_t next_ = 0;
+  std::int64_t offset_ = 0;  // of block next_
+};
+
+}  // namespace
+
+absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume::ScalarType type,
+                                           const ShardSummary& raw, const CompressOptions& options,
+                                           ParallelFor parallel_for,
+                                           const base::Cancellation& cancellation) {
+  const std::string blocks_path = absl::StrFormat("%s/%s", directory, kBlocksFileName);
+  const std::string index_path = absl::StrFormat("%s/%s", directory, kBlockIndexFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(RawBlocks raw_blocks, RawBlocks::Open(directory, raw));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto blocks_file,
+                            options.create_file(blocks_path + kPartialSuffix));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto index_file,
+                            options.create_file(index_path + kPartialSuffix));
+  // The header is known at the end.
+  ISOSCOPE_RETURN_IF_ERROR(index_file->Append(std::string(kBinaryHeaderBytes, '\0')));
+
+  ShardSummary summary{.block_count = raw.block_count};
+  std::uint32_t entries_crc32c = 0;
+  std::vector<EncodedBlock> batch;
+  std::vector<std::size_t> starts;
+  std::string bytes;
+  while (true) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    ISOSCOPE_RETURN_IF_ERROR(raw_blocks.Next(options.batch_bytes, &batch, &bytes));
+    if (batch.empty()) {
+      break;
+    }
+    starts.clear();
+    std::size_t start = 0;
+    for (const EncodedBlock& block : batch) {
+      starts.push_back(start);
+      start += block.entry.size;
+    }
+    parallel_for(batch.size(), [&](std::size_t i) {
+      EncodedBlock& block = batch[i];
+      const absl::string_view samples(bytes.data() + starts[i], block.entry.size);
+      block.entry.encoding =
+          static_cast<std::uint32_t>(EncodeBlock(options.encoding, type, samples, &block.bytes));
+      block.entry.size = static_cast<std::uint32_t>(block.bytes.size());
+      block.entry.crc32c = base::Crc32c(block.bytes);
+    });
+    for (EncodedBlock& block : batch) {
+      block.entry.offset = summary.block_bytes;
+      ISOSCOPE_RETURN_IF_ERROR(blocks_file->Append(block.bytes));
+      const std::string entry = EncodeBlockIndexEntry(block.entry);
+      ISOSCOPE_RETURN_IF_ERROR(index_file->Append(entry));
+      entries_crc32c = base::ExtendCrc32c(entries_crc32c, entry.data(), entry.size());
+      summary.block_bytes += block.entry.size;
+    }
+  }
+
+  const std::string header =
+      EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = static_cast<std::uint32_t>(type),
+                                            .entry_size = kBlockIndexEntryBytes,
+                                            .count = summary.block_count,
+                                            .payload_crc32c = entries_crc32c,
+                                            .data_size = summary.block_bytes});
+  ISOSCOPE_RETURN_IF_ERROR(index_file->WriteAt(0, header));
+  ISOSCOPE_RETURN_IF_ERROR(blocks_file->Close());
+  ISOSCOPE_RETURN_IF_ERROR(index_file->Close());
+  ISOSCOPE_RETURN_IF_ERROR(base::RenamePath(blocks_path + kPartialSuffix, blocks_path));
+  ISOSCOPE_RETURN_IF_ERROR(base::RenamePath(index_path + kPartialSuffix, index_path));
+  ISOSCOPE_ASSIGN_OR_RETURN(summary.block_index_crc32c, Crc32cOfFile(index_path));
+  return summary;
+}
+
+}  // namespace isoscope::store

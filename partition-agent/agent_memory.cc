@@ -1,0 +1,76 @@
+#include "partition-agent/agent_memory.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/memory_info.h"
+#include "core/base/units.h"
+
+namespace isoscope::agent {
+namespace {
+
+// Key and colour of a pixel, its fragment while it is drawn; its bands while they are encoded and
+// wait for the network.
+constexpr std::size_t kStepBytesPerPixel = 12 + 8 + 12;
+// The caches get half of what is left: allocators, stacks, messages and reads in flight take their
+// part.
+constexpr double kCacheShare = 0.5;
+// Of the limit, without what frames may take.
+constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16;
+constexpr std::size_t kMinCacheBytes = 8 * base::kMiB;
+// Enough for some five million triangles; takes milliseconds.
+constexpr std::size_t kMaxPopulatedBytes = 128 * base::kMiB;
+
+double Mebibytes(std::size_t bytes) {
+  return static_cast<double>(bytes) / static_cast<double>(base::kMiB);
+}
+
+}  // namespace
+
+std::size_t AgentMemory::DefaultLimitBytes() {
+  return std::max<std::size_t>(base::UsableBytes() / 4, base::kGiB);
+}
+
+AgentMemory::AgentMemory(std::size_t limit_bytes)
+    : limit_bytes_(limit_bytes), steps_(limit_bytes / 4), cache_(0) {
+  ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
+}
+
+absl::Status AgentMemory::Settle() {
+  const std::size_t in_use = base::ResidentBytes();
+  const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes();
+  const std::size_t taken = in_use + for_frames;
+  if (taken + kMinCacheBytes > limit_bytes_) {
+    return absl::FailedPreconditionError(absl::StrFormat(
+        "the memory limit of %.0f MiB is too small: %.0f MiB are in use with the shards open and "
+        "%.0f MiB are for frames; raise --memory-limit to %.0fMiB, or serve fewer shards",
+        Mebibytes(limit_bytes_), Mebibytes(in_use), Mebibytes(for_frames),
+        std::ceil(Mebibytes(in_use + kMinCacheBytes) / kRestShare)));
+  }
+  const auto cache_bytes =
+      static_cast<std::size_t>(kCacheShare * static_cast<double>(limit_bytes_ - taken));
+  cache_.SetMaxBytes(cache_bytes);
+  cache_.Populate(std::min(cache_bytes / 2, kMaxPopulatedBytes));
+  return absl::OkStatus();
+}
+
+absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(
+    const view::Viewport& viewport, const base::Cancellation& cancellation) {
+  const std::size_t pixels =
+      static_cast<std::size_t>(viewport.width_px) * static_cast<std::size_t>(viewport.height_px);
+  const std::size_t bytes = pixels * kStepBytesPerPixel + kept_mesh_bytes();
+  absl::StatusOr<base::MemoryBudget::Reservation> reservation = steps_.Reserve(bytes, cancellation);
+  if (absl::IsResourceExhausted(reservation.status())) {
+    return absl::ResourceExhaustedError(absl::StrFormat(
+        "a viewport of %d x %d pixels needs %.0f MiB while it is drawn; with the memory limit of "
+        "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or raise --memory-limit",
+        viewport.width_px, viewport.height_px, Mebibytes(bytes), Mebibytes(limit_bytes_),
+        Mebibytes(steps_.capacity_bytes())));
+  }
+  return reservation;
+}
+
+}  // namespace isoscope::agent

@@ -1,0 +1,115 @@
+// What an agent keeps between frames, bounded in bytes: a new view extracts nothing again, and an
+// isovalue that was left and comes back reads nothing again.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
+#define ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
+
+#include <atomic>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/hash/hash.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/lru_cache.h"
+#include "core/base/memory_pool.h"
+#include "core/volume/block_layout.h"
+#include "partition-agent/mesh_cache.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::agent {
+
+// An active block of a shard.
+struct ActiveBlock {
+  volume::BlockId block_id = 0;
+  std::uint32_t ordinal = 0;
+};
+
+// Thread-safe. Shards are told apart by Shard::number.
+class BlockCache {
+ public:
+  // At most `max_bytes` in all: most of it for meshes.
+  explicit BlockCache(std::size_t max_bytes)
+      : pool_(base::MemoryPool::Make()),
+        meshes_(pool_),
+        samples_(0),
+        actives_(0),
+        seen_(kSeenWords) {
+    SetMaxBytes(max_bytes);
+  }
+
+  // Takes effect with the next insertions.
+  void SetMaxBytes(std::size_t max_bytes) {
+    meshes_.SetMaxBytes(max_bytes / 16 * 11);
+    samples_.SetMaxBytes(max_bytes / 4);
+    actives_.SetMaxBytes(max_bytes / 16);
+  }
+
+  // Takes memory for meshes from the kernel, so that the first frame need not. Blocks.
+  void Populate(std::size_t bytes) { pool_->Populate(bytes); }
+
+  // A frame begins; `frame_number` tells it from others.
+  std::uint64_t BeginRound(std::int64_t frame_number) {
+    const std::uint64_t round = meshes_.BeginRound(frame_number);
+    samples_.SetRound(round);
+    actives_.SetRound(round);
+    return round;
+  }
+
+  [[nodiscard]] MeshCache* meshes() { return &meshes_; }
+
+  // The stored samples of a block; null if they are not kept.
+  std::shared_ptr<const std::string> FindSamples(const Shard& shard, std::uint32_t ordinal) {
+    return samples_.Find({shard.number, ordinal});
+  }
+  // Keeps a copy of samples that were read before: a block that is read once may never be again.
+  void OfferSamples(const Shard& shard, std::uint32_t ordinal, absl::string_view samples) {
+    const BlockKey key{shard.number, ordinal};
+    const std::size_t bit = absl::Hash<BlockKey>{}(key) % (64 * kSeenWords);
+    const std::uint64_t mask = std::uint64_t{1} << (bit % 64);
+    if ((seen_[bit / 64].fetch_or(mask, std::memory_order_relaxed) & mask) != 0) {
+      samples_.Insert(key, std::make_shared<const std::string>(samples), samples.size());
+    }
+  }
+
+  // The active blocks of a shard, ascending by block id; null if they are not kept.
+  std::shared_ptr<const std::vector<ActiveBlock>> FindActive(const Shard& shard, double isovalue) {
+    return actives_.Find({shard.number, BitsOf(isovalue)});
+  }
+  void InsertActive(const Shard& shard, double isovalue,
+                    std::shared_ptr<const std::vector<ActiveBlock>> active) {
+    const std::size_t size = active->capacity() * sizeof(ActiveBlock);
+    actives_.Insert({shard.number, BitsOf(isovalue)}, std::move(active), size);
+  }
+
+  [[nodiscard]] std::size_t size_bytes() const {
+    return meshes_.size_bytes() + samples_.size_bytes() + actives_.size_bytes();
+  }
+
+ private:
+  using BlockKey = std::pair<std::uint32_t, std::uint32_t>;  // shard, ordinal
+  using ActiveKey = std::pair<std::uint32_t, std::uint64_t>;
+
+  // + 0.0 makes -0 the key of 0.
+  static std::uint64_t BitsOf(double isovalue) {
+    return std::bit_cast<std::uint64_t>(isovalue + 0.0);
+  }
+
+  const std::shared_ptr<base::MemoryPool> pool_;
+  MeshCache meshes_;
+  base::LruCache<BlockKey, std::string> samples_;
+  base::LruCache<ActiveKey, std::vector<ActiveBlock>, 1> actives_;
+  // One bit for each hash of a block that was read. Two blocks may share one: then one is kept
+  // early.
+  static constexpr std::size_t kSeenWords = std::size_t{1} << 16;
+  std::vector<std::atomic<std::uint64_t>> seen_;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_

@@ -1,0 +1,175 @@
+#include "partition-agent/mesh_cache.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <new>
+#include <span>
+
+#include "core/base/check.h"
+
+namespace isoscope::agent {
+namespace {
+
+constexpr std::size_t kAlignment = 64;
+
+std::size_t Aligned(std::size_t size) { return (size + kAlignment - 1) / kAlignment * kAlignment; }
+
+// Copies `values` to `*at` and moves it on.
+template <typename T>
+std::span<const T> Place(const std::vector<T>& values, char** at) {
+  T* const out = reinterpret_cast<T*>(*at);
+  if (!values.empty()) {
+    std::memcpy(static_cast<void*>(out), values.data(), values.size() * sizeof(T));
+  }
+  *at += Aligned(values.size() * sizeof(T));
+  return {out, values.size()};
+}
+
+}  // namespace
+
+std::shared_ptr<const mesh::MeshView> MeshTable::Find(std::size_t place, std::uint64_t round) {
+  ISOSCOPE_DCHECK(place < slots_.size());
+  absl::MutexLock lock(&LockOf(place));
+  const Slot& slot = slots_[place];
+  const std::shared_ptr<MeshSegment> segment = slot.segment.lock();
+  if (segment == nullptr) {
+    return nullptr;
+  }
+  segment->round.store(round, std::memory_order_relaxed);
+  return {segment, slot.mesh};
+}
+
+void MeshTable::Set(std::size_t place, Slot slot) {
+  absl::MutexLock lock(&LockOf(place));
+  slots_[place] = std::move(slot);
+}
+
+void MeshCache::SetMaxBytes(std::size_t max_bytes) {
+  absl::MutexLock lock(&mutex_);
+  max_bytes_ = max_bytes;
+}
+
+std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
+  absl::MutexLock lock(&mutex_);
+  if (frame_number != frame_number_) {
+    frame_number_ = frame_number;
+    ++round_;
+  }
+  return round_;
+}
+
+std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double isovalue,
+                                              std::size_t block_count) {
+  // + 0.0 makes -0 the key of 0.
+  const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
+  absl::MutexLock lock(&mutex_);
+  const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
+    return keyed.shard_number == shard_number && keyed.isovalue_bits == bits;
+  });
+  if (found != tables_.end()) {
+    tables_.splice(tables_.begin(), tables_, found);
+    return found->table;
+  }
+  auto table = std::make_shared<MeshTable>(block_count);
+  tables_.push_front({shard_number, bits, table});
+  table_bytes_ += table->size_bytes();
+  while (table_bytes_ > max_bytes_ / kTableShare) {  // at last the new one itself
+    table_bytes_ -= tables_.back().table->size_bytes();
+    tables_.pop_back();
+  }
+  return table;
+}
+
+MeshCache::Writer::~Writer() {
+  if (segment_ != nullptr) {
+    cache_->GiveBack(std::move(segment_));
+  }
+}
+
+std::shared_ptr<const mesh::MeshView> MeshCache::Writer::Store(const mesh::BlockMesh& mesh,
+                                                               MeshTable* table,
+                                                               std::size_t place) {
+  const std::size_t size = Aligned(sizeof(mesh::MeshView)) +
+                           Aligned(mesh.positions.size() * sizeof(math::Vec3f)) +
+                           Aligned(mesh.normals.size() * sizeof(math::Vec3f)) +
+                           Aligned(mesh.indices.size() * sizeof(std::uint32_t));
+  if (segment_ == nullptr || segment_->size_bytes - segment_->used_bytes < size) {
+    segment_ = cache_->TakeSegment(size, round_);
+  }
+  char* at = segment_->memory.get() + segment_->used_bytes;
+  segment_->used_bytes += size;
+  auto* const view = new (at) mesh::MeshView();  // trivially destructible
+  at += Aligned(sizeof(mesh::MeshView));
+  view->block_id = mesh.block_id;
+  view->owned_vertex_count = mesh.owned_vertex_count;
+  view->positions = Place(mesh.positions, &at);
+  view->normals = Place(mesh.normals, &at);
+  view->indices = Place(mesh.indices, &at);
+  if (segment_->is_kept.load(std::memory_order_relaxed)) {
+    table->Set(place, {view, segment_});
+  }
+  return {segment_, view};
+}
+
+std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std::uint64_t round) {
+  std::vector<std::shared_ptr<MeshSegment>> forgotten;  // freed after the lock
+  auto segment = std::make_shared<MeshSegment>();
+  segment->size_bytes = std::max(size_bytes, base::MemoryPool::kChunkBytes);
+  segment->round.store(round, std::memory_order_relaxed);
+  {
+    absl::MutexLock lock(&mutex_);
+    for (auto open = open_.begin(); open != open_.end(); ++open) {
+      if ((*open)->size_bytes - (*open)->used_bytes >= size_bytes) {
+        std::shared_ptr<MeshSegment> found = std::move(*open);
+        open_.erase(open);
+        found->round.store(round, std::memory_order_relaxed);
+        return found;
+      }
+    }
+    // What this round or the last one used stays: frames look at much the same blocks, and what was
+    // forgotten for a new mesh would be missed next.
+    const std::size_t max_segment_bytes = max_bytes_ - max_bytes_ / kTableShare;
+    while (segment->size_bytes <= max_segment_bytes &&
+           segment_bytes_ + segment->size_bytes > max_segment_bytes && !segments_.empty()) {
+      const auto oldest =
+          std::min_element(segments_.begin(), segments_.end(), [](const auto& a, const auto& b) {
+            return a->round.load(std::memory_order_relaxed) <
+                   b->round.load(std::memory_order_relaxed);
+          });
+      if ((*oldest)->round.load(std::memory_order_relaxed) + 1 >= round) {
+        break;
+      }
+      (*oldest)->is_kept.store(false, std::memory_order_relaxed);
+      std::erase(open_, *oldest);
+      segment_bytes_ -= (*oldest)->size_bytes;
+      forgotten.push_back(std::move(*oldest));
+      *oldest = std::move(segments_.back());
+      segments_.pop_back();
+    }
+    if (segment_bytes_ + segment->size_bytes <= max_segment_bytes) {
+      segment_bytes_ += segment->size_bytes;
+      segments_.push_back(segment);
+    } else {
+      segment->is_kept.store(false, std::memory_order_relaxed);
+    }
+  }
+  segment->memory = segment->size_bytes <= base::MemoryPool::kChunkBytes
+                        ? pool_->Take()
+                        : std::make_shared_for_overwrite<char[]>(segment->size_bytes);
+  return segment;
+}
+
+void MeshCache::GiveBack(std::shared_ptr<MeshSegment> segment) {
+  absl::MutexLock lock(&mutex_);
+  if (segment->is_kept.load(std::memory_order_relaxed)) {
+    open_.push_back(std::move(segment));
+  }
+}
+
+std::size_t MeshCache::size_bytes() const {
+  absl::MutexLock lock(&mutex_);
+  return segment_bytes_ + table_bytes_;
+}
+
+}  // namespace isoscope::agent

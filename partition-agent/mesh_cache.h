@@ -1,0 +1,127 @@
+// Extracted meshes, kept between frames, bounded in bytes.
+//
+// Meshes lie one after the other in segments of memory; what is forgotten is a whole segment, the
+// one that was least recently used. So the bound holds for memory as it is, nothing is allocated
+// for a mesh, and finding one costs neither a hash nor a list.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
+#define ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+
+#include "core/base/memory_pool.h"
+#include "core/mesh/block_mesh.h"
+
+namespace isoscope::agent {
+
+// A stretch of memory that fills up with meshes. Written by one thread at a time.
+struct MeshSegment {
+  std::shared_ptr<char[]> memory;
+  std::size_t size_bytes = 0;
+  std::size_t used_bytes = 0;
+  std::atomic<std::uint64_t> round{0};  // when it was last used
+  std::atomic<bool> is_kept{true};      // by the cache, beyond those who hold it
+};
+
+// The meshes of one shard at one isovalue, by place in the shard's list of active blocks.
+// Thread-safe.
+class MeshTable {
+ public:
+  explicit MeshTable(std::size_t block_count) : slots_(block_count) {}
+  [[nodiscard]] std::size_t size_bytes() const {
+    return sizeof(MeshTable) + slots_.capacity() * sizeof(Slot);
+  }
+
+  // Null if it is not there. REQUIRES: place < block_count.
+  std::shared_ptr<const mesh::MeshView> Find(std::size_t place, std::uint64_t round);
+
+ private:
+  friend class MeshCache;
+  struct Slot {
+    const mesh::MeshView* mesh = nullptr;
+    std::weak_ptr<MeshSegment> segment;
+  };
+  static constexpr std::size_t kLockCount = 64;
+
+  absl::Mutex& LockOf(std::size_t place) { return locks_[place / 64 % kLockCount]; }
+  void Set(std::size_t place, Slot slot);
+
+  std::array<absl::Mutex, kLockCount> locks_;  // of runs of 64 places
+  std::vector<Slot> slots_;
+};
+
+// Thread-safe.
+class MeshCache {
+ public:
+  explicit MeshCache(std::shared_ptr<base::MemoryPool> pool) : pool_(std::move(pool)) {}
+
+  // Takes effect as segments are taken. 0: nothing is kept beyond the frame.
+  void SetMaxBytes(std::size_t max_bytes);
+
+  // A frame begins; agents of one process may say so for the same frame.
+  std::uint64_t BeginRound(std::int64_t frame_number);
+
+  // The table of a shard (by Shard::number) at an isovalue; made if it is not there. The least
+  // recently used are forgotten when all tables take more than 1 / kTableShare of the bytes.
+  std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
+                                     std::size_t block_count);
+
+  // Copies meshes into segments for one thread at a time. What it stores lives as long as somebody
+  // holds it, whether the cache keeps it or not.
+  class Writer {
+   public:
+    Writer(MeshCache* cache, std::uint64_t round) : cache_(cache), round_(round) {}
+    ~Writer();
+    Writer(Writer&& other) noexcept
+        : cache_(other.cache_), round_(other.round_), segment_(std::move(other.segment_)) {}
+    Writer& operator=(Writer&&) = delete;
+
+    std::shared_ptr<const mesh::MeshView> Store(const mesh::BlockMesh& mesh, MeshTable* table,
+                                                std::size_t place);
+
+   private:
+    MeshCache* const cache_;
+    const std::uint64_t round_;
+    std::shared_ptr<MeshSegment> segment_;
+  };
+
+  [[nodiscard]] std::size_t size_bytes() const;
+
+ private:
+  struct KeyedTable {
+    std::uint32_t shard_number = 0;
+    std::uint64_t isovalue_bits = 0;
+    std::shared_ptr<MeshTable> table;
+  };
+  static constexpr std::size_t kTableShare = 8;
+
+  // A segment with at least `size_bytes` of room.
+  std::shared_ptr<MeshSegment> TakeSegment(std::size_t size_bytes, std::uint64_t round);
+  // Another writer may go on with it.
+  void GiveBack(std::shared_ptr<MeshSegment> segment);
+
+  const std::shared_ptr<base::MemoryPool> pool_;
+  mutable absl::Mutex mutex_;
+  std::size_t max_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::size_t segment_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::size_t table_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::vector<std::shared_ptr<MeshSegment>> segments_ ABSL_GUARDED_BY(mutex_);  // that are kept
+  std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);      // that have room
+  std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // the last used first
+  std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
+  std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_

@@ -1,0 +1,64 @@
+#include "server/active_blocks.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+namespace isoscope::server {
+namespace {
+
+std::size_t SizeBytes(const ActiveBlocks& active) {
+  std::size_t size = sizeof(ActiveBlocks);
+  for (const std::vector<volume::BlockId>& blocks : active.by_agent) {
+    size += sizeof(blocks) + blocks.capacity() * sizeof(volume::BlockId);
+  }
+  return size;
+}
+
+}  // namespace
+
+std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
+                                     const std::vector<std::vector<int>>& shard_indices_by_agent,
+                                     double isovalue) {
+  std::string key =
+      absl::StrCat(dataset_id, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+  for (const std::vector<int>& indices : shard_indices_by_agent) {
+    absl::StrAppend(&key, "/", absl::StrJoin(indices, ","));
+  }
+  return key;
+}
+
+std::shared_ptr<const ActiveBlocks> ActiveBlocksCache::Find(const std::string& key) {
+  absl::MutexLock lock(&mutex_);
+  const auto found = std::find_if(entries_.begin(), entries_.end(),
+                                  [&](const Entry& entry) { return entry.key == key; });
+  if (found == entries_.end()) {
+    return nullptr;
+  }
+  entries_.splice(entries_.begin(), entries_, found);
+  return found->active;
+}
+
+void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active) {
+  const std::size_t size = SizeBytes(*active);
+  if (size > max_bytes_) {
+    return;
+  }
+  absl::MutexLock lock(&mutex_);
+  const auto found = std::find_if(entries_.begin(), entries_.end(),
+                                  [&](const Entry& entry) { return entry.key == key; });
+  if (found != entries_.end()) {
+    return;  // another frame was quicker; both say the same
+  }
+  while (size_bytes_ + size > max_bytes_) {
+    size_bytes_ -= entries_.back().size_bytes;
+    entries_.pop_back();
+  }
+  size_bytes_ += size;
+  entries_.push_front({key, std::move(active), size});
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,57 @@
+// Which blocks are active at an isovalue, and whose they are: what agents report in step 1, kept so
+// that the next frame at the same isovalue need not ask.
+
+#ifndef ISOSCOPE_SERVER_ACTIVE_BLOCKS_H_
+#define ISOSCOPE_SERVER_ACTIVE_BLOCKS_H_
+
+#include <cstddef>
+#include <list>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+
+#include "core/volume/block_layout.h"
+
+namespace isoscope::server {
+
+// For each agent of a frame its own active blocks, ascending. Together they are all active blocks
+// of the volume. Immutable once shared.
+struct ActiveBlocks {
+  std::vector<std::vector<volume::BlockId>> by_agent;
+};
+
+// The last few, least recently used, bounded in bytes. Thread-safe.
+class ActiveBlocksCache {
+ public:
+  explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
+
+  // What blocks are active, and who has them, is a function of the dataset's content, of how its
+  // shards are spread over the agents, and of the isovalue.
+  static std::string KeyOf(const std::string& dataset_id,
+                           const std::vector<std::vector<int>>& shard_indices_by_agent,
+                           double isovalue);
+
+  // Null if it is not there.
+  std::shared_ptr<const ActiveBlocks> Find(const std::string& key);
+  void Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active);
+
+ private:
+  struct Entry {
+    std::string key;
+    std::shared_ptr<const ActiveBlocks> active;
+    std::size_t size_bytes = 0;
+  };
+
+  const std::size_t max_bytes_;
+  absl::Mutex mutex_;
+  std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // the last used first; few
+  std::size_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_ACTIVE_BLOCKS_H_

@@ -1,0 +1,186 @@
+#include "core/ingest/dicom_source.h"
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/core/ingest/volume_files.h"
+
+namespace isoscope::ingest {
+namespace {
+
+using ::isoscope::testing::Noise;
+using ::isoscope::testing::ReadAll;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::TempDir;
+using ::isoscope::testing::WriteFile;
+using ::testing::_;
+using ::testing::HasSubstr;
+using volume::ScalarType;
+
+// An element in explicit VR, little-endian.
+std::string Element(std::uint16_t group, std::uint16_t element, const std::string& vr,
+                    std::string value) {
+  if (value.size() % 2 != 0) {
+    value += vr == "UI" ? '\0' : ' ';
+  }
+  std::string bytes;
+  base::AppendLittleEndian(group, &bytes);
+  base::AppendLittleEndian(element, &bytes);
+  bytes += vr;
+  if (vr == "OW" || vr == "OB") {
+    base::AppendLittleEndian(std::uint16_t{0}, &bytes);
+    base::AppendLittleEndian(static_cast<std::uint32_t>(value.size()), &bytes);
+  } else {
+    base::AppendLittleEndian(static_cast<std::uint16_t>(value.size()), &bytes);
+  }
+  return bytes + value;
+}
+
+template <typename T>
+std::string Number(T value) {
+  std::string bytes;
+  base::AppendLittleEndian(value, &bytes);
+  return bytes;
+}
+
+struct DicomSlice {
+  std::uint16_t width = 12;
+  std::uint16_t height = 9;
+  std::string series = "1.2.3";
+  std::string position = "10\\20\\30";
+  std::string orientation = "1\\0\\0\\0\\1\\0";
+  int number = 1;
+  bool is_signed = true;
+};
+
+std::string DicomBytes(const DicomSlice& slice, const std::string& pixels) {
+  const std::string ct = "1.2.840.10008.5.1.4.1.1.2";
+  const std::string uid = absl::StrCat("1.2.3.4.", slice.number);
+  const std::string meta = Element(2, 1, "OB", std::string("\0\1", 2)) + Element(2, 2, "UI", ct) +
+                           Element(2, 3, "UI", uid) +
+                           Element(2, 0x10, "UI", "1.2.840.10008.1.2.1") +
+                           Element(2, 0x12, "UI", "1.2.3.4");
+  return std::string(128, '\0') + "DICM" +
+         Element(2, 0, "UL", Number(static_cast<std::uint32_t>(meta.size()))) + meta +
+         Element(8, 0x16, "UI", ct) + Element(8, 0x18, "UI", uid) + Element(8, 0x60, "CS", "CT") +
+         Element(0x20, 0xd, "UI", "1.2.9") + Element(0x20, 0xe, "UI", slice.series) +
+         Element(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
+         Element(0x20, 0x32, "DS", slice.position) + Element(0x20, 0x37, "DS", slice.orientation) +
+         Element(0x28, 2, "US", Number(std::uint16_t{1})) + Element(0x28, 4, "CS", "MONOCHROME2") +
+         Element(0x28, 0x10, "US", Number(slice.height)) +
+         Element(0x28, 0x11, "US", Number(slice.width)) + Element(0x28, 0x30, "DS", "2\\0.5") +
+         Element(0x28, 0x100, "US", Number(std::uint16_t{16})) +
+         Element(0x28, 0x101, "US", Number(std::uint16_t{16})) +
+         Element(0x28, 0x102, "US", Number(std::uint16_t{15})) +
+         Element(0x28, 0x103, "US", Number(static_cast<std::uint16_t>(slice.is_signed ? 1 : 0))) +
+         Element(0x7fe0, 0x10, "OW", pixels);
+}
+
+constexpr std::size_t kSliceBytes = 12 * 9 * 2;
+
+class DicomSourceTest : public ::testing::Test {
+ protected:
+  // Slice `z` of samples_ as a file whose name says nothing of its place.
+  std::string Path(int z) const { return dir_.Sub(absl::StrCat("im", z * 7 % 5, ".x")); }
+  void Write(int z, DicomSlice slice) const {
+    slice.number = 5 - z;
+    WriteFile(Path(z), DicomBytes(slice, samples_.substr(static_cast<std::size_t>(z) * kSliceBytes,
+                                                         kSliceBytes)));
+  }
+  // Five slices 1.5 apart.
+  void WriteSeries() const {
+    for (int z = 0; z < 5; ++z) {
+      Write(z, {.position = absl::StrCat("10\\20\\", 30 + 1.5 * z)});
+    }
+  }
+
+  TempDir dir_;
+  const std::string samples_ = Noise({12, 9, 5}, ScalarType::kInt16);
+};
+
+TEST_F(DicomSourceTest, SeriesIsStackedByPositionFromItsFolderAndFromAFile) {
+  WriteSeries();
+  WriteFile(dir_.Sub("readme.txt"), "no slice");
+  for (const std::string& path : {dir_.path(), Path(3)}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+    EXPECT_EQ(source->geometry().sample_dims, (math::Index3{12, 9, 5}));
+    EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 1.5}));
+    EXPECT_EQ(source->geometry().origin, (math::Vec3d{10, 20, 30}));
+    EXPECT_EQ(source->scalar_type(), ScalarType::kInt16);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
+    EXPECT_TRUE(read == samples_);
+  }
+}
+
+TEST_F(DicomSourceTest, ObliqueSeriesKeepsItsOrientation) {
+  // Rows along y, columns along z: the normal is x.
+  for (int z = 0; z < 5; ++z) {
+    Write(z, {.position = absl::StrCat(10 + 3 * z, "\\20\\30"), .orientation = "0\\1\\0\\0\\0\\1"});
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+  EXPECT_EQ(source->geometry().direction.columns[0], (math::Vec3d{0, 1, 0}));
+  EXPECT_EQ(source->geometry().direction.columns[1], (math::Vec3d{0, 0, 1}));
+  EXPECT_EQ(source->geometry().direction.columns[2], (math::Vec3d{1, 0, 0}));
+  EXPECT_DOUBLE_EQ(source->geometry().spacing.z, 3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 5));
+  EXPECT_TRUE(read == samples_);
+}
+
+TEST_F(DicomSourceTest, MissingDoubledTiltedAndMixedSlicesAreRefused) {
+  constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+  WriteSeries();
+  std::filesystem::remove(Path(2));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(kInvalid, HasSubstr("one is missing, or there twice")));
+  Write(2, {.position = "10\\20\\31.5"});
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("there twice")));
+  Write(2, {.position = "11\\20\\33"});
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("gantry")));
+  Write(2, {.width = 9, .height = 12, .position = "10\\20\\33"});
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("size and type")));
+  Write(2, {.position = "10\\20\\33", .is_signed = false});
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(), StatusIs(kInvalid, HasSubstr("uint16")));
+}
+
+TEST_F(DicomSourceTest, FolderOfTwoSeriesAsksForAFileOfOne) {
+  WriteSeries();
+  for (int z = 0; z < 2; ++z) {
+    DicomSlice other{.series = "1.2.77", .position = absl::StrCat("0\\0\\", z), .number = 9 + z};
+    WriteFile(dir_.Sub(absl::StrCat("other", z, ".dcm")),
+              DicomBytes(other, std::string(kSliceBytes, 'o')));
+  }
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("2 series")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, OpenVolumeFile(Path(0)));
+  EXPECT_EQ(first->geometry().sample_dims.z, 5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, OpenVolumeFile(dir_.Sub("other1.dcm")));
+  EXPECT_EQ(second->geometry().sample_dims.z, 2);
+}
+
+TEST_F(DicomSourceTest, NoSeriesAndCutSlicesAreErrors) {
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("DICOM")));
+  WriteFile(dir_.Sub("a.dcm"), "no DICOM");
+  EXPECT_FALSE(OpenVolumeFile(dir_.Sub("a.dcm")).ok());
+  WriteSeries();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(Path(0)));
+  const std::string whole = testing::ReadFile(Path(4));
+  for (std::size_t size = 0; size < whole.size(); size += size < 500 ? 1 : 50) {
+    WriteFile(Path(4), whole.substr(0, size));
+    EXPECT_FALSE(ReadAll(*source, 5).ok()) << size;
+    if (size > 132) {  // before, it is no DICOM file to anybody
+      EXPECT_FALSE(OpenVolumeFile(dir_.path()).ok()) << size;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::ingest

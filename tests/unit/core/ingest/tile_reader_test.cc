@@ -1,0 +1,105 @@
+#include "core/ingest/tile_reader.h"
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/core/ingest/volume_files.h"
+
+namespace isoscope::ingest {
+namespace {
+
+using ::isoscope::testing::Noise;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::TempDir;
+using ::testing::_;
+using volume::ScalarType;
+
+constexpr math::Index3 kDims{10, 30, 37};
+
+// A memory source that can't seek.
+class SequentialSource final : public VolumeSource {
+ public:
+  explicit SequentialSource(std::unique_ptr<VolumeSource> source) : source_(std::move(source)) {}
+  [[nodiscard]] const volume::GridGeometry& geometry() const override {
+    return source_->geometry();
+  }
+  [[nodiscard]] ScalarType scalar_type() const override { return source_->scalar_type(); }
+  [[nodiscard]] const std::string& name() const override { return source_->name(); }
+  [[nodiscard]] bool is_seekable() const override { return false; }
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    return source_->ReadRows(begin_row, end_row, out);
+  }
+
+ private:
+  std::unique_ptr<VolumeSource> source_;
+};
+
+class TileReaderTest : public ::testing::TestWithParam<bool> {
+ protected:
+  std::unique_ptr<VolumeSource> Source() const {
+    volume::GridGeometry geometry;
+    geometry.sample_dims = kDims;
+    auto source = MakeMemorySource(geometry, ScalarType::kInt16, samples_, "noise");
+    if (GetParam()) {
+      return source;
+    }
+    return std::make_unique<SequentialSource>(std::move(source));
+  }
+
+  const std::string samples_ = Noise(kDims, ScalarType::kInt16);
+  const TempDir dir_;
+  base::Cancellation never_;
+};
+INSTANTIATE_TEST_SUITE_P(All, TileReaderTest, ::testing::Bool());
+
+TEST_P(TileReaderTest, EveryTileHoldsItsSamplesInEveryPassForEveryShapeOfTile) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(kDims, {4, 5, 3}));
+  const auto source = Source();
+  for (const std::int64_t layers : {1, 2, 4}) {
+    for (const std::int64_t rows : {1, 2, 4, 6}) {
+      if (layers > 1 && rows < 6) {
+        continue;  // bands have one layer
+      }
+      const PartitionPlan plan{.layers_per_tile = layers, .block_rows_per_tile = rows};
+      TileReader reader(source.get(), layout, plan, dir_.path(), &never_);
+      for (int pass = 0; pass < 2; ++pass) {
+        std::string previous;
+        for (std::int64_t i = 0; i < TileCount(layout, plan); ++i) {
+          const math::IndexBox box = SamplesOfTile(layout, TileAt(layout, plan, i));
+          std::string tile(static_cast<std::size_t>(math::Volume(box.dims())) * 2, '\0');
+          ISOSCOPE_ASSERT_OK(reader.Read(i, i == 0 ? nullptr : previous.data(), tile.data()));
+          std::string expected;
+          for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+            expected +=
+                samples_.substr(static_cast<std::size_t>((z * kDims.y + box.begin.y) * kDims.x * 2),
+                                static_cast<std::size_t>((box.end.y - box.begin.y) * kDims.x * 2));
+          }
+          EXPECT_TRUE(tile == expected) << layers << " " << rows << " tile " << i;
+          previous = tile;
+        }
+      }
+    }
+  }
+}
+
+TEST_P(TileReaderTest, CancellationStopsIt) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(kDims, {4, 5, 3}));
+  const auto source = Source();
+  base::Cancellation cancelled;
+  cancelled.Cancel();
+  for (const std::int64_t rows : {1, 6}) {
+    const PartitionPlan plan{.block_rows_per_tile = rows};
+    TileReader reader(source.get(), layout, plan, dir_.path(), &cancelled);
+    std::vector<char> tile(samples_.size());
+    EXPECT_THAT(reader.Read(0, nullptr, tile.data()), StatusIs(absl::StatusCode::kCancelled, _));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::ingest

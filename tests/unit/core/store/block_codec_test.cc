@@ -1,0 +1,158 @@
+#include "core/store/block_codec.h"
+
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/random.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::store {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
+
+constexpr BlockEncoding kCompressed[] = {BlockEncoding::kLz4, BlockEncoding::kZstd};
+
+// A smooth field in `count` samples of `type`.
+std::string SmoothSamples(volume::ScalarType type, std::size_t count) {
+  const std::size_t width = volume::SizeOf(type);
+  std::string bytes(count * width, '\0');
+  for (std::size_t i = 0; i < count; ++i) {
+    const double wave = 1.0 + std::sin(0.01 * static_cast<double>(i));
+    auto value = static_cast<std::uint64_t>((width == 1 ? 20.0 : 900.0) * wave);
+    for (std::size_t byte = 0; byte < width; ++byte, value >>= 8) {
+      bytes[i * width + byte] = static_cast<char>(value & 0xff);
+    }
+  }
+  return bytes;
+}
+
+std::string NoiseSamples(std::size_t size) {
+  std::string bytes(size, '\0');
+  for (std::size_t i = 0; i < size; ++i) {
+    bytes[i] = static_cast<char>(base::RandomBits(3, i));
+  }
+  return bytes;
+}
+
+// Into a buffer of exactly the size, so that a sanitizer sees what is written beyond it; from one,
+// so that it sees what is read beyond it.
+absl::StatusOr<std::string> Decode(BlockEncoding encoding, volume::ScalarType type,
+                                   const std::string& stored, std::size_t raw_size) {
+  const std::vector<char> in(stored.begin(), stored.end());
+  std::vector<char> out(raw_size);
+  std::string scratch;
+  const absl::Status status =
+      DecodeBlock(encoding, type, {in.data(), in.size()}, raw_size, &scratch, out.data());
+  if (!status.ok()) {
+    return status;
+  }
+  return std::string(out.begin(), out.end());
+}
+
+TEST(BlockCodecTest, EveryTypeSizeAndContentComesBack) {
+  for (int type_number = 1; type_number <= 8; ++type_number) {
+    const auto type = static_cast<volume::ScalarType>(type_number);
+    for (const BlockEncoding wanted :
+         {BlockEncoding::kRaw, BlockEncoding::kLz4, BlockEncoding::kZstd}) {
+      for (const std::size_t count : {std::size_t{1}, std::size_t{2}, std::size_t{27},
+                                      std::size_t{1331}, std::size_t{40'000}}) {
+        for (const std::string& samples :
+             {SmoothSamples(type, count), NoiseSamples(count * volume::SizeOf(type)),
+              std::string(count * volume::SizeOf(type), '\x7f')}) {
+          std::string stored = "what was there before";
+          const BlockEncoding encoding = EncodeBlock(wanted, type, samples, &stored);
+          if (encoding == BlockEncoding::kRaw) {
+            EXPECT_EQ(stored, samples);
+          } else {
+            EXPECT_EQ(encoding, wanted);
+            EXPECT_LT(stored.size(), samples.size());
+          }
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string decoded,
+                                        Decode(encoding, type, stored, samples.size()));
+          EXPECT_TRUE(decoded == samples)
+              << volume::NameOf(type) << " " << NameOf(wanted) << " " << count;
+        }
+      }
+    }
+  }
+}
+
+TEST(BlockCodecTest, SmoothBlocksShrinkAndNoiseStaysRaw) {
+  for (const BlockEncoding wanted : kCompressed) {
+    std::string stored;
+    for (const volume::ScalarType type :
+         {volume::ScalarType::kUint8, volume::ScalarType::kUint16, volume::ScalarType::kFloat32}) {
+      const std::string samples = SmoothSamples(type, 1331);
+      EXPECT_EQ(EncodeBlock(wanted, type, samples, &stored), wanted);
+      EXPECT_LT(stored.size(), samples.size() * 3 / 4) << NameOf(wanted) << volume::NameOf(type);
+      EXPECT_EQ(EncodeBlock(wanted, type, NoiseSamples(1328), &stored), BlockEncoding::kRaw);
+      EXPECT_EQ(stored, NoiseSamples(1328));
+    }
+  }
+}
+
+TEST(BlockCodecTest, DamageIsDataLossOrOtherSamplesAndNeverMore) {
+  const volume::ScalarType type = volume::ScalarType::kUint16;
+  const std::string samples = SmoothSamples(type, 343);
+  for (const BlockEncoding encoding : kCompressed) {
+    std::string stored;
+    ASSERT_EQ(EncodeBlock(encoding, type, samples, &stored), encoding);
+    int refused_count = 0;
+    const auto expect_no_harm = [&](const std::string& damaged, std::size_t raw_size) {
+      const auto decoded = Decode(encoding, type, damaged, raw_size);
+      if (!decoded.ok()) {
+        EXPECT_EQ(decoded.status().code(), absl::StatusCode::kDataLoss);
+        ++refused_count;
+      }
+    };
+    for (std::size_t bit = 0; bit < 8 * stored.size(); ++bit) {
+      std::string damaged = stored;
+      damaged[bit / 8] =
+          static_cast<char>(static_cast<unsigned char>(damaged[bit / 8]) ^ (1u << (bit % 8)));
+      expect_no_harm(damaged, samples.size());
+    }
+    EXPECT_GT(refused_count, 20);
+    for (std::size_t size = 0; size < stored.size(); ++size) {
+      EXPECT_THAT(Decode(encoding, type, stored.substr(0, size), samples.size()),
+                  StatusIs(absl::StatusCode::kDataLoss, HasSubstr(std::string(NameOf(encoding)))))
+          << "cut to " << size;
+    }
+    for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+      std::string damaged = stored;
+      for (std::uint64_t i = 0; i < 4; ++i) {
+        damaged[base::RandomBits(seed, 2 * i) % damaged.size()] =
+            static_cast<char>(base::RandomBits(seed, 2 * i + 1));
+      }
+      expect_no_harm(damaged, samples.size());
+      expect_no_harm(NoiseSamples(1 + seed % 600), samples.size());
+    }
+    // Another size than was encoded.
+    for (const std::size_t size :
+         {std::size_t{0}, std::size_t{1}, std::size_t{2}, samples.size() - 2, samples.size() - 1,
+          samples.size() + 1, samples.size() + 2, 4 * samples.size()}) {
+      EXPECT_THAT(Decode(encoding, type, stored, size),
+                  StatusIs(absl::StatusCode::kDataLoss, HasSubstr("encoding of")))
+          << size;
+    }
+  }
+}
+
+TEST(BlockCodecTest, NamesGoBothWays) {
+  for (const BlockEncoding encoding :
+       {BlockEncoding::kRaw, BlockEncoding::kLz4, BlockEncoding::kZstd}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BlockEncoding parsed, ParseBlockEncoding(NameOf(encoding)));
+    EXPECT_EQ(parsed, encoding);
+  }
+  EXPECT_THAT(ParseBlockEncoding("gzip"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("none, lz4 or zstd")));
+}
+
+}  // namespace
+}  // namespace isoscope::store
