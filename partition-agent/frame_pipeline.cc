@@ -13,6 +13,7 @@
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/parallel_invoke.h>
 
 #include "core/base/check.h"
 #include "core/base/read_queue.h"
@@ -23,6 +24,7 @@
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/open_pixels.h"
+#include "core/volume/block_set.h"
 #include "core/volume/range_table.h"
 #include "partition-agent/queued_reads.h"
 
@@ -121,9 +123,16 @@ class FramePipeline::Impl {
 
   absl::StatusOr<RaySelection> SelectOccluders() {
     const ScopedTimer timer(&statistics_.busy_duration);
-    ISOSCOPE_RETURN_IF_ERROR(FindOwnActiveBlocks());
+    // The rays need the range table only: pages of the tree are read meanwhile.
+    absl::Status found;
+    absl::StatusOr<std::vector<volume::BlockId>> hits;
+    arena_->execute([&] {
+      tbb::parallel_invoke([&] { found = FindOwnActiveBlocks(); }, [&] { hits = CastRays(); });
+    });
+    ISOSCOPE_RETURN_IF_ERROR(found);
+    ISOSCOPE_RETURN_IF_ERROR(hits.status());
     RaySelection selection;
-    ISOSCOPE_ASSIGN_OR_RETURN(selection.hits, CastRays());
+    selection.hits = *std::move(hits);
     if (request_.report_active_blocks) {
       for (const auto& of_shard : own_active_) {
         for (const ActiveBlock& block : *of_shard) {
@@ -212,8 +221,7 @@ class FramePipeline::Impl {
     statistics_.index_page_read_count += result.page_read_count;
     statistics_.read_bytes += result.read_bytes;
     const store::ShardReader& reader = *shard.reader;
-    auto active = std::make_shared<std::vector<ActiveBlock>>();
-    active->reserve(result.active.size());
+    volume::BlockSet ids(layout_.block_count());
     for (const index::BlockInterval& interval : result.active) {
       if (interval.ordinal >= reader.block_count() ||
           reader.block_id(interval.ordinal) != interval.block_id) {
@@ -222,10 +230,14 @@ class FramePipeline::Impl {
             "another",
             reader.directory(), interval.block_id, interval.ordinal, reader.block_count()));
       }
-      active->push_back({interval.block_id, interval.ordinal});
+      ids.Insert(interval.block_id);
     }
-    std::sort(active->begin(), active->end(),
-              [](const ActiveBlock& a, const ActiveBlock& b) { return a.block_id < b.block_id; });
+    // Each to the place of its id among all: cheaper than sorting.
+    const volume::BlockRanks ranks(ids);
+    auto active = std::make_shared<std::vector<ActiveBlock>>(ranks.count());
+    for (const index::BlockInterval& interval : result.active) {
+      (*active)[ranks.RankOf(interval.block_id)] = {interval.block_id, interval.ordinal};
+    }
     return active;
   }
 
@@ -238,15 +250,12 @@ class FramePipeline::Impl {
         visibility::ShareOfRays(rays.count(), request_.agent_index, request_.agent_count);
     const std::int64_t task_count = (share.end - share.begin + kRaysPerTask - 1) / kRaysPerTask;
     tbb::enumerable_thread_specific<volume::BlockSet> hits_by_thread(layout_.block_count());
-    arena_->execute([&] {
-      tbb::parallel_for(std::int64_t{0}, task_count, [&](std::int64_t task) {
-        if (cancellation_->is_cancelled()) {
-          return;
-        }
-        const std::int64_t begin = share.begin + task * kRaysPerTask;
-        rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), active,
-                  &hits_by_thread.local());
-      });
+    tbb::parallel_for(std::int64_t{0}, task_count, [&](std::int64_t task) {
+      if (cancellation_->is_cancelled()) {
+        return;
+      }
+      const std::int64_t begin = share.begin + task * kRaysPerTask;
+      rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), active, &hits_by_thread.local());
     });
     ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
     volume::BlockSet hits(layout_.block_count());

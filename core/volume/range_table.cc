@@ -1,7 +1,6 @@
 #include "core/volume/range_table.h"
 
 #include <algorithm>
-#include <bit>
 #include <cstddef>
 #include <limits>
 #include <type_traits>
@@ -95,40 +94,6 @@ constexpr std::pair<T, T> EmptySpan() {
 }
 
 }  // namespace
-
-std::int64_t BlockSet::Count() const {
-  std::int64_t count = 0;
-  for (const std::uint64_t word : words_) {
-    count += std::popcount(word);
-  }
-  return count;
-}
-
-std::vector<BlockId> BlockSet::Ids() const {
-  std::vector<BlockId> ids;
-  ids.reserve(static_cast<std::size_t>(Count()));
-  for (std::size_t i = 0; i < words_.size(); ++i) {
-    for (std::uint64_t word = words_[i]; word != 0; word &= word - 1) {
-      ids.push_back(
-          static_cast<BlockId>(i * 64 + static_cast<std::size_t>(std::countr_zero(word))));
-    }
-  }
-  return ids;
-}
-
-void BlockSet::UnionWith(const BlockSet& other) {
-  ISOSCOPE_CHECK_EQ(words_.size(), other.words_.size());
-  for (std::size_t i = 0; i < words_.size(); ++i) {
-    words_[i] |= other.words_[i];
-  }
-}
-
-void BlockSet::IntersectWith(const BlockSet& other) {
-  ISOSCOPE_CHECK_EQ(words_.size(), other.words_.size());
-  for (std::size_t i = 0; i < words_.size(); ++i) {
-    words_[i] &= other.words_[i];
-  }
-}
 
 RangeTable::RangeTable(ScalarType type, std::int64_t block_count)
     : type_(type), block_count_(block_count) {

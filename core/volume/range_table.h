@@ -6,41 +6,13 @@
 
 #include <cstdint>
 #include <string>
-#include <vector>
-
-#include "absl/types/span.h"
 
 #include "core/volume/block_layout.h"
+#include "core/volume/block_set.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::volume {
-
-// One bit a block. Thread-compatible.
-class BlockSet {
- public:
-  BlockSet() = default;
-  explicit BlockSet(std::int64_t block_count)
-      : words_(static_cast<std::size_t>((block_count + 63) / 64)) {}
-
-  void Insert(BlockId id) { words_[id / 64] |= std::uint64_t{1} << (id % 64); }
-  [[nodiscard]] bool Contains(BlockId id) const { return (words_[id / 64] >> (id % 64) & 1) != 0; }
-  [[nodiscard]] std::int64_t Count() const;
-  // The members, ascending.
-  [[nodiscard]] std::vector<BlockId> Ids() const;
-  // REQUIRES for both: a set of as many blocks.
-  void UnionWith(const BlockSet& other);
-  void IntersectWith(const BlockSet& other);
-
-  // Block id is bit id % 64 of word id / 64. Bits past the last block must stay 0.
-  [[nodiscard]] absl::Span<const std::uint64_t> words() const { return words_; }
-  [[nodiscard]] absl::Span<std::uint64_t> words() { return absl::MakeSpan(words_); }
-
-  friend bool operator==(const BlockSet&, const BlockSet&) = default;
-
- private:
-  std::vector<std::uint64_t> words_;
-};
 
 // Spans by BlockId, kept in the sample type: two values a block. Immutable after it was filled;
 // then thread-safe.

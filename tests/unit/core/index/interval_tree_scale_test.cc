@@ -42,12 +42,19 @@ void Count(std::int64_t bytes) {
   }
 }
 
-void* Allocate(std::size_t size) {
+void* AllocateOrNull(std::size_t size) {
   void* memory = std::malloc(size);
+  if (memory != nullptr) {
+    Count(static_cast<std::int64_t>(malloc_usable_size(memory)));
+  }
+  return memory;
+}
+
+void* Allocate(std::size_t size) {
+  void* memory = AllocateOrNull(size);
   if (memory == nullptr) {
     throw std::bad_alloc();
   }
-  Count(static_cast<std::int64_t>(malloc_usable_size(memory)));
   return memory;
 }
 
@@ -62,6 +69,9 @@ void Free(void* memory) {
 
 void* operator new(std::size_t size) { return Allocate(size); }
 void* operator new[](std::size_t size) { return Allocate(size); }
+// The standard library's temporary buffers come from these.
+void* operator new(std::size_t size, const std::nothrow_t& /*tag*/) noexcept { return AllocateOrNull(size); }
+void* operator new[](std::size_t size, const std::nothrow_t& /*tag*/) noexcept { return AllocateOrNull(size); }
 void operator delete(void* memory) noexcept { Free(memory); }
 void operator delete[](void* memory) noexcept { Free(memory); }
 void operator delete(void* memory, std::size_t /*size*/) noexcept { Free(memory); }

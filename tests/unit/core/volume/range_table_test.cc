@@ -178,43 +178,6 @@ TEST(RangeTableTest, NanFromADamagedFileIsNeverActive) {
   }
 }
 
-TEST(BlockSetTest, IdsAreTheMembersAscending) {
-  BlockSet blocks(200);
-  EXPECT_THAT(blocks.Ids(), ::testing::IsEmpty());
-  for (const BlockId id : {199U, 0U, 64U, 63U, 128U, 64U}) {
-    blocks.Insert(id);
-  }
-  EXPECT_THAT(blocks.Ids(), ::testing::ElementsAre(0, 63, 64, 128, 199));
-  EXPECT_EQ(blocks.Count(), 5);
-}
-
-TEST(BlockSetTest, UnionAndIntersectionAreThoseOfTheMembers) {
-  BlockSet a(130);
-  BlockSet b(130);
-  for (std::int64_t id = 0; id < 130; ++id) {
-    if (id % 2 == 0) {
-      a.Insert(static_cast<BlockId>(id));
-    }
-    if (id % 3 == 0) {
-      b.Insert(static_cast<BlockId>(id));
-    }
-  }
-  BlockSet either = a;
-  either.UnionWith(b);
-  BlockSet both = a;
-  both.IntersectWith(b);
-  for (std::int64_t id = 0; id < 130; ++id) {
-    EXPECT_EQ(either.Contains(static_cast<BlockId>(id)), id % 2 == 0 || id % 3 == 0) << id;
-    EXPECT_EQ(both.Contains(static_cast<BlockId>(id)), id % 6 == 0) << id;
-  }
-}
-
-TEST(BlockSetDeathTest, SetsOfOtherVolumesAreRefused) {
-  BlockSet blocks(64);
-  EXPECT_DEATH(blocks.UnionWith(BlockSet(65)), "words_.size");
-  EXPECT_DEATH(blocks.IntersectWith(BlockSet(65)), "words_.size");
-}
-
 TEST(RangeTableTest, SpansComeBackAndTotalCoversThem) {
   RangeTable table(ScalarType::kInt16, 3);
   EXPECT_GT(table.Get(1).min, table.Get(1).max);

@@ -1,0 +1,65 @@
+// Sets of blocks of one volume.
+
+#ifndef ISOSCOPE_CORE_VOLUME_BLOCK_SET_H_
+#define ISOSCOPE_CORE_VOLUME_BLOCK_SET_H_
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "absl/types/span.h"
+
+#include "core/volume/block_layout.h"
+
+namespace isoscope::volume {
+
+// One bit a block. Thread-compatible.
+class BlockSet {
+ public:
+  BlockSet() = default;
+  explicit BlockSet(std::int64_t block_count)
+      : words_(static_cast<std::size_t>((block_count + 63) / 64)) {}
+
+  void Insert(BlockId id) { words_[id / 64] |= std::uint64_t{1} << (id % 64); }
+  [[nodiscard]] bool Contains(BlockId id) const { return (words_[id / 64] >> (id % 64) & 1) != 0; }
+  [[nodiscard]] std::int64_t Count() const;
+  // The members, ascending.
+  [[nodiscard]] std::vector<BlockId> Ids() const;
+  // REQUIRES for both: a set of as many blocks.
+  void UnionWith(const BlockSet& other);
+  void IntersectWith(const BlockSet& other);
+
+  // Block id is bit id % 64 of word id / 64. Bits past the last block must stay 0.
+  [[nodiscard]] absl::Span<const std::uint64_t> words() const { return words_; }
+  [[nodiscard]] absl::Span<std::uint64_t> words() { return absl::MakeSpan(words_); }
+
+  friend bool operator==(const BlockSet&, const BlockSet&) = default;
+
+ private:
+  std::vector<std::uint64_t> words_;
+};
+
+// Tells how many members of a set come before a block. Immutable, thread-safe.
+class BlockRanks {
+ public:
+  // O(blocks of the volume / 64). `blocks` must outlive it, unchanged.
+  explicit BlockRanks(const BlockSet& blocks);
+
+  // The place of `id` among the members, ascending. REQUIRES: the set contains `id`. O(1).
+  [[nodiscard]] std::size_t RankOf(BlockId id) const {
+    const std::uint64_t before = words_[id / 64] & ((std::uint64_t{1} << (id % 64)) - 1);
+    return ranks_[id / 64] + static_cast<std::size_t>(std::popcount(before));
+  }
+  // The members of the set.
+  [[nodiscard]] std::size_t count() const { return count_; }
+
+ private:
+  absl::Span<const std::uint64_t> words_;
+  std::vector<std::uint32_t> ranks_;  // of the first block of each word
+  std::size_t count_ = 0;
+};
+
+}  // namespace isoscope::volume
+
+#endif  // ISOSCOPE_CORE_VOLUME_BLOCK_SET_H_
