@@ -1,6 +1,7 @@
 #include "partition-agent/frame_pipeline.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <span>
@@ -10,10 +11,12 @@
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include "absl/types/span.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/parallel_invoke.h>
+#include <oneapi/tbb/partitioner.h>
 
 #include "core/base/check.h"
 #include "core/base/read_queue.h"
@@ -158,12 +161,18 @@ class FramePipeline::Impl {
     if (!open_pixels.empty()) {
       std::vector<view::PixelRect> rects(blocks.size());
       arena_->execute([&] {
-        tbb::parallel_for(tbb::blocked_range<std::size_t>(0, blocks.size(), kBlocksPerTask),
-                          [&](const tbb::blocked_range<std::size_t>& range) {
-                            for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                              rects[i] = view_.FootprintOf(layout_, blocks[i]).rect;
-                            }
-                          });
+        tbb::parallel_for(
+            tbb::blocked_range<std::size_t>(0, blocks.size(), kBlocksPerTask),
+            [&](const tbb::blocked_range<std::size_t>& range) {
+              std::array<view::Footprint, kBlocksPerTask> footprints;
+              view_.FootprintsOf(layout_,
+                                 absl::MakeSpan(blocks).subspan(range.begin(), range.size()),
+                                 absl::MakeSpan(footprints).first(range.size()));
+              for (std::size_t i = 0; i < range.size(); ++i) {
+                rects[range.begin() + i] = footprints[i].rect;
+              }
+            },
+            tbb::simple_partitioner());
       });
       ISOSCOPE_ASSIGN_OR_RETURN(masks, visibility::DecodeOpenPixels(open_pixels, rects));
     }

@@ -11,14 +11,24 @@ namespace isoscope::server {
 namespace {
 
 std::size_t SizeBytes(const ActiveBlocks& active) {
-  std::size_t size = sizeof(ActiveBlocks);
-  for (const std::vector<volume::BlockId>& blocks : active.by_agent) {
-    size += sizeof(blocks) + blocks.capacity() * sizeof(volume::BlockId);
-  }
-  return size;
+  return sizeof(active) + active.ids.capacity() * sizeof(volume::BlockId) +
+         active.begin_by_agent.capacity() * sizeof(std::size_t) +
+         active.set.words().size() * sizeof(std::uint64_t);
 }
 
 }  // namespace
+
+ActiveBlocks::ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_agent,
+                           std::int64_t block_count)
+    : begin_by_agent{0}, set(block_count) {
+  for (const std::vector<volume::BlockId>& of_agent : by_agent) {
+    ids.insert(ids.end(), of_agent.begin(), of_agent.end());
+    begin_by_agent.push_back(ids.size());
+  }
+  for (const volume::BlockId id : ids) {
+    set.Insert(id);
+  }
+}
 
 std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
                                      const std::vector<std::vector<int>>& shard_indices_by_agent,

@@ -5,6 +5,7 @@
 #define ISOSCOPE_SERVER_ACTIVE_BLOCKS_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <list>
 #include <memory>
 #include <string>
@@ -15,13 +16,18 @@
 #include "absl/synchronization/mutex.h"
 
 #include "core/volume/block_layout.h"
+#include "core/volume/block_set.h"
 
 namespace isoscope::server {
 
-// For each agent of a frame its own active blocks, ascending. Together they are all active blocks
-// of the volume. Immutable once shared.
+// The active blocks of the volume, agent by agent, each agent's ascending. Immutable once shared.
 struct ActiveBlocks {
-  std::vector<std::vector<volume::BlockId>> by_agent;
+  // REQUIRES: every block is below `block_count`.
+  ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_agent, std::int64_t block_count);
+
+  std::vector<volume::BlockId> ids;
+  std::vector<std::size_t> begin_by_agent;  // in ids; one more than agents
+  volume::BlockSet set;
 };
 
 // The last few, least recently used, bounded in bytes. Thread-safe.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <iterator>
 #include <string>
 #include <utility>
 #include <variant>
@@ -12,6 +13,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include "absl/types/span.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/partitioner.h>
@@ -133,19 +135,9 @@ class Frame {
     Stage stage = Stage::kSelecting;
   };
 
-  // An active block that is drawn, perhaps.
-  struct Candidate {
-    std::size_t agent_index = 0;
-    volume::BlockId block_id = 0;
-    bool is_drawn = false;
-    image::PixelMask open;  // the pixels it could win, in step 3
-  };
-
   absl::Status BeginAndDrive(const BeginAgentFrame& begin) {
     phase_start_ = start_;
-    if (setup_.active == nullptr) {
-      reported_.by_agent.resize(static_cast<std::size_t>(setup_.agent_count));
-    }
+    reported_.resize(static_cast<std::size_t>(setup_.agent_count));
     for (int i = 0; i < setup_.agent_count; ++i) {
       Agent agent;
       agent.listener = std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
@@ -153,6 +145,9 @@ class Frame {
                                                                  : Stage::kSelecting;
       ISOSCOPE_ASSIGN_OR_RETURN(agent.link, begin(i, agent.listener.get()));
       agents_.push_back(std::move(agent));
+    }
+    if (setup_.active != nullptr && setup_.culling != visibility::Culling::kNone) {
+      FindFootprints(*setup_.active);  // while the agents cast rays
     }
     while (!AllAt(Stage::kEnded)) {
       const absl::Duration left = cancellation_.deadline() - absl::Now();
@@ -245,12 +240,12 @@ class Frame {
     agent.stage = Stage::kRenderingOccluders;
     hits_ = visibility::UnionOfHits(hits_, hits.hits);
     if (setup_.active == nullptr) {
-      reported_.by_agent[agent_index] = std::move(hits.active);
+      reported_[agent_index] = std::move(hits.active);
     }
     if (AllAt(Stage::kRenderingOccluders)) {
-      result_.active = setup_.active != nullptr
-                           ? setup_.active
-                           : std::make_shared<const ActiveBlocks>(std::move(reported_));
+      result_.active = setup_.active != nullptr ? setup_.active
+                                                : std::make_shared<const ActiveBlocks>(
+                                                      reported_, setup_.layout->block_count());
       SendOccluders();
       EndPhase(&result_.occluder_selection_duration);
     }
@@ -259,63 +254,72 @@ class Frame {
 
   void SendOccluders() {
     result_.ray_hit_block_count = static_cast<std::int64_t>(hits_.size());
-    volume::BlockSet active(setup_.layout->block_count());
-    for (const std::vector<volume::BlockId>& of_agent : result_.active->by_agent) {
-      for (const volume::BlockId id : of_agent) {
-        active.Insert(id);
-      }
+    const ActiveBlocks& active = *result_.active;
+    occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active.set);
+    if (footprints_.empty()) {
+      FindFootprints(active);
     }
-    occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active);
-    std::vector<Candidate> candidates = Candidates(/*among_occluding=*/true);
-    ForEachCandidate(&candidates, [](const view::Footprint& footprint, Candidate* candidate) {
-      candidate->is_drawn = !footprint.rect.empty();
+    const std::vector<AgentPart> parts = SelectBlocks([&](std::size_t place, AgentPart* part) {
+      if (occluding_.Contains(active.ids[place]) && !footprints_[place].rect.empty()) {
+        part->blocks.push_back(active.ids[place]);
+      }
     });
-    std::vector<AgentPart> parts = PartsOf(std::move(candidates));
     for (std::size_t i = 0; i < agents_.size(); ++i) {
       agents_[i].link->SendOccluders(parts[i].blocks);
     }
   }
 
-  // The active blocks that are, or are not, occluding; agent by agent, ascending.
-  [[nodiscard]] std::vector<Candidate> Candidates(bool among_occluding) const {
-    std::vector<Candidate> candidates;
-    for (std::size_t i = 0; i < agents_.size(); ++i) {
-      for (const volume::BlockId id : result_.active->by_agent[i]) {
-        if (occluding_.Contains(id) == among_occluding) {
-          candidates.push_back({i, id, false, {}});
-        }
-      }
-    }
-    return candidates;
-  }
-
-  // Calls fn(footprint, candidate) for each, in parallel.
-  template <typename Fn>
-  void ForEachCandidate(std::vector<Candidate>* candidates, const Fn& fn) const {
+  void FindFootprints(const ActiveBlocks& active) {
+    footprints_.resize(active.ids.size());
     setup_.arena->execute([&] {
-      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, candidates->size(), kBlocksPerTask),
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active.ids.size(), kBlocksPerTask),
                         [&](const tbb::blocked_range<std::size_t>& range) {
-                          for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                            Candidate& candidate = (*candidates)[i];
-                            fn(setup_.view->FootprintOf(*setup_.layout, candidate.block_id),
-                               &candidate);
-                          }
+                          setup_.view->FootprintsOf(
+                              *setup_.layout,
+                              absl::MakeSpan(active.ids).subspan(range.begin(), range.size()),
+                              absl::MakeSpan(footprints_).subspan(range.begin(), range.size()));
                         });
     });
   }
 
-  // What each agent draws.
+  // What each agent draws in one step.
   struct AgentPart {
     std::vector<volume::BlockId> blocks;
-    std::vector<image::PixelMask> open;
+    std::vector<image::PixelMask> open;  // the pixels that each could win; or none
   };
-  [[nodiscard]] std::vector<AgentPart> PartsOf(std::vector<Candidate> candidates) const {
-    std::vector<AgentPart> parts(agents_.size());
-    for (Candidate& candidate : candidates) {
-      if (candidate.is_drawn) {
-        parts[candidate.agent_index].blocks.push_back(candidate.block_id);
-        parts[candidate.agent_index].open.push_back(std::move(candidate.open));
+
+  // Calls select(place in the active blocks, part to add it to) for every active block, in
+  // parallel, and joins the parts of each agent in order.
+  template <typename Fn>
+  [[nodiscard]] std::vector<AgentPart> SelectBlocks(const Fn& select) const {
+    const ActiveBlocks& active = *result_.active;
+    struct Task {
+      std::size_t agent_index = 0;
+      std::size_t begin = 0;
+      std::size_t end = 0;
+      AgentPart part;
+    };
+    std::vector<Task> tasks;
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      for (std::size_t begin = active.begin_by_agent[i]; begin < active.begin_by_agent[i + 1];
+           begin += kBlocksPerTask) {
+        tasks.push_back(
+            {i, begin, std::min(begin + kBlocksPerTask, active.begin_by_agent[i + 1]), {}});
       }
+    }
+    setup_.arena->execute([&] {
+      tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t index) {
+        Task& task = tasks[index];
+        for (std::size_t place = task.begin; place < task.end; ++place) {
+          select(place, &task.part);
+        }
+      });
+    });
+    std::vector<AgentPart> parts(agents_.size());
+    for (Task& task : tasks) {
+      AgentPart& part = parts[task.agent_index];
+      part.blocks.insert(part.blocks.end(), task.part.blocks.begin(), task.part.blocks.end());
+      std::move(task.part.open.begin(), task.part.open.end(), std::back_inserter(part.open));
     }
     return parts;
   }
@@ -338,15 +342,19 @@ class Frame {
       return visibility::OcclusionMap::FromImage(
           result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
     });
-    std::vector<Candidate> candidates = Candidates(/*among_occluding=*/false);
-    ForEachCandidate(&candidates, [&](const view::Footprint& footprint, Candidate* candidate) {
-      candidate->is_drawn = !footprint.rect.empty() && !map.Hides(footprint);
+    const ActiveBlocks& active = *result_.active;
+    const std::vector<AgentPart> parts = SelectBlocks([&](std::size_t place, AgentPart* part) {
+      const view::Footprint& footprint = footprints_[place];
+      if (occluding_.Contains(active.ids[place]) || footprint.rect.empty() ||
+          map.Hides(footprint)) {
+        return;
+      }
+      part->blocks.push_back(active.ids[place]);
       // The 1-bit mask is the paper's: it culls blocks, not fragments.
-      if (candidate->is_drawn && has_depth) {
-        candidate->open = map.OpenPixels(footprint);
+      if (has_depth) {
+        part->open.push_back(map.OpenPixels(footprint));
       }
     });
-    const std::vector<AgentPart> parts = PartsOf(std::move(candidates));
     for (std::size_t i = 0; i < agents_.size(); ++i) {
       agents_[i].link->SendVisibleBlocks(
           parts[i].blocks, has_depth ? visibility::EncodeOpenPixels(parts[i].open) : std::string());
@@ -402,8 +410,9 @@ class Frame {
   EventQueue queue_;  // outlives the links
   std::vector<Agent> agents_;
   std::vector<volume::BlockId> hits_;
-  ActiveBlocks reported_;
+  std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by agent
   volume::BlockSet occluding_;
+  std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
 };
 

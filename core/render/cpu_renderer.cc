@@ -18,6 +18,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
+#include "absl/types/span.h"
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
@@ -128,7 +129,10 @@ class Resources {
   // Scratch space of a thread.
   struct Scratch {
     CpuRasterizer rasterizer;
-    std::vector<std::uint32_t> first_numbers;  // of the meshes at hand
+    // Of the meshes at hand.
+    std::vector<std::uint32_t> first_numbers;
+    std::vector<volume::BlockId> block_ids;
+    std::vector<view::Footprint> footprints;
     ShadeBatch batch;
     std::array<std::uint32_t, ShadeBatch::kCapacity> pixels{};
     std::array<Fragment, ShadeBatch::kCapacity> fragments{};
@@ -239,6 +243,12 @@ class CpuPass final : public RenderPass {
       const absl::ReaderMutexLock drawing(&shading_mutex_);
       Resources::Scratch& scratch = resources_->LocalScratch();
       scratch.first_numbers.clear();
+      scratch.block_ids.clear();
+      for (const MeshToDraw& item : meshes) {
+        scratch.block_ids.push_back(item.mesh->block_id);
+      }
+      scratch.footprints.resize(meshes.size());
+      view_.FootprintsOf(layout_, scratch.block_ids, absl::MakeSpan(scratch.footprints));
       {
         const absl::MutexLock lock(&meshes_mutex_);
         for (const MeshToDraw& item : meshes) {
@@ -248,7 +258,7 @@ class CpuPass final : public RenderPass {
       }
       for (std::size_t i = 0; i < meshes.size(); ++i) {
         const mesh::MeshView& drawn = *meshes[i].mesh;
-        const view::Footprint footprint = view_.FootprintOf(layout_, drawn.block_id);
+        const view::Footprint& footprint = scratch.footprints[i];
         if (drawn.indices.empty() || footprint.rect.empty()) {
           continue;
         }

@@ -8,7 +8,9 @@
 
 #include "absl/strings/str_format.h"
 
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/view/footprint_kernel.h"
 
 namespace isoscope::view {
 namespace {
@@ -20,20 +22,6 @@ constexpr double kMinNearFraction = 1e-3;
 // its depth, and what float32 clip coordinates may be wrong by (kClipError, with room).
 constexpr double kPlaneSlack = 1e-3;
 constexpr double kPlaneRoundingSlack = 4e-6;
-
-// Bounds of what a renderer in float32 may do to a vertex (docs/numerics.md, "Camera"). u is half
-// a unit in the last place of 1.
-constexpr double kFloatRounding = 0x1p-24;
-// A clip coordinate is wrong by at most this times sum |m_k p_k|: 5 u for rounding the matrix and
-// for four products and three sums in any order, 3 u for a vertex made by clipping an edge; twice.
-constexpr double kClipError = 16 * kFloatRounding;
-// Perspective division and viewport transform, relative to |ndc| + 1: 2.5 u for the division (as
-// GPUs are allowed), 3 u for the transform, rounded up.
-constexpr double kViewportError = 8 * kFloatRounding;
-// Vertices are snapped to a sub-pixel grid of at least 4 bits (OpenGL's minimum).
-constexpr double kSnapErrorPx = 1.0 / 16;
-// A block whose rectangle would need a wider margin is given the whole viewport.
-constexpr double kMaxMarginPx = 4;
 
 constexpr float kNearestDepthMax = 0x1.fffffep-1F;  // 1 - 2^-24
 
@@ -273,6 +261,42 @@ Footprint View::FootprintOf(const volume::BlockLayout& layout, volume::BlockId i
                       static_cast<double>(cells.begin.z)},
                      {static_cast<double>(cells.end.x), static_cast<double>(cells.end.y),
                       static_cast<double>(cells.end.z)});
+}
+
+void View::FootprintsOf(const volume::BlockLayout& layout, absl::Span<const volume::BlockId> ids,
+                        absl::Span<Footprint> footprints) const {
+  ISOSCOPE_CHECK_EQ(ids.size(), footprints.size());
+  FootprintBatch batch;
+  for (std::size_t begin = 0; begin < ids.size(); begin += batch.count) {
+    batch.count = std::min(FootprintBatch::kCapacity, ids.size() - begin);
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      const math::IndexBox cells = layout.CellsOf(ids[begin + i]);
+      for (int axis = 0; axis < 3; ++axis) {
+        batch.min[static_cast<std::size_t>(axis)][i] = static_cast<double>(cells.begin[axis]);
+        batch.max[static_cast<std::size_t>(axis)][i] = static_cast<double>(cells.end[axis]);
+      }
+    }
+    ComputeFootprints(clip_from_index_, viewport_.width_px, viewport_.height_px, &batch);
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      Footprint& footprint = footprints[begin + i];
+      switch (batch.outcome[i]) {
+        case FootprintBatch::kOnScreen:
+          footprint.rect = {static_cast<int>(batch.begin_x[i]), static_cast<int>(batch.begin_y[i]),
+                            static_cast<int>(batch.end_x[i]), static_cast<int>(batch.end_y[i])};
+          if (footprint.rect.empty()) {
+            footprint.rect = {};
+          }
+          footprint.nearest_depth = RoundTowardViewer(batch.depth[i]);
+          break;
+        case FootprintBatch::kOutside:
+          footprint = {.rect = {}, .nearest_depth = kNearestDepthMax};
+          break;
+        case FootprintBatch::kUndecided:
+          footprint = FootprintOf(layout, ids[begin + i]);
+          break;
+      }
+    }
+  }
 }
 
 }  // namespace isoscope::view

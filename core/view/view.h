@@ -5,6 +5,7 @@
 #define ISOSCOPE_CORE_VIEW_VIEW_H_
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 
 #include "core/math/box.h"
 #include "core/math/matrix.h"
@@ -66,6 +67,10 @@ class View {
                                       const math::Vec3d& index_max) const;
   // The footprint of a block's cells.
   [[nodiscard]] Footprint FootprintOf(const volume::BlockLayout& layout, volume::BlockId id) const;
+  // footprints[i] is FootprintOf(layout, ids[i]), bit for bit; several times as fast for many.
+  // REQUIRES: as many footprints as ids.
+  void FootprintsOf(const volume::BlockLayout& layout, absl::Span<const volume::BlockId> ids,
+                    absl::Span<Footprint> footprints) const;
 
  private:
   View() = default;

@@ -2,16 +2,21 @@
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <numeric>
 #include <set>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 namespace isoscope::server {
 namespace {
+
+using ::testing::ElementsAre;
 
 using ShardsByAgent = std::vector<std::vector<int>>;
 
@@ -19,14 +24,22 @@ std::string KeyOf(const std::string& id, const ShardsByAgent& shards, double iso
   return ActiveBlocksCache::KeyOf(id, shards, isovalue);
 }
 
-// The lists of one agent with `count` blocks.
+// The first `count` blocks of a small volume, all of one agent.
 std::shared_ptr<const ActiveBlocks> Blocks(std::size_t count) {
-  auto active = std::make_shared<ActiveBlocks>();
-  active->by_agent.emplace_back(count);
-  return active;
+  std::vector<volume::BlockId> ids(count);
+  std::iota(ids.begin(), ids.end(), 0U);
+  return std::make_shared<const ActiveBlocks>(std::vector<std::vector<volume::BlockId>>{ids},
+                                              static_cast<std::int64_t>(count));
 }
 
 constexpr std::size_t kBlockBytes = sizeof(volume::BlockId);
+
+TEST(ActiveBlocksTest, AgentsFollowOneAnotherAndTheSetHasAll) {
+  const ActiveBlocks active({{1, 4}, {}, {0, 9}}, 10);
+  EXPECT_THAT(active.ids, ElementsAre(1, 4, 0, 9));
+  EXPECT_THAT(active.begin_by_agent, ElementsAre(0, 2, 2, 4));
+  EXPECT_THAT(active.set.Ids(), ElementsAre(0, 1, 4, 9));
+}
 
 TEST(ActiveBlocksCacheTest, EverythingThatDecidesTheListsIsInTheKey) {
   // Each differs from all others: datasets, isovalues, and shards spread in other ways, among them
@@ -115,7 +128,7 @@ TEST(ActiveBlocksCacheTest, WhatIsForgottenLivesOnWithThoseWhoHoldIt) {
   const auto held = cache.Find("a");
   cache.Insert("b", Blocks(1000));
   ASSERT_EQ(cache.Find("a"), nullptr);
-  EXPECT_EQ(held->by_agent.front().size(), 1000U);
+  EXPECT_EQ(held->ids.size(), 1000U);
 }
 
 TEST(ActiveBlocksCacheTest, FramesSideBySideFindTheirOwnLists) {
@@ -127,7 +140,7 @@ TEST(ActiveBlocksCacheTest, FramesSideBySideFindTheirOwnLists) {
         const std::size_t count = i % 13 * 100;
         const std::string key = std::to_string(count);
         if (const auto found = cache.Find(key); found != nullptr) {
-          EXPECT_EQ(found->by_agent.front().size(), count);
+          EXPECT_EQ(found->ids.size(), count);
         } else {
           cache.Insert(key, Blocks(count));
         }

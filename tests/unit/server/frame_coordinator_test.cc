@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <functional>
@@ -16,6 +17,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
+#include "absl/types/span.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
@@ -323,7 +326,12 @@ TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
                                 Run(visibility::Culling::kDepth, scripts));
   EXPECT_EQ(result.ray_hit_block_count, 4);
   ASSERT_NE(result.active, nullptr);
-  EXPECT_EQ(result.active->by_agent, active);
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    const auto ids = absl::MakeConstSpan(result.active->ids);
+    const std::size_t begin = result.active->begin_by_agent[i];
+    EXPECT_THAT(ids.subspan(begin, result.active->begin_by_agent[i + 1] - begin),
+                ::testing::ElementsAreArray(active[i]));
+  }
 
   // An active block is occluding if a hit is it, or touches it. Those beside the picture are not
   // sent: nobody would see them.

@@ -1,15 +1,22 @@
 #include "core/view/view.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <numbers>
+#include <vector>
 
+#include "absl/cleanup/cleanup.h"
+#include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "hwy/highway.h"
+#include "hwy/targets.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::view {
@@ -319,6 +326,57 @@ TEST(FootprintTest, NoPointOfABoxIsDrawnOutsideItsRectangle) {
     }
   }
   EXPECT_GT(boxes_seen, 2000);
+}
+
+// Agents, renderers and the coordinator take one or the other: they must agree to the bit.
+TEST(FootprintTest, ManyAtATimeAreThoseOneByOneOnEveryInstructionSet) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    hwy::SetSupportedTargetsForTest(target);
+    Random random(11);
+    std::int64_t on_screen = 0;
+    std::int64_t outside = 0;
+    std::int64_t everything = 0;
+    for (int round = 0; round < 150; ++round) {
+      volume::GridGeometry geometry;
+      geometry.sample_dims = {2 + random.Index(90), 2 + random.Index(90), 2 + random.Index(90)};
+      geometry.spacing = random.Point({0.1, 0.1, 0.1}, {3, 3, 3});
+      geometry.origin = random.Point({-500, -500, -500}, {500, 500, 500});
+      Camera camera = MakeDefaultCamera(geometry.Bounds());
+      Azimuth(random.Uniform(-3, 3), &camera);
+      Elevation(random.Uniform(-1.4, 1.4), &camera);
+      OrthogonalizeUp(&camera);
+      camera.eye = camera.target + (camera.eye - camera.target) * random.Uniform(0.02, 1.5);
+      Zoom(random.Uniform(0.5, 6), &camera);
+      if (random.Index(3) == 0) {
+        camera.projection = Projection::kOrthographic;
+      }
+      const Viewport viewport{1 + random.Index(2000), 1 + random.Index(2000)};
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, View::Make(camera, viewport, geometry));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const volume::BlockLayout layout,
+          volume::BlockLayout::Make(geometry.sample_dims,
+                                    {1 + random.Index(16), 8, 1 + random.Index(16)}));
+      std::vector<volume::BlockId> ids;
+      for (std::int64_t id = 0; id < layout.block_count(); id += 1 + random.Index(4)) {
+        ids.push_back(static_cast<volume::BlockId>(id));
+      }
+      std::vector<Footprint> footprints(ids.size());
+      view.FootprintsOf(layout, ids, absl::MakeSpan(footprints));
+      for (std::size_t i = 0; i < ids.size(); ++i) {
+        const Footprint expected = view.FootprintOf(layout, ids[i]);
+        ASSERT_EQ(footprints[i].rect, expected.rect) << "round " << round << ", block " << ids[i];
+        ASSERT_EQ(std::bit_cast<std::uint32_t>(footprints[i].nearest_depth),
+                  std::bit_cast<std::uint32_t>(expected.nearest_depth))
+            << "round " << round << ", block " << ids[i];
+        (expected.rect.empty() ? outside : expected.nearest_depth == 0 ? everything : on_screen)++;
+      }
+    }
+    EXPECT_GT(on_screen, 1000);
+    EXPECT_GT(outside, 1000);
+    EXPECT_GT(everything, 20);
+  }
 }
 
 TEST(FootprintTest, RectanglesAreTightAwayFromTheEye) {
