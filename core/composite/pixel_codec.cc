@@ -17,22 +17,21 @@
 #include "core/base/coding.h"
 #include "core/base/compression.h"
 #include "core/base/crc32c.h"
+#include "core/base/large_pages.h"
 #include "core/base/status_macros.h"
+#include "core/composite/number_code.h"
+#include "core/composite/tile_prediction.h"
 
 namespace isoscope::composite {
 namespace {
 
 using image::TileSet;
 
-constexpr int kTilePx = TileSet::kTilePx;
-constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
 constexpr char kMagic[] = "ISPX";
 constexpr std::size_t kMagicSize = 4;
 constexpr std::size_t kChecksummedOffset = 8;
 constexpr std::size_t kHeaderSize = 56;
 constexpr std::uint8_t kVersion = 2;
-// Of a pixel: depth and colour, and the extra bits that one of them may have.
-constexpr std::size_t kMaxExtraBits = 32;
 // What follows the extra bits, so that reading 8 bytes at once never leaves the band.
 constexpr std::size_t kPaddingBytes = 8;
 // A full tile of as many blocks as pixels: coverage, dictionary size; for each pixel block id,
@@ -44,75 +43,6 @@ constexpr std::uint32_t kOneBits = std::bit_cast<std::uint32_t>(1.0F);
 // Bands of more colours send each as it is.
 constexpr std::size_t kMaxPaletteSize = 2048;
 
-constexpr std::uint32_t ZigZag(std::uint32_t difference) {
-  return difference << 1 ^ (0U - (difference >> 31));
-}
-constexpr std::uint32_t UnZigZag(std::uint32_t code) { return code >> 1 ^ (0U - (code & 1)); }
-
-// A number is sent as one of 16 classes and some extra bits: class c has those from bases[c] on, as
-// many as bits[c] bits tell apart; the next class begins there.
-struct NumberCode {
-  constexpr explicit NumberCode(const std::array<std::uint8_t, 16>& extra_bits) : bits(extra_bits) {
-    for (std::size_t c = 1; c < bits.size(); ++c) {
-      bases[c] = bases[c - 1] + (std::uint32_t{1} << bits[c - 1]);
-    }
-    for (std::size_t width = 0; width < last_of_width.size(); ++width) {
-      last_of_width[width] = Search(static_cast<std::uint32_t>((std::uint64_t{1} << width) - 1));
-    }
-  }
-  // The class of a number.
-  [[nodiscard]] constexpr std::uint8_t Search(std::uint32_t value) const {
-    std::uint8_t c = 15;
-    while (value < bases[c]) {
-      --c;
-    }
-    return c;
-  }
-  [[nodiscard]] std::uint32_t ClassOf(std::uint32_t value) const {
-    const std::uint32_t c = last_of_width[static_cast<std::size_t>(std::bit_width(value))];
-    return c - (value < bases[c] ? 1U : 0U);
-  }
-  // Whether the numbers of one width lie in two classes at most, as ClassOf takes for granted.
-  [[nodiscard]] constexpr bool IsSearchedInOneStep() const {
-    for (std::size_t width = 1; width < last_of_width.size(); ++width) {
-      if (last_of_width[width] > Search(std::uint32_t{1} << (width - 1)) + 1) {
-        return false;
-      }
-    }
-    return true;
-  }
-
-  std::array<std::uint8_t, 16> bits;
-  std::array<std::uint32_t, 16> bases{};
-  std::array<std::uint8_t, 33> last_of_width{};
-};
-
-// Measured on surfaces of CT and MRI scans and of random fields at 1024 x 1024: most differences of
-// depth have 9 to 16 bits, and 0 to 2 where a triangle is many pixels wide.
-constexpr NumberCode kDepthCode({0, 1, 3, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 22, 32});
-// Indices of a palette of some hundred colours; the last is for colours sent as they are.
-constexpr NumberCode kColorCode({0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 16, 32});
-static_assert(kDepthCode.IsSearchedInOneStep() && kColorCode.IsSearchedInOneStep());
-
-// What a control byte means: the class of the depth in its low half, that of the colour in the
-// high.
-struct Control {
-  std::uint32_t depth_base = 0;
-  std::uint32_t color_base = 0;
-  std::uint32_t depth_bits = 0;
-  std::uint32_t all_bits = 0;
-};
-constexpr std::array<Control, 256> kControls = [] {
-  std::array<Control, 256> controls{};
-  for (std::size_t byte = 0; byte < controls.size(); ++byte) {
-    const std::size_t depth = byte & 15;
-    const std::size_t color = byte >> 4;
-    controls[byte] = {kDepthCode.bases[depth], kColorCode.bases[color], kDepthCode.bits[depth],
-                      std::uint32_t{kDepthCode.bits[depth]} + kColorCode.bits[color]};
-  }
-  return controls;
-}();
-
 // A colour as a number whose order groups similar ones: red first.
 std::uint32_t NumberOf(image::Rgba8 color) {
   return std::uint32_t{color.r} << 24 | std::uint32_t{color.g} << 16 | std::uint32_t{color.b} << 8 |
@@ -121,17 +51,6 @@ std::uint32_t NumberOf(image::Rgba8 color) {
 image::Rgba8 ColorOf(std::uint32_t number) {
   return {static_cast<std::uint8_t>(number >> 24), static_cast<std::uint8_t>(number >> 16),
           static_cast<std::uint8_t>(number >> 8), static_cast<std::uint8_t>(number)};
-}
-
-// Which pixels of a tile are covered: bit `column` of element `row`.
-using TileMask = std::array<std::uint16_t, kTilePx>;
-
-int PixelCount(const TileMask& mask) {
-  int count = 0;
-  for (const std::uint64_t rows : std::bit_cast<std::array<std::uint64_t, kTilePx / 4>>(mask)) {
-    count += std::popcount(rows);
-  }
-  return count;
 }
 
 // Part of the tile inside the image.
@@ -147,64 +66,6 @@ TileArea AreaOf(int tile_x, int tile_y, const image::FrameImage& image) {
   const int y = tile_y * kTilePx;
   return {x, y, std::min(kTilePx, image.width - x), std::min(kTilePx, image.height - y)};
 }
-
-// The numbers of one tile as far as they are known, and what they let one expect of the next
-// (docs/format/wire.md). Encoder and decoder walk it in the same way.
-class Prediction {
- public:
-  struct Number {
-    std::uint32_t depth = 0;
-    std::uint32_t color = 0;
-  };
-
-  // Calls fn(index of the pixel in the tile, what to expect of it) for each covered pixel, in
-  // order; fn returns what it is.
-  template <typename Fn>
-  void Walk(const TileMask& mask, const Fn& fn) {
-    std::uint32_t above = 0;
-    std::uint32_t above_2 = 0;
-    Number last = last_;
-    for (std::size_t row = 0; row < kTilePx; ++row) {
-      const std::uint32_t here = mask[row];
-      const std::uint32_t left = here << 1;
-      const std::uint32_t planar = here & left & above & (above << 1);
-      for (std::uint32_t rest = here; rest != 0; rest &= rest - 1) {
-        const std::size_t index =
-            std::size_t{kTilePx} * row + static_cast<std::size_t>(std::countr_zero(rest));
-        const std::uint32_t bit = rest & (0U - rest);
-        std::uint32_t* const depth = &depths_[index];
-        std::uint32_t* const color = &colors_[index];
-        if ((planar & bit) != 0) {
-          last.depth = depth[-1] + depth[-kStride] - depth[-kStride - 1];
-          last.color = color[-1] + color[-kStride] - color[-kStride - 1];
-        } else if ((left & bit) != 0) {
-          last = {depth[-1], color[-1]};
-          if ((left << 1 & bit) != 0) {
-            last.depth += depth[-1] - depth[-2];
-          }
-        } else if ((above & bit) != 0) {
-          last = {depth[-kStride], color[-kStride]};
-          if ((above_2 & bit) != 0) {
-            last.depth += depth[-kStride] - depth[-2 * kStride];
-          }
-        }
-        last = fn(index, last);
-        *depth = last.depth;
-        *color = last.color;
-      }
-      above_2 = above;
-      above = here;
-    }
-    last_ = last;
-  }
-
- private:
-  static constexpr std::ptrdiff_t kStride = kTilePx;
-
-  std::array<std::uint32_t, kTilePixels> depths_;
-  std::array<std::uint32_t, kTilePixels> colors_;
-  Number last_;  // the pixel before; across tiles too
-};
 
 // The colours of a band, and their indices when they are sorted.
 class Palette {
@@ -301,23 +162,29 @@ class TileDictionary {
  public:
   // The index of `id`, which is added if it is new.
   std::uint8_t IndexOf(std::uint32_t id) {
-    if (size_ > 0 && ids_[last_] == id) {
-      return static_cast<std::uint8_t>(last_);
-    }
-    for (last_ = 0; last_ < size_; ++last_) {
-      if (ids_[last_] == id) {
-        return static_cast<std::uint8_t>(last_);
+    if (size_ == 0 || ids_[last_] != id) {
+      // Along an edge two blocks take turns.
+      std::swap(last_, before_);
+      if (size_ == 0 || ids_[last_] != id) {
+        last_ = static_cast<std::size_t>(std::find(ids_.begin(), ids_.begin() + size_, id) -
+                                         ids_.begin());
+        if (last_ == static_cast<std::size_t>(size_)) {
+          ids_[last_] = id;
+          ++size_;
+        }
       }
     }
-    ids_[size_++] = id;
     return static_cast<std::uint8_t>(last_);
   }
-  [[nodiscard]] std::span<const std::uint32_t> ids() const { return {ids_.data(), size_}; }
+  [[nodiscard]] std::span<const std::uint32_t> ids() const {
+    return {ids_.data(), static_cast<std::size_t>(size_)};
+  }
 
  private:
   std::array<std::uint32_t, kTilePixels> ids_;
-  std::size_t size_ = 0;
-  std::size_t last_ = 0;
+  std::ptrdiff_t size_ = 0;
+  std::size_t last_ = 0;    // of the pixel before
+  std::size_t before_ = 0;  // another one before
 };
 
 std::size_t RowWords(const TileSet& tiles) {
@@ -380,7 +247,7 @@ class BandEncoder {
       return {};
     }
     FindColors();
-    controls_ = std::make_unique_for_overwrite<std::uint8_t[]>(pixel_count_);
+    controls_ = std::make_unique_for_overwrite<std::uint8_t[]>(pixel_count_ + kClassifyPadding);
     extras_ = std::make_unique_for_overwrite<char[]>(2 * kMaxExtraBits / 8 * pixel_count_ +
                                                      kPaddingBytes);
     if (!palette_numbers_.empty()) {
@@ -447,49 +314,66 @@ class BandEncoder {
   template <bool kHasPalette>
   void EncodePixels() {
     std::uint8_t* control = controls_.get();
-    [[maybe_unused]] const std::uint16_t* slot = slots_.get();
+    const std::uint16_t* slot = slots_.get();
     BitWriter extras(extras_.get());
-    Prediction prediction;
+    TilePrediction prediction;
+    TileNumbers numbers{};
+    TileNumbers differences{};
+    std::array<std::uint32_t, kTilePixels> ids;
     for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
-      const std::uint64_t* keys = RowOf(image_.keys, areas_[tile], 0);
-      const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], 0);
-      TileDictionary dictionary;
-      const std::size_t first_label = side_.labels.size();
-      side_.labels.resize(first_label + kTilePixels);
-      std::uint8_t* label = side_.labels.data() + first_label;
-      const auto width = static_cast<std::size_t>(image_.width);
-      prediction.Walk(side_.masks[tile], [&](std::size_t index, Prediction::Number expected) {
-        const std::size_t at = index / kTilePx * width + index % kTilePx;
-        const std::uint64_t key = keys[at];
-        const Prediction::Number number{
-            static_cast<std::uint32_t>(key >> 32),
-            kHasPalette ? palette_.IndexOf(*slot++) : NumberOf(colors[at])};
-        const std::uint32_t depth_code = ZigZag(number.depth - expected.depth);
-        const std::uint32_t color_code = ZigZag(number.color - expected.color);
-        const std::uint32_t classes =
-            kDepthCode.ClassOf(depth_code) | kColorCode.ClassOf(color_code) << 4;
-        *control++ = static_cast<std::uint8_t>(classes);
-        const Control& code = kControls[classes];
-        const std::uint64_t depth_extra = depth_code - code.depth_base;
-        const std::uint64_t color_extra = color_code - code.color_base;
+      const TileMask& mask = side_.masks[tile];
+      std::size_t count = 0;
+      for (std::size_t row = 0; row < kTilePx; ++row) {
+        if (mask[row] == 0) {
+          continue;
+        }
+        const std::uint64_t* keys = RowOf(image_.keys, areas_[tile], row);
+        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
+        for (std::uint32_t rest = mask[row]; rest != 0; rest &= rest - 1) {
+          const auto column = static_cast<std::size_t>(std::countr_zero(rest));
+          numbers.depths[count] = static_cast<std::uint32_t>(keys[column] >> 32);
+          numbers.colors[count] =
+              kHasPalette ? palette_.IndexOf(*slot++) : NumberOf(colors[column]);
+          ids[count] = image::BlockOf(keys[column]);
+          ++count;
+        }
+      }
+      AddLabels(std::span(ids).first(count));
+      prediction.Subtract(mask, numbers, &differences);
+      ClassifyNumbers(differences.depths.data(), differences.colors.data(), count, control);
+      for (std::size_t i = 0; i < count; ++i) {
+        const Control& code = kControls[control[i]];
+        const std::uint64_t depth_extra = differences.depths[i] - code.depth_base;
+        const std::uint64_t color_extra = differences.colors[i] - code.color_base;
         if (kHasPalette) {
           extras.Put(depth_extra | color_extra << code.depth_bits, code.all_bits);
         } else {
           extras.Put(depth_extra, code.depth_bits);
           extras.Put(color_extra, code.all_bits - code.depth_bits);
         }
-        *label++ = dictionary.IndexOf(image::BlockOf(key));
-        return number;
-      });
-      const std::span<const std::uint32_t> ids = dictionary.ids();
-      side_.labels.resize(ids.size() == 1 ? first_label
-                                          : static_cast<std::size_t>(label - side_.labels.data()));
-      side_.dictionary_sizes.push_back(static_cast<std::uint8_t>(ids.size() - 1));
-      side_.dictionaries.insert(side_.dictionaries.end(), ids.begin(), ids.end());
+      }
+      control += count;
     }
     extras_size_ = static_cast<std::size_t>(extras.Finish() - extras_.get());
     std::memset(extras_.get() + extras_size_, 0, kPaddingBytes);
     extras_size_ += kPaddingBytes;
+  }
+
+  // The dictionary of a tile, and which block each of its covered pixels has.
+  void AddLabels(std::span<const std::uint32_t> ids) {
+    TileDictionary dictionary;
+    const std::size_t first = side_.labels.size();
+    side_.labels.resize(first + ids.size());
+    std::uint8_t* labels = side_.labels.data() + first;
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      labels[i] = dictionary.IndexOf(ids[i]);
+    }
+    const std::span<const std::uint32_t> known = dictionary.ids();
+    if (known.size() == 1) {
+      side_.labels.resize(first);
+    }
+    side_.dictionary_sizes.push_back(static_cast<std::uint8_t>(known.size() - 1));
+    side_.dictionaries.insert(side_.dictionaries.end(), known.begin(), known.end());
   }
 
   std::string Serialize() {
@@ -531,7 +415,7 @@ class BandEncoder {
   }
 
   template <typename T>
-  [[nodiscard]] const T* RowOf(const std::vector<T>& plane, const TileArea& area,
+  [[nodiscard]] const T* RowOf(const base::LargePageVector<T>& plane, const TileArea& area,
                                std::size_t row) const {
     return plane.data() + image_.IndexOf(area.x, area.y + static_cast<int>(row));
   }
@@ -792,37 +676,41 @@ class BandDecoder {
     std::uint32_t largest_depth = 0;
     std::uint32_t largest_color = 0;
     const auto palette_size = static_cast<std::uint32_t>(palette_.size());
-    Prediction prediction;
+    TilePrediction prediction;
+    TileNumbers differences;
+    TileNumbers numbers;
     for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
-      const std::size_t entries = std::size_t{side_.dictionary_sizes[tile]} + 1;
-      const std::uint64_t* const first_key = key;
-      prediction.Walk(side_.masks[tile], [&](std::size_t, Prediction::Number expected) {
-        const Control& code = kControls[*control++];
+      const TileMask& mask = side_.masks[tile];
+      const auto count = static_cast<std::size_t>(PixelCount(mask));
+      for (std::size_t i = 0; i < count; ++i) {
+        const Control& code = kControls[control[i]];
         const unsigned color_bits = code.all_bits - code.depth_bits;
         const std::uint64_t depth_extra = BitsFrom(bit);
         // At least 57 bits: enough for both, but for colours that are sent as they are.
         const std::uint64_t color_extra =
             kHasPalette ? depth_extra >> code.depth_bits : BitsFrom(bit + code.depth_bits);
         bit += code.all_bits;
-        const Prediction::Number number{
-            expected.depth + UnZigZag(code.depth_base + LowBits(depth_extra, code.depth_bits)),
-            expected.color + UnZigZag(code.color_base + LowBits(color_extra, color_bits))};
-        largest_depth = std::max(largest_depth, number.depth);
-        if (kHasPalette) {
-          largest_color = std::max(largest_color, number.color);
-          *color++ = palette_[std::min(number.color, palette_size - 1)];
-        } else {
-          *color++ = ColorOf(number.color);
-        }
-        *key++ = std::uint64_t{number.depth} << 32;
-        return number;
-      });
-      const auto pixels = static_cast<std::size_t>(key - first_key);
-      std::uint64_t* tile_keys = key - pixels;
-      for (std::size_t i = 0; i < pixels; ++i) {
-        tile_keys[i] |= entries == 1 ? dictionary[0] : dictionary[label[i]];
+        differences.depths[i] = code.depth_base + LowBits(depth_extra, code.depth_bits);
+        differences.colors[i] = code.color_base + LowBits(color_extra, color_bits);
       }
-      label += entries == 1 ? 0 : pixels;
+      prediction.Add(mask, differences, &numbers);
+      const std::size_t entries = std::size_t{side_.dictionary_sizes[tile]} + 1;
+      for (std::size_t i = 0; i < count; ++i) {
+        largest_depth = std::max(largest_depth, numbers.depths[i]);
+        key[i] = std::uint64_t{numbers.depths[i]} << 32 | dictionary[entries == 1 ? 0 : label[i]];
+      }
+      for (std::size_t i = 0; i < count; ++i) {
+        if (kHasPalette) {
+          largest_color = std::max(largest_color, numbers.colors[i]);
+          color[i] = palette_[std::min(numbers.colors[i], palette_size - 1)];
+        } else {
+          color[i] = ColorOf(numbers.colors[i]);
+        }
+      }
+      control += count;
+      key += count;
+      color += count;
+      label += entries == 1 ? 0 : count;
       dictionary += entries;
     }
     if (largest_depth > kOneBits) {

@@ -14,6 +14,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/synchronization/mutex.h"
 
+#include "core/base/large_pages.h"
 #include "core/image/tile_set.h"
 
 namespace isoscope::image {
@@ -81,8 +82,8 @@ class FrameImage {
 
   int width = 0;
   int height = 0;
-  std::vector<std::uint64_t> keys;  // FragmentKey
-  std::vector<Rgba8> colors;
+  base::LargePageVector<std::uint64_t> keys;  // FragmentKey
+  base::LargePageVector<Rgba8> colors;
   TileSet touched;
 
  private:

@@ -367,7 +367,7 @@ class PngEncoder {
 
 }  // namespace
 
-std::string EncodePng(int width, int height, const std::vector<Rgba8>& pixels,
+std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
                       const std::optional<Rgba8>& background) {
   ISOSCOPE_CHECK_GE(width, 1);
   ISOSCOPE_CHECK_GE(height, 1);

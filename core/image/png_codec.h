@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_
 
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,7 +31,7 @@ struct RgbaImage {
 // on x86-64 from SSE4.2 to AVX-512; on processors without, ISA-L 2.30 finds other matches).
 // With a background, that is shown where alpha is 0.
 // REQUIRES: 1 <= width < 2^28, height >= 1. Aborts when memory runs out. Thread-safe.
-std::string EncodePng(int width, int height, const std::vector<Rgba8>& pixels,
+std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
                       const std::optional<Rgba8>& background = std::nullopt);
 
 // The largest width and height that DecodePng accepts.

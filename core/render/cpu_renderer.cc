@@ -23,6 +23,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/base/large_pages.h"
 #include "core/base/status_macros.h"
 #include "core/render/cpu_rasterizer.h"
 #include "core/render/shade_kernel.h"
@@ -117,7 +118,7 @@ struct PassBuffers {
   const int height;
   const int lock_columns;
   const int lock_rows;
-  std::vector<Fragment> fragments;
+  base::LargePageVector<Fragment> fragments;
   std::vector<LockTile> lock_tiles;
   std::vector<KeptMesh> meshes;
   std::vector<std::uint32_t> mesh_of_unit;  // by number / kNumberUnit, an index of `meshes`

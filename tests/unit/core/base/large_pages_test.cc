@@ -1,0 +1,40 @@
+#include "core/base/large_pages.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <new>
+#include <numeric>
+
+#include "gtest/gtest.h"
+
+namespace isoscope::base {
+namespace {
+
+TEST(LargePageVectorTest, HoldsWhatIsPutInWhateverItsSize) {
+  for (const std::size_t size : {std::size_t{1}, std::size_t{1000}, kLargePageBytes / 8 - 1,
+                                 kLargePageBytes / 8, 3 * kLargePageBytes / 8 + 5}) {
+    LargePageVector<std::uint64_t> numbers(size, 7);
+    EXPECT_EQ(numbers.front(), 7U);
+    EXPECT_EQ(numbers.back(), 7U);
+    std::iota(numbers.begin(), numbers.end(), std::uint64_t{0});
+    const LargePageVector<std::uint64_t> copy = numbers;
+    numbers.assign(size + kLargePageBytes, 1);
+    EXPECT_EQ(copy.back(), size - 1);
+    EXPECT_NE(copy, numbers);
+  }
+}
+
+TEST(LargePageVectorTest, LargeOnesBeginAtALargePage) {
+  const LargePageVector<char> bytes(kLargePageBytes);
+  EXPECT_EQ(reinterpret_cast<std::uintptr_t>(bytes.data()) % kLargePageBytes, 0U);
+}
+
+TEST(LargePageVectorTest, WhatNoMachineHasThrows) {
+  LargePageAllocator<std::uint64_t> allocator;
+  EXPECT_THROW(allocator.allocate(std::numeric_limits<std::size_t>::max() / 8), std::bad_alloc);
+  EXPECT_THROW(allocator.allocate(std::numeric_limits<std::size_t>::max() / 32), std::bad_alloc);
+}
+
+}  // namespace
+}  // namespace isoscope::base
