@@ -23,7 +23,6 @@ namespace isoscope::cli {
 namespace {
 
 constexpr std::size_t kCacheBytes = std::size_t{1} << 30;
-constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
 
 // What all links of a frame tell, step by step.
 struct StepBlocks {
@@ -207,6 +206,7 @@ absl::StatusOr<std::unique_ptr<IsolatedCluster>> IsolatedCluster::Open(
     ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const agent::Shard> shard,
                               agent::OpenShard(directory));
     cluster->shards_.push_back(std::move(shard));
+    cluster->mesh_memory_.push_back(base::MemoryPool::Make());
   }
   return cluster;
 }
@@ -216,8 +216,6 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
   ISOSCOPE_ASSIGN_OR_RETURN(
       const view::View view,
       view::View::Make(request.camera, request.viewport, manifest().geometry));
-  const std::shared_ptr<image::FrameImagePool> images =
-      image::FrameImagePool::Make(kUnusedImageBytes);
   StepBlocks blocks;
   // One for each agent, as on its own machine; emptied only when the frame's time is taken.
   std::vector<std::unique_ptr<agent::BlockCache>> caches;
@@ -226,7 +224,7 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
   setup.layout = &layout();
   setup.culling = request.culling;
   setup.agent_count = static_cast<int>(shards_.size());
-  setup.images = images.get();
+  setup.images = images_.get();
   setup.arena = &arena_;
   const auto begin =
       [&](int agent_index,
@@ -234,7 +232,8 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
     agent::FrameRequest own = request;
     own.agent_index = agent_index;
     own.agent_count = setup.agent_count;
-    caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes));
+    caches.push_back(std::make_unique<agent::BlockCache>(
+        kCacheBytes, mesh_memory_[static_cast<std::size_t>(agent_index)]));
     auto link = std::make_unique<IsolatedLink>(own, &blocks, caches.back().get(), listener);
     link->Begin(shards_[static_cast<std::size_t>(agent_index)], renderer_, &arena_, &cancellation);
     return link;

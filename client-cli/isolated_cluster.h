@@ -14,6 +14,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/memory_pool.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
 #include "core/store/manifest.h"
@@ -73,7 +74,7 @@ class IsolatedCluster {
     return shards_.front()->reader->ranges().ActiveBlocks(isovalue).Ids();
   }
 
-  // One frame with nothing cached, the files in the page cache. agent_index and agent_count of
+  // One frame with no block and no mesh cached, the files in the page cache. agent_index and agent_count of
   // `request` are set here. Errors as server::RunFrame.
   absl::StatusOr<IsolatedFrame> Render(const agent::FrameRequest& request,
                                        const base::Cancellation& cancellation);
@@ -90,7 +91,13 @@ class IsolatedCluster {
  private:
   IsolatedCluster() : arena_(1) {}
 
+  static constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
+
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
+  // By shard, for meshes: agents have taken it from the kernel before their first frame.
+  std::vector<std::shared_ptr<base::MemoryPool>> mesh_memory_;
+  const std::shared_ptr<image::FrameImagePool> images_ =
+      image::FrameImagePool::Make(kUnusedImageBytes);
   render::Renderer* renderer_ = nullptr;
   tbb::task_arena arena_;
 };

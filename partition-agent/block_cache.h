@@ -33,9 +33,10 @@ struct ActiveBlock {
 // Thread-safe. Shards are told apart by Shard::number.
 class BlockCache {
  public:
-  // At most `max_bytes` in all: most of it for meshes.
-  explicit BlockCache(std::size_t max_bytes)
-      : pool_(base::MemoryPool::Make()),
+  // At most `max_bytes` in all: most of it for meshes, which lie in memory of `pool`.
+  explicit BlockCache(std::size_t max_bytes,
+                      std::shared_ptr<base::MemoryPool> pool = base::MemoryPool::Make())
+      : pool_(std::move(pool)),
         meshes_(pool_),
         samples_(0),
         actives_(0),
