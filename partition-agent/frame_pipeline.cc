@@ -38,8 +38,10 @@ namespace {
 constexpr std::int64_t kRaysPerTask = 4096;
 // Blocks one task takes from the cache: some hundred microseconds.
 constexpr std::size_t kBlocksPerTask = 128;
-// Meshes handed to the renderer at a time.
+// Meshes handed to the renderer at a time, at most; and how many are worth a call: it takes locks,
+// and so few are still in the processor's cache when they are drawn.
 constexpr std::size_t kMeshesPerAdd = 64;
+constexpr std::size_t kMeshesWorthAdding = 16;
 
 // A block to draw.
 struct ChosenBlock {
@@ -387,7 +389,7 @@ class FramePipeline::Impl {
       }
     }
     base::ReadQueue queue(std::move(reads));
-    return ForEachArrival(
+    const absl::Status status = ForEachArrival(
         &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
           const auto after = std::upper_bound(
               by_shard.begin(), by_shard.end(), arrival.index(),
@@ -396,8 +398,19 @@ class FramePipeline::Impl {
           ISOSCOPE_RETURN_IF_ERROR(
               ExtractRun(static_cast<std::size_t>(after - by_shard.begin()) - 1, *(after - 1),
                          arrival, &worker));
-          return AddMeshes(pass, &worker);
+          return worker.meshes.size() < kMeshesWorthAdding ? absl::OkStatus()
+                                                           : AddMeshes(pass, &worker);
         });
+    ISOSCOPE_RETURN_IF_ERROR(status);
+    FirstError error;
+    arena_->execute([&] {
+      tbb::parallel_for(workers_.range(1), [&](const auto& range) {
+        for (Worker& worker : range) {
+          error.Set(AddMeshes(pass, &worker));
+        }
+      });
+    });
+    return error.status();
   }
 
   absl::Status ExtractRun(std::size_t slot, const ShardReads& reads,

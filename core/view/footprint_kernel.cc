@@ -13,7 +13,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-using F64 = hn::CappedTag<double, 8>;
+using F64 = hn::CappedTag<double, FootprintBatch::kMultiple>;
 using Lanes = hn::Vec<F64>;
 
 // Of a clip coordinate, or of what is made of two: the least and the greatest over the 8 corners.

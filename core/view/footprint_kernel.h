@@ -35,18 +35,21 @@ struct FootprintBatch {
     kUndecided,  // near the eye: View::FootprintOf knows
   };
 
-  std::size_t count = 0;
-  // In index space, by axis; those past `count` must be numbers.
-  alignas(64) std::array<std::array<double, kCapacity>, 3> min{};
-  alignas(64) std::array<std::array<double, kCapacity>, 3> max{};
+  // Boxes come in so many: fill up the last of them with whatever box.
+  static constexpr std::size_t kMultiple = 8;
 
-  std::array<Outcome, kCapacity> outcome{};
+  std::size_t count = 0;
+  // In index space, by axis.
+  alignas(64) std::array<std::array<double, kCapacity>, 3> min;
+  alignas(64) std::array<std::array<double, kCapacity>, 3> max;
+
+  std::array<Outcome, kCapacity> outcome;
   // View::FootprintOf's rectangle, may be empty; and its nearest depth before it is rounded.
-  alignas(64) std::array<double, kCapacity> begin_x{};
-  alignas(64) std::array<double, kCapacity> begin_y{};
-  alignas(64) std::array<double, kCapacity> end_x{};
-  alignas(64) std::array<double, kCapacity> end_y{};
-  alignas(64) std::array<double, kCapacity> depth{};
+  alignas(64) std::array<double, kCapacity> begin_x;
+  alignas(64) std::array<double, kCapacity> begin_y;
+  alignas(64) std::array<double, kCapacity> end_x;
+  alignas(64) std::array<double, kCapacity> end_y;
+  alignas(64) std::array<double, kCapacity> depth;
 };
 
 // Computes what View::FootprintOf does, by the same operations in the same order: the same bits on

@@ -269,8 +269,10 @@ void View::FootprintsOf(const volume::BlockLayout& layout, absl::Span<const volu
   FootprintBatch batch;
   for (std::size_t begin = 0; begin < ids.size(); begin += batch.count) {
     batch.count = std::min(FootprintBatch::kCapacity, ids.size() - begin);
-    for (std::size_t i = 0; i < batch.count; ++i) {
-      const math::IndexBox cells = layout.CellsOf(ids[begin + i]);
+    constexpr std::size_t kMultiple = FootprintBatch::kMultiple;
+    const std::size_t filled = (batch.count + kMultiple - 1) / kMultiple * kMultiple;
+    for (std::size_t i = 0; i < filled; ++i) {
+      const math::IndexBox cells = layout.CellsOf(ids[begin + std::min(i, batch.count - 1)]);
       for (int axis = 0; axis < 3; ++axis) {
         batch.min[static_cast<std::size_t>(axis)][i] = static_cast<double>(cells.begin[axis]);
         batch.max[static_cast<std::size_t>(axis)][i] = static_cast<double>(cells.end[axis]);
