@@ -4,10 +4,12 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "benchmark/benchmark.h"
 
 #include "core/base/check.h"
@@ -124,6 +126,35 @@ BENCHMARK(BM_SelectWithoutRays)
     ->Arg(static_cast<int>(volume::ScalarType::kUint16))
     ->Arg(static_cast<int>(volume::ScalarType::kFloat32))
     ->Arg(static_cast<int>(volume::ScalarType::kFloat64))
+    ->Unit(benchmark::kMillisecond);
+
+// Footprints of all blocks of the volume, one by one or many at a time.
+void BM_Footprints(benchmark::State& state) {
+  const view::View view = MakeView();
+  const volume::BlockLayout layout = MakeLayout();
+  std::vector<volume::BlockId> ids(static_cast<std::size_t>(layout.block_count()));
+  std::iota(ids.begin(), ids.end(), 0U);
+  std::vector<view::Footprint> footprints(ids.size());
+  const auto batch = static_cast<std::size_t>(state.range(0));
+  for (auto _ : state) {
+    if (batch == 1) {
+      for (std::size_t i = 0; i < ids.size(); ++i) {
+        footprints[i] = view.FootprintOf(layout, ids[i]);
+      }
+      continue;
+    }
+    for (std::size_t i = 0; i < ids.size(); i += batch) {
+      view.FootprintsOf(layout, absl::MakeSpan(ids).subspan(i, batch),
+                        absl::MakeSpan(footprints).subspan(i, batch));
+    }
+  }
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(ids.size()));
+}
+BENCHMARK(BM_Footprints)
+    ->ArgName("at_a_time")
+    ->Arg(1)
+    ->Arg(16)
+    ->Arg(512)
     ->Unit(benchmark::kMillisecond);
 
 // A wall half-way, with holes.
