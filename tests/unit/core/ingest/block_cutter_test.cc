@@ -11,7 +11,7 @@
 #include "core/base/coding.h"
 #include "core/volume/block_samples.h"
 #include "tests/support/status_matchers.h"
-#include "tests/unit/core/ingest/volume_files.h"
+#include "tests/support/volume_files.h"
 
 namespace isoscope::ingest {
 namespace {

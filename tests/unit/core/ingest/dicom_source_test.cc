@@ -8,14 +8,16 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/coding.h"
+#include "tests/support/dicom_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/core/ingest/volume_files.h"
+#include "tests/support/volume_files.h"
 
 namespace isoscope::ingest {
 namespace {
 
+using ::isoscope::testing::DicomBytes;
+using ::isoscope::testing::DicomSlice;
 using ::isoscope::testing::Noise;
 using ::isoscope::testing::ReadAll;
 using ::isoscope::testing::StatusIs;
@@ -24,65 +26,6 @@ using ::isoscope::testing::WriteFile;
 using ::testing::_;
 using ::testing::HasSubstr;
 using volume::ScalarType;
-
-// An element in explicit VR, little-endian.
-std::string Element(std::uint16_t group, std::uint16_t element, const std::string& vr,
-                    std::string value) {
-  if (value.size() % 2 != 0) {
-    value += vr == "UI" ? '\0' : ' ';
-  }
-  std::string bytes;
-  base::AppendLittleEndian(group, &bytes);
-  base::AppendLittleEndian(element, &bytes);
-  bytes += vr;
-  if (vr == "OW" || vr == "OB") {
-    base::AppendLittleEndian(std::uint16_t{0}, &bytes);
-    base::AppendLittleEndian(static_cast<std::uint32_t>(value.size()), &bytes);
-  } else {
-    base::AppendLittleEndian(static_cast<std::uint16_t>(value.size()), &bytes);
-  }
-  return bytes + value;
-}
-
-template <typename T>
-std::string Number(T value) {
-  std::string bytes;
-  base::AppendLittleEndian(value, &bytes);
-  return bytes;
-}
-
-struct DicomSlice {
-  std::uint16_t width = 12;
-  std::uint16_t height = 9;
-  std::string series = "1.2.3";
-  std::string position = "10\\20\\30";
-  std::string orientation = "1\\0\\0\\0\\1\\0";
-  int number = 1;
-  bool is_signed = true;
-};
-
-std::string DicomBytes(const DicomSlice& slice, const std::string& pixels) {
-  const std::string ct = "1.2.840.10008.5.1.4.1.1.2";
-  const std::string uid = absl::StrCat("1.2.3.4.", slice.number);
-  const std::string meta = Element(2, 1, "OB", std::string("\0\1", 2)) + Element(2, 2, "UI", ct) +
-                           Element(2, 3, "UI", uid) +
-                           Element(2, 0x10, "UI", "1.2.840.10008.1.2.1") +
-                           Element(2, 0x12, "UI", "1.2.3.4");
-  return std::string(128, '\0') + "DICM" +
-         Element(2, 0, "UL", Number(static_cast<std::uint32_t>(meta.size()))) + meta +
-         Element(8, 0x16, "UI", ct) + Element(8, 0x18, "UI", uid) + Element(8, 0x60, "CS", "CT") +
-         Element(0x20, 0xd, "UI", "1.2.9") + Element(0x20, 0xe, "UI", slice.series) +
-         Element(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
-         Element(0x20, 0x32, "DS", slice.position) + Element(0x20, 0x37, "DS", slice.orientation) +
-         Element(0x28, 2, "US", Number(std::uint16_t{1})) + Element(0x28, 4, "CS", "MONOCHROME2") +
-         Element(0x28, 0x10, "US", Number(slice.height)) +
-         Element(0x28, 0x11, "US", Number(slice.width)) + Element(0x28, 0x30, "DS", "2\\0.5") +
-         Element(0x28, 0x100, "US", Number(std::uint16_t{16})) +
-         Element(0x28, 0x101, "US", Number(std::uint16_t{16})) +
-         Element(0x28, 0x102, "US", Number(std::uint16_t{15})) +
-         Element(0x28, 0x103, "US", Number(static_cast<std::uint16_t>(slice.is_signed ? 1 : 0))) +
-         Element(0x7fe0, 0x10, "OW", pixels);
-}
 
 constexpr std::size_t kSliceBytes = 12 * 9 * 2;
 

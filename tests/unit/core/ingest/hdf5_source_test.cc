@@ -12,10 +12,10 @@
 #include "hdf5.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/core/ingest/volume_files.h"
+#include "tests/support/volume_files.h"
 
-// libhdf5 does not free what it had read of a file that it then refuses. What our code leaks is still
-// found. Called by LeakSanitizer, where there is one.
+// libhdf5 does not free what it had read of a file that it then refuses. What our code leaks is
+// still found. Called by LeakSanitizer, where there is one.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5"; }
 
 namespace isoscope::ingest {

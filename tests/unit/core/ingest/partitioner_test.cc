@@ -26,7 +26,7 @@
 #include "core/volume/synthetic_fields.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/core/ingest/volume_files.h"
+#include "tests/support/volume_files.h"
 
 namespace isoscope::ingest {
 namespace {

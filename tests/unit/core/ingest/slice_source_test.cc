@@ -10,7 +10,7 @@
 #include "gtest/gtest.h"
 
 #include "tests/support/status_matchers.h"
-#include "tests/unit/core/ingest/volume_files.h"
+#include "tests/support/volume_files.h"
 
 namespace isoscope::ingest {
 namespace {

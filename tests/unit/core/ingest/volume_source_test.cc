@@ -17,7 +17,7 @@
 #include "core/base/coding.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
-#include "tests/unit/core/ingest/volume_files.h"
+#include "tests/support/volume_files.h"
 
 namespace isoscope::ingest {
 namespace {

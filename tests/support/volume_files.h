@@ -1,7 +1,7 @@
-// Volume files made of literal bytes, for the tests of core/ingest.
+// Volume files made of literal bytes.
 
-#ifndef ISOSCOPE_TESTS_UNIT_CORE_INGEST_VOLUME_FILES_H_
-#define ISOSCOPE_TESTS_UNIT_CORE_INGEST_VOLUME_FILES_H_
+#ifndef ISOSCOPE_TESTS_SUPPORT_VOLUME_FILES_H_
+#define ISOSCOPE_TESTS_SUPPORT_VOLUME_FILES_H_
 
 #include <algorithm>
 #include <cstdint>
@@ -192,4 +192,4 @@ inline absl::StatusOr<std::string> ReadAll(ingest::VolumeSource& source, std::in
 
 }  // namespace isoscope::testing
 
-#endif  // ISOSCOPE_TESTS_UNIT_CORE_INGEST_VOLUME_FILES_H_
+#endif  // ISOSCOPE_TESTS_SUPPORT_VOLUME_FILES_H_
