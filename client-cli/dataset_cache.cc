@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
-#include <set>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -18,14 +17,12 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/str_split.h"
 #include <openssl/evp.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
-#include "core/base/units.h"
 
 namespace isoscope::cli {
 namespace {
@@ -61,7 +58,18 @@ absl::Status MakeOwnDirectory(const std::string& directory) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::string> StampOf(const std::string& path) {
+// With links resolved, as far as it exists: what it names need be no file.
+absl::StatusOr<std::string> AbsolutePath(const std::string& path) {
+  std::error_code error;
+  std::string absolute = fs::weakly_canonical(path, error).string();
+  if (error) {
+    return base::ErrnoToStatus(error.value(), "can't resolve", path);
+  }
+  return absolute;
+}
+
+absl::StatusOr<std::string> StampOf(const std::string& file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(file));
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) {
     return base::ErrnoToStatus(errno, "can't look at", path);
@@ -69,42 +77,6 @@ absl::StatusOr<std::string> StampOf(const std::string& path) {
   return absl::StrCat(path, "\n", std::int64_t{info.st_size}, "\n",
                       std::int64_t{info.st_mtim.tv_sec}, ".", std::int64_t{info.st_mtim.tv_nsec},
                       "\n");
-}
-
-// The files beside `path` that it takes its samples from: whatever its header's lines name.
-std::set<std::string> DetachedFiles(const std::string& path) {
-  const std::string name = absl::AsciiStrToLower(path);
-  std::set<std::string> files;
-  const fs::path folder = fs::path(path).parent_path();
-  const auto add_if_file = [&](const std::string& candidate) {
-    std::error_code error;
-    if (!candidate.empty() && fs::is_regular_file(folder / candidate, error)) {
-      files.insert((folder / candidate).string());
-    }
-  };
-  for (const char* ending : {".hdr", ".img", ".img.gz"}) {
-    if (absl::EndsWith(name, ending)) {
-      const std::string stem = fs::path(path).filename().string().substr(
-          0, fs::path(path).filename().string().size() - absl::string_view(ending).size());
-      for (const char* other : {".hdr", ".img", ".img.gz"}) {
-        add_if_file(stem + other);
-      }
-    }
-  }
-  if (absl::EndsWith(name, ".nhdr") || absl::EndsWith(name, ".mhd")) {
-    const absl::StatusOr<std::string> header = base::ReadWholeFile(path, base::kMiB);
-    if (header.ok()) {
-      for (const absl::string_view line : absl::StrSplit(*header, absl::ByAnyChar("\r\n"))) {
-        const std::size_t separator = line.find_first_of("=:");
-        add_if_file(absl::StrCat(absl::StripAsciiWhitespace(line)));
-        if (separator != absl::string_view::npos) {
-          add_if_file(absl::StrCat(absl::StripAsciiWhitespace(line.substr(separator + 1))));
-        }
-      }
-    }
-  }
-  files.erase(path);
-  return files;
 }
 
 std::string Sha256Hex(absl::string_view bytes) {
@@ -217,14 +189,12 @@ absl::StatusOr<std::string> CacheDirectory() {
                    "; set XDG_CACHE_HOME, or partition the volume first"));
 }
 
-absl::StatusOr<std::string> CacheKey(const std::string& source_path, absl::string_view parameters) {
-  std::error_code error;
-  const std::string path = fs::weakly_canonical(source_path, error).string();
-  if (error) {
-    return base::ErrnoToStatus(error.value(), "can't resolve", source_path);
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::string text, StampOf(path));
-  for (const std::string& file : DetachedFiles(path)) {
+absl::StatusOr<std::string> CacheKey(const std::string& source_path,
+                                     const std::vector<std::string>& files,
+                                     absl::string_view parameters) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(source_path));
+  std::string text = path + "\n";
+  for (const std::string& file : files) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamp, StampOf(file));
     text += stamp;
   }

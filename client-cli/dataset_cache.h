@@ -5,6 +5,7 @@
 #define ISOSCOPE_CLIENT_CLI_DATASET_CACHE_H_
 
 #include <string>
+#include <vector>
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
@@ -18,11 +19,14 @@ namespace isoscope::cli {
 // belongs to this user. FAILED_PRECONDITION says what was tried.
 absl::StatusOr<std::string> CacheDirectory();
 
-// The name of the dataset of a source file: its own name and 16 hexadecimal digits of SHA-256 over
-// its absolute path, size and time of change, over the same of the data files it refers to, and
-// over `parameters` (everything else that the dataset depends on).
+// The name of the dataset of a source volume: its own name and 16 hexadecimal digits of SHA-256
+// over its absolute path, over that, the size and the time of change of each of the `files` it is
+// read from (SourceFiles), and over `parameters` (everything else that the dataset depends on). The
+// path may have more to it than a file has, such as a dataset of an HDF5 file or a pattern.
 // NOT_FOUND, PERMISSION_DENIED.
-absl::StatusOr<std::string> CacheKey(const std::string& source_path, absl::string_view parameters);
+absl::StatusOr<std::string> CacheKey(const std::string& source_path,
+                                     const std::vector<std::string>& files,
+                                     absl::string_view parameters);
 
 // Makes the dataset in `directory`, which does not exist; its parent does.
 using MakeDataset = absl::FunctionRef<absl::Status(const std::string& directory)>;

@@ -2,6 +2,7 @@
 
 #include <ostream>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "client-cli/dataset_cache.h"
@@ -40,16 +41,19 @@ absl::Status VerifyDatasetDirectory(const std::string& directory) {
   return absl::OkStatus();
 }
 
-// The cached dataset of a source volume.
-absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags, const Context& context) {
+// The cached dataset of a source volume, which is read from `files`.
+absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags,
+                                          const std::vector<std::string>& files,
+                                          const Context& context) {
   const std::string& input = *flags.input;
   ingest::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::string key,
-      CacheKey(input, absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count, "\n",
-                                   options.block_cells.x, "x", options.block_cells.y, "x",
-                                   options.block_cells.z)));
+      CacheKey(input, files,
+               absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count, "\n",
+                            options.block_cells.x, "x", options.block_cells.y, "x",
+                            options.block_cells.z)));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory());
   bool was_made = false;
   const auto make = [&](const std::string& directory) -> absl::Status {
@@ -69,25 +73,9 @@ absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags, const Conte
   return directory;
 }
 
-// The dataset directory that the flags mean.
-absl::StatusOr<std::string> PrepareInput(const SessionFlags& flags, const Context& context) {
+// A dataset directory, as it is.
+absl::StatusOr<std::string> PrepareDataset(const SessionFlags& flags) {
   const std::string& input = *flags.input;
-  if (!base::PathExists(input)) {
-    return absl::NotFoundError(absl::StrCat(
-        "'", input, "' does not exist; a volume file or a dataset folder is expected"));
-  }
-  if (!base::IsDirectory(input)) {
-    return PrepareVolume(flags, context);
-  }
-  if (const char* given = flags.source.FirstGiven(); given != nullptr) {
-    return UsageError(absl::StrCat(given, " is for raw files only; '", input, "' is a folder"));
-  }
-  if (!store::IsDatasetDirectory(input)) {
-    return absl::NotFoundError(absl::StrCat("'", input, "' holds no finished dataset",
-                                            store::IsShardDirectory(input)
-                                                ? "; it is one shard: isoscope-agent serves it"
-                                                : "; 'isoscope partition' makes one"));
-  }
   if (flags.shard_count) {
     ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(input));
     if (*flags.shard_count != static_cast<std::int64_t>(dataset.manifest.shards.size())) {
@@ -99,17 +87,39 @@ absl::StatusOr<std::string> PrepareInput(const SessionFlags& flags, const Contex
   return input;
 }
 
+// The dataset directory that the flags mean.
+absl::StatusOr<std::string> PrepareInput(const SessionFlags& flags, const Context& context) {
+  const std::string& input = *flags.input;
+  const bool is_folder = base::IsDirectory(input);
+  if (const char* given = flags.source.FirstGiven(); is_folder && given != nullptr) {
+    return UsageError(absl::StrCat(given, " is for raw files only; '", input, "' is a folder"));
+  }
+  if (store::IsDatasetDirectory(input)) {
+    return PrepareDataset(flags);
+  }
+  const absl::StatusOr<std::vector<std::string>> files = SourceFiles(flags.source, input);
+  if (!files.ok() && is_folder) {
+    return absl::NotFoundError(
+        absl::StrCat("'", input, "' holds no finished dataset, no TIFF slices and no DICOM series",
+                     store::IsShardDirectory(input) ? "; it is one shard: isoscope-agent serves it"
+                                                    : "; 'isoscope partition' makes a dataset"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(files.status());
+  return PrepareVolume(flags, *files, context);
+}
+
 }  // namespace
 
 void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
-  AddFlag(app, "input", "INPUT|DIR", &flags->input, ParseText,
-          "volume file (partitioned into a cache first) or dataset folder");
+  AddFlag(
+      app, "input", "INPUT|DIR", &flags->input, ParseText,
+      "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
   AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort,
           "ask a coordinator instead of starting everything here");
   AddFlag(app, "--dataset", "NAME", &flags->dataset, ParseText,
           "which dataset of the server (default: its only one)");
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
-          "cut a volume file into P shards, one agent each (default: 1)");
+          "cut a volume into P shards, one agent each (default: 1)");
   AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");
   AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
@@ -129,7 +139,7 @@ void AddRendererFlag(CLI::App* app, SessionFlags* flags) {
 absl::Status CheckUsage(const SessionFlags& flags) {
   if (flags.input.has_value() == flags.server.has_value()) {
     return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
-                                  : "give a volume file, a dataset folder or --server HOST:PORT");
+                                  : "give a volume, a dataset folder or --server HOST:PORT");
   }
   if (flags.server) {
     const char* embedded_only = flags.renderer             ? "--renderer"

@@ -95,6 +95,11 @@ absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFla
                               .origin = flags.origin.value_or(math::Vec3d{})});
 }
 
+absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
+                                                     const std::string& path) {
+  return flags.dims ? std::vector<std::string>{path} : ingest::FilesOfVolume(path);
+}
+
 std::string DescribeForKey(const SourceFlags& flags) {
   if (!flags.dims) {
     return "self-describing";

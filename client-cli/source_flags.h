@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -47,6 +48,10 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 // ingest::OpenVolumeFile.
 absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
+
+// The files that it is read from. Errors as ingest::FilesOfVolume.
+absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
+                                                     const std::string& path);
 
 // All flags as text, one spelling for one meaning: part of the key of a cached dataset.
 std::string DescribeForKey(const SourceFlags& flags);

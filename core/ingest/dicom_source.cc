@@ -290,28 +290,10 @@ class DicomReader final : public SliceReader {
   const std::vector<Slice> slices_;
 };
 
-// The files in a folder that carry the DICOM mark.
-std::vector<std::string> DicomFilesIn(const std::string& folder) {
-  std::vector<std::string> files;
-  std::error_code error;
-  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
-       entry.increment(error)) {
-    const std::string path = entry->path().string();
-    if (entry->path().filename() != "DICOMDIR" && IsDicomFile(path)) {
-      files.push_back(path);
-    }
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
 // The slices of the series that `path` names.
 absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
   const bool is_folder = base::IsDirectory(path);
-  const std::size_t slash = path.rfind('/');
-  const std::string folder = is_folder                    ? path
-                             : slash == std::string::npos ? "."
-                                                          : path.substr(0, slash);
+  const std::string folder = DicomFolder(path);
   std::map<std::string, std::vector<Slice>> series;  // by its UID
   for (const std::string& file : DicomFilesIn(folder)) {
     ISOSCOPE_ASSIGN_OR_RETURN(Slice slice, ReadSliceHeader(file));
@@ -357,6 +339,25 @@ bool IsDicomFile(const std::string& path) {
   return file.ok() && (*file)->size_bytes() >= kMarkOffset + 4 &&
          (*file)->ReadAt(kMarkOffset, sizeof(mark), mark).ok() &&
          std::memcmp(mark, "DICM", sizeof(mark)) == 0;
+}
+
+std::vector<std::string> DicomFilesIn(const std::string& folder) {
+  std::vector<std::string> files;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string path = entry->path().string();
+    if (entry->path().filename() != "DICOMDIR" && IsDicomFile(path)) {
+      files.push_back(path);
+    }
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+std::string DicomFolder(const std::string& path) {
+  const std::size_t slash = path.rfind('/');
+  return base::IsDirectory(path) ? path : slash == std::string::npos ? "." : path.substr(0, slash);
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path) {

@@ -5,6 +5,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -14,6 +15,11 @@ namespace isoscope::ingest {
 
 // True if the file carries the DICOM mark.
 bool IsDicomFile(const std::string& path);
+
+// The files of a folder that carry it, by name; no DICOMDIR.
+std::vector<std::string> DicomFilesIn(const std::string& folder);
+// Where the slices of the series that `path` names lie: `path` itself, or the folder of a file.
+std::string DicomFolder(const std::string& path);
 
 // Opens the series in a folder, or the series that a file belongs to (in the file's folder), by ITK
 // and GDCM: one file a slice, sorted by position along the normal of the slices, not by name.

@@ -112,42 +112,32 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
   return files;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenFolder(const std::string& path) {
-  const std::vector<std::string> tiff_files = TiffFilesIn(path);
+enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
+
+// What a path names.
+struct FoundVolume {
+  SourceKind kind = SourceKind::kSampleFile;
+  std::vector<std::string>
+      files;  // TIFF slices from the lowest up; of a kSampleFile header, samples
+  // Of a kSampleFile:
+  FileFormat format = FileFormat::kNifti;
+  SampleLocation location{};
+};
+
+absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
+  std::vector<std::string> tiff_files = TiffFilesIn(path);
   if (!tiff_files.empty()) {
-    return OpenTiffStack(tiff_files, path);
+    return FoundVolume{.kind = SourceKind::kTiff, .files = std::move(tiff_files)};
   }
-  auto series = OpenDicomSeries(path);
-  if (absl::IsNotFound(series.status())) {
+  std::vector<std::string> dicom_files = DicomFilesIn(path);
+  if (dicom_files.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(
         path, ": a folder with neither TIFF files (.tif .tiff) nor a DICOM series in it"));
   }
-  return series;
+  return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
 }
 
-}  // namespace
-
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path) {
-  Hdf5Path hdf5;
-  if (!base::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
-    return OpenTiffStack(FilesLike(path), path);
-  }
-  if (SplitHdf5Path(path, &hdf5)) {
-    return OpenHdf5Dataset(path);
-  }
-  if (base::IsDirectory(path)) {
-    return OpenFolder(path);
-  }
-  ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
-  if (IsTiffName(path)) {
-    return OpenTiffStack({path}, path);
-  }
-  if (absl::EndsWithIgnoreCase(path, ".vti")) {
-    return OpenVtiFile(path);
-  }
-  if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
-    return OpenDicomSeries(path);
-  }
+absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
   const auto* suffix = std::find_if(kSuffixes.begin(), kSuffixes.end(), [&](const Suffix& known) {
     return absl::EndsWithIgnoreCase(path, known.text);
   });
@@ -171,11 +161,65 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
     }
   }
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(suffix->format, header_path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header, ReadImageHeader(suffix->format, header_path));
-  if (suffix->format != FileFormat::kNifti) {
-    location.stored_type = header.type;
+  std::vector<std::string> files{header_path};
+  if (location.path != header_path) {
+    files.push_back(location.path);
   }
-  return MakeFileSource(header.geometry, location, path);
+  return FoundVolume{
+      .files = std::move(files), .format = suffix->format, .location = std::move(location)};
+}
+
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
+  Hdf5Path hdf5;
+  if (!base::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
+    return FoundVolume{.kind = SourceKind::kTiff, .files = FilesLike(path)};
+  }
+  if (SplitHdf5Path(path, &hdf5)) {
+    return FoundVolume{.kind = SourceKind::kHdf5, .files = {hdf5.file}};
+  }
+  if (base::IsDirectory(path)) {
+    return FindInFolder(path);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
+  if (IsTiffName(path)) {
+    return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
+  }
+  if (absl::EndsWithIgnoreCase(path, ".vti")) {
+    return FoundVolume{.kind = SourceKind::kVti, .files = {path}};
+  }
+  if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
+    return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
+  }
+  return FindSampleFile(path);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+  switch (found.kind) {
+    case SourceKind::kTiff:
+      return OpenTiffStack(found.files, path);
+    case SourceKind::kHdf5:
+      return OpenHdf5Dataset(path);
+    case SourceKind::kDicom:
+      return OpenDicomSeries(path);
+    case SourceKind::kVti:
+      return OpenVtiFile(path);
+    case SourceKind::kSampleFile:
+      break;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header,
+                            ReadImageHeader(found.format, found.files.front()));
+  if (found.format != FileFormat::kNifti) {
+    found.location.stored_type = header.type;
+  }
+  return MakeFileSource(header.geometry, found.location, path);
+}
+
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+  return std::move(found.files);
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -63,6 +64,11 @@ struct RawFormat {
 // NOT_FOUND, INVALID_ARGUMENT (unknown format: lists those known, and says how to read it as raw;
 // not three-dimensional; more than one component), DATA_LOSS.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);
+// The files that such a volume is read from: as long as none of them changes and none is added, it
+// stays as it is. Of a DICOM series that is all DICOM files of its folder, whatever their series.
+// Reads names and headers only. Errors as OpenVolumeFile where these show them; files that are
+// named but missing are left to the caller.
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path);
 // Opens a raw file. INVALID_ARGUMENT if it is smaller than the flags promise (names both sizes).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,
                                                           const RawFormat& format);

@@ -140,7 +140,7 @@ WrongUsage RenderRemote(const std::vector<std::string>& more,
 
 std::vector<WrongUsage> RenderRows() {
   return {
-      {{"render"}, {"give a volume file, a dataset folder or --server"}},
+      {{"render"}, {"give a volume, a dataset folder or --server"}},
       {{"render", "v.nrrd"}, {"--isovalue V is missing"}},
       {{"render", "v.nrrd", "--isovalue", "1"}, {"--output FILE.png is missing"}},
       {{"render", "v.nrrd", "--isvalue", "1", "--output", "o.png"},

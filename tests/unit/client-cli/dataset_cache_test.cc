@@ -53,47 +53,75 @@ absl::Status Verify(const std::string& directory) {
 TEST(CacheKeyTest, ChangesWithEverythingTheDatasetDependsOn) {
   const TempDir folder;
   const std::string path = folder.Sub("head ct.nii.gz");
+  const auto key_of = [](const std::string& file, const char* parameters) {
+    return *CacheKey(file, {file}, parameters);
+  };
   WriteText(path, "abc");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, CacheKey(path, "1 shard"));
+  const std::string key = key_of(path, "1 shard");
   EXPECT_EQ(key.substr(0, 8), "head_ct-");
   EXPECT_EQ(key.size(), 8U + 16U);
-  EXPECT_EQ(*CacheKey(path, "1 shard"), key);
-  EXPECT_EQ(*CacheKey(folder.Sub("./head ct.nii.gz"), "1 shard"), key);
-  EXPECT_NE(*CacheKey(path, "2 shards"), key);
+  EXPECT_EQ(key_of(path, "1 shard"), key);
+  EXPECT_EQ(key_of(folder.Sub("./head ct.nii.gz"), "1 shard"), key);
+  EXPECT_NE(key_of(path, "2 shards"), key);
 
   const auto time = fs::last_write_time(path);
   fs::last_write_time(path, time + std::chrono::milliseconds(1));
-  EXPECT_NE(*CacheKey(path, "1 shard"), key);
+  EXPECT_NE(key_of(path, "1 shard"), key);
   fs::last_write_time(path, time);
-  EXPECT_EQ(*CacheKey(path, "1 shard"), key);
+  EXPECT_EQ(key_of(path, "1 shard"), key);
   WriteText(path, "abcd");
   fs::last_write_time(path, time);
-  EXPECT_NE(*CacheKey(path, "1 shard"), key);
+  EXPECT_NE(key_of(path, "1 shard"), key);
 
   fs::copy(path, folder.Sub("other.nii.gz"));
-  EXPECT_NE(*CacheKey(folder.Sub("other.nii.gz"), "1 shard"), *CacheKey(path, "1 shard"));
+  EXPECT_NE(key_of(folder.Sub("other.nii.gz"), "1 shard"), key_of(path, "1 shard"));
 }
 
-TEST(CacheKeyTest, ChangesWithTheFileThatAHeaderNames) {
+TEST(CacheKeyTest, ChangesWithEveryFileOfTheSource) {
   const TempDir folder;
-  WriteText(folder.Sub("a.mhd"), "NDims = 3\nElementDataFile = samples.raw\n");
-  WriteText(folder.Sub("b.nhdr"), "NRRD0004\ndata file: samples.raw\n");
-  WriteText(folder.Sub("c.hdr"), "header");
-  WriteText(folder.Sub("samples.raw"), "12345678");
-  WriteText(folder.Sub("c.img"), "12345678");
-  for (const char* header : {"a.mhd", "b.nhdr", "c.hdr"}) {
-    const std::string data = header[0] == 'c' ? "c.img" : "samples.raw";
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string before, CacheKey(folder.Sub(header), ""));
-    WriteText(folder.Sub("bystander.txt"), header);
-    EXPECT_EQ(*CacheKey(folder.Sub(header), ""), before) << header;
-    fs::last_write_time(folder.Sub(data),
-                        fs::last_write_time(folder.Sub(data)) + std::chrono::seconds(2));
-    EXPECT_NE(*CacheKey(folder.Sub(header), ""), before) << header;
+  std::vector<std::string> slices;
+  for (const char* name : {"a.tif", "b.tif", "c.tif"}) {
+    slices.push_back(folder.Sub(name));
+    WriteText(slices.back(), name);
   }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, CacheKey(folder.path(), slices, ""));
+  EXPECT_EQ(*CacheKey(folder.path() + "/", slices, ""), key);
+  EXPECT_EQ(*CacheKey(folder.path() + "/.", slices, ""), key);
+  EXPECT_NE(*CacheKey(folder.Sub("*.tif"), slices, ""), key);
+  for (const std::string& slice : slices) {
+    const auto time = fs::last_write_time(slice);
+    fs::last_write_time(slice, time + std::chrono::seconds(2));
+    EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << slice;
+    fs::last_write_time(slice, time);
+    const std::string content = fs::path(slice).filename().string();
+    WriteText(slice, content + "more");
+    fs::last_write_time(slice, time);
+    EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << slice;
+    WriteText(slice, content);
+    fs::last_write_time(slice, time);
+  }
+  EXPECT_EQ(*CacheKey(folder.path(), slices, ""), key);
+  slices.pop_back();
+  EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << "a slice less";
+  fs::rename(folder.Sub("c.tif"), folder.Sub("d.tif"));
+  slices.push_back(folder.Sub("d.tif"));
+  EXPECT_NE(*CacheKey(folder.path(), slices, ""), key) << "another name";
 }
 
-TEST(CacheKeyTest, AbsentSourceIsNotFound) {
-  EXPECT_THAT(CacheKey("/absent/volume.nrrd", ""), StatusIs(absl::StatusCode::kNotFound));
+TEST(CacheKeyTest, DatasetsOfOneFileAreTold) {
+  const TempDir folder;
+  const std::string file = folder.Sub("run.h5");
+  WriteText(file, "abc");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string key, CacheKey(file + ":/fields/a", {file}, ""));
+  EXPECT_EQ(key.substr(0, 2), "a-");
+  EXPECT_EQ(*CacheKey(folder.Sub("./run.h5:/fields/a"), {file}, ""), key);
+  EXPECT_NE(*CacheKey(file + ":/fields/b", {file}, ""), key);
+  EXPECT_NE(*CacheKey(file, {file}, ""), key);
+}
+
+TEST(CacheKeyTest, AbsentFileIsNotFound) {
+  EXPECT_THAT(CacheKey("/absent/volume.nrrd", {"/absent/volume.nrrd"}, ""),
+              StatusIs(absl::StatusCode::kNotFound));
 }
 
 TEST(DatasetCacheTest, IsMadeOnceThenFound) {

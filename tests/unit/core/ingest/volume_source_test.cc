@@ -2,8 +2,10 @@
 
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -326,6 +328,44 @@ TEST_F(VolumeSourceTest, MissingFilesFoldersAndUnknownNamesSayWhatToDo) {
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("gone.img")));
   EXPECT_THAT(OpenVolumeFile(Write("alone.img", "x")).status(),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("alone.hdr")));
+}
+
+TEST_F(VolumeSourceTest, FilesOfAVolumeAreAllThatItIsReadFrom) {
+  using Files = std::vector<std::string>;
+  const auto files_of = [](const std::string& path) {
+    const absl::StatusOr<Files> files = FilesOfVolume(path);
+    ISOSCOPE_EXPECT_OK(files);
+    return files.value_or(Files());
+  };
+  const std::string nifti = NiftiHeaderBytes({.dims = kDims});
+  EXPECT_EQ(files_of(Write("a.nii", nifti)), Files({dir_.Sub("a.nii")}));
+  EXPECT_EQ(files_of(Write("a.nii.gz", Gzip(nifti))), Files({dir_.Sub("a.nii.gz")}));
+  Write("b.img", "");
+  Write("b.hdr", NiftiHeaderBytes({.dims = kDims, .is_pair = true}));
+  for (const char* name : {"b.hdr", "b.img"}) {
+    EXPECT_EQ(files_of(dir_.Sub(name)), Files({dir_.Sub("b.hdr"), dir_.Sub("b.img")})) << name;
+  }
+  Write("samples", "");
+  EXPECT_EQ(files_of(Write("c.nhdr", NrrdHeader(kDims, "short", "raw", "data file: samples\n"))),
+            Files({dir_.Sub("c.nhdr"), dir_.Sub("samples")}));
+  EXPECT_EQ(files_of(Write("d.nrrd", NrrdHeader(kDims, "short", "raw"))),
+            Files({dir_.Sub("d.nrrd")}));
+  EXPECT_EQ(files_of(Write("e.mhd", MetaHeader(kDims, "MET_SHORT", "samples"))),
+            Files({dir_.Sub("e.mhd"), dir_.Sub("samples")}));
+  EXPECT_EQ(files_of(Write("f.vti", "")), Files({dir_.Sub("f.vti")}));
+  EXPECT_EQ(files_of(dir_.Sub("g.h5:/group/dataset")), Files({dir_.Sub("g.h5")}));
+  EXPECT_EQ(files_of(dir_.Sub("g.h5")), Files({dir_.Sub("g.h5")}));
+
+  const std::string dicom = std::string(128, '\0') + "DICM";
+  std::filesystem::create_directory(dir_.Sub("ct"));
+  Write("ct/notes.txt", "no slice");
+  const Files slices{Write("ct/1", dicom), Write("ct/2", dicom)};
+  EXPECT_EQ(files_of(dir_.Sub("ct")), slices);
+  EXPECT_EQ(files_of(dir_.Sub("ct/2")), slices);
+  const Files pages{Write("ct/s9.tif", ""), Write("ct/s10.tif", "")};
+  EXPECT_EQ(files_of(dir_.Sub("ct")), pages);
+  EXPECT_EQ(files_of(dir_.Sub("ct/s*.tif")), pages);
+  EXPECT_EQ(files_of(dir_.Sub("ct/s9.tif")), Files({pages[0]}));
 }
 
 // Opens and reads all; the first error.

@@ -1,0 +1,273 @@
+// `render` and `export` straight from every kind of source that `partition` takes: what they give
+// is what the same samples give as an NRRD file, and it is new when a file of the source is.
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <iterator>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "core/math/vec.h"
+#include "core/volume/scalar_type.h"
+#include "core/volume/synthetic_fields.h"
+#include "hdf5.h"
+#include "tests/support/dicom_file.h"
+#include "tests/support/process.h"
+#include "tests/support/process_cluster.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+#include "tiffio.h"
+
+namespace isoscope {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::CommandResult;
+using testing::WriteFile;
+
+constexpr math::Index3 kDims{24, 20, 16};
+constexpr std::size_t kSliceBytes = std::size_t{24} * 20 * sizeof(std::int16_t);
+
+// What a source of each kind is written from: all samples, int16, and those which the files hold
+// already, if any. Files that stay as they are, are not touched.
+struct Samples {
+  std::string now;
+  std::string before;
+
+  [[nodiscard]] std::string Slice(std::size_t z) const {
+    return now.substr(z * kSliceBytes, kSliceBytes);
+  }
+  [[nodiscard]] bool IsNew(std::size_t z) const {
+    return before.empty() || before.substr(z * kSliceBytes, kSliceBytes) != Slice(z);
+  }
+};
+
+struct Source {
+  const char* name;
+  // Writes it into a folder.
+  void (*write)(const std::string& folder, const Samples& samples);
+  const char* input;  // in that folder
+  // Where its samples lie, as fields of an NRRD header.
+  const char* space = "left-posterior-superior";
+  const char* directions = "(1,0,0) (0,1,0) (0,0,1)";
+  const char* origin = "(0,0,0)";
+  std::vector<std::string> flags{};
+};
+
+std::ostream& operator<<(std::ostream& out, const Source& source) { return out << source.name; }
+
+void AddTiffPage(TIFF* tiff, std::string slice) {
+  TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, static_cast<std::uint32_t>(kDims.x));
+  TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, static_cast<std::uint32_t>(kDims.y));
+  TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, 16);
+  TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 1);
+  TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+  TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_INT);
+  TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, static_cast<std::uint32_t>(kDims.y));
+  ASSERT_GE(TIFFWriteEncodedStrip(tiff, 0, slice.data(), static_cast<tmsize_t>(slice.size())), 0);
+  ASSERT_NE(TIFFWriteDirectory(tiff), 0);
+}
+
+void WriteTiffSlices(const std::string& folder, const Samples& samples) {
+  for (std::size_t z = 0; z < static_cast<std::size_t>(kDims.z); ++z) {
+    if (samples.IsNew(z)) {
+      TIFF* const tiff = TIFFOpen(absl::StrCat(folder, "/s", z, ".tif").c_str(), "w");
+      ASSERT_NE(tiff, nullptr);
+      AddTiffPage(tiff, samples.Slice(z));
+      TIFFClose(tiff);
+    }
+  }
+}
+
+void WriteTiffPages(const std::string& folder, const Samples& samples) {
+  TIFF* const tiff = TIFFOpen((folder + "/pages.tif").c_str(), "w");
+  ASSERT_NE(tiff, nullptr);
+  for (std::size_t z = 0; z < static_cast<std::size_t>(kDims.z); ++z) {
+    AddTiffPage(tiff, samples.Slice(z));
+  }
+  TIFFClose(tiff);
+}
+
+void WriteDicomSlices(const std::string& folder, const Samples& samples) {
+  for (std::size_t z = 0; z < static_cast<std::size_t>(kDims.z); ++z) {
+    const auto slice = static_cast<int>(z);
+    if (samples.IsNew(z)) {
+      WriteFile(absl::StrCat(folder, "/im", slice),
+                testing::DicomBytes({.width = static_cast<std::uint16_t>(kDims.x),
+                                     .height = static_cast<std::uint16_t>(kDims.y),
+                                     .position = absl::StrCat("10\\20\\", 30 + 1.5 * slice),
+                                     .number = slice + 1},
+                                    samples.Slice(z)));
+    }
+  }
+}
+
+// Two datasets: of the other one no sample reaches the isovalue.
+void WriteHdf5(const std::string& folder, const Samples& samples) {
+  const hid_t file = H5Fcreate((folder + "/v.h5").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  const hsize_t dims[3] = {static_cast<hsize_t>(kDims.z), static_cast<hsize_t>(kDims.y),
+                           static_cast<hsize_t>(kDims.x)};
+  const hid_t space = H5Screate_simple(3, dims, nullptr);
+  const std::string other(samples.now.size(), '\x80');
+  for (const auto& [name, bytes] : {std::pair{"field", &samples.now}, std::pair{"other", &other}}) {
+    const hid_t dataset =
+        H5Dcreate2(file, name, H5T_STD_I16LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    ASSERT_GE(H5Dwrite(dataset, H5T_STD_I16LE, H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes->data()), 0);
+    H5Dclose(dataset);
+  }
+  H5Sclose(space);
+  H5Fclose(file);
+}
+
+void WriteVti(const std::string& folder, const Samples& samples) {
+  std::string size;
+  base::AppendLittleEndian(static_cast<std::uint32_t>(samples.now.size()), &size);
+  const std::string extent =
+      absl::StrCat("\"0 ", kDims.x - 1, " 0 ", kDims.y - 1, " 0 ", kDims.z - 1, "\"");
+  WriteFile(folder + "/v.vti",
+            absl::StrCat("<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" "
+                         "byte_order=\"LittleEndian\">\n<ImageData WholeExtent=",
+                         extent, ">\n<Piece Extent=", extent,
+                         ">\n<PointData Scalars=\"v\">\n<DataArray type=\"Int16\" Name=\"v\" "
+                         "format=\"appended\" offset=\"0\"/>\n</PointData></Piece></ImageData>\n"
+                         "<AppendedData encoding=\"raw\">\n_",
+                         size, samples.now, "\n</AppendedData>\n</VTKFile>\n"));
+}
+
+void WriteGzipNrrd(const std::string& folder, const Samples& samples) {
+  WriteFile(folder + "/v.nrrd",
+            testing::NrrdHeader(kDims, "short", "gzip") + testing::Gzip(samples.now));
+}
+
+void WriteDetachedNrrd(const std::string& folder, const Samples& samples) {
+  if (samples.before.empty()) {
+    WriteFile(folder + "/v.nhdr",
+              testing::NrrdHeader(kDims, "short", "raw", "data file: samples\n"));
+  }
+  WriteFile(folder + "/samples", samples.now);
+}
+
+void WriteGzipNifti(const std::string& folder, const Samples& samples) {
+  WriteFile(folder + "/v.nii.gz",
+            testing::Gzip(testing::NiftiHeaderBytes({.dims = kDims}) + samples.now));
+}
+
+void WriteRaw(const std::string& folder, const Samples& samples) {
+  WriteFile(folder + "/v.raw", samples.now);
+}
+
+class SourceTest : public ::testing::TestWithParam<Source> {
+ protected:
+  // What a command writes to its --output from `input`. The cache is the test's own.
+  std::string Output(const std::string& command, const std::string& input,
+                     const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{command, input,      "--isovalue",
+                                       "0",     "--output", directory_.Sub("output")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    if (command == "render") {
+      arguments.insert(arguments.end(), {"--width", "96", "--height", "80", "--renderer", "cpu"});
+    }
+    const CommandResult result = testing::RunIsoscope(
+        arguments, {.environment = {"XDG_CACHE_HOME=" + directory_.Sub("cache")}});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return testing::ReadFile(directory_.Sub("output"));
+  }
+
+  [[nodiscard]] std::size_t CachedCount() const {
+    const fs::directory_iterator entries(directory_.Sub("cache/isoscope"));
+    return static_cast<std::size_t>(std::distance(begin(entries), end(entries)));
+  }
+
+  testing::TempDir directory_;
+};
+
+TEST_P(SourceTest, GivesWhatItsSamplesGiveAndChangesWithThem) {
+  const Source& source = GetParam();
+  const std::string folder = directory_.Sub("source");
+  fs::create_directory(folder);
+  const std::string input = folder + "/" + source.input;
+  const std::string nrrd = directory_.Sub("reference.nrrd");
+
+  Samples samples{
+      .now = volume::SampleField(volume::GyroidField(2), kDims, volume::ScalarType::kInt16, 300, 0),
+      .before = ""};
+  std::string first_picture;
+  for (const std::size_t cached_count : {0U, 2U}) {
+    ASSERT_NO_FATAL_FAILURE(source.write(folder, samples));
+    WriteFile(nrrd, absl::StrCat("NRRD0004\ntype: short\ndimension: 3\nspace: ", source.space,
+                                 "\nsizes: ", kDims.x, " ", kDims.y, " ", kDims.z,
+                                 "\nspace directions: ", source.directions,
+                                 "\nspace origin: ", source.origin,
+                                 "\nendian: little\nencoding: raw\n\n", samples.now));
+    const std::string picture = Output("render", input, source.flags);
+    EXPECT_EQ(CachedCount(), cached_count + 1);
+    EXPECT_TRUE(picture == Output("render", nrrd, {}));
+    EXPECT_NE(picture, first_picture);
+    EXPECT_TRUE(Output("render", input, source.flags) == picture) << "from the cache";
+    EXPECT_TRUE(Output("export", input, source.flags) == Output("export", nrrd, {}));
+    EXPECT_EQ(CachedCount(), cached_count + 2);
+    // One slice in the middle of the surface: of a stack one file.
+    first_picture = picture;
+    samples.before = samples.now;
+    samples.now.replace(7 * kSliceBytes, kSliceBytes, kSliceBytes, '\0');
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, SourceTest,
+    ::testing::Values(Source{.name = "Raw",
+                             .write = WriteRaw,
+                             .input = "v.raw",
+                             .flags = {"--dims", "24,20,16", "--type", "int16"}},
+                      Source{.name = "GzipNrrd",
+                             .write = WriteGzipNrrd,
+                             .input = "v.nrrd",
+                             .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+                             .origin = "(10,20,30)"},
+                      Source{.name = "DetachedNrrd",
+                             .write = WriteDetachedNrrd,
+                             .input = "v.nhdr",
+                             .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+                             .origin = "(10,20,30)"},
+                      Source{.name = "GzipNifti",
+                             .write = WriteGzipNifti,
+                             .input = "v.nii.gz",
+                             .space = "right-anterior-superior",
+                             .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+                             .origin = "(10,20,30)"},
+                      Source{.name = "Vti", .write = WriteVti, .input = "v.vti"},
+                      Source{.name = "Hdf5", .write = WriteHdf5, .input = "v.h5:/field"},
+                      Source{.name = "TiffFolder", .write = WriteTiffSlices, .input = ""},
+                      Source{.name = "TiffPattern", .write = WriteTiffSlices, .input = "s*.tif"},
+                      Source{.name = "TiffPages", .write = WriteTiffPages, .input = "pages.tif"},
+                      Source{.name = "DicomFolder",
+                             .write = WriteDicomSlices,
+                             .input = ".",
+                             .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
+                             .origin = "(10,20,30)"},
+                      Source{.name = "DicomFile",
+                             .write = WriteDicomSlices,
+                             .input = "im3",
+                             .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
+                             .origin = "(10,20,30)"}),
+    [](const auto& test) { return std::string(test.param.name); });
+
+TEST(EmptyFolderTest, SaysWhatIsMissing) {
+  const testing::TempDir directory;
+  const CommandResult result = testing::RunIsoscope(
+      {"render", directory.path(), "--isovalue", "0", "--output", directory.Sub("o.png")});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_TRUE(absl::StrContains(result.err, "no finished dataset, no TIFF slices and no DICOM"))
+      << result.err;
+}
+
+}  // namespace
+}  // namespace isoscope
