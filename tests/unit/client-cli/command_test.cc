@@ -4,15 +4,23 @@
 #include <ostream>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/status/statusor.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client-cli/interrupt.h"
 #include "client-cli/source_flags.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/file.h"
+#include "core/base/units.h"
 #include "core/base/version.h"
+#include "core/math/vec.h"
+#include "core/store/shard_reader.h"
+#include "core/volume/scalar_type.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope::cli {
@@ -179,7 +187,44 @@ std::vector<WrongUsage> RenderRows() {
   };
 }
 
+// `generate FIELD --dims 4,4,4 --output v.nrrd` with `more`.
+WrongUsage Generate(const std::string& field, const std::vector<std::string>& more,
+                    const std::vector<std::string>& said) {
+  WrongUsage row{{"generate", field, "--dims", "4,4,4", "--output", "v.nrrd"}, said};
+  row.arguments.insert(row.arguments.end(), more.begin(), more.end());
+  return row;
+}
+
+std::vector<WrongUsage> GenerateRows() {
+  return {
+      {{"generate"}, {"FIELD is missing", "random", "mixing"}},
+      {{"generate", "gyroid"}, {"--dims X,Y,Z is missing"}},
+      {{"generate", "gyroid", "--dims", "4,4,4"}, {"--output FILE is missing", ".nrrd"}},
+      {{"generate", "gyroid", "--dims", "4,4,4", "--output", "v.vti"},
+       {"v.vti", "unknown kind of volume file", ".nrrd", ".nhdr", ".mha", ".raw"}},
+      {{"generate", "gyroid", "--dims", "4,4", "--output", "v.nrrd"}, {"--dims", "'4,4'"}},
+      Generate("noise", {}, {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing"}),
+      Generate("random", {"--type", "byte"}, {"--type", "\"byte\"", "uint8"}),
+      Generate("random", {"--seed", "-1"}, {"--seed", "'-1'"}),
+      Generate("random", {"--waves", "0"}, {"--waves", "'0'"}),
+      Generate("random", {"--waves", "4097"}, {"--waves", "'4097'"}),
+      Generate("random", {"--wave-number", "0"}, {"--wave-number", "'0'"}),
+      Generate("random", {"--exponent", "inf"}, {"--exponent", "'inf'"}),
+      Generate("random", {"--spacing", "0,1,1"}, {"--spacing", "above 0"}),
+      Generate("random", {"--origin", "1,2"}, {"--origin", "'1,2'"}),
+      Generate("random", {"--periods", "3"}, {"--periods has no meaning for the field random"}),
+      Generate("gyroid", {"--periods", "-1"}, {"--periods", "'-1'"}),
+      Generate("gyroid", {"--waves", "3"}, {"--waves has no meaning for the field gyroid"}),
+      Generate("gyroid", {"--thickness", "1"}, {"--thickness has no meaning for the field gyroid"}),
+      Generate("shells", {"--shells", "1001"}, {"--shells", "'1001'"}),
+      Generate("shells", {"--frequency", "3"}, {"--frequency has no meaning for the field shells"}),
+      Generate("mixing", {"--alpha", "1"}, {"--alpha has no meaning for the field mixing"}),
+      Generate("mixing", {"--shells", "3"}, {"--shells has no meaning for the field mixing"}),
+  };
+}
+
 INSTANTIATE_TEST_SUITE_P(General, WrongUsageTest, ::testing::ValuesIn(GeneralRows()));
+INSTANTIATE_TEST_SUITE_P(Generate, WrongUsageTest, ::testing::ValuesIn(GenerateRows()));
 INSTANTIATE_TEST_SUITE_P(Partition, WrongUsageTest, ::testing::ValuesIn(PartitionRows()));
 INSTANTIATE_TEST_SUITE_P(Render, WrongUsageTest, ::testing::ValuesIn(RenderRows()));
 
@@ -275,6 +320,84 @@ TEST(CommandTest, SelfDescribingNamesAreKnownInAnyCase) {
   }
   for (const char* name : {"a.raw", "a.nrrd.raw", "a", "nii", "a.gz"}) {
     EXPECT_FALSE(HasSelfDescribingName(name)) << name;
+  }
+}
+
+class GenerateTest : public ::testing::Test {
+ protected:
+  // The bytes that `generate FIELD --dims 24,20,16` writes with `more`; the samples alone.
+  std::string Bytes(const std::string& field, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{"generate", field,      "--dims",
+                                       "24,20,16", "--output", folder_.Sub("bytes.raw")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const Outcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return base::ReadWholeFile(folder_.Sub("bytes.raw"), base::kMiB).value_or("");
+  }
+
+  TempDir folder_;
+};
+
+TEST_F(GenerateTest, EveryFieldInEveryKindOfFileIsAVolumeForPartition) {
+  for (const char* field : {"random", "gyroid", "marschner-lobb", "shells", "mixing"}) {
+    for (const char* ending : {".nrrd", ".nhdr", ".mha", ".raw"}) {
+      SCOPED_TRACE(absl::StrCat(field, ending));
+      const std::string path = folder_.Sub(absl::StrCat(field, ending));
+      const std::string dataset = path + ".d";
+      const std::vector<std::string> geometry{"--dims",   "24,20,16", "--spacing", "1,0.5,2",
+                                              "--origin", "-3,4,5",   "--type",    "uint8"};
+      std::vector<std::string> generate{"generate", field, "--output", path};
+      generate.insert(generate.end(), geometry.begin(), geometry.end());
+      const Outcome generated = RunCli(generate);
+      ASSERT_EQ(generated.exit_code, 0) << generated.err;
+      EXPECT_THAT(generated.out, HasSubstr("24 x 20 x 16 samples of uint8"));
+      EXPECT_THAT(generated.out, HasSubstr("middle value 127.5"));
+
+      std::vector<std::string> partition{"partition", path, "--output", dataset};
+      if (absl::EndsWith(path, ".raw")) {
+        partition.insert(partition.end(), geometry.begin(), geometry.end());
+      }
+      const Outcome partitioned = RunCli(partition);
+      ASSERT_EQ(partitioned.exit_code, 0) << partitioned.err;
+      const absl::StatusOr<store::DatasetDescription> description = store::OpenDataset(dataset);
+      ASSERT_TRUE(description.ok()) << description.status();
+      const store::Manifest& manifest = description->manifest;
+      EXPECT_EQ(manifest.scalar_type, volume::ScalarType::kUint8);
+      EXPECT_EQ(manifest.geometry.sample_dims, (math::Index3{24, 20, 16}));
+      EXPECT_EQ(manifest.geometry.spacing, (math::Vec3d{1, 0.5, 2}));
+      EXPECT_EQ(manifest.geometry.origin, (math::Vec3d{-3, 4, 5}));
+      // There is a surface at the level that the command names.
+      EXPECT_LT(manifest.value_range.min, 127);
+      EXPECT_GT(manifest.value_range.max, 128);
+    }
+  }
+}
+
+TEST_F(GenerateTest, SeedAloneDecidesAboutChance) {
+  for (const char* field : {"random", "mixing"}) {
+    const std::string bytes = Bytes(field, {});
+    EXPECT_EQ(bytes.size(), 24U * 20 * 16 * 2) << "uint16 by default";
+    EXPECT_EQ(Bytes(field, {"--seed", "1"}), bytes) << field;
+    EXPECT_NE(Bytes(field, {"--seed", "2"}), bytes) << field;
+    EXPECT_EQ(Bytes(field, {"--seed", "2"}), Bytes(field, {"--seed", "2"})) << field;
+  }
+}
+
+TEST_F(GenerateTest, EveryFlagOfAFieldChangesIt) {
+  const std::vector<std::pair<std::string, std::vector<std::string>>> rows = {
+      {"random", {"--waves", "8"}},
+      {"random", {"--wave-number", "6"}},
+      {"random", {"--exponent", "1"}},
+      {"mixing", {"--waves", "8"}},
+      {"mixing", {"--thickness", "0.2"}},
+      {"gyroid", {"--periods", "3"}},
+      {"marschner-lobb", {"--frequency", "3"}},
+      {"marschner-lobb", {"--alpha", "0.5"}},
+      {"shells", {"--shells", "2"}},
+      {"gyroid", {"--type", "float32"}},
+  };
+  for (const auto& [field, flags] : rows) {
+    EXPECT_NE(Bytes(field, flags), Bytes(field, {})) << field << " " << flags[0];
   }
 }
 
