@@ -270,7 +270,8 @@ absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
     double isovalue, const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<agent::SurfaceExtraction> extraction,
-      agent::SurfaceExtraction::Make(shards_, isovalue, &arena_, &cancellation));
+      agent::SurfaceExtraction::Make(shards_, isovalue, &arena_, base::ReadQueueOptions().max_bytes,
+                                     &cancellation));
   std::vector<std::int64_t> counts;
   while (true) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());

@@ -8,6 +8,7 @@
 #include "core/base/check.h"
 #include "core/base/memory_info.h"
 #include "core/base/units.h"
+#include "core/store/shard_reader.h"
 
 namespace isoscope::agent {
 namespace {
@@ -15,8 +16,13 @@ namespace {
 // Key and colour of a pixel, its fragment while it is drawn; its bands while they are encoded and
 // wait for the network.
 constexpr std::size_t kStepBytesPerPixel = 12 + 8 + 12;
-// The caches get half of what is left: allocators, stacks, messages and reads in flight take their
-// part.
+// Of reads under way. More than the most does not make a step faster.
+constexpr std::size_t kReadShare = 32;
+constexpr std::size_t kMaxReadBytes = 16 * base::kMiB;
+static_assert(AgentMemory::kMinLimitBytes / kReadShare >=
+                  static_cast<std::size_t>(store::ShardReader::kMaxRunBytes),
+              "a run of blocks is read at once");
+// The caches get half of what is left: allocators, stacks and messages take their part.
 constexpr double kCacheShare = 0.5;
 // Of the limit, without what frames may take.
 constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16;
@@ -37,6 +43,10 @@ std::size_t AgentMemory::DefaultLimitBytes() {
 AgentMemory::AgentMemory(std::size_t limit_bytes)
     : limit_bytes_(limit_bytes), steps_(limit_bytes / 4), cache_(0) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
+}
+
+std::size_t AgentMemory::read_bytes() const {
+  return std::min(limit_bytes_ / kReadShare, kMaxReadBytes);
 }
 
 absl::Status AgentMemory::Settle() {
@@ -61,7 +71,7 @@ absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(
     const view::Viewport& viewport, const base::Cancellation& cancellation) {
   const std::size_t pixels =
       static_cast<std::size_t>(viewport.width_px) * static_cast<std::size_t>(viewport.height_px);
-  const std::size_t bytes = pixels * kStepBytesPerPixel + kept_mesh_bytes();
+  const std::size_t bytes = pixels * kStepBytesPerPixel + kept_mesh_bytes() + read_bytes();
   absl::StatusOr<base::MemoryBudget::Reservation> reservation = steps_.Reserve(bytes, cancellation);
   if (absl::IsResourceExhausted(reservation.status())) {
     return absl::ResourceExhaustedError(absl::StrFormat(

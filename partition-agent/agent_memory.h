@@ -34,8 +34,12 @@ class AgentMemory {
   [[nodiscard]] std::size_t unused_image_bytes() const { return limit_bytes_ / 16; }
   [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / 16; }
 
-  // What one step of a frame needs. Waits for others; RESOURCE_EXHAUSTED if the viewport is too
-  // large for the limit.
+  // What one step of a frame, or one batch of an export, may have of reads under way: a 32nd of the
+  // limit, at most 16 MiB (more does not pay), at least one run of blocks.
+  [[nodiscard]] std::size_t read_bytes() const;
+
+  // What one step of a frame needs, read_bytes() among it. Waits for others; RESOURCE_EXHAUSTED if
+  // the viewport is too large for the limit.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(
       const view::Viewport& viewport, const base::Cancellation& cancellation);
 

@@ -122,6 +122,7 @@ class FramePipeline::Impl {
         renderer_(resources.renderer),
         arena_(resources.arena),
         cache_(resources.cache),
+        max_read_bytes_(resources.max_read_bytes),
         cancellation_(cancellation),
         round_(cache_->BeginRound(request.frame_number)),
         workers_([this] { return Worker(view_.geometry(), layout_, cache_->meshes(), round_); }) {}
@@ -388,7 +389,7 @@ class FramePipeline::Impl {
         reads.push_back(reader.RequestFor(run));
       }
     }
-    base::ReadQueue queue(std::move(reads));
+    base::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
     const absl::Status status = ForEachArrival(
         &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
           const auto after = std::upper_bound(
@@ -486,6 +487,7 @@ class FramePipeline::Impl {
   render::Renderer* const renderer_;
   tbb::task_arena* const arena_;
   BlockCache* const cache_;
+  const std::size_t max_read_bytes_;
   const base::Cancellation* const cancellation_;
   const std::uint64_t round_;
 

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 #define ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -15,6 +16,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/read_queue.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
 #include "core/volume/block_layout.h"
@@ -49,6 +51,7 @@ struct AgentResources {
   render::Renderer* renderer = nullptr;
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;
+  std::size_t max_read_bytes = base::ReadQueueOptions().max_bytes;  // of each step, under way
 };
 
 // Call the steps in order, each once, from one thread at a time; they block. After an error no

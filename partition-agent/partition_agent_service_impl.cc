@@ -316,11 +316,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_ASSIGN_OR_RETURN(request_, FrameRequestFromProto(begin));
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
-    ISOSCOPE_ASSIGN_OR_RETURN(pipeline_, FramePipeline::Make(std::move(shards), request_,
-                                                             {.renderer = service_->renderer_.get(),
-                                                              .arena = service_->arena_.get(),
-                                                              .cache = service_->memory_->cache()},
-                                                             &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        pipeline_, FramePipeline::Make(std::move(shards), request_,
+                                       {.renderer = service_->renderer_.get(),
+                                        .arena = service_->arena_.get(),
+                                        .cache = service_->memory_->cache(),
+                                        .max_read_bytes = service_->memory_->read_bytes()},
+                                       &cancellation_));
     if (request_.culling == visibility::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
       ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
@@ -477,9 +479,10 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
-                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(),
-                                                      service_->arena_.get(), &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<SurfaceExtraction> extraction,
+        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), service_->arena_.get(),
+                                service_->memory_->read_bytes(), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {

@@ -39,10 +39,11 @@ struct ReadTask {
 class SurfaceExtraction::Impl {
  public:
   Impl(std::vector<std::shared_ptr<const Shard>> shards, double isovalue, tbb::task_arena* arena,
-       const base::Cancellation* cancellation)
+       std::size_t max_read_bytes, const base::Cancellation* cancellation)
       : shards_(std::move(shards)),
         isovalue_(isovalue),
         arena_(arena),
+        max_read_bytes_(max_read_bytes),
         cancellation_(cancellation),
         extractors_([this] {
           const store::ShardReader& reader = *shards_.front()->reader;
@@ -111,7 +112,7 @@ class SurfaceExtraction::Impl {
     }
 
     std::vector<mesh::BlockMesh> meshes(batch.size());
-    base::ReadQueue queue(std::move(reads));
+    base::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
     ISOSCOPE_RETURN_IF_ERROR(ForEachArrival(
         &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
           const ReadTask& task = tasks[arrival.index()];
@@ -148,6 +149,7 @@ class SurfaceExtraction::Impl {
   const std::vector<std::shared_ptr<const Shard>> shards_;
   const double isovalue_;
   tbb::task_arena* const arena_;
+  const std::size_t max_read_bytes_;
   const base::Cancellation* const cancellation_;
   std::vector<ActiveBlock> active_;
   std::size_t next_ = 0;
@@ -159,9 +161,10 @@ SurfaceExtraction::~SurfaceExtraction() = default;
 
 absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
     std::vector<std::shared_ptr<const Shard>> shards, double isovalue, tbb::task_arena* arena,
-    const base::Cancellation* cancellation) {
+    std::size_t max_read_bytes, const base::Cancellation* cancellation) {
   ISOSCOPE_CHECK(!shards.empty());
-  auto impl = std::make_unique<Impl>(std::move(shards), isovalue, arena, cancellation);
+  auto impl =
+      std::make_unique<Impl>(std::move(shards), isovalue, arena, max_read_bytes, cancellation);
   ISOSCOPE_RETURN_IF_ERROR(impl->QueryTrees());
   return std::unique_ptr<SurfaceExtraction>(new SurfaceExtraction(std::move(impl)));
 }

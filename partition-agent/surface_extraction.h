@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
 #define ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
 
+#include <cstddef>
 #include <memory>
 #include <vector>
 
@@ -18,15 +19,16 @@ namespace isoscope::agent {
 
 // Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of
 // a batch are read and extracted in parallel in the arena, the next one only when it is asked for.
-// Memory is that of one batch: at most kMaxBatchSampleBytes of samples (or one block) and their
-// meshes. Thread-compatible. What it is given must outlive it.
+// Memory is that of one batch: of its samples, at most kMaxBatchSampleBytes (or one block), those
+// that are under way, at most `max_read_bytes` (or one run); and the meshes of all.
+// Thread-compatible. What it is given must outlive it.
 class SurfaceExtraction {
  public:
   // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.
   // REQUIRES: isovalue is finite.
   static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
       std::vector<std::shared_ptr<const Shard>> shards, double isovalue, tbb::task_arena* arena,
-      const base::Cancellation* cancellation);
+      std::size_t max_read_bytes, const base::Cancellation* cancellation);
   ~SurfaceExtraction();
 
   // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left

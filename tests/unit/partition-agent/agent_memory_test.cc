@@ -17,6 +17,7 @@
 
 #include "core/base/memory_info.h"
 #include "core/base/memory_pool.h"
+#include "core/store/shard_reader.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
 
@@ -112,6 +113,24 @@ TEST(AgentMemoryTest, TooSmallALimitSaysWhatIsInUseAndWhatWouldDo) {
               StatusIs(absl::StatusCode::kFailedPrecondition));
 }
 
+TEST(AgentMemoryTest, ReadsUnderWayAreAShareOfTheLimitBetweenOneRunAndWhatPays) {
+  EXPECT_EQ(AgentMemory(AgentMemory::kMinLimitBytes).read_bytes(), 3 * kMiB);
+  EXPECT_GE(AgentMemory(AgentMemory::kMinLimitBytes).read_bytes(),
+            static_cast<std::size_t>(store::ShardReader::kMaxRunBytes));
+  EXPECT_EQ(AgentMemory(256 * kMiB).read_bytes(), 8 * kMiB);
+  EXPECT_EQ(AgentMemory(512 * kMiB).read_bytes(), 16 * kMiB);
+  EXPECT_EQ(AgentMemory(4096 * kMiB).read_bytes(), 16 * kMiB);
+}
+
+TEST(AgentMemoryTest, ReadsUnderWayAreReservedWithTheirStep) {
+  // Of 24 MiB for steps 6 are for meshes, 3 for reads: 15 MiB at 32 bytes a pixel.
+  AgentMemory memory(AgentMemory::kMinLimitBytes);
+  const base::Cancellation never;
+  EXPECT_THAT(memory.ReserveStep({960, 512}, never), IsOk());
+  EXPECT_THAT(memory.ReserveStep({961, 512}, never),
+              StatusIs(absl::StatusCode::kResourceExhausted));
+}
+
 TEST(AgentMemoryTest, ViewportTooLargeForTheLimitIsRefusedWithTheFigures) {
   AgentMemory memory(AgentMemory::kMinLimitBytes);
   const base::Cancellation never;
@@ -119,7 +138,7 @@ TEST(AgentMemoryTest, ViewportTooLargeForTheLimitIsRefusedWithTheFigures) {
   EXPECT_THAT(
       memory.ReserveStep({1024, 1024}, never),
       StatusIs(absl::StatusCode::kResourceExhausted,
-               "a viewport of 1024 x 1024 pixels needs 38 MiB while it is drawn; with the memory "
+               "a viewport of 1024 x 1024 pixels needs 41 MiB while it is drawn; with the memory "
                "limit of 96 MiB at most 24 MiB may be used: ask for a smaller viewport or raise "
                "--memory-limit"));
   EXPECT_THAT(memory.ReserveStep({1 << 20, 1 << 20}, never),

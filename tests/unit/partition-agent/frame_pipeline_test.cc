@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -734,6 +735,24 @@ TEST_F(FramePipelineTest, CancellationInTheMiddleOfDrawingStopsIt) {
         FramePipeline::Make(dataset.OpenShards(), dataset.Request(), resources, &cancellation));
     EXPECT_THAT(pipeline->RenderAll(), StatusIs(absl::StatusCode::kCancelled));
   }
+}
+
+TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
+  const SmallDataset dataset(2);
+  std::vector<image::FrameImage> images;
+  for (const std::size_t max_read_bytes : {Resources().max_read_bytes, std::size_t{1}}) {
+    AgentResources resources = Resources();
+    resources.max_read_bytes = max_read_bytes;  // 1: one run at a time
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        auto pipeline,
+        FramePipeline::Make(dataset.OpenShards(), dataset.Request(), resources, &never_));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(image::FrameImage image, pipeline->RenderAll());
+    EXPECT_GT(pipeline->statistics().read_bytes, 0);
+    images.push_back(std::move(image));
+    pipeline.reset();
+    ForgetAll();
+  }
+  EXPECT_TRUE(images[0] == images[1]);
 }
 
 TEST_F(FramePipelineTest, BadRequestIsRefused) {
