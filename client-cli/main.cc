@@ -8,8 +8,13 @@
 
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
+#include <oneapi/tbb/info.h>
+
+#include "core/base/memory_info.h"
 
 int main(int argc, char** argv) {
+  // Agents and the partitioner keep to memory limits in this process, too.
+  isoscope::base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   // Never destroyed: its thread waits until the process ends.
   auto* const interrupt = new isoscope::cli::Interrupt();
   interrupt->InstallForProcess();
