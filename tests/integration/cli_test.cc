@@ -492,6 +492,17 @@ TEST_F(CliTest, ExportIsOneWeldedClosedMeshThatDoesNotDependOnShards) {
   }
 }
 
+TEST_F(CliTest, CompressionChangesFilesNotPictures) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "none", 2));
+  const std::string png = Render({Path("none"), "--renderer", "cpu"});
+  for (const char* compression : {"lz4", "zstd"}) {
+    MustRun(Join({"partition", Path("volume.raw"), "--output", Path(compression), "--shards", "2",
+                  "--compression", compression},
+                 testing::RawFlags(gyroid_)));
+    EXPECT_TRUE(Render({Path(compression), "--renderer", "cpu"}) == png) << compression;
+  }
+}
+
 TEST_F(CliTest, HelpAndVersionAreNoErrors) {
   EXPECT_TRUE(absl::StrContains(MustRun({"--help"}), "Commands:"));
   EXPECT_TRUE(absl::StartsWith(MustRun({"--version"}), "isoscope "));

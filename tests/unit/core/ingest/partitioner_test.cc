@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -21,6 +22,7 @@
 #include "core/base/coding.h"
 #include "core/base/file.h"
 #include "core/index/interval_tree.h"
+#include "core/store/block_codec.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/synthetic_fields.h"
@@ -289,6 +291,40 @@ TEST_F(PartitionerTest, EveryBlockSizeAndDistributionComesBack) {
       options.distribution = distribution;
       ISOSCOPE_ASSERT_OK(Run(v, options));
       ExpectDatasetMatches(options.output_directory, v, options);
+    }
+  }
+}
+
+TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
+  const math::Index3 dims{37, 21, 34};
+  const Volume smooth{
+      dims, ScalarType::kInt16,
+      volume::SampleField(volume::GyroidField(2), dims, ScalarType::kInt16, 1000, 0)};
+  const Volume noise{dims, ScalarType::kInt16, Noise(dims, ScalarType::kInt16)};
+  for (const Volume* v : {&smooth, &noise}) {
+    std::map<std::string, std::size_t> size_of_blocks;
+    std::map<std::string, std::string> trees;
+    for (const char* compression : {"none", "lz4", "zstd"}) {
+      SCOPED_TRACE(compression);
+      PartitionOptions options = Options(absl::StrCat(compression, v == &smooth ? "-s" : "-n"));
+      options.shard_count = 2;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(options.compression, store::ParseBlockEncoding(compression));
+      ISOSCOPE_ASSERT_OK(Run(*v, options));
+      ExpectDatasetMatches(options.output_directory, *v, options);
+      for (const auto& [path, content] : FilesBelow(options.output_directory)) {
+        if (absl::EndsWith(path, store::kBlocksFileName)) {
+          size_of_blocks[compression] += content.size();
+        } else if (absl::EndsWith(path, store::kIntervalTreeFileName)) {
+          EXPECT_EQ(trees.emplace(path, content).first->second, content) << path;
+        }
+      }
+    }
+    if (v == &smooth) {
+      EXPECT_LT(size_of_blocks["lz4"], size_of_blocks["none"] * 9 / 10);
+      EXPECT_LT(size_of_blocks["zstd"], size_of_blocks["lz4"]);
+    } else {
+      EXPECT_LE(size_of_blocks["lz4"], size_of_blocks["none"]) << "what grows is stored as it is";
+      EXPECT_LE(size_of_blocks["zstd"], size_of_blocks["none"]);
     }
   }
 }
