@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -58,6 +60,45 @@ double WorstImbalance(const volume::RangeTable& ranges,
     }
   }
   return worst;
+}
+
+TEST(ShardMapTest, SaysTheShardOfEveryBlockAsTheTablesDo) {
+  for (const int shards : {1, 2, 7, 64}) {
+    // With a block a shard, and two, some shards are empty at first: blocks are moved there.
+    for (const std::int64_t blocks :
+         {std::int64_t{shards}, std::int64_t{2} * shards, std::int64_t{1000}}) {
+      const volume::RangeTable ranges = MakeRanges(blocks, 4);
+      const ShardMap random = ShardMap::Random(blocks, shards, 9);
+      const ShardMap greedy = ShardMap::Greedy(ranges, shards);
+      EXPECT_EQ(random.shard_count(), shards);
+      EXPECT_EQ(greedy.shard_count(), shards);
+      const std::vector<std::uint16_t> random_table = DistributeRandomly(blocks, shards, 9);
+      const std::vector<std::uint16_t> greedy_table = DistributeGreedily(ranges, shards);
+      for (volume::BlockId id = 0; id < blocks; ++id) {
+        ASSERT_EQ(random.ShardOf(id), random_table[id]) << shards << " " << blocks << " " << id;
+        ASSERT_EQ(greedy.ShardOf(id), greedy_table[id]) << shards << " " << blocks << " " << id;
+      }
+    }
+  }
+}
+
+TEST(ShardMapTest, MovesOnlyAsManyBlocksAsThereAreEmptyShards) {
+  // As many shards, far more blocks: the same draws, of which none is moved.
+  constexpr int kShards = 64;
+  constexpr volume::BlockId kBlocks = 100;
+  const ShardMap drawn = ShardMap::Random(100'000, kShards, 9);
+  const ShardMap map = ShardMap::Random(kBlocks, kShards, 9);
+  std::vector<std::int64_t> drawn_counts(kShards);
+  std::vector<std::int64_t> counts(kShards);
+  std::int64_t moved = 0;
+  for (volume::BlockId id = 0; id < kBlocks; ++id) {
+    ++drawn_counts[drawn.ShardOf(id)];
+    ++counts[map.ShardOf(id)];
+    moved += map.ShardOf(id) != drawn.ShardOf(id) ? 1 : 0;
+  }
+  EXPECT_EQ(moved, std::count(drawn_counts.begin(), drawn_counts.end(), 0));
+  EXPECT_GT(moved, 0);
+  EXPECT_THAT(counts, ::testing::Each(::testing::Ge(1)));
 }
 
 TEST(DistributeRandomlyTest, ShardOfABlockDependsOnSeedAndIdOnly) {
