@@ -115,13 +115,8 @@ class IsolatedLink final : public server::AgentLink {
       return;
     }
     SendPixels(*image);
-    const agent::AgentStatistics& from = pipeline_->statistics();
-    server::AgentStatistics statistics;
+    visibility::AgentStatistics statistics = pipeline_->statistics();
     statistics.shard_indices = {request_.agent_index};
-    statistics.active_block_count = from.active_block_count;
-    statistics.visible_block_count = from.visible_block_count;
-    statistics.triangle_count = from.triangle_count;
-    statistics.busy_duration = from.busy_duration;
     listener_->OnFrameDone(std::move(statistics));
     End(absl::OkStatus());
   }
@@ -144,7 +139,7 @@ class IsolatedLink final : public server::AgentLink {
 IsolatedFrame FrameOf(server::FrameResult result, StepBlocks blocks, absl::Duration wall) {
   IsolatedFrame frame;
   frame.image = std::move(result.image);
-  for (const server::AgentStatistics& agent : result.agents) {
+  for (const visibility::AgentStatistics& agent : result.agents) {
     frame.agents.push_back({.active_block_count = agent.active_block_count,
                             .drawn_block_count = agent.visible_block_count,
                             .triangle_count = agent.triangle_count,

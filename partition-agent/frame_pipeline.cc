@@ -206,7 +206,7 @@ class FramePipeline::Impl {
     return Draw(std::move(chosen));
   }
 
-  [[nodiscard]] const AgentStatistics& statistics() const { return statistics_; }
+  [[nodiscard]] const visibility::AgentStatistics& statistics() const { return statistics_; }
 
  private:
   // Step 0: fills own_active_.
@@ -495,7 +495,7 @@ class FramePipeline::Impl {
   std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> own_active_;
   std::vector<std::shared_ptr<MeshTable>> meshes_;
   tbb::enumerable_thread_specific<Worker> workers_;
-  AgentStatistics statistics_;
+  visibility::AgentStatistics statistics_;
 };
 
 absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
@@ -526,6 +526,6 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
   return impl_->RenderVisible(blocks, open_pixels);
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->RenderAll(); }
-const AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
+const visibility::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 
 }  // namespace isoscope::agent

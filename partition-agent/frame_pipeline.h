@@ -5,40 +5,25 @@
 #define ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 
 #include <cstddef>
-#include <cstdint>
 #include <memory>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/read_queue.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
+#include "core/visibility/agent_statistics.h"
 #include "core/volume/block_layout.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
-
-// What the agent's part took; the units and meanings of isoscope.v1.AgentStatistics.
-struct AgentStatistics {
-  std::int64_t active_block_count = 0;
-  std::int64_t occluding_block_count = 0;
-  std::int64_t visible_block_count = 0;
-  std::int64_t triangle_count = 0;
-  std::int64_t unique_vertex_count = 0;
-  std::int64_t read_bytes = 0;
-  std::int64_t index_page_read_count = 0;
-  absl::Duration extract_duration;
-  absl::Duration render_duration;
-  absl::Duration busy_duration;
-};
 
 // What step 1 finds.
 struct RaySelection {
@@ -80,7 +65,7 @@ class FramePipeline {
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
 
-  [[nodiscard]] const AgentStatistics& statistics() const;
+  [[nodiscard]] const visibility::AgentStatistics& statistics() const;
 
  private:
   class Impl;

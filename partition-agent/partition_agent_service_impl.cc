@@ -87,21 +87,6 @@ absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) 
   return request;
 }
 
-isoscope::v1::AgentStatistics ToProto(const AgentStatistics& statistics) {
-  isoscope::v1::AgentStatistics proto;
-  proto.set_active_block_count(statistics.active_block_count);
-  proto.set_occluding_block_count(statistics.occluding_block_count);
-  proto.set_visible_block_count(statistics.visible_block_count);
-  proto.set_triangle_count(statistics.triangle_count);
-  proto.set_unique_vertex_count(statistics.unique_vertex_count);
-  proto.set_read_bytes(statistics.read_bytes);
-  proto.set_index_page_read_count(statistics.index_page_read_count);
-  *proto.mutable_extract_duration() = rpc::ToProto(statistics.extract_duration);
-  *proto.mutable_render_duration() = rpc::ToProto(statistics.render_duration);
-  *proto.mutable_busy_duration() = rpc::ToProto(statistics.busy_duration);
-  return proto;
-}
-
 template <typename T>
 std::string AsBytes(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
@@ -365,10 +350,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   // The last pixels, the statistics, and the end.
   absl::Status SendLast(const image::FrameImage& image) {
     ISOSCOPE_RETURN_IF_ERROR(SendPixels(image));
-    const AgentStatistics& statistics = pipeline_->statistics();
+    const visibility::AgentStatistics& statistics = pipeline_->statistics();
     v1::RenderFrameResponse message;
     isoscope::v1::AgentStatistics* proto = message.mutable_frame_done()->mutable_statistics();
-    *proto = ToProto(statistics);
+    *proto = rpc::ToProto(statistics);
     for (const int index : shard_indices_) {
       proto->add_shard_indices(index);
     }

@@ -26,21 +26,6 @@ void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
   }
 }
 
-AgentStatistics StatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
-  AgentStatistics statistics;
-  statistics.active_block_count = proto.active_block_count();
-  statistics.occluding_block_count = proto.occluding_block_count();
-  statistics.visible_block_count = proto.visible_block_count();
-  statistics.triangle_count = proto.triangle_count();
-  statistics.unique_vertex_count = proto.unique_vertex_count();
-  statistics.read_bytes = proto.read_bytes();
-  statistics.index_page_read_count = proto.index_page_read_count();
-  statistics.extract_duration = rpc::DurationFromProto(proto.extract_duration());
-  statistics.render_duration = rpc::DurationFromProto(proto.render_duration());
-  statistics.busy_duration = rpc::DurationFromProto(proto.busy_duration());
-  return statistics;
-}
-
 // Fills `values` from little-endian bytes. False if they are no whole number of values.
 template <typename T>
 bool Unpack(const std::string& bytes, std::vector<T>* values) {
@@ -201,7 +186,8 @@ class FrameStream final
         listener_->OnOccludersDone();
         return absl::OkStatus();
       case v1::RenderFrameResponse::kFrameDone: {
-        AgentStatistics statistics = StatisticsFromProto(message->frame_done().statistics());
+        visibility::AgentStatistics statistics =
+            rpc::AgentStatisticsFromProto(message->frame_done().statistics());
         statistics.agent_address = agent_.address;
         statistics.shard_indices = agent_.shard_indices;
         is_frame_done_ = true;

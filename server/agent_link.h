@@ -10,27 +10,11 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/time/time.h"
 
+#include "core/visibility/agent_statistics.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::server {
-
-// The numbers of isoscope.v1.AgentStatistics.
-struct AgentStatistics {
-  std::string agent_address;
-  std::vector<int> shard_indices;
-  std::int64_t active_block_count = 0;
-  std::int64_t occluding_block_count = 0;
-  std::int64_t visible_block_count = 0;
-  std::int64_t triangle_count = 0;
-  std::int64_t unique_vertex_count = 0;
-  std::int64_t read_bytes = 0;
-  std::int64_t index_page_read_count = 0;
-  absl::Duration extract_duration;
-  absl::Duration render_duration;
-  absl::Duration busy_duration;
-};
 
 // What an agent says during a frame, in order of arrival. Called from any thread, never two calls
 // at a time for one agent; must be quick and must not call back into the link.
@@ -42,7 +26,7 @@ class AgentListener {
                          std::vector<volume::BlockId> active) = 0;
   virtual void OnPixels(std::string band) = 0;  // docs/format/wire.md
   virtual void OnOccludersDone() = 0;
-  virtual void OnFrameDone(AgentStatistics statistics) = 0;
+  virtual void OnFrameDone(visibility::AgentStatistics statistics) = 0;
   // The last call. OK only after OnFrameDone. Errors name the agent and its shards.
   virtual void OnEnd(absl::Status status) = 0;
 };

@@ -41,7 +41,7 @@ struct Pixels {
 };
 struct OccludersDone {};
 struct FrameDone {
-  AgentStatistics statistics;
+  visibility::AgentStatistics statistics;
 };
 struct End {
   absl::Status status;
@@ -84,7 +84,9 @@ class QueueingListener final : public AgentListener {
   }
   void OnPixels(std::string band) override { Push(Pixels{std::move(band)}); }
   void OnOccludersDone() override { Push(OccludersDone{}); }
-  void OnFrameDone(AgentStatistics statistics) override { Push(FrameDone{std::move(statistics)}); }
+  void OnFrameDone(visibility::AgentStatistics statistics) override {
+    Push(FrameDone{std::move(statistics)});
+  }
   void OnEnd(absl::Status status) override { Push(End{std::move(status)}); }
 
  private:
@@ -122,7 +124,7 @@ class Frame {
     ISOSCOPE_RETURN_IF_ERROR(status);
     result_.composite_duration = absl::Now() - phase_start_;
     std::sort(result_.agents.begin(), result_.agents.end(),
-              [](const AgentStatistics& a, const AgentStatistics& b) {
+              [](const visibility::AgentStatistics& a, const visibility::AgentStatistics& b) {
                 return a.shard_indices < b.shard_indices;
               });
     return std::move(result_);

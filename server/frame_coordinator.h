@@ -50,7 +50,7 @@ struct FrameResult {
   absl::Duration occluder_rendering_duration;
   absl::Duration visibility_culling_duration;
   absl::Duration composite_duration;
-  std::vector<AgentStatistics> agents;  // in order of their first shard
+  std::vector<visibility::AgentStatistics> agents;  // in order of their first shard
 };
 
 // Begins the frame on agent `agent_index` of all; `listener` outlives the link.

@@ -84,36 +84,17 @@ absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
   return client_deadline - std::max(margin, absl::ZeroDuration());
 }
 
-isoscope::v1::AgentStatistics ToProto(const AgentStatistics& statistics) {
-  isoscope::v1::AgentStatistics proto;
-  proto.set_agent_address(statistics.agent_address);
-  for (const int index : statistics.shard_indices) {
-    proto.add_shard_indices(index);
-  }
-  proto.set_active_block_count(statistics.active_block_count);
-  proto.set_occluding_block_count(statistics.occluding_block_count);
-  proto.set_visible_block_count(statistics.visible_block_count);
-  proto.set_triangle_count(statistics.triangle_count);
-  proto.set_unique_vertex_count(statistics.unique_vertex_count);
-  proto.set_read_bytes(statistics.read_bytes);
-  proto.set_index_page_read_count(statistics.index_page_read_count);
-  *proto.mutable_extract_duration() = rpc::ToProto(statistics.extract_duration);
-  *proto.mutable_render_duration() = rpc::ToProto(statistics.render_duration);
-  *proto.mutable_busy_duration() = rpc::ToProto(statistics.busy_duration);
-  return proto;
-}
-
 // Sums over agents, and what the coordinator measured; without the PNG's size and time.
 isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
   isoscope::v1::RenderStatistics sum;
-  for (const AgentStatistics& agent : result.agents) {
+  for (const visibility::AgentStatistics& agent : result.agents) {
     sum.set_active_block_count(sum.active_block_count() + agent.active_block_count);
     sum.set_occluding_block_count(sum.occluding_block_count() + agent.occluding_block_count);
     sum.set_visible_block_count(sum.visible_block_count() + agent.visible_block_count);
     sum.set_triangle_count(sum.triangle_count() + agent.triangle_count);
     sum.set_unique_vertex_count(sum.unique_vertex_count() + agent.unique_vertex_count);
     sum.set_read_bytes(sum.read_bytes() + agent.read_bytes);
-    *sum.add_agents() = ToProto(agent);
+    *sum.add_agents() = rpc::ToProto(agent);
   }
   sum.set_ray_hit_block_count(result.ray_hit_block_count);
   sum.set_culled_block_count(sum.active_block_count() - sum.visible_block_count());

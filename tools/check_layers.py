@@ -73,6 +73,7 @@ UNTESTED_HEADERS = {
     "core/store/sealed_json.h": "inside of manifest_test",
     "core/visibility/ray_kernel.h": "inside of occluder_selection_test",
     "core/store/shard_format.h": "constants; inside of shard_reader_test",
+    "core/visibility/agent_statistics.h": "plain data",
     "core/visibility/culling.h": "an enumeration",
     "core/volume/block_samples.h": "plain data",
 }

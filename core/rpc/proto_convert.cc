@@ -379,6 +379,40 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
   return indices;
 }
 
+isoscope::v1::AgentStatistics ToProto(const visibility::AgentStatistics& statistics) {
+  isoscope::v1::AgentStatistics proto;
+  proto.set_agent_address(statistics.agent_address);
+  for (const int index : statistics.shard_indices) {
+    proto.add_shard_indices(index);
+  }
+  proto.set_active_block_count(statistics.active_block_count);
+  proto.set_occluding_block_count(statistics.occluding_block_count);
+  proto.set_visible_block_count(statistics.visible_block_count);
+  proto.set_triangle_count(statistics.triangle_count);
+  proto.set_unique_vertex_count(statistics.unique_vertex_count);
+  proto.set_read_bytes(statistics.read_bytes);
+  proto.set_index_page_read_count(statistics.index_page_read_count);
+  *proto.mutable_extract_duration() = ToProto(statistics.extract_duration);
+  *proto.mutable_render_duration() = ToProto(statistics.render_duration);
+  *proto.mutable_busy_duration() = ToProto(statistics.busy_duration);
+  return proto;
+}
+
+visibility::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
+  return {.agent_address = proto.agent_address(),
+          .shard_indices = {proto.shard_indices().begin(), proto.shard_indices().end()},
+          .active_block_count = proto.active_block_count(),
+          .occluding_block_count = proto.occluding_block_count(),
+          .visible_block_count = proto.visible_block_count(),
+          .triangle_count = proto.triangle_count(),
+          .unique_vertex_count = proto.unique_vertex_count(),
+          .read_bytes = proto.read_bytes(),
+          .index_page_read_count = proto.index_page_read_count(),
+          .extract_duration = DurationFromProto(proto.extract_duration()),
+          .render_duration = DurationFromProto(proto.render_duration()),
+          .busy_duration = DurationFromProto(proto.busy_duration())};
+}
+
 google::protobuf::Duration ToProto(absl::Duration duration) {
   const absl::Duration clamped =
       std::clamp(duration, -absl::Seconds(kMaxDurationSeconds), absl::Seconds(kMaxDurationSeconds));

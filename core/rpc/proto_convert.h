@@ -21,6 +21,7 @@
 #include "core/math/vec.h"
 #include "core/store/manifest.h"
 #include "core/view/camera.h"
+#include "core/visibility/agent_statistics.h"
 #include "core/visibility/culling.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
@@ -82,6 +83,10 @@ absl::StatusOr<std::vector<volume::BlockId>> BlockListFromProto(
 absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
     const google::protobuf::RepeatedField<std::int32_t>& proto, int shard_count,
     absl::string_view path);
+
+isoscope::v1::AgentStatistics ToProto(const visibility::AgentStatistics& statistics);
+// Numbers as they are, durations as DurationFromProto.
+visibility::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto);
 
 google::protobuf::Duration ToProto(absl::Duration duration);
 // Out-of-range messages are clamped to a range of +-10000 years: statistics only.

@@ -138,7 +138,7 @@ Difference Compare(const image::FrameImage& a, const image::FrameImage& b) {
 
 std::int64_t TriangleCount(const server::FrameResult& result) {
   std::int64_t count = 0;
-  for (const server::AgentStatistics& agent : result.agents) {
+  for (const visibility::AgentStatistics& agent : result.agents) {
     count += agent.triangle_count;
   }
   return count;
@@ -146,7 +146,7 @@ std::int64_t TriangleCount(const server::FrameResult& result) {
 
 std::int64_t ReadBytes(const server::FrameResult& result) {
   std::int64_t count = 0;
-  for (const server::AgentStatistics& agent : result.agents) {
+  for (const visibility::AgentStatistics& agent : result.agents) {
     count += agent.read_bytes;
   }
   return count;

@@ -105,19 +105,10 @@ class LocalAgentLink final : public server::AgentLink {
     }
   }
 
-  [[nodiscard]] server::AgentStatistics Statistics(const agent::AgentStatistics& from) const {
-    return {.agent_address = name(),
-            .shard_indices = {shard_->reader->shard_index()},
-            .active_block_count = from.active_block_count,
-            .occluding_block_count = from.occluding_block_count,
-            .visible_block_count = from.visible_block_count,
-            .triangle_count = from.triangle_count,
-            .unique_vertex_count = from.unique_vertex_count,
-            .read_bytes = from.read_bytes,
-            .index_page_read_count = from.index_page_read_count,
-            .extract_duration = from.extract_duration,
-            .render_duration = from.render_duration,
-            .busy_duration = from.busy_duration};
+  [[nodiscard]] visibility::AgentStatistics Statistics(visibility::AgentStatistics measured) const {
+    measured.agent_address = name();
+    measured.shard_indices = {shard_->reader->shard_index()};
+    return measured;
   }
 
   const std::shared_ptr<const agent::Shard> shard_;

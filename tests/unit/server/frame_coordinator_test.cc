@@ -198,8 +198,9 @@ class Agent {
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
-AgentStatistics MakeStatistics(const Agent& agent, const std::vector<int>& shard_indices) {
-  AgentStatistics statistics;
+visibility::AgentStatistics MakeStatistics(const Agent& agent,
+                                           const std::vector<int>& shard_indices) {
+  visibility::AgentStatistics statistics;
   statistics.agent_address = agent.name();
   statistics.shard_indices = shard_indices;
   statistics.active_block_count = 100 + shard_indices.front();
@@ -524,7 +525,7 @@ TEST_F(FrameCoordinatorTest, StatisticsAreSortedAndBytesSummed) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(visibility::Culling::kNone, scripts));
   ASSERT_EQ(result.agents.size(), 4U);
   std::vector<std::string> names;
-  for (const AgentStatistics& agent : result.agents) {
+  for (const visibility::AgentStatistics& agent : result.agents) {
     names.push_back(agent.agent_address);
     EXPECT_EQ(agent.active_block_count, 100 + agent.shard_indices.front());
   }

@@ -270,6 +270,27 @@ TEST(ProtoConvertTest, ShardIndicesMustAscendWithinTheDataset) {
   }
 }
 
+TEST(ProtoConvertTest, StatisticsOfAnAgentComeBack) {
+  isoscope::v1::AgentStatistics proto;
+  proto.set_agent_address("b:1");
+  proto.add_shard_indices(3);
+  proto.add_shard_indices(5);
+  // Each number another one.
+  const google::protobuf::Descriptor* const descriptor = proto.GetDescriptor();
+  for (int i = 0; i < descriptor->field_count(); ++i) {
+    const google::protobuf::FieldDescriptor* const field = descriptor->field(i);
+    if (field->type() == google::protobuf::FieldDescriptor::TYPE_INT64) {
+      proto.GetReflection()->SetInt64(&proto, field, 100 + i);
+    } else if (field->type() == google::protobuf::FieldDescriptor::TYPE_MESSAGE) {
+      static_cast<google::protobuf::Duration*>(proto.GetReflection()->MutableMessage(&proto, field))
+          ->set_nanos(200 + i);
+    }
+  }
+  EXPECT_EQ(ToProto(AgentStatisticsFromProto(proto)).SerializeAsString(),
+            proto.SerializeAsString());
+  EXPECT_GT(proto.busy_duration().nanos(), 200) << "every kind of field was set";
+}
+
 TEST(ProtoConvertTest, DurationsSurviveToTheNanosecondAndAreClamped) {
   for (const absl::Duration d : {absl::ZeroDuration(), absl::Nanoseconds(1), -absl::Nanoseconds(7),
                                  absl::Seconds(3) + absl::Nanoseconds(5)}) {
