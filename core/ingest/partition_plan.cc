@@ -12,8 +12,8 @@
 namespace isoscope::ingest {
 namespace {
 
-// Above it tiles of several layers are not worth their memory.
-constexpr std::int64_t kMaxTileBytes = 64 * base::kMiB;
+// Above it portions of several layers are not worth their memory.
+constexpr std::int64_t kMaxPortionBytes = 64 * base::kMiB;
 constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
 // Lists of a batch, for both: 8192 blocks' ids, offsets, order, places, spans, checksums.
 constexpr std::int64_t kBatchTableBytes = base::kMiB;
@@ -43,9 +43,9 @@ std::int64_t LargestShare(std::int64_t blocks, int shard_count) {
              : std::min(blocks, static_cast<std::int64_t>(mean + 6 * std::sqrt(mean)) + 1);
 }
 
-// The samples of the largest tile of `layers` x `rows` blocks.
-std::int64_t TileBytes(const volume::BlockLayout& layout, volume::ScalarType type,
-                       std::int64_t layers, std::int64_t rows) {
+// The samples of the largest portion of `layers` x `rows` blocks.
+std::int64_t PortionBytes(const volume::BlockLayout& layout, volume::ScalarType type,
+                          std::int64_t layers, std::int64_t rows) {
   const math::Index3& dims = layout.sample_dims();
   const math::Index3& cells = layout.block_cells();
   return std::min(layers * cells.z + 3, dims.z) * std::min(rows * cells.y + 3, dims.y) * dims.x *
@@ -79,16 +79,16 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
                2 * plan.batch_bytes + shard_count * (max_block_bytes + 8 * base::kKiB)) +
       kFileBufferBytes;
   const auto fits = [&](std::int64_t layers, std::int64_t rows, bool is_double_buffered) {
-    plan.layers_per_tile = layers;
-    plan.block_rows_per_tile = rows;
+    plan.layers_per_portion = layers;
+    plan.block_rows_per_portion = rows;
     plan.is_double_buffered = is_double_buffered;
-    plan.tile_bytes = TileBytes(layout, type, layers, rows);
-    const std::int64_t tiles = (is_double_buffered ? 2 : 1) * plan.tile_bytes;
-    const std::int64_t tile_range_bytes = 2 * sample_size * layers * rows * block_dims.x;
-    const std::int64_t reading_ranges = range_bytes + tiles;
+    plan.portion_bytes = PortionBytes(layout, type, layers, rows);
+    const std::int64_t portions = (is_double_buffered ? 2 : 1) * plan.portion_bytes;
+    const std::int64_t portion_range_bytes = 2 * sample_size * layers * rows * block_dims.x;
+    const std::int64_t reading_ranges = range_bytes + portions;
     const std::int64_t dealing = range_bytes + (is_greedy ? kDealingBytesPerBlock * blocks : 0);
-    const std::int64_t writing = dealt_bytes + plan.placement_bytes + plan.entry_bytes + tiles +
-                                 tile_range_bytes + file_bytes + 2 * plan.batch_bytes +
+    const std::int64_t writing = dealt_bytes + plan.placement_bytes + plan.entry_bytes + portions +
+                                 portion_range_bytes + file_bytes + 2 * plan.batch_bytes +
                                  std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
     const std::int64_t indexing =
         dealt_bytes + plan.entry_bytes + plan.tree_bytes + file_bytes + kFinishingBytes;
@@ -104,7 +104,7 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
   for (const int share : kSortShares) {
     take_share(share);
     for (const std::int64_t layers : {4, 2, 1}) {
-      if (layers > 1 && TileBytes(layout, type, layers, block_dims.y) > kMaxTileBytes) {
+      if (layers > 1 && PortionBytes(layout, type, layers, block_dims.y) > kMaxPortionBytes) {
         continue;
       }
       if (fits(layers, block_dims.y, layers < block_dims.z)) {
@@ -139,47 +139,50 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
   return plan;
 }
 
-std::int64_t TileCount(const volume::BlockLayout& layout, const PartitionPlan& plan) {
+std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan) {
   const auto parts = [](std::int64_t n, std::int64_t size) { return (n + size - 1) / size; };
-  return parts(layout.block_dims().z, plan.layers_per_tile) *
-         parts(layout.block_dims().y, plan.block_rows_per_tile);
+  return parts(layout.block_dims().z, plan.layers_per_portion) *
+         parts(layout.block_dims().y, plan.block_rows_per_portion);
 }
 
-Tile TileAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i) {
+Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i) {
   const math::Index3& dims = layout.block_dims();
-  const std::int64_t bands = (dims.y + plan.block_rows_per_tile - 1) / plan.block_rows_per_tile;
-  Tile tile;
-  tile.begin_layer = i / bands * plan.layers_per_tile;
-  tile.end_layer = std::min(tile.begin_layer + plan.layers_per_tile, dims.z);
-  tile.begin_row = i % bands * plan.block_rows_per_tile;
-  tile.end_row = std::min(tile.begin_row + plan.block_rows_per_tile, dims.y);
-  return tile;
+  const std::int64_t bands =
+      (dims.y + plan.block_rows_per_portion - 1) / plan.block_rows_per_portion;
+  Portion portion;
+  portion.begin_layer = i / bands * plan.layers_per_portion;
+  portion.end_layer = std::min(portion.begin_layer + plan.layers_per_portion, dims.z);
+  portion.begin_row = i % bands * plan.block_rows_per_portion;
+  portion.end_row = std::min(portion.begin_row + plan.block_rows_per_portion, dims.y);
+  return portion;
 }
 
-std::int64_t PositionInTiles(const volume::BlockLayout& layout, const PartitionPlan& plan,
-                             const math::Index3& index) {
+std::int64_t PositionInPortions(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                                const math::Index3& index) {
   const math::Index3& dims = layout.block_dims();
-  const std::int64_t size = plan.layers_per_tile;
-  const std::int64_t band = std::min(plan.block_rows_per_tile, dims.y);
+  const std::int64_t size = plan.layers_per_portion;
+  const std::int64_t band = std::min(plan.block_rows_per_portion, dims.y);
   const std::int64_t begin_layer = index.z / size * size;
   const std::int64_t layers = std::min(size, dims.z - begin_layer);
   const std::int64_t begin_row = index.y / band * band;
   const std::int64_t rows = std::min(band, dims.y - begin_row);
-  const math::Index3 in_tile{index.x, index.y - begin_row, index.z - begin_layer};
-  const math::Index3 cube{in_tile.x / size * size, in_tile.y / size * size, 0};  // its first block
+  const math::Index3 in_portion{index.x, index.y - begin_row, index.z - begin_layer};
+  const math::Index3 cube{in_portion.x / size * size, in_portion.y / size * size,
+                          0};  // its first block
   const std::int64_t width = std::min(size, dims.x - cube.x);
   const std::int64_t height = std::min(size, rows - cube.y);
-  const std::int64_t before_tile = (begin_layer * dims.y + begin_row * layers) * dims.x;
+  const std::int64_t before_portion = (begin_layer * dims.y + begin_row * layers) * dims.x;
   const std::int64_t before_cube = (cube.y * dims.x + cube.x * height) * layers;
-  const math::Index3 at = in_tile - cube;
-  return before_tile + before_cube + (at.z * height + at.y) * width + at.x;
+  const math::Index3 at = in_portion - cube;
+  return before_portion + before_cube + (at.z * height + at.y) * width + at.x;
 }
 
-math::IndexBox SamplesOfTile(const volume::BlockLayout& layout, const Tile& tile) {
-  math::IndexBox box = layout.StoredSamplesOf(layout.IdOf({0, tile.begin_row, tile.begin_layer}));
+math::IndexBox SamplesOfPortion(const volume::BlockLayout& layout, const Portion& portion) {
+  math::IndexBox box =
+      layout.StoredSamplesOf(layout.IdOf({0, portion.begin_row, portion.begin_layer}));
   box.end = layout
-                .StoredSamplesOf(
-                    layout.IdOf({layout.block_dims().x - 1, tile.end_row - 1, tile.end_layer - 1}))
+                .StoredSamplesOf(layout.IdOf(
+                    {layout.block_dims().x - 1, portion.end_row - 1, portion.end_layer - 1}))
                 .end;
   return box;
 }

@@ -1,4 +1,4 @@
-// How a volume is taken through memory in tiles, so that partitioning stays under its limit.
+// How a volume is taken through memory in portions, so that partitioning stays under its limit.
 
 #ifndef ISOSCOPE_CORE_INGEST_PARTITION_PLAN_H_
 #define ISOSCOPE_CORE_INGEST_PARTITION_PLAN_H_
@@ -18,21 +18,21 @@ namespace isoscope::ingest {
 struct PartitionPlan {
   // 1, 2 or 4. Layers come in powers of two because blocks lie in Morton order on disk: L layers
   // give runs of L^3 to 4 L^3 neighbours to write at once.
-  std::int64_t layers_per_tile = 1;
-  std::int64_t block_rows_per_tile = 1;  // block_dims.y: whole planes
-  // The next tile is read while this one is cut.
+  std::int64_t layers_per_portion = 1;
+  std::int64_t block_rows_per_portion = 1;  // block_dims.y: whole planes
+  // The next portion is read while this one is cut.
   bool is_double_buffered = false;
-  std::int64_t tile_bytes = 0;   // samples of the largest tile
-  std::int64_t batch_bytes = 0;  // blocks cut before they are written; there are two batches
+  std::int64_t portion_bytes = 0;  // samples of the largest portion
+  std::int64_t batch_bytes = 0;    // blocks cut before they are written; there are two batches
   // What grows with the number of blocks is sorted on disk beyond these:
   std::int64_t placement_bytes = 0;  // where each block goes
   std::int64_t entry_bytes = 0;      // span and checksum of each block
   std::int64_t tree_bytes = 0;       // the interval tree of one shard
   std::int64_t total_bytes = 0;      // that partitioning takes, at most
 
-  // False if planes are too large: tiles are bands.
+  // False if planes are too large: portions are bands.
   [[nodiscard]] bool has_whole_planes(const volume::BlockLayout& layout) const {
-    return block_rows_per_tile >= layout.block_dims().y;
+    return block_rows_per_portion >= layout.block_dims().y;
   }
 };
 
@@ -54,22 +54,22 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
                                             std::int64_t memory_limit_bytes);
 
 // Blocks [begin, end) of layers and rows, over the whole width.
-struct Tile {
+struct Portion {
   std::int64_t begin_layer = 0;
   std::int64_t end_layer = 0;
   std::int64_t begin_row = 0;
   std::int64_t end_row = 0;
 };
 
-std::int64_t TileCount(const volume::BlockLayout& layout, const PartitionPlan& plan);
-// The i-th tile: bands of a layer first, then layers, ascending.
-Tile TileAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i);
-// Blocks are cut tile by tile, in each tile cube by cube of as many blocks as it has layers: such
-// cubes are runs in Morton order. The place in that order of the block at `index`.
-std::int64_t PositionInTiles(const volume::BlockLayout& layout, const PartitionPlan& plan,
-                             const math::Index3& index);
+std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan);
+// The i-th portion: bands of a layer first, then layers, ascending.
+Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i);
+// Blocks are cut portion by portion, in each portion cube by cube of as many blocks as it has
+// layers: such cubes are runs in Morton order. The place in that order of the block at `index`.
+std::int64_t PositionInPortions(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                                const math::Index3& index);
 // The samples that its blocks store.
-math::IndexBox SamplesOfTile(const volume::BlockLayout& layout, const Tile& tile);
+math::IndexBox SamplesOfPortion(const volume::BlockLayout& layout, const Portion& portion);
 
 }  // namespace isoscope::ingest
 

@@ -30,7 +30,7 @@
 #include "core/ingest/block_cutter.h"
 #include "core/ingest/distribution.h"
 #include "core/ingest/partition_plan.h"
-#include "core/ingest/tile_reader.h"
+#include "core/ingest/portion_reader.h"
 #include "core/store/shard_compressor.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
@@ -198,21 +198,22 @@ absl::Status ForEachBlockInOrder(const volume::BlockLayout& layout, const std::s
   return absl::OkStatus();
 }
 
-// The blocks of a tile in the order of PositionInTiles.
-class TileCursor {
+// The blocks of a portion in the order of PositionInPortions.
+class PortionCursor {
  public:
-  TileCursor(const volume::BlockLayout& layout, const PartitionPlan& plan, const Tile& tile)
-      : layout_(layout), tile_(tile), size_(plan.layers_per_tile) {
-    cube_ = {0, tile.begin_row, tile.begin_layer};
+  PortionCursor(const volume::BlockLayout& layout, const PartitionPlan& plan,
+                const Portion& portion)
+      : layout_(layout), portion_(portion), size_(plan.layers_per_portion) {
+    cube_ = {0, portion.begin_row, portion.begin_layer};
     at_ = cube_;
   }
 
-  [[nodiscard]] bool is_at_end() const { return cube_.y >= tile_.end_row; }
+  [[nodiscard]] bool is_at_end() const { return cube_.y >= portion_.end_row; }
   // REQUIRES: !is_at_end().
   [[nodiscard]] volume::BlockId id() const { return layout_.IdOf(at_); }
   void Next() {
     const math::Index3 end{std::min(cube_.x + size_, layout_.block_dims().x),
-                           std::min(cube_.y + size_, tile_.end_row), tile_.end_layer};
+                           std::min(cube_.y + size_, portion_.end_row), portion_.end_layer};
     if (++at_.x < end.x) {
       return;
     }
@@ -234,7 +235,7 @@ class TileCursor {
 
  private:
   const volume::BlockLayout& layout_;
-  const Tile tile_;
+  const Portion portion_;
   const std::int64_t size_;
   math::Index3 cube_;  // its first block
   math::Index3 at_;
@@ -243,7 +244,7 @@ class TileCursor {
 // Where a block goes. Sorted by position: blocks are cut in that order.
 struct Placement {
   std::int64_t offset = 0;     // in its shard
-  std::uint32_t position = 0;  // PositionInTiles
+  std::uint32_t position = 0;  // PositionInPortions
   std::uint32_t ordinal = 0;   // in its shard
   std::uint16_t shard = 0;
 
@@ -295,7 +296,7 @@ class Partitioner {
 
   // Writes the whole dataset into `directory`, which exists.
   absl::StatusOr<store::Manifest> Run(const std::string& directory, const std::string& name) {
-    TileReader reader(&source_, layout_, plan_, directory, &cancellation_);
+    PortionReader reader(&source_, layout_, plan_, directory, &cancellation_);
     ISOSCOPE_ASSIGN_OR_RETURN(const ShardMap shards, DealOut(&reader));
     progress_.phase = "writing blocks";
     ISOSCOPE_RETURN_IF_ERROR(CreateShards(directory, shards));
@@ -303,8 +304,9 @@ class Partitioner {
                               store::RangeTableWriter::Create(
                                   absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
     entries_.emplace(directory, plan_.entry_bytes);
-    ISOSCOPE_RETURN_IF_ERROR(ForEachTile(
-        &reader, [&](const Slab& slab, const Tile& tile) { return WriteBlocks(slab, tile); }));
+    ISOSCOPE_RETURN_IF_ERROR(ForEachPortion(&reader, [&](const Slab& slab, const Portion& portion) {
+      return WriteBlocks(slab, portion);
+    }));
     batches_ = {};
     placements_.reset();
     progress_.phase = "building index";
@@ -313,23 +315,23 @@ class Partitioner {
   }
 
  private:
-  // One pass: the next tile is read while `visit` works on this one.
-  template <typename Visit>  // absl::Status(const Slab&, const Tile&)
-  absl::Status ForEachTile(TileReader* reader, const Visit& visit) {
+  // One pass: the next portion is read while `visit` works on this one.
+  template <typename Visit>  // absl::Status(const Slab&, const Portion&)
+  absl::Status ForEachPortion(PortionReader* reader, const Visit& visit) {
     const std::int64_t done_before = progress_.done_bytes;
-    const std::int64_t count = TileCount(layout_, plan_);
+    const std::int64_t count = PortionCount(layout_, plan_);
     const std::size_t buffer_count = plan_.is_double_buffered ? 2 : 1;
     for (std::size_t buffer = 0; buffer < buffer_count; ++buffer) {
-      tiles_[buffer].resize(static_cast<std::size_t>(plan_.tile_bytes));
+      portions_[buffer].resize(static_cast<std::size_t>(plan_.portion_bytes));
     }
-    ISOSCOPE_RETURN_IF_ERROR(reader->Read(0, nullptr, tiles_[0].data()));
+    ISOSCOPE_RETURN_IF_ERROR(reader->Read(0, nullptr, portions_[0].data()));
     for (std::int64_t i = 0; i < count; ++i) {
-      const char* current = tiles_[static_cast<std::size_t>(i) % buffer_count].data();
-      char* next = tiles_[static_cast<std::size_t>(i + 1) % buffer_count].data();
+      const char* current = portions_[static_cast<std::size_t>(i) % buffer_count].data();
+      char* next = portions_[static_cast<std::size_t>(i + 1) % buffer_count].data();
       absl::Status read;
       const auto read_next = [&] { read = reader->Read(i + 1, current, next); };
-      const Tile tile = TileAt(layout_, plan_, i);
-      const math::IndexBox box = SamplesOfTile(layout_, tile);
+      const Portion portion = PortionAt(layout_, plan_, i);
+      const math::IndexBox box = SamplesOfPortion(layout_, portion);
       const Slab slab{.samples = current,
                       .begin_z = box.begin.z,
                       .begin_y = box.begin.y,
@@ -340,7 +342,7 @@ class Partitioner {
         if (buffer_count > 1 && i + 1 < count) {
           ahead.run(read_next);
         }
-        visited = visit(slab, tile);
+        visited = visit(slab, portion);
         ahead.wait();
       }
       ISOSCOPE_RETURN_IF_ERROR(visited);
@@ -355,7 +357,7 @@ class Partitioner {
                                     (static_cast<double>(i + 1) / static_cast<double>(count)));
       Report();
     }
-    tiles_ = {};
+    portions_ = {};
     progress_.done_bytes = done_before + pass_bytes_;
     Report();
     return absl::OkStatus();
@@ -368,25 +370,25 @@ class Partitioner {
   }
 
   // Says which shard each block goes to: the greedy distribution takes a pass of its own.
-  absl::StatusOr<ShardMap> DealOut(TileReader* reader) {
+  absl::StatusOr<ShardMap> DealOut(PortionReader* reader) {
     if (options_.distribution != store::Distribution::kGreedy) {
       return ShardMap::Random(layout_.block_count(), options_.shard_count, options_.seed);
     }
     progress_.phase = "reading ranges";
     volume::RangeTable ranges(type_, layout_.block_count());
-    ISOSCOPE_RETURN_IF_ERROR(ForEachTile(reader, [&](const Slab& slab, const Tile& tile) {
-      FindSpans(slab, tile, &ranges);
+    ISOSCOPE_RETURN_IF_ERROR(ForEachPortion(reader, [&](const Slab& slab, const Portion& portion) {
+      FindSpans(slab, portion, &ranges);
       return absl::OkStatus();
     }));
     return ShardMap::Greedy(ranges, options_.shard_count);
   }
 
-  void FindSpans(const Slab& slab, const Tile& tile, volume::RangeTable* ranges) const {
+  void FindSpans(const Slab& slab, const Portion& portion, volume::RangeTable* ranges) const {
     const math::Index3& dims = layout_.block_dims();
-    const std::int64_t rows = tile.end_row - tile.begin_row;
+    const std::int64_t rows = portion.end_row - portion.begin_row;
     tbb::parallel_for(
-        std::int64_t{0}, (tile.end_layer - tile.begin_layer) * rows, [&](std::int64_t row) {
-          math::Index3 index{0, tile.begin_row + row % rows, tile.begin_layer + row / rows};
+        std::int64_t{0}, (portion.end_layer - portion.begin_layer) * rows, [&](std::int64_t row) {
+          math::Index3 index{0, portion.begin_row + row % rows, portion.begin_layer + row / rows};
           for (; index.x < dims.x; ++index.x) {
             const volume::BlockId id = layout_.IdOf(index);
             ranges->Set(id, SpanOfBlock(layout_, type_, slab, id));
@@ -404,7 +406,7 @@ class Partitioner {
       const std::uint16_t shard = shards.ShardOf(id);
       Placement& placement = next[shard];
       placement.shard = shard;
-      placement.position = static_cast<std::uint32_t>(PositionInTiles(layout_, plan_, index));
+      placement.position = static_cast<std::uint32_t>(PositionInPortions(layout_, plan_, index));
       absl::Status added = placements_->Add(placement);
       ++placement.ordinal;
       placement.offset += static_cast<std::int64_t>(volume::StoredSizeBytes(layout_, id, type_));
@@ -423,13 +425,14 @@ class Partitioner {
     return absl::OkStatus();
   }
 
-  // The tile's blocks in batches: one is cut in parallel while the one before is written.
-  absl::Status WriteBlocks(const Slab& slab, const Tile& tile) {
-    TileCursor cursor(layout_, plan_, tile);
-    // Tiles are runs of ids.
+  // The portion's blocks in batches: one is cut in parallel while the one before is written.
+  absl::Status WriteBlocks(const Slab& slab, const Portion& portion) {
+    PortionCursor cursor(layout_, plan_, portion);
+    // Portions are runs of ids.
     const volume::BlockId first_id = cursor.id();
-    volume::RangeTable ranges(type_, (tile.end_layer - tile.begin_layer) *
-                                         (tile.end_row - tile.begin_row) * layout_.block_dims().x);
+    volume::RangeTable ranges(type_, (portion.end_layer - portion.begin_layer) *
+                                         (portion.end_row - portion.begin_row) *
+                                         layout_.block_dims().x);
     absl::Status written;
     tbb::task_group writing;
     for (std::size_t turn = 0; !cursor.is_at_end(); turn = 1 - turn) {
@@ -457,7 +460,7 @@ class Partitioner {
     return range_writer_->Append(ranges);
   }
 
-  absl::Status FillBatch(TileCursor* cursor, Batch* batch) {
+  absl::Status FillBatch(PortionCursor* cursor, Batch* batch) {
     batch->bytes.resize(static_cast<std::size_t>(plan_.batch_bytes));
     batch->ids.clear();
     batch->placements.clear();
@@ -619,9 +622,9 @@ class Partitioner {
   const std::int64_t pass_bytes_;
 
   PartitionProgress progress_;
-  std::array<std::vector<char>, 2> tiles_;
+  std::array<std::vector<char>, 2> portions_;
   std::array<Batch, 2> batches_;
-  volume::ScalarSpan value_range_;  // of the tiles so far
+  volume::ScalarSpan value_range_;  // of the portions so far
   std::unique_ptr<store::RangeTableWriter> range_writer_;
   std::optional<base::ExternalSorter<Placement>> placements_;
   std::uint32_t next_position_ = 0;  // of placements_
@@ -640,8 +643,9 @@ absl::StatusOr<store::Manifest> Partition(VolumeSource& source, const PartitionO
       const volume::BlockLayout layout,
       volume::BlockLayout::Make(source.geometry().sample_dims, options.block_cells));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
-  const std::int64_t source_bytes = options.reserved_bytes + source.memory_bytes() +
-                                    (source.is_seekable() ? 0 : TileReader::StagingBytes(source));
+  const std::int64_t source_bytes =
+      options.reserved_bytes + source.memory_bytes() +
+      (source.is_seekable() ? 0 : PortionReader::StagingBytes(source));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const PartitionPlan plan,
       PlanPartition(layout, source.scalar_type(), options.shard_count, options.distribution,

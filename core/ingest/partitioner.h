@@ -37,16 +37,16 @@ struct PartitionOptions {
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
 };
 
-// Streams the volume once (random) or twice (greedy: ranges first) in tiles that keep memory under
-// the limit (partition_plan.h): what this call and the source allocate, and reserved_bytes. With
-// the random distribution no table grows with the number of blocks: what is known of each block (90
-// bytes at most) lies in scratch files without a name, in the output, until it is written; the
-// greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes afterwards.
-// Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed at
-// the end; an error or a cancellation removes it. Deterministic: the same source and options give
-// the same bytes, whatever the limit and the number of threads.
-// INVALID_ARGUMENT: bad options (more shards than blocks, a memory limit too small for one row of
-// blocks: says what is needed). ALREADY_EXISTS: the output exists. RESOURCE_EXHAUSTED: disk full.
+// Streams the volume once (random) or twice (greedy: ranges first) in portions that keep memory
+// under the limit (partition_plan.h): what this call and the source allocate, and reserved_bytes.
+// With the random distribution no table grows with the number of blocks: what is known of each
+// block (90 bytes at most) lies in scratch files without a name, in the output, until it is
+// written; the greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes
+// afterwards. Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed
+// at the end; an error or a cancellation removes it. Deterministic: the same source and options
+// give the same bytes, whatever the limit and the number of threads. INVALID_ARGUMENT: bad options
+// (more shards than blocks, a memory limit too small for one row of blocks: says what is needed).
+// ALREADY_EXISTS: the output exists. RESOURCE_EXHAUSTED: disk full.
 absl::StatusOr<store::Manifest> Partition(VolumeSource& source, const PartitionOptions& options,
                                           const base::Cancellation& cancellation);
 

@@ -25,7 +25,7 @@ volume::BlockLayout Layout(const math::Index3& dims, const math::Index3& cells =
   return *layout;
 }
 
-TEST(PartitionPlanTest, TilesCoverEveryBlockOnceAndTheirSamplesFitTheBuffer) {
+TEST(PartitionPlanTest, PortionsCoverEveryBlockOnceAndTheirSamplesFitTheBuffer) {
   for (const math::Index3& dims :
        {math::Index3{40, 70, 90}, {2, 2, 2}, {9, 1000, 3}, {33, 8, 65}}) {
     const auto layout = Layout(dims);
@@ -37,15 +37,15 @@ TEST(PartitionPlanTest, TilesCoverEveryBlockOnceAndTheirSamplesFitTheBuffer) {
       }
       EXPECT_LE(plan->total_bytes, limit);
       std::set<std::tuple<std::int64_t, std::int64_t>> seen;  // layer, row
-      for (std::int64_t i = 0; i < TileCount(layout, *plan); ++i) {
-        const Tile tile = TileAt(layout, *plan, i);
-        for (std::int64_t layer = tile.begin_layer; layer < tile.end_layer; ++layer) {
-          for (std::int64_t row = tile.begin_row; row < tile.end_row; ++row) {
+      for (std::int64_t i = 0; i < PortionCount(layout, *plan); ++i) {
+        const Portion portion = PortionAt(layout, *plan, i);
+        for (std::int64_t layer = portion.begin_layer; layer < portion.end_layer; ++layer) {
+          for (std::int64_t row = portion.begin_row; row < portion.end_row; ++row) {
             EXPECT_TRUE(seen.emplace(layer, row).second);
           }
         }
-        const math::IndexBox box = SamplesOfTile(layout, tile);
-        EXPECT_LE(math::Volume(box.dims()) * 2, plan->tile_bytes);
+        const math::IndexBox box = SamplesOfPortion(layout, portion);
+        EXPECT_LE(math::Volume(box.dims()) * 2, plan->portion_bytes);
         EXPECT_EQ(box.dims().x, dims.x);
       }
       EXPECT_EQ(static_cast<std::int64_t>(seen.size()),
@@ -58,7 +58,7 @@ TEST(PartitionPlanTest, SmallVolumesTakeFourLayersWhileTheNextAreRead) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto plan,
                                 PlanPartition(Layout({512, 512, 512}), ScalarType::kUint16, 4,
                                               Distribution::kRandom, 0, base::kGiB));
-  EXPECT_EQ(plan.layers_per_tile, 4);
+  EXPECT_EQ(plan.layers_per_portion, 4);
   EXPECT_TRUE(plan.is_double_buffered);
   EXPECT_LT(plan.total_bytes, 70 * base::kMiB);
 }
@@ -77,7 +77,7 @@ TEST(PartitionPlanTest, WideSlicesAreTakenInBands) {
       const auto plan,
       PlanPartition(layout, ScalarType::kFloat64, 16, Distribution::kRandom, 0, 160 * base::kMiB));
   EXPECT_FALSE(plan.has_whole_planes(layout));
-  EXPECT_GT(plan.block_rows_per_tile, 1);
+  EXPECT_GT(plan.block_rows_per_portion, 1);
 }
 
 TEST(PartitionPlanTest, WhatTheMessageAsksForIsEnoughAndNoByteLess) {
@@ -110,7 +110,7 @@ TEST(PartitionPlanTest, RandomDistributionTakesNoMemoryABlock) {
         PlanPartition(layout, ScalarType::kFloat64, 16, Distribution::kRandom, 0, 80 * base::kMiB));
     totals.push_back(plan.total_bytes);
   }
-  // Tiles grow with the area of a layer; nothing else grows.
+  // Portions grow with the area of a layer; nothing else grows.
   EXPECT_LT(totals.back() - totals.front(), 80 * base::kMiB);
 }
 
@@ -126,7 +126,7 @@ TEST(PartitionPlanTest, GreedyDistributionTakesTheStatedBytesABlock) {
   EXPECT_LT(plan.total_bytes, (4 + 14) * blocks + 100 * base::kMiB);
 }
 
-TEST(PartitionPlanTest, PositionsAreThoseOfTheTilesOneAfterTheOther) {
+TEST(PartitionPlanTest, PositionsAreThoseOfThePortionsOneAfterTheOther) {
   for (const math::Index3& dims :
        {math::Index3{41, 70, 90}, {2, 2, 2}, {9, 1000, 3}, {33, 8, 65}}) {
     const auto layout = Layout(dims);
@@ -137,27 +137,27 @@ TEST(PartitionPlanTest, PositionsAreThoseOfTheTilesOneAfterTheOther) {
           continue;  // bands are of one layer
         }
         PartitionPlan plan;
-        plan.layers_per_tile = layers;
-        plan.block_rows_per_tile = rows;
+        plan.layers_per_portion = layers;
+        plan.block_rows_per_portion = rows;
         std::set<std::int64_t> seen;
-        std::int64_t tile_begin = 0;
-        for (std::int64_t i = 0; i < TileCount(layout, plan); ++i) {
-          const Tile tile = TileAt(layout, plan, i);
-          const std::int64_t count =
-              (tile.end_layer - tile.begin_layer) * (tile.end_row - tile.begin_row) * block_dims.x;
-          for (std::int64_t z = tile.begin_layer; z < tile.end_layer; ++z) {
-            for (std::int64_t y = tile.begin_row; y < tile.end_row; ++y) {
+        std::int64_t portion_begin = 0;
+        for (std::int64_t i = 0; i < PortionCount(layout, plan); ++i) {
+          const Portion portion = PortionAt(layout, plan, i);
+          const std::int64_t count = (portion.end_layer - portion.begin_layer) *
+                                     (portion.end_row - portion.begin_row) * block_dims.x;
+          for (std::int64_t z = portion.begin_layer; z < portion.end_layer; ++z) {
+            for (std::int64_t y = portion.begin_row; y < portion.end_row; ++y) {
               for (std::int64_t x = 0; x < block_dims.x; ++x) {
-                const std::int64_t position = PositionInTiles(layout, plan, {x, y, z});
+                const std::int64_t position = PositionInPortions(layout, plan, {x, y, z});
                 EXPECT_TRUE(seen.insert(position).second);
-                EXPECT_GE(position, tile_begin);
-                EXPECT_LT(position, tile_begin + count);
+                EXPECT_GE(position, portion_begin);
+                EXPECT_LT(position, portion_begin + count);
               }
             }
           }
-          tile_begin += count;
+          portion_begin += count;
         }
-        EXPECT_EQ(tile_begin, layout.block_count());
+        EXPECT_EQ(portion_begin, layout.block_count());
       }
     }
   }

@@ -361,7 +361,7 @@ TEST_F(PartitionerTest, NanIsLeftOutOfSpansAndAllNanBlocksAreNeverActive) {
 }
 
 TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfReading) {
-  // From bands of one row of blocks, by layers, to 4 layers a tile; 8 layers and 12 rows in all.
+  // From bands of one row of blocks, by layers, to 4 layers a portion; 8 layers and 12 rows in all.
   const math::Index3 dims{96, 91, 60};
   const Volume v{dims, ScalarType::kFloat32,
                  volume::SampleField(volume::GyroidField(3), dims, ScalarType::kFloat32, 1, 0)};

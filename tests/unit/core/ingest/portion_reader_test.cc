@@ -1,4 +1,4 @@
-#include "core/ingest/tile_reader.h"
+#include "core/ingest/portion_reader.h"
 
 #include <memory>
 #include <string>
@@ -40,7 +40,7 @@ class SequentialSource final : public VolumeSource {
   std::unique_ptr<VolumeSource> source_;
 };
 
-class TileReaderTest : public ::testing::TestWithParam<bool> {
+class PortionReaderTest : public ::testing::TestWithParam<bool> {
  protected:
   std::unique_ptr<VolumeSource> Source() const {
     volume::GridGeometry geometry;
@@ -56,9 +56,9 @@ class TileReaderTest : public ::testing::TestWithParam<bool> {
   const TempDir dir_;
   base::Cancellation never_;
 };
-INSTANTIATE_TEST_SUITE_P(All, TileReaderTest, ::testing::Bool());
+INSTANTIATE_TEST_SUITE_P(All, PortionReaderTest, ::testing::Bool());
 
-TEST_P(TileReaderTest, EveryTileHoldsItsSamplesInEveryPassForEveryShapeOfTile) {
+TEST_P(PortionReaderTest, EveryPortionHoldsItsSamplesInEveryPassForEveryShapeOfPortion) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(kDims, {4, 5, 3}));
   const auto source = Source();
   for (const std::int64_t layers : {1, 2, 4}) {
@@ -66,38 +66,38 @@ TEST_P(TileReaderTest, EveryTileHoldsItsSamplesInEveryPassForEveryShapeOfTile) {
       if (layers > 1 && rows < 6) {
         continue;  // bands have one layer
       }
-      const PartitionPlan plan{.layers_per_tile = layers, .block_rows_per_tile = rows};
-      TileReader reader(source.get(), layout, plan, dir_.path(), &never_);
+      const PartitionPlan plan{.layers_per_portion = layers, .block_rows_per_portion = rows};
+      PortionReader reader(source.get(), layout, plan, dir_.path(), &never_);
       for (int pass = 0; pass < 2; ++pass) {
         std::string previous;
-        for (std::int64_t i = 0; i < TileCount(layout, plan); ++i) {
-          const math::IndexBox box = SamplesOfTile(layout, TileAt(layout, plan, i));
-          std::string tile(static_cast<std::size_t>(math::Volume(box.dims())) * 2, '\0');
-          ISOSCOPE_ASSERT_OK(reader.Read(i, i == 0 ? nullptr : previous.data(), tile.data()));
+        for (std::int64_t i = 0; i < PortionCount(layout, plan); ++i) {
+          const math::IndexBox box = SamplesOfPortion(layout, PortionAt(layout, plan, i));
+          std::string portion(static_cast<std::size_t>(math::Volume(box.dims())) * 2, '\0');
+          ISOSCOPE_ASSERT_OK(reader.Read(i, i == 0 ? nullptr : previous.data(), portion.data()));
           std::string expected;
           for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
             expected +=
                 samples_.substr(static_cast<std::size_t>((z * kDims.y + box.begin.y) * kDims.x * 2),
                                 static_cast<std::size_t>((box.end.y - box.begin.y) * kDims.x * 2));
           }
-          EXPECT_TRUE(tile == expected) << layers << " " << rows << " tile " << i;
-          previous = tile;
+          EXPECT_TRUE(portion == expected) << layers << " " << rows << " portion " << i;
+          previous = portion;
         }
       }
     }
   }
 }
 
-TEST_P(TileReaderTest, CancellationStopsIt) {
+TEST_P(PortionReaderTest, CancellationStopsIt) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(kDims, {4, 5, 3}));
   const auto source = Source();
   base::Cancellation cancelled;
   cancelled.Cancel();
   for (const std::int64_t rows : {1, 6}) {
-    const PartitionPlan plan{.block_rows_per_tile = rows};
-    TileReader reader(source.get(), layout, plan, dir_.path(), &cancelled);
-    std::vector<char> tile(samples_.size());
-    EXPECT_THAT(reader.Read(0, nullptr, tile.data()), StatusIs(absl::StatusCode::kCancelled, _));
+    const PartitionPlan plan{.block_rows_per_portion = rows};
+    PortionReader reader(source.get(), layout, plan, dir_.path(), &cancelled);
+    std::vector<char> portion(samples_.size());
+    EXPECT_THAT(reader.Read(0, nullptr, portion.data()), StatusIs(absl::StatusCode::kCancelled, _));
   }
 }
 

@@ -1,7 +1,7 @@
-// Reads the samples of tiles from a source, in one pass, whatever the source can do.
+// Reads the samples of portions from a source, in one pass, whatever the source can do.
 
-#ifndef ISOSCOPE_CORE_INGEST_TILE_READER_H_
-#define ISOSCOPE_CORE_INGEST_TILE_READER_H_
+#ifndef ISOSCOPE_CORE_INGEST_PORTION_READER_H_
+#define ISOSCOPE_CORE_INGEST_PORTION_READER_H_
 
 #include <cstdint>
 #include <memory>
@@ -17,22 +17,22 @@
 
 namespace isoscope::ingest {
 
-// Tiles of whole planes are read with the planes that two of them share taken over from the one
+// Portions of whole planes are read with the planes that two of them share taken over from the one
 // before, so every plane is read once. Bands of a source that can't seek are staged: a layer's
 // planes are read once, in order, into a scratch file that holds one layer, and bands come from
 // there. Bands of a source that can seek are read from it directly. Thread-compatible.
-class TileReader {
+class PortionReader {
  public:
   // Everything must outlive it; scratch files are made in `directory`.
-  TileReader(VolumeSource* source, const volume::BlockLayout& layout, const PartitionPlan& plan,
-             std::string directory, const base::Cancellation* cancellation);
+  PortionReader(VolumeSource* source, const volume::BlockLayout& layout, const PartitionPlan& plan,
+                std::string directory, const base::Cancellation* cancellation);
 
   // What staging takes of memory.
   static std::int64_t StagingBytes(const VolumeSource& source);
 
-  // Reads tile `i` as [z][y][x] over SamplesOfTile into `out`. Tiles are read in ascending order
-  // from 0, again from 0 for another pass. `previous` is tile i - 1 as it was read, null for i = 0;
-  // it may be `out`. The source's errors, the scratch file's, CANCELLED.
+  // Reads portion `i` as [z][y][x] over SamplesOfPortion into `out`. Portions are read in ascending
+  // order from 0, again from 0 for another pass. `previous` is portion i - 1 as it was read, null
+  // for i = 0; it may be `out`. The source's errors, the scratch file's, CANCELLED.
   absl::Status Read(std::int64_t i, const char* previous, char* out);
 
  private:
@@ -55,4 +55,4 @@ class TileReader {
 
 }  // namespace isoscope::ingest
 
-#endif  // ISOSCOPE_CORE_INGEST_TILE_READER_H_
+#endif  // ISOSCOPE_CORE_INGEST_PORTION_READER_H_

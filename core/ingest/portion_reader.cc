@@ -1,4 +1,4 @@
-#include "core/ingest/tile_reader.h"
+#include "core/ingest/portion_reader.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -19,9 +19,9 @@ constexpr std::int64_t kStageBytes = base::kMiB;
 
 }  // namespace
 
-TileReader::TileReader(VolumeSource* source, const volume::BlockLayout& layout,
-                       const PartitionPlan& plan, std::string directory,
-                       const base::Cancellation* cancellation)
+PortionReader::PortionReader(VolumeSource* source, const volume::BlockLayout& layout,
+                             const PartitionPlan& plan, std::string directory,
+                             const base::Cancellation* cancellation)
     : source_(*source),
       layout_(layout),
       plan_(plan),
@@ -30,22 +30,22 @@ TileReader::TileReader(VolumeSource* source, const volume::BlockLayout& layout,
       row_bytes_(layout.sample_dims().x *
                  static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()))) {}
 
-std::int64_t TileReader::StagingBytes(const VolumeSource& source) {
+std::int64_t PortionReader::StagingBytes(const VolumeSource& source) {
   const math::Index3& dims = source.geometry().sample_dims;
   const std::int64_t row_bytes =
       dims.x * static_cast<std::int64_t>(volume::SizeOf(source.scalar_type()));
   return std::min(std::max(kStageBytes, row_bytes), row_bytes * dims.y);
 }
 
-absl::Status TileReader::Read(std::int64_t i, const char* previous, char* out) {
-  const math::IndexBox box = SamplesOfTile(layout_, TileAt(layout_, plan_, i));
+absl::Status PortionReader::Read(std::int64_t i, const char* previous, char* out) {
+  const math::IndexBox box = SamplesOfPortion(layout_, PortionAt(layout_, plan_, i));
   if (!plan_.has_whole_planes(layout_)) {
     return ReadBand(box, out);
   }
   const std::int64_t plane_bytes = row_bytes_ * layout_.sample_dims().y;
   std::int64_t begin = box.begin.z;
   if (i > 0) {
-    const math::IndexBox before = SamplesOfTile(layout_, TileAt(layout_, plan_, i - 1));
+    const math::IndexBox before = SamplesOfPortion(layout_, PortionAt(layout_, plan_, i - 1));
     const std::int64_t kept = std::max<std::int64_t>(before.end.z - begin, 0);
     std::memmove(out, previous + (before.end.z - kept - before.begin.z) * plane_bytes,
                  static_cast<std::size_t>(kept * plane_bytes));
@@ -54,7 +54,7 @@ absl::Status TileReader::Read(std::int64_t i, const char* previous, char* out) {
   return ReadPlanes(begin, box.end.z, out + (begin - box.begin.z) * plane_bytes);
 }
 
-absl::Status TileReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
+absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
   const std::int64_t rows = layout_.sample_dims().y;
   const std::int64_t step = std::max<std::int64_t>(kReadBytes / (row_bytes_ * rows), 1);
   for (std::int64_t z = begin; z < end; z += step) {
@@ -66,7 +66,7 @@ absl::Status TileReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* 
   return absl::OkStatus();
 }
 
-absl::Status TileReader::ReadBand(const math::IndexBox& box, char* out) {
+absl::Status PortionReader::ReadBand(const math::IndexBox& box, char* out) {
   const std::int64_t rows = layout_.sample_dims().y;
   const std::int64_t band_bytes = (box.end.y - box.begin.y) * row_bytes_;
   const bool is_staged = !source_.is_seekable();
@@ -86,10 +86,10 @@ absl::Status TileReader::ReadBand(const math::IndexBox& box, char* out) {
   return absl::OkStatus();
 }
 
-absl::Status TileReader::StageUpTo(std::int64_t end_plane) {
+absl::Status PortionReader::StageUpTo(std::int64_t end_plane) {
   if (scratch_ == nullptr) {
     ISOSCOPE_ASSIGN_OR_RETURN(scratch_, base::ScratchFile::Create(directory_));
-    ring_planes_ = plan_.layers_per_tile * layout_.block_cells().z + 3;
+    ring_planes_ = plan_.layers_per_portion * layout_.block_cells().z + 3;
   }
   if (staged_end_ > end_plane) {
     staged_end_ = 0;  // another pass
