@@ -72,6 +72,7 @@ UNTESTED_HEADERS = {
     "core/store/json_fields.h": "inside of manifest_test",
     "core/store/sealed_json.h": "inside of manifest_test",
     "core/visibility/ray_kernel.h": "inside of occluder_selection_test",
+    "core/view/footprint_kernel.h": "inside of view_test",
     "core/store/shard_format.h": "constants; inside of shard_reader_test",
     "core/visibility/agent_statistics.h": "plain data",
     "core/visibility/culling.h": "an enumeration",

@@ -134,7 +134,9 @@ absl::StatusOr<image::RgbaImage> Render(const Scene& scene, render::RendererKind
   }
   image::FrameImage& image = result->image;
   composite::FlattenOver(image::Rgba8{0, 0, 0, 255}, &image);
-  return image::RgbaImage{.width = image.width, .height = image.height, .pixels = image.colors};
+  return image::RgbaImage{.width = image.width,
+                          .height = image.height,
+                          .pixels = {image.colors.begin(), image.colors.end()}};
 }
 
 struct Comparison {

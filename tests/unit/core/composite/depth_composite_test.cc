@@ -8,6 +8,7 @@
 
 #include "gtest/gtest.h"
 
+#include "core/base/large_pages.h"
 #include "core/base/random.h"
 
 namespace isoscope::composite {
@@ -122,7 +123,7 @@ TEST(FlattenOverTest, OnlyWhatNoBlockCoversShowsTheBackground) {
   for (const int width : {2, 100}) {
     image::FrameImage image(width, 40);
     image.Set(1, 0, image::FragmentKey(1.0F, 0), {10, 20, 30, 255});
-    std::vector<image::Rgba8> expected(image.pixel_count(), {1, 2, 3, 4});
+    base::LargePageVector<image::Rgba8> expected(image.pixel_count(), {1, 2, 3, 4});
     expected[1] = {10, 20, 30, 255};
     FlattenOver({1, 2, 3, 4}, &image);
     EXPECT_EQ(image.colors, expected);

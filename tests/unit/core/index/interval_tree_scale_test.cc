@@ -70,8 +70,12 @@ void Free(void* memory) {
 void* operator new(std::size_t size) { return Allocate(size); }
 void* operator new[](std::size_t size) { return Allocate(size); }
 // The standard library's temporary buffers come from these.
-void* operator new(std::size_t size, const std::nothrow_t& /*tag*/) noexcept { return AllocateOrNull(size); }
-void* operator new[](std::size_t size, const std::nothrow_t& /*tag*/) noexcept { return AllocateOrNull(size); }
+void* operator new(std::size_t size, const std::nothrow_t& /*tag*/) noexcept {
+  return AllocateOrNull(size);
+}
+void* operator new[](std::size_t size, const std::nothrow_t& /*tag*/) noexcept {
+  return AllocateOrNull(size);
+}
 void operator delete(void* memory) noexcept { Free(memory); }
 void operator delete[](void* memory) noexcept { Free(memory); }
 void operator delete(void* memory, std::size_t /*size*/) noexcept { Free(memory); }
