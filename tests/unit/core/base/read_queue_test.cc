@@ -326,8 +326,8 @@ TEST_P(ReadQueueTest, FileCutAfterItWasOpenedFailsAsReadAtDoes) {
   }
 }
 
-// The memory of this process as a file: a page in the middle that has no content, being past the end
-// of what is mapped there, is a short read, then EIO.
+// The memory of this process as a file: a page in the middle that has no content, being past the
+// end of what is mapped there, is a short read, then EIO.
 TEST_P(ReadQueueTest, ErrorOfTheSystemInTheMiddleFailsThatReadAndNoOther) {
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   char* const memory = static_cast<char*>(
