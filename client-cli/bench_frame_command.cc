@@ -158,9 +158,9 @@ absl::StatusOr<PeerCall> PreparePeer(const BenchFrameFlags& flags, const FrameBe
 
 absl::Status Run(const BenchFrameFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  if (!base::PathExists(*flags.input)) {
-    return absl::NotFoundError(absl::StrCat(
-        "'", *flags.input, "' does not exist; a volume file or a dataset folder is expected"));
+  const bool is_dataset = store::IsDatasetDirectory(*flags.input);
+  if (!is_dataset) {
+    ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
   }
   if (flags.json) {
     ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.json));
@@ -180,9 +180,8 @@ absl::Status Run(const BenchFrameFlags& flags, const Context& context) {
   plan.thread_count = flags.thread_count;
 
   ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
-  ISOSCOPE_ASSIGN_OR_RETURN(plan.datasets, base::IsDirectory(*flags.input)
-                                               ? UseFolder(flags)
-                                               : PartitionEach(flags, folder, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(plan.datasets,
+                            is_dataset ? UseFolder(flags) : PartitionEach(flags, folder, context));
   if (flags.peer) {
     ISOSCOPE_ASSIGN_OR_RETURN(plan.peer, PreparePeer(flags, plan, folder, context));
   }
@@ -210,7 +209,8 @@ Action RegisterFlags(CLI::App* app) {
     return ParseInteger(text, 1, view::kMaxViewportPx);
   };
   AddFlag(app, "input", "INPUT|DIR", &flags->input, ParseText,
-          "volume file (partitioned into a temporary folder for each P) or dataset folder");
+          "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
+          "dataset folder");
   AddListFlag(app, "--isovalue", "V", &flags->isovalues, ParseNumber,
               "one or more levels, in field units");
   AddListFlag(app, "--shards", "P", &flags->shard_counts, ParseShardCount,

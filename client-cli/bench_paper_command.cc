@@ -31,6 +31,7 @@
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/render/renderer_factory.h"
+#include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
 namespace {
@@ -219,15 +220,12 @@ absl::Status WriteResults(const std::string& folder, const PaperBenchResult& res
 
 absl::Status Run(const BenchPaperFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  if (!base::PathExists(*flags.input)) {
-    return absl::NotFoundError(
-        absl::StrCat("'", *flags.input, "' does not exist; a volume file is expected"));
-  }
-  if (base::IsDirectory(*flags.input)) {
+  if (store::IsDatasetDirectory(*flags.input)) {
     return UsageError(absl::StrCat("'", *flags.input,
-                                   "' is a folder; the evaluation cuts the volume anew for each "
-                                   "number of agents: give the volume file"));
+                                   "' is a dataset; the evaluation cuts the volume anew for each "
+                                   "number of agents: give the volume"));
   }
+  ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
   std::string output = *flags.output;
   while (output.size() > 1 && output.back() == '/') {
     output.pop_back();
@@ -284,7 +282,7 @@ Action RegisterFlags(CLI::App* app) {
     return ParseInteger(text, 1, kMaxAgentCount);
   };
   AddFlag(app, "input", "INPUT", &flags->input, ParseText,
-          "the volume file; it is partitioned anew for each number of agents");
+          "a volume, as 'partition' takes it: it is cut anew for each number of agents");
   AddFlag(app, "--output", "DIR", &flags->output, ParseText,
           "folder for tables, plots and report.md; must not exist yet");
   AddListFlag(app, "--isovalues", "V|auto", &flags->isovalues, ParseLevelOrAuto,
