@@ -74,8 +74,8 @@ class IsolatedCluster {
     return shards_.front()->reader->ranges().ActiveBlocks(isovalue).Ids();
   }
 
-  // One frame with no block and no mesh cached, the files in the page cache. agent_index and agent_count of
-  // `request` are set here. Errors as server::RunFrame.
+  // One frame with no block and no mesh cached, the files in the page cache. agent_index and
+  // agent_count of `request` are set here. Errors as server::RunFrame.
   absl::StatusOr<IsolatedFrame> Render(const agent::FrameRequest& request,
                                        const base::Cancellation& cancellation);
 

@@ -36,11 +36,7 @@ class BlockCache {
   // At most `max_bytes` in all: most of it for meshes, which lie in memory of `pool`.
   explicit BlockCache(std::size_t max_bytes,
                       std::shared_ptr<base::MemoryPool> pool = base::MemoryPool::Make())
-      : pool_(std::move(pool)),
-        meshes_(pool_),
-        samples_(0),
-        actives_(0),
-        seen_(kSeenWords) {
+      : pool_(std::move(pool)), meshes_(pool_), samples_(0), actives_(0), seen_(kSeenWords) {
     SetMaxBytes(max_bytes);
   }
 

@@ -62,9 +62,9 @@ absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directo
                                          const std::string& listen_address = "127.0.0.1:0",
                                          const std::vector<std::string>& flags = {});
 // Stands in for the agent at `upstream_address`, passes everything on, and holds the message `hold`
-// ("begin", "occluders" or "visible_blocks") back: the frame then waits in step 1, 2 or 3. It prints
-// "holding" when it does, "cancelled" when a frame that is held is cancelled, and passes everything
-// on after SIGUSR1.
+// ("begin", "occluders" or "visible_blocks") back: the frame then waits in step 1, 2 or 3. It
+// prints "holding" when it does, "cancelled" when a frame that is held is cancelled, and passes
+// everything on after SIGUSR1.
 absl::StatusOr<ServerProcess> StartHoldingAgent(const std::string& upstream_address,
                                                 const std::string& hold);
 // isoscope-coordinator that asks its agents at start and when a frame needs them, but not by the
