@@ -164,7 +164,7 @@ class TilePrediction {
       fn(x, go_on(x, 1));
     }
     fn(std::size_t{kTilePx}, numbers[0]);
-    for (std::size_t row = 2 * kTilePx; row < kTilePixels; row += kTilePx) {
+    for (std::size_t row = std::size_t{2} * kTilePx; row < kTilePixels; row += kTilePx) {
       fn(row, go_on(row, kTilePx));
     }
   }

@@ -212,7 +212,10 @@ Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& ind
   }
   const Footprint everything{.rect = {0, 0, viewport_.width_px, viewport_.height_px},
                              .nearest_depth = 0};
-  const auto& [clip_x, clip_y, clip_z, clip_w] = box.corners;
+  const std::array<double, ClipBox::kCorners>& clip_x = box.corners[0];
+  const std::array<double, ClipBox::kCorners>& clip_y = box.corners[1];
+  const std::array<double, ClipBox::kCorners>& clip_z = box.corners[2];
+  const std::array<double, ClipBox::kCorners>& clip_w = box.corners[3];
   const auto& [error_x, error_y, error_z, error_w] = box.error;
   if (RangeOf([&](std::size_t i) { return clip_z[i] + clip_w[i]; }).min < error_z + error_w) {
     return everything;  // reaches the near plane, where a renderer clips
