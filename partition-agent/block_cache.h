@@ -31,7 +31,7 @@ struct ActiveBlock {
 };
 
 // Thread-safe. Shards are told apart by Shard::number.
-class BlockCache {
+class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an agent
  public:
   // At most `max_bytes` in all: most of it for meshes, which lie in memory of `pool`.
   explicit BlockCache(std::size_t max_bytes,

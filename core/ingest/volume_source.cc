@@ -104,6 +104,7 @@ std::vector<std::string> TiffFilesIn(const std::string& folder) {
 std::vector<std::string> FilesLike(const std::string& pattern) {
   std::vector<std::string> files;
   glob_t found{};
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): the programs never change their environment
   if (glob(pattern.c_str(), 0, nullptr, &found) == 0) {
     files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
   }
