@@ -48,8 +48,6 @@ constexpr std::uint32_t kNumberUnit = 64;
 
 constexpr std::uint32_t NumberOf(Fragment fragment) { return static_cast<std::uint32_t>(fragment); }
 
-// What the renderer keeps of passes that are over, so that a frame touches no fresh memory.
-
 std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
   std::vector<image::Rgba8> table(kShadeSteps + 1);
   for (std::size_t i = 0; i <= kShadeSteps; ++i) {

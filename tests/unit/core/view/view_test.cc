@@ -249,28 +249,36 @@ FloatVertex TransformInFloat(const View& view, const math::Vec3f& p, bool revers
   return {out[0], out[1], out[2], out[3]};
 }
 
+// Some volume of at most `max_samples` a side, seen from outside to well inside of it, and zoomed
+// in.
+absl::StatusOr<View> RandomView(int max_samples, Random* random) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {2 + random->Index(max_samples - 2), 2 + random->Index(max_samples - 2),
+                          2 + random->Index(max_samples - 2)};
+  geometry.spacing = random->Point({0.1, 0.1, 0.1}, {3, 3, 3});
+  geometry.origin = random->Point({-500, -500, -500}, {500, 500, 500});
+  Camera camera = MakeDefaultCamera(geometry.Bounds());
+  Azimuth(random->Uniform(-3, 3), &camera);
+  Elevation(random->Uniform(-1.4, 1.4), &camera);
+  OrthogonalizeUp(&camera);
+  camera.eye = camera.target + (camera.eye - camera.target) * random->Uniform(0.02, 1.5);
+  Zoom(random->Uniform(0.5, 6), &camera);
+  if (random->Index(2) == 0) {
+    camera.projection = Projection::kOrthographic;
+  }
+  const Viewport viewport{1 + random->Index(2000), 1 + random->Index(2000)};
+  return View::Make(camera, viewport, geometry);
+}
+
 // The promise culling rests on. A triangle of the block covers only pixels whose centre is in the
 // hull of its vertices, as float32 and sub-pixel snapping place them; so is the block's rectangle.
 TEST(FootprintTest, NoPointOfABoxIsDrawnOutsideItsRectangle) {
   Random random(7);
   std::int64_t boxes_seen = 0;
   for (int round = 0; round < 400; ++round) {
-    volume::GridGeometry geometry;
-    geometry.sample_dims = {2 + random.Index(700), 2 + random.Index(700), 2 + random.Index(700)};
-    geometry.spacing = random.Point({0.1, 0.1, 0.1}, {3, 3, 3});
-    geometry.origin = random.Point({-500, -500, -500}, {500, 500, 500});
-    Camera camera = MakeDefaultCamera(geometry.Bounds());
-    Azimuth(random.Uniform(-3, 3), &camera);
-    Elevation(random.Uniform(-1.4, 1.4), &camera);
-    OrthogonalizeUp(&camera);
-    // From outside to well inside the volume, and zoomed in.
-    camera.eye = camera.target + (camera.eye - camera.target) * random.Uniform(0.02, 1.5);
-    Zoom(random.Uniform(0.5, 6), &camera);
-    if (random.Index(2) == 0) {
-      camera.projection = Projection::kOrthographic;
-    }
-    const Viewport viewport{1 + random.Index(2000), 1 + random.Index(2000)};
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, View::Make(camera, viewport, geometry));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, RandomView(702, &random));
+    const volume::GridGeometry& geometry = view.geometry();
+    const Viewport& viewport = view.viewport();
     const auto width = static_cast<float>(viewport.width_px);
     const auto height = static_cast<float>(viewport.height_px);
     for (int b = 0; b < 25; ++b) {
@@ -339,24 +347,10 @@ TEST(FootprintTest, ManyAtATimeAreThoseOneByOneOnEveryInstructionSet) {
     std::int64_t outside = 0;
     std::int64_t everything = 0;
     for (int round = 0; round < 150; ++round) {
-      volume::GridGeometry geometry;
-      geometry.sample_dims = {2 + random.Index(90), 2 + random.Index(90), 2 + random.Index(90)};
-      geometry.spacing = random.Point({0.1, 0.1, 0.1}, {3, 3, 3});
-      geometry.origin = random.Point({-500, -500, -500}, {500, 500, 500});
-      Camera camera = MakeDefaultCamera(geometry.Bounds());
-      Azimuth(random.Uniform(-3, 3), &camera);
-      Elevation(random.Uniform(-1.4, 1.4), &camera);
-      OrthogonalizeUp(&camera);
-      camera.eye = camera.target + (camera.eye - camera.target) * random.Uniform(0.02, 1.5);
-      Zoom(random.Uniform(0.5, 6), &camera);
-      if (random.Index(3) == 0) {
-        camera.projection = Projection::kOrthographic;
-      }
-      const Viewport viewport{1 + random.Index(2000), 1 + random.Index(2000)};
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, View::Make(camera, viewport, geometry));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, RandomView(92, &random));
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(
           const volume::BlockLayout layout,
-          volume::BlockLayout::Make(geometry.sample_dims,
+          volume::BlockLayout::Make(view.geometry().sample_dims,
                                     {1 + random.Index(16), 8, 1 + random.Index(16)}));
       std::vector<volume::BlockId> ids;
       for (std::int64_t id = 0; id < layout.block_count(); id += 1 + random.Index(4)) {
