@@ -10,7 +10,6 @@
 #include "client-cli/bench_statistics.h"
 
 #include "core/base/status_macros.h"
-#include "core/composite/pixel_codec.h"
 #include "core/store/shard_reader.h"
 #include "core/view/view.h"
 #include "partition-agent/block_cache.h"
@@ -103,7 +102,7 @@ class IsolatedLink final : public server::AgentLink {
 
  private:
   void SendPixels(const image::FrameImage& image) {
-    for (std::string& band : composite::EncodePixels(image)) {
+    for (std::string& band : pipeline_->Encode(image)) {
       network_bytes_ += static_cast<std::int64_t>(band.size());
       listener_->OnPixels(std::move(band));
     }

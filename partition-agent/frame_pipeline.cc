@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstddef>
 #include <span>
+#include <string>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -21,6 +22,7 @@
 #include "core/base/check.h"
 #include "core/base/read_queue.h"
 #include "core/base/status_macros.h"
+#include "core/composite/pixel_codec.h"
 #include "core/extract/block_extractor.h"
 #include "core/image/pixel_mask.h"
 #include "core/mesh/block_mesh.h"
@@ -204,6 +206,11 @@ class FramePipeline::Impl {
       }
     }
     return Draw(std::move(chosen));
+  }
+
+  std::vector<std::string> Encode(const image::FrameImage& image) {
+    const ScopedTimer timer(&statistics_.busy_duration);
+    return arena_->execute([&] { return composite::EncodePixels(image); });
   }
 
   [[nodiscard]] const visibility::AgentStatistics& statistics() const { return statistics_; }
@@ -526,6 +533,9 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
   return impl_->RenderVisible(blocks, open_pixels);
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->RenderAll(); }
+std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
+  return impl_->Encode(image);
+}
 const visibility::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 
 }  // namespace isoscope::agent

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -64,6 +65,8 @@ class FramePipeline {
                                                   absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
+  // What a step drew as bands (composite::EncodePixels), after that step.
+  std::vector<std::string> Encode(const image::FrameImage& image);
 
   [[nodiscard]] const visibility::AgentStatistics& statistics() const;
 

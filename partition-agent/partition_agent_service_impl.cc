@@ -17,7 +17,6 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
-#include "core/composite/pixel_codec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
@@ -278,13 +277,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return service_->memory_->ReserveStep(request_.viewport, cancellation_);
   }
 
-  // On all threads of the arena.
-  std::vector<std::string> EncodePixels(const image::FrameImage& image) {
-    return service_->arena_->execute([&] { return composite::EncodePixels(image); });
-  }
-
   absl::Status SendPixels(const image::FrameImage& image) {
-    for (std::string& band : EncodePixels(image)) {
+    for (std::string& band : pipeline_->Encode(image)) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
       v1::RenderFrameResponse message;
       message.set_pixels(std::move(band));

@@ -21,6 +21,7 @@
 #include "core/base/status_macros.h"
 #include "core/composite/number_code.h"
 #include "core/composite/tile_prediction.h"
+#include "core/image/tile_coverage.h"
 
 namespace isoscope::composite {
 namespace {
@@ -267,15 +268,9 @@ class BandEncoder {
           side_.present.data() + row_words * static_cast<std::size_t>(tile_y - begin_row_);
       image_.touched.ForEachInRow(tile_y, [&](int tile_x) {
         const TileArea area = AreaOf(tile_x, tile_y, image_);
-        TileMask mask{};
-        for (int row = 0; row < area.rows; ++row) {
-          const std::uint64_t* keys = image_.keys.data() + image_.IndexOf(area.x, area.y + row);
-          std::uint32_t bits = 0;
-          for (int column = 0; column < area.columns; ++column) {
-            bits |= std::uint32_t{keys[column] != image::kBackgroundKey} << column;
-          }
-          mask[static_cast<std::size_t>(row)] = static_cast<std::uint16_t>(bits);
-        }
+        const TileMask mask = image::CoverageOf(image_.keys.data() + image_.IndexOf(area.x, area.y),
+                                                static_cast<std::size_t>(image_.width),
+                                                area.columns, area.rows, image::kBackgroundKey);
         const int count = PixelCount(mask);
         if (count == 0) {
           return;

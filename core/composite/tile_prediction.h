@@ -18,8 +18,7 @@ namespace isoscope::composite {
 inline constexpr int kTilePx = image::TileSet::kTilePx;
 inline constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
 
-// Which pixels of a tile are covered: bit `column` of element `row`.
-using TileMask = std::array<std::uint16_t, kTilePx>;
+using image::TileMask;
 
 inline int PixelCount(const TileMask& mask) {
   int count = 0;

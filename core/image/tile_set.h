@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_IMAGE_TILE_SET_H_
 #define ISOSCOPE_CORE_IMAGE_TILE_SET_H_
 
+#include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -78,6 +79,9 @@ class TileSet {
   std::size_t row_words_ = 0;  // a row of tiles begins at a word, so that rows can be shared out
   std::vector<std::uint64_t> words_;
 };
+
+// Some pixels of a tile: bit `column` of element `row`.
+using TileMask = std::array<std::uint16_t, TileSet::kTilePx>;
 
 }  // namespace isoscope::image
 

@@ -25,6 +25,7 @@
 #include "core/base/check.h"
 #include "core/base/large_pages.h"
 #include "core/base/status_macros.h"
+#include "core/image/tile_coverage.h"
 #include "core/render/cpu_rasterizer.h"
 #include "core/render/shade_kernel.h"
 
@@ -433,6 +434,7 @@ class CpuPass final : public RenderPass {
                               first_row + bit / kImageTileColumns);
       }
     }
+    has_shaded_ = true;
     DropMeshes();
   }
 
@@ -448,33 +450,47 @@ class CpuPass final : public RenderPass {
     constexpr int kTilePx = image::TileSet::kTilePx;
     static_assert(std::size_t{kTilePx} * kTilePx <= ShadeBatch::kCapacity);
     const int begin_x = column * kTilePx;
-    const int end_x = std::min(begin_x + kTilePx, width_);
-    const int end_y = std::min((row + 1) * kTilePx, height_);
+    const int begin_y = row * kTilePx;
+    const int columns = std::min(kTilePx, width_ - begin_x);
+    const int rows = std::min(kTilePx, height_ - begin_y);
+    const std::size_t first = image_.IndexOf(begin_x, begin_y);
+    // No fragment is kShaded too. Most tiles of an agent among many hold a few fragments or none.
+    const image::TileMask unshaded =
+        image::CoverageOf(buffers_->fragments.data() + first, static_cast<std::size_t>(width_),
+                          columns, rows, kNoFragment, ~Fragment{kShaded});
     std::size_t count = 0;
     ShadeBatch& batch = scratch->batch;
-    for (int y = row * kTilePx; y < end_y; ++y) {
-      const std::size_t begin = image_.IndexOf(begin_x, y);
+    for (int y = 0; y < rows; ++y) {
+      const std::uint32_t of_row = unshaded[static_cast<std::size_t>(y)];
+      const std::size_t begin = image_.IndexOf(begin_x, begin_y + y);
       Fragment* fragments = buffers_->fragments.data() + begin;
-      const int width = end_x - begin_x;
-      // Planes of the image come from a pool and have left the cache.
-      for (int x = 0; x < width; x += 8) {
-        __builtin_prefetch(&image_.keys[begin + static_cast<std::size_t>(x)], 1);
+      if (of_row != 0) {
+        // Planes of the image come from a pool and have left the cache.
+        for (int x = 0; x < columns; x += 8) {
+          __builtin_prefetch(&image_.keys[begin + static_cast<std::size_t>(x)], 1);
+        }
+        __builtin_prefetch(&image_.colors[begin], 1);
       }
-      __builtin_prefetch(&image_.colors[begin], 1);
-      for (int x = 0; x < width; ++x) {
+      for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+        const auto x = static_cast<std::uint32_t>(std::countr_zero(rest));
         const Fragment fragment = fragments[x];
-        scratch->pixels[count] = static_cast<std::uint32_t>(begin) + static_cast<std::uint32_t>(x);
+        scratch->pixels[count] = static_cast<std::uint32_t>(begin) + x;
         scratch->fragments[count] = fragment;
-        batch.x[count] = static_cast<float>(begin_x + x) + 0.5F;
-        batch.y[count] = static_cast<float>(y) + 0.5F;
-        // No fragment is kShaded too.
-        count += NumberOf(fragment) != kShaded ? 1U : 0U;
+        batch.x[count] = static_cast<float>(begin_x) + static_cast<float>(x) + 0.5F;
+        batch.y[count] = static_cast<float>(begin_y + y) + 0.5F;
+        ++count;
         fragments[x] = is_last ? kNoFragment : fragment | kShaded;
       }
+      if (is_last && has_shaded_) {
+        std::fill_n(fragments, columns, kNoFragment);
+      }
+    }
+    if (count == 0) {
+      return false;
     }
     batch.count = count;
     ShadePixels(scratch);
-    return count > 0;
+    return true;
   }
 
   void ShadePixels(Resources::Scratch* scratch) {
@@ -601,6 +617,7 @@ class CpuPass final : public RenderPass {
   // by meshes_mutex_.
   std::unique_ptr<PassBuffers> buffers_;
   bool is_clean_ = false;
+  bool has_shaded_ = false;  // guarded by shading_mutex_
   std::uint64_t next_number_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
   std::size_t kept_bytes_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
 };

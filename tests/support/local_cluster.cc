@@ -9,7 +9,6 @@
 #include "absl/synchronization/mutex.h"
 
 #include "core/base/status_macros.h"
-#include "core/composite/pixel_codec.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/frame_pipeline.h"
 #include "server/agent_link.h"
@@ -74,13 +73,13 @@ class LocalAgentLink final : public server::AgentLink {
       listener_->OnRayHits(std::move(selection.hits), std::move(selection.active));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> occluders, Await(&occluders_));
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderOccluders(occluders));
-      SendPixels(image);
+      SendPixels(pipeline->Encode(image));
       listener_->OnOccludersDone();
       ISOSCOPE_ASSIGN_OR_RETURN(const VisibleBlocks visible, Await(&visible_));
       ISOSCOPE_ASSIGN_OR_RETURN(image,
                                 pipeline->RenderVisible(visible.blocks, visible.open_pixels));
     }
-    SendPixels(image);
+    SendPixels(pipeline->Encode(image));
     listener_->OnFrameDone(Statistics(pipeline->statistics()));
     return absl::OkStatus();
   }
@@ -98,9 +97,8 @@ class LocalAgentLink final : public server::AgentLink {
     return **message;
   }
 
-  void SendPixels(const image::FrameImage& image) {
-    for (std::string& band :
-         resources_.arena->execute([&] { return composite::EncodePixels(image); })) {
+  void SendPixels(std::vector<std::string> bands) {
+    for (std::string& band : bands) {
       listener_->OnPixels(std::move(band));
     }
   }
