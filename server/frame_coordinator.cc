@@ -105,7 +105,10 @@ enum class Stage { kSelecting, kRenderingOccluders, kRenderingVisible, kDone, kE
 class Frame {
  public:
   Frame(const FrameSetup& setup, const base::Cancellation& cancellation)
-      : setup_(setup), cancellation_(cancellation), start_(absl::Now()) {
+      : setup_(setup),
+        cancellation_(cancellation),
+        start_(absl::Now()),
+        row_locks_(setup.view->viewport().height_px) {
     const view::Viewport& viewport = setup.view->viewport();
     result_.image = setup.images->Take(viewport.width_px, viewport.height_px);
   }
@@ -202,33 +205,31 @@ class Frame {
     return absl::OkStatus();
   }
 
-  // Composites the bands that `events` begins with, and takes them off. Bands of one agent cover
-  // different rows: they are decoded side by side.
+  // Composites the bands that `events` begins with, side by side, and takes them off.
   absl::Status HandlePixels(std::deque<Event>* events) {
-    std::vector<std::vector<std::string>> bands(agents_.size());
+    std::vector<Event> bands;
     for (; !events->empty() && std::holds_alternative<Pixels>(events->front().what);
          events->pop_front()) {
-      Event& event = events->front();
-      const Agent& agent = agents_[event.agent_index];
+      const Agent& agent = agents_[events->front().agent_index];
       if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
         return OutOfOrder(agent, "pixels");
       }
-      last_arrival_ = event.arrival;
-      bands[event.agent_index].push_back(std::move(std::get<Pixels>(event.what).band));
+      last_arrival_ = events->front().arrival;
+      bands.push_back(std::move(events->front()));
     }
-    for (std::size_t i = 0; i < agents_.size(); ++i) {
-      std::vector<absl::Status> statuses(bands[i].size());
-      const auto decode = [&](std::size_t band) {
-        statuses[band] = composite::DecodePixelsInto(bands[i][band], &result_.image);
-      };
-      setup_.arena->execute([&] {
-        tbb::parallel_for(std::size_t{0}, statuses.size(), decode, tbb::simple_partitioner());
-      });
-      for (const absl::Status& status : statuses) {
-        if (!status.ok()) {
-          return {status.code(),
-                  absl::StrCat("pixels of ", agents_[i].link->name(), ": ", status.message())};
-        }
+    std::vector<absl::Status> statuses(bands.size());
+    const auto decode = [&](std::size_t i) {
+      statuses[i] = composite::DecodePixelsInto(std::get<Pixels>(bands[i].what).band,
+                                                &result_.image, &row_locks_);
+    };
+    setup_.arena->execute([&] {
+      tbb::parallel_for(std::size_t{0}, bands.size(), decode, tbb::simple_partitioner());
+    });
+    for (std::size_t i = 0; i < bands.size(); ++i) {
+      if (!statuses[i].ok()) {
+        return {statuses[i].code(),
+                absl::StrCat("pixels of ", agents_[bands[i].agent_index].link->name(), ": ",
+                             statuses[i].message())};
       }
     }
     return absl::OkStatus();
@@ -416,6 +417,7 @@ class Frame {
   volume::BlockSet occluding_;
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
+  composite::RowLocks row_locks_;  // of its image
 };
 
 }  // namespace

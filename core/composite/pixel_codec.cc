@@ -11,6 +11,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_format.h"
+#include "absl/synchronization/mutex.h"
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
@@ -35,11 +36,19 @@ constexpr std::size_t kHeaderSize = 56;
 constexpr std::uint8_t kVersion = 2;
 // What follows the extra bits, so that reading 8 bytes at once never leaves the band.
 constexpr std::size_t kPaddingBytes = 8;
-// A full tile of as many blocks as pixels: coverage, dictionary size; for each pixel block id,
-// label, control byte, extra bits.
-constexpr std::int64_t kMaxTileBytes = 2 * kTilePx + 1 + kTilePixels * (4 + 1 + 1 + 4 + 4);
+// Of a tile: coverage, dictionary size.
+constexpr std::size_t kMaxTileOverhead = 2 * kTilePx + 1;
+// If each pixel has a block of its own: block id, label, control byte, extra bits.
+constexpr std::size_t kMaxPixelBytes = 4 + 1 + 1 + 4 + 4;
+// Header, palette, and what Zstandard adds to bytes that it can't make less of.
+constexpr std::size_t kMaxFixedBytes = std::size_t{1} << 15;
 // One row of tiles of the widest image must fit into a band.
-static_assert(kMaxTileBytes * (16384 / kTilePx) + (std::int64_t{1} << 14) < kMaxBandBytes);
+static_assert((kMaxTileOverhead + kTilePixels * kMaxPixelBytes) * (16384 / kTilePx) +
+                  kMaxFixedBytes + 8 * (16384 / kTilePx / 64) <
+              kMaxBandBytes);
+// Fewer do not pay for a band of their own; more bands than wanted do not keep more cores busy.
+constexpr std::size_t kMinBandPixels = std::size_t{1} << 14;
+constexpr std::size_t kBandsWanted = 16;
 constexpr std::uint32_t kOneBits = std::bit_cast<std::uint32_t>(1.0F);
 // Bands of more colours send each as it is.
 constexpr std::size_t kMaxPaletteSize = 2048;
@@ -235,18 +244,88 @@ void FromDifferences(std::vector<std::uint32_t>* numbers) {
   }
 }
 
-// The rows of tiles [begin_row, end_row) of an image.
+// The tiles of one row that have a covered pixel.
+struct TileRow {
+  std::vector<TileArea> areas;
+  std::vector<TileMask> masks;
+  std::size_t pixel_count = 0;
+};
+
+TileRow FindCovered(const image::FrameImage& image, int tile_y) {
+  TileRow row;
+  image.touched.ForEachInRow(tile_y, [&](int tile_x) {
+    const TileArea area = AreaOf(tile_x, tile_y, image);
+    const TileMask mask = image::CoverageOf(image.keys.data() + image.IndexOf(area.x, area.y),
+                                            static_cast<std::size_t>(image.width), area.columns,
+                                            area.rows, image::kBackgroundKey);
+    if (mask != TileMask{}) {
+      row.areas.push_back(area);
+      row.masks.push_back(mask);
+      row.pixel_count += static_cast<std::size_t>(PixelCount(mask));
+    }
+  });
+  return row;
+}
+
+// Rows of tiles [begin, end).
+struct BandRows {
+  int begin = 0;
+  int end = 0;
+};
+
+// The bands of an image: none without a covered pixel, and not more than it needs, as each has a
+// header, a palette and a Zstandard frame of its own.
+std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t row_bytes) {
+  std::size_t pixels_in_all = 0;
+  for (const TileRow& row : rows) {
+    pixels_in_all += row.pixel_count;
+  }
+  const std::size_t pixels_wanted = std::max(kMinBandPixels, pixels_in_all / kBandsWanted);
+  std::vector<BandRows> bands;
+  std::size_t pixels = 0;
+  std::size_t bytes = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].pixel_count == 0) {
+      continue;
+    }
+    const int row = static_cast<int>(i);
+    const std::size_t more =
+        rows[i].areas.size() * kMaxTileOverhead + rows[i].pixel_count * kMaxPixelBytes;
+    const auto gap = bands.empty() ? 0 : static_cast<std::size_t>(row - bands.back().end);
+    if (bands.empty() || pixels >= pixels_wanted ||
+        bytes + more + (gap + 1) * row_bytes > static_cast<std::size_t>(kMaxBandBytes)) {
+      bands.push_back({row, row});
+      pixels = 0;
+      bytes = kMaxFixedBytes;
+    } else {
+      bytes += gap * row_bytes;
+    }
+    bands.back().end = row + 1;
+    pixels += rows[i].pixel_count;
+    bytes += more + row_bytes;
+  }
+  return bands;
+}
+
+// Some rows of tiles of an image, the first and the last of them with a covered pixel.
 class BandEncoder {
  public:
-  BandEncoder(const image::FrameImage& image, int begin_row, int end_row)
-      : image_(image), begin_row_(begin_row), end_row_(end_row) {}
-
-  // Empty: there is no covered pixel.
-  std::string Encode() {
-    FindCovered();
-    if (pixel_count_ == 0) {
-      return {};
+  BandEncoder(const image::FrameImage& image, BandRows rows, std::span<const TileRow> tiles)
+      : image_(image), rows_(rows) {
+    const std::size_t row_words = RowWords(image_.touched);
+    side_.present.resize(row_words * tiles.size());
+    for (std::size_t row = 0; row < tiles.size(); ++row) {
+      for (const TileArea& area : tiles[row].areas) {
+        const auto tile_x = static_cast<std::size_t>(area.x / kTilePx);
+        side_.present[row_words * row + tile_x / 64] |= std::uint64_t{1} << (tile_x % 64);
+      }
+      areas_.insert(areas_.end(), tiles[row].areas.begin(), tiles[row].areas.end());
+      side_.masks.insert(side_.masks.end(), tiles[row].masks.begin(), tiles[row].masks.end());
+      pixel_count_ += tiles[row].pixel_count;
     }
+  }
+
+  std::string Encode() {
     FindColors();
     controls_ = std::make_unique_for_overwrite<std::uint8_t[]>(pixel_count_ + kClassifyPadding);
     extras_ = std::make_unique_for_overwrite<char[]>(2 * kMaxExtraBits / 8 * pixel_count_ +
@@ -260,29 +339,6 @@ class BandEncoder {
   }
 
  private:
-  void FindCovered() {
-    const std::size_t row_words = RowWords(image_.touched);
-    side_.present.resize(row_words * static_cast<std::size_t>(end_row_ - begin_row_));
-    for (int tile_y = begin_row_; tile_y < end_row_; ++tile_y) {
-      std::uint64_t* present =
-          side_.present.data() + row_words * static_cast<std::size_t>(tile_y - begin_row_);
-      image_.touched.ForEachInRow(tile_y, [&](int tile_x) {
-        const TileArea area = AreaOf(tile_x, tile_y, image_);
-        const TileMask mask = image::CoverageOf(image_.keys.data() + image_.IndexOf(area.x, area.y),
-                                                static_cast<std::size_t>(image_.width),
-                                                area.columns, area.rows, image::kBackgroundKey);
-        const int count = PixelCount(mask);
-        if (count == 0) {
-          return;
-        }
-        present[tile_x / 64] |= std::uint64_t{1} << (tile_x % 64);
-        side_.masks.push_back(mask);
-        areas_.push_back(area);
-        pixel_count_ += static_cast<std::size_t>(count);
-      });
-    }
-  }
-
   // The palette, and which slot of it each covered pixel has.
   void FindColors() {
     slots_ = std::make_unique_for_overwrite<std::uint16_t[]>(pixel_count_);
@@ -395,7 +451,7 @@ class BandEncoder {
     base::AppendLittleEndian(std::uint16_t{0}, &bytes);
     for (const std::size_t field :
          {static_cast<std::size_t>(image_.width), static_cast<std::size_t>(image_.height),
-          static_cast<std::size_t>(begin_row_), static_cast<std::size_t>(end_row_ - begin_row_),
+          static_cast<std::size_t>(rows_.begin), static_cast<std::size_t>(rows_.end - rows_.begin),
           pixel_count_, areas_.size(), dictionary_count, side_.labels.size(),
           palette_numbers_.size(), frame.size(), extras_size_}) {
       base::AppendLittleEndian(static_cast<std::uint32_t>(field), &bytes);
@@ -416,8 +472,7 @@ class BandEncoder {
   }
 
   const image::FrameImage& image_;
-  const int begin_row_;
-  const int end_row_;
+  const BandRows rows_;
   SideInfo side_;
   std::vector<TileArea> areas_;  // of tiles with a covered pixel
   std::size_t pixel_count_ = 0;
@@ -531,32 +586,45 @@ class BandDecoder {
   }
 
   // REQUIRES: Decode returned OK.
-  void CompositeInto(image::FrameImage* into) const {
-    const std::uint64_t* key = keys_.get();
-    const image::Rgba8* color = colors_.get();
-    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
-      const TileArea& area = areas_[tile];
-      into->touched.Insert(area.x / kTilePx, area.y / kTilePx);
-      for (std::size_t row = 0; row < kTilePx; ++row) {
-        const std::uint32_t mask = side_.masks[tile][row];
-        if (mask == 0) {
-          continue;
-        }
-        const std::size_t first = into->IndexOf(area.x, area.y + static_cast<int>(row));
-        std::uint64_t* keys = into->keys.data() + first;
-        image::Rgba8* colors = into->colors.data() + first;
-        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1, ++key, ++color) {
-          const int column = std::countr_zero(rest);
-          if (*key < keys[column]) {
-            keys[column] = *key;
-            colors[column] = *color;
-          }
-        }
+  void CompositeInto(RowLocks* locks, image::FrameImage* into) const {
+    Cursor cursor{.key = keys_.get(), .color = colors_.get()};
+    for (std::size_t tile = 0; tile < areas_.size();) {
+      const int tile_row = areas_[tile].y / kTilePx;
+      const absl::MutexLockMaybe lock(locks == nullptr ? nullptr : &locks->OfTileRow(tile_row));
+      for (; tile < areas_.size() && areas_[tile].y / kTilePx == tile_row; ++tile) {
+        CompositeTile(tile, &cursor, into);
       }
     }
   }
 
  private:
+  // The next pixel.
+  struct Cursor {
+    const std::uint64_t* key;
+    const image::Rgba8* color;
+  };
+
+  void CompositeTile(std::size_t tile, Cursor* cursor, image::FrameImage* into) const {
+    const TileArea& area = areas_[tile];
+    into->touched.Insert(area.x / kTilePx, area.y / kTilePx);
+    for (std::size_t row = 0; row < kTilePx; ++row) {
+      const std::uint32_t mask = side_.masks[tile][row];
+      if (mask == 0) {
+        continue;
+      }
+      const std::size_t first = into->IndexOf(area.x, area.y + static_cast<int>(row));
+      std::uint64_t* keys = into->keys.data() + first;
+      image::Rgba8* colors = into->colors.data() + first;
+      for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1, ++cursor->key, ++cursor->color) {
+        const int column = std::countr_zero(rest);
+        if (*cursor->key < keys[column]) {
+          keys[column] = *cursor->key;
+          colors[column] = *cursor->color;
+        }
+      }
+    }
+  }
+
   absl::Status ReadSideInfo() {
     const std::size_t present_count =
         RowWords(image_.touched) * static_cast<std::size_t>(header_.row_count);
@@ -741,29 +809,29 @@ class BandDecoder {
 }  // namespace
 
 std::vector<std::string> EncodePixels(const image::FrameImage& image) {
-  const int columns = image.touched.columns();
-  const int rows = image.touched.rows();
-  if (columns == 0 || rows == 0) {
-    return {};
-  }
-  constexpr std::int64_t kFixedBytes = std::int64_t{1} << 14;  // header, palette, coverage of tiles
-  const int rows_per_band = static_cast<int>(std::clamp<std::int64_t>(
-      (kMaxBandBytes - kFixedBytes) / (kMaxTileBytes * columns), 1, kMaxBandRows / kTilePx));
-  std::vector<std::string> bands(static_cast<std::size_t>((rows - 1) / rows_per_band + 1));
-  tbb::parallel_for(std::size_t{0}, bands.size(), [&](std::size_t index) {
-    const int begin_row = static_cast<int>(index) * rows_per_band;
-    bands[index] =
-        BandEncoder(image, begin_row, std::min(rows, begin_row + rows_per_band)).Encode();
+  std::vector<TileRow> rows(static_cast<std::size_t>(image.touched.rows()));
+  tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t row) {
+    rows[row] = FindCovered(image, static_cast<int>(row));
   });
-  std::erase(bands, std::string());
+  const std::vector<BandRows> cuts = CutIntoBands(rows, 8 * RowWords(image.touched));
+  std::vector<std::string> bands(cuts.size());
+  tbb::parallel_for(std::size_t{0}, bands.size(), [&](std::size_t i) {
+    const auto begin = static_cast<std::size_t>(cuts[i].begin);
+    const auto count = static_cast<std::size_t>(cuts[i].end - cuts[i].begin);
+    bands[i] = BandEncoder(image, cuts[i], std::span(rows).subspan(begin, count)).Encode();
+  });
   return bands;
 }
 
-absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into) {
+RowLocks::RowLocks(int height_px)
+    : mutexes_(std::make_unique<absl::Mutex[]>(
+          static_cast<std::size_t>((height_px + kTilePx - 1) / kTilePx))) {}
+
+absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into, RowLocks* locks) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Header header, ReadHeader(band, *into));
   BandDecoder decoder(band, header, *into);
   ISOSCOPE_RETURN_IF_ERROR(decoder.Decode());
-  decoder.CompositeInto(into);
+  decoder.CompositeInto(locks, into);
   return absl::OkStatus();
 }
 
