@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/synchronization/mutex.h"
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
 #include <oneapi/tbb/info.h>
@@ -13,6 +14,8 @@
 #include "core/base/memory_info.h"
 
 int main(int argc, char** argv) {
+  // Debian builds abseil with it: every lock would take a global one.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   // Agents and the partitioner keep to memory limits in this process, too.
   isoscope::base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   // Never destroyed: its thread waits until the process ends.

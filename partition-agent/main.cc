@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
+#include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include <CLI/CLI.hpp>
 #include <oneapi/tbb/global_control.h>
@@ -143,6 +144,8 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
 }
 
 int Main(int argc, char** argv) {
+  // Debian builds abseil with it: every lock would take a global one.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   rpc::SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;
