@@ -1,6 +1,7 @@
 #include "client-cli/bench_paper.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <iterator>
@@ -92,13 +93,34 @@ class Bench {
   // A frame whose times are the least over the runs.
   absl::StatusOr<IsolatedFrame> Measure(IsolatedCluster* cluster,
                                         const agent::FrameRequest& request) {
-    ISOSCOPE_ASSIGN_OR_RETURN(IsolatedFrame least, cluster->Render(request, cancellation_));
-    for (int run = 1; run < plan_.run_count; ++run) {
-      ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame, cluster->Render(request, cancellation_));
-      for (std::size_t i = 0; i < least.agents.size(); ++i) {
-        least.agents[i].busy_ms = std::min(least.agents[i].busy_ms, frame.agents[i].busy_ms);
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<IsolatedFrame> least,
+                              MeasureInTurn({{cluster, request}}));
+    return std::move(least.front());
+  }
+
+  // Frames to compare with each other, run by run: what slows the machine down for a while slows
+  // all of them.
+  struct FrameToMeasure {
+    IsolatedCluster* cluster;
+    agent::FrameRequest request;
+  };
+  absl::StatusOr<std::vector<IsolatedFrame>> MeasureInTurn(
+      const std::vector<FrameToMeasure>& frames) {
+    std::vector<IsolatedFrame> least;
+    for (int run = 0; run < plan_.run_count; ++run) {
+      for (std::size_t f = 0; f < frames.size(); ++f) {
+        ISOSCOPE_ASSIGN_OR_RETURN(IsolatedFrame frame,
+                                  frames[f].cluster->Render(frames[f].request, cancellation_));
+        if (run == 0) {
+          least.push_back(std::move(frame));
+          continue;
+        }
+        for (std::size_t i = 0; i < frame.agents.size(); ++i) {
+          double& busy_ms = least[f].agents[i].busy_ms;
+          busy_ms = std::min(busy_ms, frame.agents[i].busy_ms);
+        }
+        least[f].other_ms = std::min(least[f].other_ms, frame.other_ms);
       }
-      least.other_ms = std::min(least.other_ms, frame.other_ms);
     }
     return least;
   }
@@ -114,20 +136,29 @@ class Bench {
 
   // Figure 6.
   absl::Status MeasureSweep() {
-    for (const visibility::Culling culling :
-         {visibility::Culling::kNone, visibility::Culling::kDepth, visibility::Culling::kMask}) {
-      for (const double isovalue : result_.isovalues) {
-        progress_(absl::StrFormat("figure 6: isovalue %g", isovalue));
-        ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame,
-                                  Measure(whole_.get(), MakeRequest(isovalue, culling)));
-        result_.sweep.push_back({.isovalue = isovalue,
-                                 .culling = culling,
-                                 .active_block_count = frame.active_block_count(),
-                                 .drawn_block_count = frame.drawn_block_count(),
-                                 .triangle_count = frame.triangle_count(),
-                                 .busy_ms = frame.agents.front().busy_ms,
-                                 .other_ms = frame.other_ms});
+    constexpr std::array kCullings = {visibility::Culling::kNone, visibility::Culling::kDepth,
+                                      visibility::Culling::kMask};
+    std::array<std::vector<SweepRow>, kCullings.size()> rows;
+    for (const double isovalue : result_.isovalues) {
+      progress_(absl::StrFormat("figure 6: isovalue %g", isovalue));
+      std::vector<FrameToMeasure> frames;
+      for (const visibility::Culling culling : kCullings) {
+        frames.push_back({whole_.get(), MakeRequest(isovalue, culling)});
       }
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<IsolatedFrame> measured, MeasureInTurn(frames));
+      for (std::size_t i = 0; i < kCullings.size(); ++i) {
+        const IsolatedFrame& frame = measured[i];
+        rows[i].push_back({.isovalue = isovalue,
+                           .culling = kCullings[i],
+                           .active_block_count = frame.active_block_count(),
+                           .drawn_block_count = frame.drawn_block_count(),
+                           .triangle_count = frame.triangle_count(),
+                           .busy_ms = frame.agents.front().busy_ms,
+                           .other_ms = frame.other_ms});
+      }
+    }
+    for (const std::vector<SweepRow>& of_culling : rows) {
+      result_.sweep.insert(result_.sweep.end(), of_culling.begin(), of_culling.end());
     }
     return absl::OkStatus();
   }
@@ -242,15 +273,18 @@ class Bench {
       if (!HasBlocksFor(agent_count)) {
         continue;
       }
+      const agent::FrameRequest request =
+          MakeRequest(result_.speedup_isovalue, visibility::Culling::kDepth);
       std::unique_ptr<IsolatedCluster> cluster;
+      std::vector<FrameToMeasure> in_turn{{whole_.get(), request}};
       if (agent_count > 1) {
         ISOSCOPE_ASSIGN_OR_RETURN(cluster, Open(store::Distribution::kRandom, agent_count));
+        in_turn.push_back({cluster.get(), request});
       }
       progress_(absl::StrFormat("figure 7: %d agents", agent_count));
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          const IsolatedFrame frame,
-          Measure(cluster == nullptr ? whole_.get() : cluster.get(),
-                  MakeRequest(result_.speedup_isovalue, visibility::Culling::kDepth)));
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<IsolatedFrame> frames, MeasureInTurn(in_turn));
+      const IsolatedFrame& alone = frames.front();
+      const IsolatedFrame& frame = frames.back();
       for (std::size_t i = 0; i < frame.agents.size(); ++i) {
         result_.agents.push_back({.agent_count = agent_count,
                                   .agent = static_cast<int>(i),
@@ -261,10 +295,10 @@ class Bench {
       SpeedupRow row{.agent_count = agent_count,
                      .max_busy_ms = *std::max_element(busy_ms.begin(), busy_ms.end()),
                      .sum_busy_ms = Sum(busy_ms),
-                     .other_ms = frame.other_ms};
-      const SpeedupRow& alone = result_.speedups.empty() ? row : result_.speedups.front();
-      row.agent_speedup = alone.max_busy_ms / row.max_busy_ms;
-      row.frame_speedup = (alone.max_busy_ms + alone.other_ms) / (row.max_busy_ms + row.other_ms);
+                     .other_ms = frame.other_ms,
+                     .alone_busy_ms = alone.agents.front().busy_ms};
+      row.agent_speedup = row.alone_busy_ms / row.max_busy_ms;
+      row.frame_speedup = (row.alone_busy_ms + alone.other_ms) / (row.max_busy_ms + row.other_ms);
       result_.speedups.push_back(row);
     }
     return absl::OkStatus();

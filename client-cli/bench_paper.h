@@ -92,7 +92,8 @@ struct SpeedupRow {
   double max_busy_ms = 0;
   double sum_busy_ms = 0;
   double other_ms = 0;
-  double agent_speedup = 0;  // busy time of one agent alone over the longest of these
+  double alone_busy_ms = 0;  // of one agent, measured in turn with these
+  double agent_speedup = 0;  // that over the longest of these
   double frame_speedup = 0;  // the same with other_ms on both sides
 };
 
