@@ -14,6 +14,7 @@
 #include "core/base/compression.h"
 #include "core/base/crc32c.h"
 #include "core/base/random.h"
+#include "core/composite/depth_composite.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::composite {
@@ -127,6 +128,61 @@ TEST(PixelCodecTest, BandsOfALargeImageAreLimitedAndInAnyOrder) {
   }
   std::swap(bands.front(), bands.back());
   EXPECT_EQ(Decode(bands, 4000, 300), image);
+}
+
+TEST(PixelCodecTest, AnImageHasNoMoreBandsThanItsPixelsNeed) {
+  // 10 000 pixels all over the picture: one. A wide picture of noise: as many as their size asks
+  // for. Rows without a pixel, before, between and after, are in none.
+  EXPECT_EQ(EncodePixels(MakeNoise(1000, 1000, 0.01, 3)).size(), 1U);
+  const image::FrameImage wide = MakeNoise(16384, 40, 1.0, 4);
+  const std::vector<std::string> bands = EncodePixels(wide);
+  EXPECT_EQ(bands.size(), 3U) << "a row of tiles is most of what a band may hold";
+  for (const std::string& band : bands) {
+    EXPECT_LE(static_cast<std::int64_t>(band.size()), kMaxBandBytes);
+  }
+  EXPECT_EQ(Decode(bands, wide.width, wide.height), wide);
+  image::FrameImage gaps(2048, 1200);
+  for (int x = 0; x < gaps.width; ++x) {
+    for (int y = 100; y < 110; ++y) {
+      gaps.Set(x, y, image::FragmentKey(0.5F, 3), {1, 2, 3, 255});
+      gaps.Set(x, 908 + y, image::FragmentKey(0.25F, 4), {4, 5, 6, 255});
+    }
+  }
+  const std::vector<std::string> of_gaps = EncodePixels(gaps);
+  EXPECT_EQ(of_gaps.size(), 2U);
+  EXPECT_EQ(Decode(of_gaps, gaps.width, gaps.height), gaps);
+}
+
+TEST(PixelCodecTest, BandsOfManyImagesCanBeCompositedAtTheSameTimeWithLocks) {
+  constexpr int kWidth = 300;
+  constexpr int kHeight = 170;
+  image::FrameImage expected(kWidth, kHeight);
+  std::vector<std::string> bands;
+  for (std::uint64_t seed = 0; seed < 12; ++seed) {
+    // Some at all pixels, some at a few.
+    const image::FrameImage image = MakeNoise(kWidth, kHeight, seed % 3 == 0 ? 1.0 : 0.1, seed);
+    CompositeInto(image, &expected);
+    for (std::string& band : EncodePixels(image)) {
+      bands.push_back(std::move(band));
+    }
+  }
+  for (int round = 0; round < 5; ++round) {
+    image::FrameImage into(kWidth, kHeight);
+    RowLocks locks(kHeight);
+    std::vector<std::thread> threads;
+    for (std::size_t first = 0; first < 4; ++first) {
+      threads.emplace_back([&, first] {
+        for (std::size_t i = first; i < bands.size(); i += 4) {
+          ISOSCOPE_EXPECT_OK(DecodePixelsInto(bands[i], &into, &locks));
+        }
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    EXPECT_EQ(into, expected);
+    EXPECT_EQ(into.touched, expected.touched);
+  }
 }
 
 TEST(PixelCodecTest, ASmoothSurfaceIsSentInFewBytes) {
