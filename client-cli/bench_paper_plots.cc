@@ -52,7 +52,7 @@ OutputFile BalanceScript(int agent_count) {
     const struct {
       const char* title;
       int column;
-    } panels[] = {{"active blocks", 5}, {"triangles", 6}, {"extraction and drawing, ms", 7}};
+    } panels[] = {{"active blocks", 5}, {"triangles", 6}, {"busy time of the agent, ms", 7}};
     for (const auto& panel : panels) {
       absl::StrAppendFormat(&body,
                             "set title '%s: %s'\n"
@@ -102,7 +102,7 @@ OutputFile SweepScript() {
   const struct {
     const char* title;
     int column;
-  } panels[] = {{"(a) triangles extracted", 5}, {"(b) extraction and drawing, ms", 6}};
+  } panels[] = {{"(a) triangles extracted", 5}, {"(b) busy time of the agent, ms", 6}};
   for (const auto& panel : panels) {
     absl::StrAppendFormat(&body,
                           "set title '%s'\n"
