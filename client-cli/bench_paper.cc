@@ -142,6 +142,7 @@ class Bench {
     for (const double isovalue : result_.isovalues) {
       progress_(absl::StrFormat("figure 6: isovalue %g", isovalue));
       std::vector<FrameToMeasure> frames;
+      frames.reserve(kCullings.size());
       for (const visibility::Culling culling : kCullings) {
         frames.push_back({whole_.get(), MakeRequest(isovalue, culling)});
       }

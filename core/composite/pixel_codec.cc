@@ -42,9 +42,10 @@ constexpr std::size_t kMaxTileOverhead = 2 * kTilePx + 1;
 constexpr std::size_t kMaxPixelBytes = 4 + 1 + 1 + 4 + 4;
 // Header, palette, and what Zstandard adds to bytes that it can't make less of.
 constexpr std::size_t kMaxFixedBytes = std::size_t{1} << 15;
-// One row of tiles of the widest image must fit into a band.
-static_assert((kMaxTileOverhead + kTilePixels * kMaxPixelBytes) * (16384 / kTilePx) +
-                  kMaxFixedBytes + 8 * (16384 / kTilePx / 64) <
+// One row of tiles of the widest image, with its bits of presence, must fit into a band.
+constexpr std::size_t kMaxColumns = 16384 / kTilePx;
+static_assert((kMaxTileOverhead + kTilePixels * kMaxPixelBytes) * kMaxColumns + kMaxColumns / 8 +
+                  kMaxFixedBytes <
               kMaxBandBytes);
 // Fewer do not pay for a band of their own; more bands than wanted do not keep more cores busy.
 constexpr std::size_t kMinBandPixels = std::size_t{1} << 14;

@@ -18,7 +18,7 @@ using D = hn::CappedTag<std::uint64_t, 8>;
 
 TileMask CoverageOfWhole(const std::uint64_t* words, std::size_t stride, std::uint64_t empty,
                          std::uint64_t ignored) {
-  constexpr D d;
+  const D d;
   const std::size_t lanes = hn::Lanes(d);
   const auto empty_lanes = hn::Set(d, empty);
   const auto ignored_lanes = hn::Set(d, ignored);
