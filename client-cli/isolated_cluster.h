@@ -39,7 +39,7 @@ struct IsolatedFrame {
   std::vector<volume::BlockId> ray_hits;
   std::vector<volume::BlockId> occluding;  // with ray_hits
   std::vector<volume::BlockId> drawn;      // with occluding
-  // All that is not an agent's busy time: pixel codecs, reduces, the test of blocks.
+  // All that is not an agent's busy time: decoding pixels, reduces, the test of blocks.
   double other_ms = 0;
 
   [[nodiscard]] std::int64_t active_block_count() const;

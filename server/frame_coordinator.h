@@ -59,8 +59,8 @@ using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>
 
 // Runs one frame to its end. Blocks. Any agent's error ends the frame with that error and cancels
 // the others; the frame ends no later than the cancellation's deadline, with DEADLINE_EXCEEDED
-// naming the agents that had not answered. Decodes and composites bands on the calling thread as
-// they come.
+// naming the agents that had not answered. Bands are decoded and composited as they come, side by
+// side in the setup's arena.
 absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                                      const base::Cancellation& cancellation);
 

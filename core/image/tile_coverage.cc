@@ -13,7 +13,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// At most a row; StoreMaskBits then writes one byte.
+// At most half a row: StoreMaskBits then writes one byte.
 using D = hn::CappedTag<std::uint64_t, 8>;
 
 TileMask CoverageOfWhole(const std::uint64_t* words, std::size_t stride, std::uint64_t empty,

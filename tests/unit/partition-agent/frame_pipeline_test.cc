@@ -215,6 +215,16 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
   EXPECT_GE(frame.statistics.busy_duration, frame.after_selection.busy_duration);
 }
 
+TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
+  const SmallDataset dataset(1);
+  const FrameRequest request = dataset.Request();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, pipeline->RenderAll());
+  const absl::Duration before = pipeline->statistics().busy_duration;
+  ASSERT_FALSE(pipeline->Encode(image).empty());
+  EXPECT_GT(pipeline->statistics().busy_duration, before);
+}
+
 TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
