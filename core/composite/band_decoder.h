@@ -1,0 +1,33 @@
+// From the bytes of a band to pixels.
+
+#ifndef ISOSCOPE_CORE_COMPOSITE_BAND_DECODER_H_
+#define ISOSCOPE_CORE_COMPOSITE_BAND_DECODER_H_
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/composite/band_format.h"
+#include "core/composite/tile_prediction.h"
+#include "core/image/frame_image.h"
+
+namespace isoscope::composite {
+
+// The covered pixels of a band: tile by tile, row by row.
+struct BandPixels {
+  std::vector<TileArea> areas;  // of tiles with a covered pixel, in rows from the top
+  std::vector<TileMask> masks;  // the covered pixels of each
+  std::unique_ptr<std::uint64_t[]> keys;
+  std::unique_ptr<image::Rgba8[]> colors;
+};
+
+// DATA_LOSS if the bytes are damaged or don't fit `image`, of which the size alone counts.
+// O(pixels). Thread-safe.
+absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image);
+
+}  // namespace isoscope::composite
+
+#endif  // ISOSCOPE_CORE_COMPOSITE_BAND_DECODER_H_

@@ -1,0 +1,310 @@
+#include "core/composite/band_encoder.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <utility>
+
+#include "core/base/compression.h"
+#include "core/base/large_pages.h"
+#include "core/composite/number_code.h"
+
+namespace isoscope::composite {
+namespace {
+
+// The colours of a band, and their indices when they are sorted.
+class Palette {
+ public:
+  static constexpr std::uint16_t kNone = 0xffff;
+
+  // Where `number` is kept; it is added if it is new. kNone once there are too many.
+  std::uint16_t SlotOf(std::uint32_t number) {
+    // Colours of one material, of the same red, differ little in green and blue: their low bits
+    // tell them apart.
+    std::size_t at = (number >> 20 & 0xff0) | (number >> 14 & 12) | (number >> 8 & 3);
+    while (numbers_[at] != number || indices_[at] == kNone) {
+      if (indices_[at] == kNone) {
+        if (size_ == kMaxPaletteSize) {
+          return kNone;
+        }
+        numbers_[at] = number;
+        indices_[at] = 0;
+        ++size_;
+        break;
+      }
+      at = (at + 1) % numbers_.size();
+    }
+    return static_cast<std::uint16_t>(at);
+  }
+
+  // The colours, sorted; from now on IndexOf is what is known of a slot.
+  std::vector<std::uint32_t> Sort() {
+    std::vector<std::uint64_t> sorted;  // number, slot
+    sorted.reserve(size_);
+    for (std::size_t at = 0; at < numbers_.size(); ++at) {
+      if (indices_[at] != kNone) {
+        sorted.push_back(std::uint64_t{numbers_[at]} << 32 | at);
+      }
+    }
+    std::sort(sorted.begin(), sorted.end());
+    std::vector<std::uint32_t> numbers(sorted.size());
+    for (std::size_t i = 0; i < sorted.size(); ++i) {
+      numbers[i] = static_cast<std::uint32_t>(sorted[i] >> 32);
+      indices_[static_cast<std::uint32_t>(sorted[i])] = static_cast<std::uint16_t>(i);
+    }
+    return numbers;
+  }
+
+  // The place of a slot's colour among the sorted ones.
+  [[nodiscard]] std::uint32_t IndexOf(std::uint16_t slot) const { return indices_[slot]; }
+
+ private:
+  static constexpr std::size_t kSlotCount = 2 * kMaxPaletteSize;
+
+  std::array<std::uint32_t, kSlotCount> numbers_;
+  std::array<std::uint16_t, kSlotCount> indices_ = [] {
+    std::array<std::uint16_t, kSlotCount> none;
+    none.fill(kNone);
+    return none;
+  }();
+  std::size_t size_ = 0;
+};
+
+// Writes bits, the first into the lowest bit of the first byte.
+class BitWriter {
+ public:
+  explicit BitWriter(char* out) : out_(out) {}
+
+  // REQUIRES: count <= 57; 8 bytes may be written from where the writer is.
+  void Put(std::uint64_t bits, unsigned count) {
+    pending_ |= bits << pending_count_;
+    pending_count_ += count;
+    std::memcpy(out_, &pending_, sizeof(pending_));
+    out_ += pending_count_ / 8;
+    pending_ >>= pending_count_ & ~7U;
+    pending_count_ &= 7;
+  }
+  // The end of what was written.
+  [[nodiscard]] char* Finish() { return out_ + (pending_count_ != 0 ? 1 : 0); }
+
+ private:
+  char* out_;
+  std::uint64_t pending_ = 0;
+  unsigned pending_count_ = 0;
+};
+
+// The dictionary of one tile.
+class TileDictionary {
+ public:
+  // The index of `id`, which is added if it is new.
+  std::uint8_t IndexOf(std::uint32_t id) {
+    if (size_ == 0 || ids_[last_] != id) {
+      // Along an edge two blocks take turns.
+      std::swap(last_, before_);
+      if (size_ == 0 || ids_[last_] != id) {
+        last_ = static_cast<std::size_t>(std::find(ids_.begin(), ids_.begin() + size_, id) -
+                                         ids_.begin());
+        if (last_ == static_cast<std::size_t>(size_)) {
+          ids_[last_] = id;
+          ++size_;
+        }
+      }
+    }
+    return static_cast<std::uint8_t>(last_);
+  }
+  [[nodiscard]] std::span<const std::uint32_t> ids() const {
+    return {ids_.data(), static_cast<std::size_t>(size_)};
+  }
+
+ private:
+  std::array<std::uint32_t, kTilePixels> ids_;
+  std::ptrdiff_t size_ = 0;
+  std::size_t last_ = 0;    // of the pixel before
+  std::size_t before_ = 0;  // another one before
+};
+
+template <typename T>
+void AppendBytes(const std::vector<T>& values, std::string* out) {
+  out->append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+}
+
+class BandEncoder {
+ public:
+  BandEncoder(const image::FrameImage& image, BandRows rows, std::span<const TileRow> tiles)
+      : image_(image), rows_(rows) {
+    const std::size_t row_words = RowWords(image_.touched);
+    side_.present.resize(row_words * tiles.size());
+    for (std::size_t row = 0; row < tiles.size(); ++row) {
+      for (const TileArea& area : tiles[row].areas) {
+        const auto tile_x = static_cast<std::size_t>(area.x / kTilePx);
+        side_.present[row_words * row + tile_x / 64] |= std::uint64_t{1} << (tile_x % 64);
+      }
+      areas_.insert(areas_.end(), tiles[row].areas.begin(), tiles[row].areas.end());
+      side_.masks.insert(side_.masks.end(), tiles[row].masks.begin(), tiles[row].masks.end());
+      pixel_count_ += tiles[row].pixel_count;
+    }
+  }
+
+  std::string Encode() {
+    FindColors();
+    controls_ = std::make_unique_for_overwrite<std::uint8_t[]>(pixel_count_ + kClassifyPadding);
+    extras_ = std::make_unique_for_overwrite<char[]>(2 * kMaxExtraBits / 8 * pixel_count_ +
+                                                     kBandPaddingBytes);
+    if (!palette_numbers_.empty()) {
+      EncodePixels<true>();
+    } else {
+      EncodePixels<false>();
+    }
+    return Serialize();
+  }
+
+ private:
+  // The palette, and which slot of it each covered pixel has.
+  void FindColors() {
+    slots_ = std::make_unique_for_overwrite<std::uint16_t[]>(pixel_count_);
+    std::uint16_t* out = slots_.get();
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      for (std::size_t row = 0; row < kTilePx; ++row) {
+        const std::uint32_t mask = side_.masks[tile][row];
+        if (mask == 0) {
+          continue;
+        }
+        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
+        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
+          const std::uint16_t slot = palette_.SlotOf(NumberOf(colors[std::countr_zero(rest)]));
+          if (slot == Palette::kNone) {
+            return;
+          }
+          *out++ = slot;
+        }
+      }
+    }
+    palette_numbers_ = palette_.Sort();
+  }
+
+  template <bool kHasPalette>
+  void EncodePixels() {
+    std::uint8_t* control = controls_.get();
+    const std::uint16_t* slot = slots_.get();
+    BitWriter extras(extras_.get());
+    TilePrediction prediction;
+    TileNumbers numbers{};
+    TileNumbers differences{};
+    std::array<std::uint32_t, kTilePixels> ids;
+    for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      const TileMask& mask = side_.masks[tile];
+      std::size_t count = 0;
+      for (std::size_t row = 0; row < kTilePx; ++row) {
+        if (mask[row] == 0) {
+          continue;
+        }
+        const std::uint64_t* keys = RowOf(image_.keys, areas_[tile], row);
+        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
+        for (std::uint32_t rest = mask[row]; rest != 0; rest &= rest - 1) {
+          const auto column = static_cast<std::size_t>(std::countr_zero(rest));
+          numbers.depths[count] = static_cast<std::uint32_t>(keys[column] >> 32);
+          numbers.colors[count] =
+              kHasPalette ? palette_.IndexOf(*slot++) : NumberOf(colors[column]);
+          ids[count] = image::BlockOf(keys[column]);
+          ++count;
+        }
+      }
+      AddLabels(std::span(ids).first(count));
+      prediction.Subtract(mask, numbers, &differences);
+      ClassifyNumbers(differences.depths.data(), differences.colors.data(), count, control);
+      for (std::size_t i = 0; i < count; ++i) {
+        const Control& code = kControls[control[i]];
+        const std::uint64_t depth_extra = differences.depths[i] - code.depth_base;
+        const std::uint64_t color_extra = differences.colors[i] - code.color_base;
+        if (kHasPalette) {
+          extras.Put(depth_extra | color_extra << code.depth_bits, code.all_bits);
+        } else {
+          extras.Put(depth_extra, code.depth_bits);
+          extras.Put(color_extra, code.all_bits - code.depth_bits);
+        }
+      }
+      control += count;
+    }
+    extras_size_ = static_cast<std::size_t>(extras.Finish() - extras_.get());
+    std::memset(extras_.get() + extras_size_, 0, kBandPaddingBytes);
+    extras_size_ += kBandPaddingBytes;
+  }
+
+  // The dictionary of a tile, and which block each of its covered pixels has.
+  void AddLabels(std::span<const std::uint32_t> ids) {
+    TileDictionary dictionary;
+    const std::size_t first = side_.labels.size();
+    side_.labels.resize(first + ids.size());
+    std::uint8_t* labels = side_.labels.data() + first;
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      labels[i] = dictionary.IndexOf(ids[i]);
+    }
+    const std::span<const std::uint32_t> known = dictionary.ids();
+    if (known.size() == 1) {
+      side_.labels.resize(first);
+    }
+    side_.dictionary_sizes.push_back(static_cast<std::uint8_t>(known.size() - 1));
+    side_.dictionaries.insert(side_.dictionaries.end(), known.begin(), known.end());
+  }
+
+  std::string Serialize() {
+    const std::size_t dictionary_count = side_.dictionaries.size();
+    std::string side;
+    side.reserve(8 * side_.present.size() + sizeof(TileMask) * areas_.size() + areas_.size() +
+                 4 * dictionary_count + side_.labels.size() + 4 * palette_numbers_.size());
+    AppendBytes(side_.present, &side);
+    AppendBytes(side_.masks, &side);
+    AppendBytes(side_.dictionary_sizes, &side);
+    AppendNumbers(side_.dictionaries, &side);
+    AppendBytes(side_.labels, &side);
+    AppendNumbers(palette_numbers_, &side);
+    const std::string frame = base::Compress(side);
+
+    std::string bytes = MakeBandHeader({.begin_row = rows_.begin,
+                                        .row_count = rows_.end - rows_.begin,
+                                        .pixel_count = pixel_count_,
+                                        .tile_count = areas_.size(),
+                                        .dictionary_count = dictionary_count,
+                                        .label_count = side_.labels.size(),
+                                        .palette_size = palette_numbers_.size(),
+                                        .frame_size = frame.size(),
+                                        .extras_size = extras_size_},
+                                       image_.width, image_.height);
+    bytes.reserve(kBandHeaderSize + frame.size() + pixel_count_ + extras_size_);
+    bytes += frame;
+    bytes.append(reinterpret_cast<const char*>(controls_.get()), pixel_count_);
+    bytes.append(extras_.get(), extras_size_);
+    SealBand(&bytes);
+    return bytes;
+  }
+
+  template <typename T>
+  [[nodiscard]] const T* RowOf(const base::LargePageVector<T>& plane, const TileArea& area,
+                               std::size_t row) const {
+    return plane.data() + image_.IndexOf(area.x, area.y + static_cast<int>(row));
+  }
+
+  const image::FrameImage& image_;
+  const BandRows rows_;
+  BandSideInfo side_;
+  std::vector<TileArea> areas_;  // of tiles with a covered pixel
+  std::size_t pixel_count_ = 0;
+  Palette palette_;
+  std::vector<std::uint32_t> palette_numbers_;  // empty: colours are sent as they are
+  std::unique_ptr<std::uint16_t[]> slots_;
+  std::unique_ptr<std::uint8_t[]> controls_;
+  std::unique_ptr<char[]> extras_;
+  std::size_t extras_size_ = 0;
+};
+
+}  // namespace
+
+std::string EncodeBand(const image::FrameImage& image, BandRows rows,
+                       std::span<const TileRow> tiles) {
+  return BandEncoder(image, rows, tiles).Encode();
+}
+
+}  // namespace isoscope::composite

@@ -1,0 +1,37 @@
+// From covered pixels to the bytes of a band.
+
+#ifndef ISOSCOPE_CORE_COMPOSITE_BAND_ENCODER_H_
+#define ISOSCOPE_CORE_COMPOSITE_BAND_ENCODER_H_
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/composite/band_format.h"
+#include "core/composite/tile_prediction.h"
+#include "core/image/frame_image.h"
+
+namespace isoscope::composite {
+
+// The tiles of one row that have a covered pixel.
+struct TileRow {
+  std::vector<TileArea> areas;
+  std::vector<TileMask> masks;
+  std::size_t pixel_count = 0;
+};
+
+// Rows of tiles [begin, end).
+struct BandRows {
+  int begin = 0;
+  int end = 0;
+};
+
+// The band of some rows of tiles of `image`, the first and the last of them with a covered pixel;
+// `tiles` has an element for each of them. O(pixels). Thread-safe.
+std::string EncodeBand(const image::FrameImage& image, BandRows rows,
+                       std::span<const TileRow> tiles);
+
+}  // namespace isoscope::composite
+
+#endif  // ISOSCOPE_CORE_COMPOSITE_BAND_ENCODER_H_

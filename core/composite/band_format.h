@@ -1,0 +1,95 @@
+// What the bytes of a band of pixels mean: the parts that encoder and decoder share. The layout is
+// in docs/format/wire.md.
+
+#ifndef ISOSCOPE_CORE_COMPOSITE_BAND_FORMAT_H_
+#define ISOSCOPE_CORE_COMPOSITE_BAND_FORMAT_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/composite/tile_prediction.h"
+#include "core/image/frame_image.h"
+#include "core/image/tile_set.h"
+
+namespace isoscope::composite {
+
+// What follows the extra bits, so that reading 8 bytes at once never leaves the band.
+inline constexpr std::size_t kBandPaddingBytes = 8;
+// Bands of more colours send each as it is.
+inline constexpr std::size_t kMaxPaletteSize = 2048;
+
+struct BandHeader {
+  int begin_row = 0;  // of tiles
+  int row_count = 0;
+  std::size_t pixel_count = 0;
+  std::size_t tile_count = 0;
+  std::size_t dictionary_count = 0;
+  std::size_t label_count = 0;
+  std::size_t palette_size = 0;  // 0: colours are sent as they are
+  std::size_t frame_size = 0;    // bytes of the compressed side information
+  std::size_t extras_size = 0;   // bytes of the extra bits, with padding
+};
+inline constexpr std::size_t kBandHeaderSize = 56;
+
+// The header of a band of an image of `width` x `height` pixels. SealBand writes its checksum.
+std::string MakeBandHeader(const BandHeader& header, int width, int height);
+
+// Writes the checksum of a complete band into its header.
+void SealBand(std::string* band);
+
+// DATA_LOSS unless checksum and size are right and the band fits `image`: its size, rows of tiles
+// inside it, counts that can be. Whether the counts are true is the decoder's to find out.
+absl::StatusOr<BandHeader> ReadBandHeader(absl::string_view band, const image::FrameImage& image);
+
+// What is in a band besides control bytes and extra bits.
+struct BandSideInfo {
+  std::vector<std::uint64_t> present;  // a bit a tile; a row of tiles begins at a word
+  std::vector<TileMask> masks;         // of tiles with a covered pixel
+  std::vector<std::uint8_t> dictionary_sizes;
+  std::vector<std::uint32_t> dictionaries;  // block ids
+  std::vector<std::uint8_t> labels;
+};
+
+// Words of BandSideInfo::present for a row of tiles.
+inline std::size_t RowWords(const image::TileSet& tiles) {
+  return static_cast<std::size_t>((tiles.columns() + 63) / 64);
+}
+
+// Part of the tile inside the image.
+struct TileArea {
+  int x;
+  int y;
+  int columns;
+  int rows;
+};
+inline TileArea AreaOf(int tile_x, int tile_y, const image::FrameImage& image) {
+  const int x = tile_x * kTilePx;
+  const int y = tile_y * kTilePx;
+  return {x, y, std::min(kTilePx, image.width - x), std::min(kTilePx, image.height - y)};
+}
+
+// A colour as a number whose order groups similar ones: red first.
+constexpr std::uint32_t NumberOf(image::Rgba8 color) {
+  return std::uint32_t{color.r} << 24 | std::uint32_t{color.g} << 16 | std::uint32_t{color.b} << 8 |
+         color.a;
+}
+constexpr image::Rgba8 ColorOf(std::uint32_t number) {
+  return {static_cast<std::uint8_t>(number >> 24), static_cast<std::uint8_t>(number >> 16),
+          static_cast<std::uint8_t>(number >> 8), static_cast<std::uint8_t>(number)};
+}
+
+// Appends block ids or a palette: the difference of each to the one before, in 4 planes, the lowest
+// bytes of all first.
+void AppendNumbers(const std::vector<std::uint32_t>& numbers, std::string* out);
+// Its inverse. REQUIRES: planes.size() == 4 * count.
+std::vector<std::uint32_t> ReadNumbers(absl::string_view planes, std::size_t count);
+
+}  // namespace isoscope::composite
+
+#endif  // ISOSCOPE_CORE_COMPOSITE_BAND_FORMAT_H_
