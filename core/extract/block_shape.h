@@ -12,12 +12,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/extract/bit_row.h"
 #include "core/math/vec.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::extract {
-
-using BitRow = std::vector<std::uint64_t>;
 
 // Words of a mask are handled in groups of this many.
 inline constexpr std::size_t kWordGroup = 8;

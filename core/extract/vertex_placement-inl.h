@@ -1,0 +1,373 @@
+// Pass 4 of extraction: positions and normals of vertices, in batches.
+// Included once for each instruction set, by block_kernels.cc.
+
+// Highway's guard: defined and undefined in turn.
+#if defined(ISOSCOPE_CORE_EXTRACT_VERTEX_PLACEMENT_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef ISOSCOPE_CORE_EXTRACT_VERTEX_PLACEMENT_INL_H_
+#undef ISOSCOPE_CORE_EXTRACT_VERTEX_PLACEMENT_INL_H_
+#else
+#define ISOSCOPE_CORE_EXTRACT_VERTEX_PLACEMENT_INL_H_
+#endif
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+
+#include "core/extract/block_kernels.h"
+#include "core/extract/block_shape.h"
+#include "core/extract/vertex_batch.h"
+#include "core/math/vec.h"
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace isoscope::extract {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+using DoubleTag = hn::ScalableTag<double>;
+using DoubleVec = hn::Vec<DoubleTag>;
+using FloatHalfTag = hn::Rebind<float, DoubleTag>;
+using IntHalfTag = hn::Rebind<std::int32_t, DoubleTag>;
+
+// As many doubles as a register holds.
+inline DoubleVec LoadDoubles(const double* from) { return hn::Load(DoubleTag(), from); }
+inline DoubleVec LoadDoubles(const std::int32_t* from) {
+  return hn::PromoteTo(DoubleTag(), hn::Load(IntHalfTag(), from));
+}
+
+#if HWY_TARGET <= HWY_AVX2 && HWY_ARCH_X86
+#define ISOSCOPE_EXTRACT_HAS_GATHER 1
+#else
+#define ISOSCOPE_EXTRACT_HAS_GATHER 0
+#endif
+
+#if ISOSCOPE_EXTRACT_HAS_GATHER
+// Sample kIndex of those in a register of 32-bit lanes, lowest first.
+template <typename T, int kIndex>
+hn::Vec<hn::ScalableTag<std::int32_t>> SampleOfLane(hn::Vec<hn::ScalableTag<std::int32_t>> lanes) {
+  constexpr int kBits = 8 * static_cast<int>(sizeof(T));
+  const hn::ScalableTag<std::int32_t> d;
+  const hn::ScalableTag<std::uint32_t> du;
+  const auto left = hn::ShiftLeft<32 - kBits - kIndex * kBits>(lanes);
+  if constexpr (std::is_signed_v<T>) {
+    return hn::ShiftRight<32 - kBits>(left);
+  } else {
+    return hn::BitCast(d, hn::ShiftRight<32 - kBits>(hn::BitCast(du, left)));
+  }
+}
+
+// As GatherVertices<T, Care::kNone>, for 8- and 16-bit samples: 4 bytes are fetched at once, so
+// that neighbours in x come together. They are in the block: an interior sample has whole rows of
+// others behind it. `count` is rounded up to whole registers; `samples` must have as many.
+template <typename T, std::size_t kAxis>
+void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
+                 const std::uint32_t* samples, std::size_t count,
+                 VertexBatch<std::int32_t>* batch) {
+  const hn::ScalableTag<std::int32_t> d;
+  const DoubleTag dd;
+  using Vec = hn::Vec<decltype(d)>;
+  const auto* base = reinterpret_cast<const std::int32_t*>(bytes);
+  const auto row = static_cast<std::int32_t>(shape.row);
+  const auto slice = static_cast<std::int32_t>(shape.slice);
+  const auto iso = hn::Set(dd, isovalue);
+  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const Vec sample = hn::BitCast(d, hn::LoadU(hn::ScalableTag<std::uint32_t>(), samples + i));
+    const Vec offset = sizeof(T) == 1 ? sample : hn::Add(sample, sample);
+    const auto at = [&](std::int32_t delta) {
+      constexpr auto kSize = static_cast<std::int32_t>(sizeof(T));
+      return hn::GatherOffset(d, base, hn::Add(offset, hn::Set(d, delta * kSize)));
+    };
+    const auto one = [&](std::int32_t delta) { return SampleOfLane<T, 0>(at(delta)); };
+    // By axis, the samples before and after the lower and the upper end.
+    std::array<Vec, 3> lower_before;
+    std::array<Vec, 3> lower_after;
+    std::array<Vec, 3> upper_before;
+    std::array<Vec, 3> upper_after;
+    // Samples delta - 1, delta and delta + 1.
+    const auto three = [&](std::int32_t delta, Vec* before, Vec* center, Vec* after) {
+      const Vec first = at(delta - 1);
+      *before = SampleOfLane<T, 0>(first);
+      *center = SampleOfLane<T, 1>(first);
+      if constexpr (sizeof(T) == 1) {
+        *after = SampleOfLane<T, 2>(first);
+      } else {
+        *after = SampleOfLane<T, 0>(at(delta + 1));
+      }
+    };
+    Vec lower;
+    Vec upper;
+    if constexpr (kAxis == 0) {
+      const Vec first = at(-1);
+      lower_before[0] = SampleOfLane<T, 0>(first);
+      lower = SampleOfLane<T, 1>(first);
+      if constexpr (sizeof(T) == 1) {
+        upper = SampleOfLane<T, 2>(first);
+        upper_after[0] = SampleOfLane<T, 3>(first);
+      } else {
+        const Vec second = at(1);
+        upper = SampleOfLane<T, 0>(second);
+        upper_after[0] = SampleOfLane<T, 1>(second);
+      }
+      lower_after[0] = upper;
+      upper_before[0] = lower;
+      const auto two = [&](std::int32_t delta, Vec* at_lower, Vec* at_upper) {
+        const Vec pair = at(delta);
+        *at_lower = SampleOfLane<T, 0>(pair);
+        *at_upper = SampleOfLane<T, 1>(pair);
+      };
+      two(-row, &lower_before[1], &upper_before[1]);
+      two(row, &lower_after[1], &upper_after[1]);
+      two(-slice, &lower_before[2], &upper_before[2]);
+      two(slice, &lower_after[2], &upper_after[2]);
+    } else {
+      constexpr std::size_t kOther = 3 - kAxis;
+      const std::int32_t along = kAxis == 1 ? row : slice;
+      const std::int32_t across = kAxis == 1 ? slice : row;
+      three(0, &lower_before[0], &lower, &lower_after[0]);
+      three(along, &upper_before[0], &upper, &upper_after[0]);
+      lower_before[kAxis] = one(-along);
+      lower_after[kAxis] = upper;
+      upper_before[kAxis] = lower;
+      upper_after[kAxis] = one(2 * along);
+      lower_before[kOther] = one(-across);
+      lower_after[kOther] = one(across);
+      upper_before[kOther] = one(along - across);
+      upper_after[kOther] = one(along + across);
+    }
+    for (std::size_t k = 0; k < 3; ++k) {
+      hn::Store(hn::Sub(lower_after[k], lower_before[k]), d, batch->lower_gradients[k].data() + i);
+      hn::Store(hn::Sub(upper_after[k], upper_before[k]), d, batch->upper_gradients[k].data() + i);
+    }
+    // Differences of these are exact, whether taken as integers or as doubles.
+    const Vec difference = hn::Sub(upper, lower);
+    const std::size_t half = hn::Lanes(dd);
+    const hn::Half<decltype(d)> dh;
+    hn::Store(hn::Sub(iso, hn::PromoteTo(dd, hn::LowerHalf(dh, lower))), dd,
+              batch->numerators.data() + i);
+    hn::Store(hn::Sub(iso, hn::PromoteTo(dd, hn::UpperHalf(dh, lower))), dd,
+              batch->numerators.data() + i + half);
+    hn::Store(hn::PromoteTo(dd, hn::LowerHalf(dh, difference)), dd, batch->denominators.data() + i);
+    hn::Store(hn::PromoteTo(dd, hn::UpperHalf(dh, difference)), dd,
+              batch->denominators.data() + i + half);
+  }
+}
+
+// Fetches samples as doubles.
+template <typename T>
+DoubleVec GatherDoubles(const char* bytes, hn::Vec<IntHalfTag> samples) {
+  const DoubleTag dd;
+  if constexpr (sizeof(T) == 8) {
+    return hn::GatherIndex(dd, reinterpret_cast<const double*>(bytes),
+                           hn::PromoteTo(hn::RebindToSigned<DoubleTag>(), samples));
+  } else if constexpr (std::is_same_v<T, float>) {
+    return hn::PromoteTo(
+        dd, hn::GatherIndex(FloatHalfTag(), reinterpret_cast<const float*>(bytes), samples));
+  } else {
+    const IntHalfTag di;
+    const auto values = hn::GatherIndex(di, reinterpret_cast<const std::int32_t*>(bytes), samples);
+    if constexpr (std::is_signed_v<T>) {
+      return hn::PromoteTo(dd, values);
+    } else {
+      const auto sign = hn::Set(di, std::numeric_limits<std::int32_t>::min());
+      return hn::Add(hn::PromoteTo(dd, hn::Xor(values, sign)), hn::Set(dd, 0x1.0p31));
+    }
+  }
+}
+
+// As GatherSmall, for 32- and 64-bit samples.
+template <typename T>
+void GatherLarge(const char* bytes, const BlockShape& shape, std::size_t axis, double isovalue,
+                 const std::uint32_t* samples, std::size_t count, VertexBatch<double>* batch) {
+  const DoubleTag dd;
+  const IntHalfTag di;
+  const std::array<std::int32_t, 3> strides{1, static_cast<std::int32_t>(shape.row),
+                                            static_cast<std::int32_t>(shape.slice)};
+  const std::int32_t along = strides[axis];
+  const auto iso = hn::Set(dd, isovalue);
+  for (std::size_t i = 0; i < count; i += hn::Lanes(dd)) {
+    const auto sample =
+        hn::BitCast(di, hn::LoadU(hn::Rebind<std::uint32_t, DoubleTag>(), samples + i));
+    const auto at = [&](std::int32_t delta) {
+      return GatherDoubles<T>(bytes, hn::Add(sample, hn::Set(di, delta)));
+    };
+    const DoubleVec lower = at(0);
+    const DoubleVec upper = at(along);
+    hn::Store(hn::Sub(iso, lower), dd, batch->numerators.data() + i);
+    hn::Store(hn::Sub(upper, lower), dd, batch->denominators.data() + i);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::int32_t step = strides[k];
+      const DoubleVec lower_after = k == axis ? upper : at(step);
+      const DoubleVec upper_before = k == axis ? lower : at(along - step);
+      hn::Store(hn::Sub(lower_after, at(-step)), dd, batch->lower_gradients[k].data() + i);
+      hn::Store(hn::Sub(at(along + step), upper_before), dd, batch->upper_gradients[k].data() + i);
+    }
+  }
+}
+
+template <typename T, std::size_t kAxis>
+void GatherInterior(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
+                    VertexBatch<Difference<T>>* batch) {
+  if constexpr (sizeof(T) <= 2) {
+    GatherSmall<T, kAxis>(task.bytes, *task.shape, task.isovalue, samples, count, batch);
+  } else {
+    GatherLarge<T>(task.bytes, *task.shape, kAxis, task.isovalue, samples, count, batch);
+  }
+}
+
+// As GatherVertices<T, Care::kBorder>: all at once, with another sample in place of those that are
+// not interior; those then one by one.
+template <typename T, std::size_t kAxis>
+void GatherNearBorder(const BlockTask& task, const Strides& strides, const std::uint32_t* samples,
+                      std::size_t count, VertexBatch<Difference<T>>* batch) {
+  alignas(64) std::array<std::uint32_t, kBatch> safe_samples;
+  std::array<std::uint32_t, kBatch> near_border;
+  std::size_t near_border_count = 0;
+  const std::uint64_t* interior = task.shape->interior.data();
+  const std::uint32_t safe = task.shape->first_interior;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint32_t sample = samples[i];
+    const bool is_interior = (interior[sample / 64] >> sample % 64 & 1) != 0;
+    safe_samples[i] = is_interior ? sample : safe;
+    near_border[near_border_count] = static_cast<std::uint32_t>(i);
+    near_border_count += is_interior ? 0 : 1;
+  }
+  if (near_border_count < count) {
+    std::fill(safe_samples.begin() + static_cast<std::ptrdiff_t>(count), safe_samples.end(), safe);
+    GatherInterior<T, kAxis>(task, safe_samples.data(), count, batch);
+  }
+  for (std::size_t i = 0; i < near_border_count; ++i) {
+    GatherAtBorder<T>(task.bytes, strides, kAxis, task.isovalue, samples[near_border[i]],
+                      near_border[i], batch);
+  }
+}
+#endif  // ISOSCOPE_EXTRACT_HAS_GATHER
+
+// Positions and normals of a batch.
+template <std::size_t kAxis, typename D>
+void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
+                     VertexBatch<D>* batch) {
+  const DoubleTag d;
+  const FloatHalfTag df;
+  const auto& columns = task.to_world->columns;
+  const auto one = hn::Set(d, 1.0);
+  const auto half = hn::Set(d, 0.5);
+  const auto row = hn::Set(d, static_cast<double>(task.shape->row));
+  const auto slice = hn::Set(d, static_cast<double>(task.shape->slice));
+  const auto row_inverse = hn::Set(d, task.shape->row_inverse);
+  const auto slice_inverse = hn::Set(d, task.shape->slice_inverse);
+  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+    const auto t = hn::Div(LoadDoubles(batch->numerators.data() + i),
+                           LoadDoubles(batch->denominators.data() + i));
+    const auto linear = hn::PromoteTo(
+        d,
+        hn::BitCast(IntHalfTag(), hn::LoadU(hn::Rebind<std::uint32_t, DoubleTag>(), samples + i)));
+    const auto z = hn::Trunc(hn::Mul(hn::Add(linear, half), slice_inverse));
+    const auto in_slice = hn::Sub(linear, hn::Mul(z, slice));
+    const auto y = hn::Trunc(hn::Mul(hn::Add(in_slice, half), row_inverse));
+    const auto x = hn::Sub(in_slice, hn::Mul(y, row));
+    std::array<DoubleVec, 3> position{hn::Add(hn::Set(d, task.begin.x), x),
+                                      hn::Add(hn::Set(d, task.begin.y), y),
+                                      hn::Add(hn::Set(d, task.begin.z), z)};
+    position[kAxis] = hn::Add(position[kAxis], t);
+
+    std::array<DoubleVec, 3> gradient;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto lower = LoadDoubles(batch->lower_gradients[k].data() + i);
+      const auto upper = LoadDoubles(batch->upper_gradients[k].data() + i);
+      gradient[k] = hn::Add(lower, hn::Mul(t, hn::Sub(upper, lower)));
+    }
+    const auto world = [&](double a, double b, double c) {
+      return hn::Neg(
+          hn::Add(hn::Add(hn::Mul(hn::Set(d, a), gradient[0]), hn::Mul(hn::Set(d, b), gradient[1])),
+                  hn::Mul(hn::Set(d, c), gradient[2])));
+    };
+    const auto gx = world(columns[0].x, columns[1].x, columns[2].x);
+    const auto gy = world(columns[0].y, columns[1].y, columns[2].y);
+    const auto gz = world(columns[0].z, columns[1].z, columns[2].z);
+    // Scaled first, so that squares neither overflow nor vanish.
+    const auto ax = hn::Abs(gx);
+    const auto ay = hn::Abs(gy);
+    const auto az = hn::Abs(gz);
+    // Not Max: instruction sets differ in what it makes of NaN.
+    const auto axy = hn::IfThenElse(hn::Gt(ax, ay), ax, ay);
+    const auto scale = hn::Div(one, hn::IfThenElse(hn::Gt(axy, az), axy, az));
+    const auto nx = hn::Mul(gx, scale);
+    const auto ny = hn::Mul(gy, scale);
+    const auto nz = hn::Mul(gz, scale);
+    const auto square = hn::Add(hn::Add(hn::Mul(nx, nx), hn::Mul(ny, ny)), hn::Mul(nz, nz));
+    // False for NaN: the gradient is zero or not finite.
+    const auto usable = hn::And(hn::Ge(square, half), hn::Le(square, hn::Set(d, 4.0)));
+    const auto inverse = hn::Div(one, hn::Sqrt(square));
+    const std::array<DoubleVec, 3> normal{hn::Mul(nx, inverse), hn::Mul(ny, inverse),
+                                          hn::Mul(nz, inverse)};
+    for (std::size_t k = 0; k < 3; ++k) {
+      hn::Store(hn::DemoteTo(df, position[k]), df, batch->positions[k].data() + i);
+      hn::Store(hn::DemoteTo(df, hn::IfThenElseZero(usable, normal[k])), df,
+                batch->normals[k].data() + i);
+    }
+  }
+}
+
+// Writes whole registers: up to 63 vectors past `count`.
+void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std::size_t count,
+                math::Vec3f* to) {
+  const hn::CappedTag<float, 64> d;
+  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+    hn::StoreInterleaved3(hn::Load(d, from[0].data() + i), hn::Load(d, from[1].data() + i),
+                          hn::Load(d, from[2].data() + i), d, &to[i].x);
+  }
+}
+
+template <typename T, Care kCare, std::size_t kAxis>
+void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::size_t first_vertex,
+                         BlockScratch* scratch, VertexBatch<Difference<T>>* batch) {
+  const std::size_t all = scratch->edge_counts[kAxis];
+  for (std::size_t begin = 0; begin < all; begin += kBatch) {
+    const std::size_t count = std::min(kBatch, all - begin);
+    const std::uint32_t* samples = scratch->edge_samples[kAxis].data() + begin;
+#if ISOSCOPE_EXTRACT_HAS_GATHER
+    if constexpr (kCare == Care::kFull) {
+      GatherVertices<T, kCare>(task.bytes, strides, task.shape->interior, kAxis, task.isovalue,
+                               samples, count, batch);
+    } else if constexpr (kCare == Care::kBorder) {
+      GatherNearBorder<T, kAxis>(task, strides, samples, count, batch);
+    } else {
+      GatherInterior<T, kAxis>(task, samples, count, batch);
+    }
+#else
+    GatherVertices<T, kCare>(task.bytes, strides, task.shape->interior, kAxis, task.isovalue,
+                             samples, count, batch);
+#endif
+    ComputeVertices<kAxis>(task, samples, count, batch);
+    Interleave(batch->positions, count, scratch->positions.data() + first_vertex + begin);
+    Interleave(batch->normals, count, scratch->normals.data() + first_vertex + begin);
+  }
+}
+
+template <typename T, Care kCare>
+void PlaceVertices(const BlockTask& task, BlockScratch* scratch) {
+  const BlockShape& shape = *task.shape;
+  const Strides strides{
+      {1, shape.row, shape.slice},
+      {static_cast<std::size_t>(shape.stored_dims.x), static_cast<std::size_t>(shape.stored_dims.y),
+       static_cast<std::size_t>(shape.stored_dims.z)}};
+  VertexBatch<Difference<T>> batch;
+  const std::array<std::size_t, 3>& counts = scratch->edge_counts;
+  PlaceVerticesOfAxis<T, kCare, 0>(task, strides, 0, scratch, &batch);
+  PlaceVerticesOfAxis<T, kCare, 1>(task, strides, counts[0], scratch, &batch);
+  PlaceVerticesOfAxis<T, kCare, 2>(task, strides, counts[0] + counts[1], scratch, &batch);
+}
+
+#undef ISOSCOPE_EXTRACT_HAS_GATHER
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace isoscope::extract
+HWY_AFTER_NAMESPACE();
+
+#endif  // ISOSCOPE_CORE_EXTRACT_VERTEX_PLACEMENT_INL_H_
