@@ -1,0 +1,367 @@
+#include "core/index/external_node_builder.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/types/span.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/external_sorter.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/index/in_memory_node_builder.h"
+#include "core/index/interval_tree.h"
+#include "core/index/interval_tree_format.h"
+#include "core/index/node_slabs.h"
+#include "core/index/node_writer.h"
+
+namespace isoscope::index {
+namespace {
+
+using format::kEntriesPerPage;
+using format::kMaxSlabs;
+
+// Deals intervals to buckets of known sizes, which lie one after the other in a scratch file. Each
+// keeps the order in which its intervals come. Thread-compatible.
+class Buckets {
+ public:
+  static absl::StatusOr<Buckets> Create(const std::string& directory,
+                                        const std::vector<std::int64_t>& sizes,
+                                        std::int64_t buffer_bytes) {
+    Buckets buckets;
+    ISOSCOPE_ASSIGN_OR_RETURN(buckets.file_, base::ScratchFile::Create(directory));
+    base::ScratchRange range;
+    for (const std::int64_t size : sizes) {
+      range.count = size;
+      buckets.ranges_.push_back(range);
+      buckets.writers_.emplace_back(buckets.file_.get(), range.offset, buffer_bytes);
+      range.offset += size * static_cast<std::int64_t>(sizeof(BlockInterval));
+    }
+    return buckets;
+  }
+
+  absl::Status Append(std::size_t bucket, const BlockInterval& interval) {
+    return writers_[bucket].Append(interval);
+  }
+  // Ends dealing, and frees the buffers.
+  absl::Status Finish() {
+    for (auto& writer : writers_) {
+      ISOSCOPE_RETURN_IF_ERROR(writer.Flush());
+    }
+    writers_.clear();
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] const base::ScratchFile& file() const { return *file_; }
+  [[nodiscard]] const base::ScratchRange& range(std::size_t bucket) const {
+    return ranges_[bucket];
+  }
+
+ private:
+  std::unique_ptr<base::ScratchFile> file_;
+  std::vector<base::ScratchRange> ranges_;
+  std::vector<base::RecordWriter<BlockInterval>> writers_;
+};
+
+// An interval of the right lists, and the slab whose list it is in.
+struct RightEntry {
+  BlockInterval interval;
+  std::uint64_t slab = 0;
+};
+struct RightLess {
+  bool operator()(const RightEntry& a, const RightEntry& b) const {
+    // Ascending by slab, descending by hi, then canonical.
+    return std::tie(a.slab, b.interval.span.max, a.interval.span.min, a.interval.block_id,
+                    a.interval.ordinal) < std::tie(b.slab, a.interval.span.max, b.interval.span.min,
+                                                   b.interval.block_id, b.interval.ordinal);
+  }
+};
+
+// Builds a subtree of intervals that lie, in canonical order, in a scratch file.
+class ExternalNodeBuilder {
+ public:
+  ExternalNodeBuilder(const IntervalTreeBuilder::Options& options, base::PageFileWriter* pages)
+      : options_(options), plan_(options.memory_bytes), pages_(pages) {}
+
+  absl::StatusOr<base::PageNumber> BuildNode(const base::ScratchFile& file,
+                                             const base::ScratchRange& range);
+
+ private:
+  // What pass 2 learns of a node's intervals before it deals them out.
+  struct Census {
+    explicit Census(std::size_t slab_count) : down_counts(slab_count), coverage(slab_count) {}
+
+    std::vector<std::int64_t> down_counts;  // by slab
+    std::int64_t kept_count = 0;
+    Coverage coverage;
+  };
+
+  // Calls visit(interval) for each of the range, in order, until it returns an error.
+  template <typename Visit>  // absl::Status(const BlockInterval&)
+  absl::Status ForEach(const base::ScratchFile& file, const base::ScratchRange& range,
+                       const Visit& visit) const {
+    base::RecordReader<BlockInterval> reader(&file, range, plan_.sequence_bytes);
+    while (true) {
+      if (options_.cancellation != nullptr) {
+        ISOSCOPE_RETURN_IF_ERROR(options_.cancellation->Check());
+      }
+      ISOSCOPE_ASSIGN_OR_RETURN(const absl::Span<const BlockInterval> intervals, reader.Next());
+      if (intervals.empty()) {
+        return absl::OkStatus();
+      }
+      for (const BlockInterval& interval : intervals) {
+        ISOSCOPE_RETURN_IF_ERROR(visit(interval));
+      }
+    }
+  }
+
+  absl::StatusOr<base::PageNumber> BuildInMemory(const base::ScratchFile& file,
+                                                 const base::ScratchRange& range) const;
+  // Pass 1.
+  absl::StatusOr<std::vector<double>> ChooseSlabs(const base::ScratchFile& file,
+                                                  const base::ScratchRange& range) const;
+  // Pass 2: a bucket for each slab, and a last one of the intervals that stay.
+  absl::StatusOr<Buckets> Distribute(const base::ScratchFile& file, const base::ScratchRange& range,
+                                     std::span<const double> lower, const Census& census) const;
+  // Pass 3.
+  absl::Status WriteRun(const Buckets& buckets, std::span<const double> lower, const Census& census,
+                        NodeRecords* node) const;
+  absl::Status WriteLeftLists(const base::ScratchFile& file, const base::ScratchRange& kept,
+                              std::span<const double> lower, NodeRecords* node,
+                              RunWriter* run) const;
+  absl::Status WriteRightLists(const base::ScratchFile& file, const base::ScratchRange& kept,
+                               std::span<const double> lower, NodeRecords* node,
+                               RunWriter* run) const;
+  absl::Status WriteWindowLists(const base::ScratchFile& file, const base::ScratchRange& kept,
+                                std::span<const double> lower, const Coverage& coverage,
+                                NodeRecords* node, RunWriter* run) const;
+  absl::Status WriteLeafLists(const Buckets& buckets, NodeRecords* node, RunWriter* run) const;
+
+  const IntervalTreeBuilder::Options& options_;
+  const MemoryPlan plan_;
+  base::PageFileWriter* pages_;
+};
+
+absl::StatusOr<base::PageNumber> ExternalNodeBuilder::BuildInMemory(
+    const base::ScratchFile& file, const base::ScratchRange& range) const {
+  std::vector<BlockInterval> intervals;
+  intervals.reserve(static_cast<std::size_t>(range.count));
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
+    intervals.push_back(interval);
+    return absl::OkStatus();
+  }));
+  return BuildNodeInMemory(intervals, pages_);
+}
+
+absl::StatusOr<std::vector<double>> ExternalNodeBuilder::ChooseSlabs(
+    const base::ScratchFile& file, const base::ScratchRange& range) const {
+  // The lower ends are in order already.
+  base::ExternalSorter<double> upper(options_.scratch_directory, plan_.sorter_bytes);
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(
+      file, range, [&](const BlockInterval& interval) { return upper.Add(interval.span.max); }));
+  ISOSCOPE_RETURN_IF_ERROR(upper.Finish());
+  std::vector<double> lower = {kFirstLowerBound};
+  std::int64_t cut_index = 1;
+  std::int64_t position = 0;  // in the merge of both
+  const auto take = [&](double endpoint) {
+    if (cut_index < SlabCount(range.count) && position == CutPosition(cut_index, range.count)) {
+      AddCut(endpoint, &lower);
+      ++cut_index;
+    }
+    ++position;
+  };
+  const auto take_lower = [&](const BlockInterval& interval) {
+    while (!upper.is_at_end() && upper.current() < interval.span.min) {
+      take(upper.current());
+      ISOSCOPE_RETURN_IF_ERROR(upper.Advance());
+    }
+    take(interval.span.min);
+    return absl::Status();
+  };
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, take_lower));
+  for (; !upper.is_at_end() && cut_index < SlabCount(range.count);) {
+    take(upper.current());
+    ISOSCOPE_RETURN_IF_ERROR(upper.Advance());
+  }
+  return lower;
+}
+
+absl::StatusOr<Buckets> ExternalNodeBuilder::Distribute(const base::ScratchFile& file,
+                                                        const base::ScratchRange& range,
+                                                        std::span<const double> lower,
+                                                        const Census& census) const {
+  std::vector<std::int64_t> sizes = census.down_counts;
+  sizes.push_back(census.kept_count);
+  ISOSCOPE_ASSIGN_OR_RETURN(Buckets buckets,
+                            Buckets::Create(options_.scratch_directory, sizes, plan_.bucket_bytes));
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
+    const Part part = PartOf(interval, lower);
+    return buckets.Append(part.goes_down() ? part.first_slab : lower.size(), interval);
+  }));
+  ISOSCOPE_RETURN_IF_ERROR(buckets.Finish());
+  return buckets;
+}
+
+absl::Status ExternalNodeBuilder::WriteLeftLists(const base::ScratchFile& file,
+                                                 const base::ScratchRange& kept,
+                                                 std::span<const double> lower, NodeRecords* node,
+                                                 RunWriter* run) const {
+  // Canonical order is ascending by lo, and so by slab.
+  std::size_t begun = 0;  // slabs whose list has begun
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, kept, [&](const BlockInterval& interval) {
+    const Part part = PartOf(interval, lower);
+    for (; begun <= part.first_slab; ++begun) {
+      node->slabs[begun].left_begin = run->entry_count();
+    }
+    return part.in_left_list() ? run->Append(interval) : absl::OkStatus();
+  }));
+  for (; begun < node->slabs.size(); ++begun) {
+    node->slabs[begun].left_begin = run->entry_count();
+  }
+  node->header.left_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status ExternalNodeBuilder::WriteRightLists(const base::ScratchFile& file,
+                                                  const base::ScratchRange& kept,
+                                                  std::span<const double> lower, NodeRecords* node,
+                                                  RunWriter* run) const {
+  base::ExternalSorter<RightEntry, RightLess> sorter(options_.scratch_directory,
+                                                     plan_.sorter_bytes);
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, kept, [&](const BlockInterval& interval) {
+    const Part part = PartOf(interval, lower);
+    return part.in_right_list() ? sorter.Add({interval, part.last_slab}) : absl::OkStatus();
+  }));
+  ISOSCOPE_RETURN_IF_ERROR(sorter.Finish());
+  for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
+    node->slabs[slab].right_begin = run->entry_count();
+    while (!sorter.is_at_end() && sorter.current().slab == slab) {
+      ISOSCOPE_RETURN_IF_ERROR(run->Append(sorter.current().interval));
+      ISOSCOPE_RETURN_IF_ERROR(sorter.Advance());
+    }
+  }
+  node->header.right_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status ExternalNodeBuilder::WriteWindowLists(const base::ScratchFile& file,
+                                                   const base::ScratchRange& kept,
+                                                   std::span<const double> lower,
+                                                   const Coverage& coverage, NodeRecords* node,
+                                                   RunWriter* run) const {
+  const std::vector<Window> windows = coverage.ChooseWindows();
+  std::vector<std::size_t> window_of_slab(node->slabs.size());
+  std::vector<std::int64_t> sizes;
+  for (std::size_t window = 0; window < windows.size(); ++window) {
+    sizes.push_back(windows[window].size);
+    std::fill(window_of_slab.begin() + windows[window].first,
+              window_of_slab.begin() + windows[window].last + 1, window);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(Buckets lists,
+                            Buckets::Create(options_.scratch_directory, sizes, plan_.bucket_bytes));
+  const auto append = [&](const BlockInterval& interval) {
+    const Part part = PartOf(interval, lower);
+    if (part.in_windows()) {
+      const std::size_t last = window_of_slab[static_cast<std::size_t>(part.last_covered())];
+      for (std::size_t window = window_of_slab[static_cast<std::size_t>(part.first_covered())];
+           window <= last; ++window) {
+        ISOSCOPE_RETURN_IF_ERROR(lists.Append(window, interval));
+      }
+    }
+    return absl::Status();
+  };
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, kept, append));
+  ISOSCOPE_RETURN_IF_ERROR(lists.Finish());
+  for (std::size_t window = 0; window < windows.size(); ++window) {
+    for (int slab = windows[window].first; slab <= windows[window].last; ++slab) {
+      format::SlabRecord& record = node->slabs[static_cast<std::size_t>(slab)];
+      record.window_begin = run->entry_count();
+      record.window_size = static_cast<std::uint32_t>(windows[window].size);
+    }
+    ISOSCOPE_RETURN_IF_ERROR(
+        ForEach(lists.file(), lists.range(window),
+                [&](const BlockInterval& interval) { return run->Append(interval); }));
+  }
+  node->header.window_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status ExternalNodeBuilder::WriteLeafLists(const Buckets& buckets, NodeRecords* node,
+                                                 RunWriter* run) const {
+  for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
+    node->slabs[slab].leaf_begin = run->entry_count();
+    if (buckets.range(slab).count <= kEntriesPerPage) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          ForEach(buckets.file(), buckets.range(slab),
+                  [&](const BlockInterval& interval) { return run->Append(interval); }));
+    }
+  }
+  node->header.leaf_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status ExternalNodeBuilder::WriteRun(const Buckets& buckets, std::span<const double> lower,
+                                           const Census& census, NodeRecords* node) const {
+  const base::ScratchRange& kept = buckets.range(lower.size());
+  RunWriter run(pages_);
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(buckets.file(), kept, lower, node, &run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(buckets.file(), kept, lower, node, &run));
+  ISOSCOPE_RETURN_IF_ERROR(
+      WriteWindowLists(buckets.file(), kept, lower, census.coverage, node, &run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeafLists(buckets, node, &run));
+  return run.Finish();
+}
+
+absl::StatusOr<base::PageNumber> ExternalNodeBuilder::BuildNode(const base::ScratchFile& file,
+                                                                const base::ScratchRange& range) {
+  if (range.count <= plan_.in_memory_count) {
+    return BuildInMemory(file, range);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageNumber page, pages_->Append(""));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> lower, ChooseSlabs(file, range));
+  Census census(lower.size());
+  ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
+    const Part part = PartOf(interval, lower);
+    if (part.goes_down()) {
+      ++census.down_counts[part.first_slab];
+    } else {
+      ++census.kept_count;
+      census.coverage.Add(part);
+    }
+    return absl::OkStatus();
+  }));
+  ISOSCOPE_ASSIGN_OR_RETURN(const Buckets buckets, Distribute(file, range, lower, census));
+  NodeRecords node(lower);
+  ISOSCOPE_RETURN_IF_ERROR(WriteRun(buckets, lower, census, &node));
+  for (std::size_t slab = 0; slab < lower.size(); ++slab) {
+    if (buckets.range(slab).count > kEntriesPerPage) {
+      ISOSCOPE_ASSIGN_OR_RETURN(node.slabs[slab].child_page,
+                                BuildNode(buckets.file(), buckets.range(slab)));
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(pages_->Overwrite(page, node.Encode()));
+  return page;
+}
+
+}  // namespace
+
+MemoryPlan::MemoryPlan(std::int64_t memory_bytes)
+    : sorter_bytes(memory_bytes / 2),
+      bucket_bytes(memory_bytes / 4 / (kMaxSlabs + 1)),
+      sequence_bytes(std::min(memory_bytes / 8, base::kMiB)),
+      in_memory_count(std::max(memory_bytes / kBytesPerInterval, kEntriesPerPage)) {}
+
+absl::StatusOr<base::PageNumber> BuildNodeExternally(const base::ScratchFile& file,
+                                                     const base::ScratchRange& range,
+                                                     const IntervalTreeBuilder::Options& options,
+                                                     base::PageFileWriter* pages) {
+  return ExternalNodeBuilder(options, pages).BuildNode(file, range);
+}
+
+}  // namespace isoscope::index

@@ -1,0 +1,242 @@
+#include "core/index/in_memory_node_builder.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <tuple>
+#include <vector>
+
+#include "absl/status/status.h"
+
+#include "core/base/status_macros.h"
+#include "core/index/interval_tree_format.h"
+#include "core/index/node_slabs.h"
+#include "core/index/node_writer.h"
+
+namespace isoscope::index {
+namespace {
+
+using format::kEntriesPerPage;
+
+// Pass 1: the lower bounds of the slabs, ascending; -infinity for slab 0.
+std::vector<double> ChooseSlabs(std::span<const BlockInterval> intervals) {
+  std::vector<double> lower = {kFirstLowerBound};
+  const auto count = static_cast<std::int64_t>(intervals.size());
+  if (count <= kEntriesPerPage) {
+    return lower;
+  }
+  std::vector<double> endpoints;
+  endpoints.reserve(2 * intervals.size());
+  for (const BlockInterval& interval : intervals) {
+    endpoints.push_back(interval.span.min);
+    endpoints.push_back(interval.span.max);
+  }
+  std::sort(endpoints.begin(), endpoints.end());
+  for (std::int64_t i = 1; i < SlabCount(count); ++i) {
+    AddCut(endpoints[static_cast<std::size_t>(CutPosition(i, count))], &lower);
+  }
+  return lower;
+}
+
+// The part of an interval that stays at its node.
+struct KeptPart : Part {
+  std::uint32_t interval_index = 0;  // among those that stay
+};
+
+class InMemoryNodeBuilder {
+ public:
+  InMemoryNodeBuilder(std::span<BlockInterval> intervals, base::PageFileWriter* pages)
+      : pages_(pages) {
+    scratch_.reserve(intervals.size());
+  }
+
+  // Writes the subtree of `intervals`, in canonical order on entry; reorders them.
+  absl::StatusOr<base::PageNumber> BuildNode(std::span<BlockInterval> intervals);
+
+ private:
+  struct Node : NodeRecords {
+    using NodeRecords::NodeRecords;
+    std::vector<std::span<BlockInterval>> down;  // by slab
+  };
+
+  // Pass 2: fills `node->down` and returns the parts of the intervals that stay, whose indices
+  // refer to `kept_intervals`.
+  std::vector<KeptPart> Distribute(std::span<BlockInterval> intervals,
+                                   std::span<const double> lower, Node* node,
+                                   std::span<BlockInterval>* kept_intervals);
+  // Pass 3.
+  absl::Status WriteRun(std::span<const BlockInterval> intervals, std::span<KeptPart> kept,
+                        Node* node);
+  static absl::Status WriteLeftLists(std::span<const BlockInterval> intervals,
+                                     std::span<const KeptPart> kept, Node* node, RunWriter* run);
+  static absl::Status WriteRightLists(std::span<const BlockInterval> intervals,
+                                      std::span<const KeptPart> kept, Node* node, RunWriter* run);
+  static absl::Status WriteWindowLists(std::span<const BlockInterval> intervals,
+                                       std::span<const KeptPart> kept, Node* node, RunWriter* run);
+  static absl::Status WriteLeafLists(Node* node, RunWriter* run);
+
+  base::PageFileWriter* pages_;
+  std::vector<BlockInterval> scratch_;
+};
+
+std::vector<KeptPart> InMemoryNodeBuilder::Distribute(std::span<BlockInterval> intervals,
+                                                      std::span<const double> lower, Node* node,
+                                                      std::span<BlockInterval>* kept_intervals) {
+  const std::size_t slab_count = lower.size();
+  node->down.resize(slab_count);
+
+  // A stable counting sort by slab; those that stay come last.
+  std::vector<std::size_t> begin(slab_count + 2, 0);
+  std::vector<std::uint8_t> bucket_of(intervals.size());
+  std::vector<KeptPart> kept;
+  const bool fits_leaf = static_cast<std::int64_t>(intervals.size()) <= kEntriesPerPage;
+  for (std::size_t i = 0; i < intervals.size(); ++i) {
+    const Part part = PartOf(intervals[i], lower);
+    std::size_t bucket = part.first_slab;
+    if (!part.goes_down() && !fits_leaf) {
+      bucket = slab_count;
+      kept.push_back({part, static_cast<std::uint32_t>(kept.size())});
+    }
+    bucket_of[i] = static_cast<std::uint8_t>(bucket);
+    ++begin[bucket + 1];
+  }
+  for (std::size_t bucket = 1; bucket < begin.size(); ++bucket) {
+    begin[bucket] += begin[bucket - 1];
+  }
+  scratch_.assign(intervals.begin(), intervals.end());
+  std::vector<std::size_t> next(begin.begin(), begin.end() - 1);
+  for (std::size_t i = 0; i < scratch_.size(); ++i) {
+    intervals[next[bucket_of[i]]++] = scratch_[i];
+  }
+  for (std::size_t slab = 0; slab < slab_count; ++slab) {
+    node->down[slab] = intervals.subspan(begin[slab], begin[slab + 1] - begin[slab]);
+  }
+  *kept_intervals = intervals.subspan(begin[slab_count]);
+  return kept;
+}
+
+absl::Status InMemoryNodeBuilder::WriteLeftLists(std::span<const BlockInterval> intervals,
+                                                 std::span<const KeptPart> kept, Node* node,
+                                                 RunWriter* run) {
+  // Canonical order is ascending by lo, and so by slab.
+  std::size_t next = 0;
+  for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
+    node->slabs[slab].left_begin = run->entry_count();
+    for (; next < kept.size() && kept[next].first_slab == slab; ++next) {
+      if (kept[next].in_left_list()) {
+        ISOSCOPE_RETURN_IF_ERROR(run->Append(intervals[kept[next].interval_index]));
+      }
+    }
+  }
+  node->header.left_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status InMemoryNodeBuilder::WriteRightLists(std::span<const BlockInterval> intervals,
+                                                  std::span<const KeptPart> kept, Node* node,
+                                                  RunWriter* run) {
+  std::vector<KeptPart> right;
+  std::copy_if(kept.begin(), kept.end(), std::back_inserter(right),
+               [](const KeptPart& part) { return part.in_right_list(); });
+  std::sort(right.begin(), right.end(), [intervals](const KeptPart& a, const KeptPart& b) {
+    const double a_max = intervals[a.interval_index].span.max;
+    const double b_max = intervals[b.interval_index].span.max;
+    // Ascending by slab, descending by hi, then canonical.
+    return std::tie(a.last_slab, b_max, a.interval_index) <
+           std::tie(b.last_slab, a_max, b.interval_index);
+  });
+  std::size_t next = 0;
+  for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
+    node->slabs[slab].right_begin = run->entry_count();
+    for (; next < right.size() && right[next].last_slab == slab; ++next) {
+      ISOSCOPE_RETURN_IF_ERROR(run->Append(intervals[right[next].interval_index]));
+    }
+  }
+  node->header.right_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status InMemoryNodeBuilder::WriteWindowLists(std::span<const BlockInterval> intervals,
+                                                   std::span<const KeptPart> kept, Node* node,
+                                                   RunWriter* run) {
+  // Canonical order is also ascending by the first covered slab, so a sweep meets each interval
+  // when the first window that it reaches does.
+  Coverage coverage(node->slabs.size());
+  std::for_each(kept.begin(), kept.end(), [&](const KeptPart& part) { coverage.Add(part); });
+  std::vector<KeptPart> open;
+  std::size_t next = 0;
+  for (const Window& window : coverage.ChooseWindows()) {
+    open.erase(std::remove_if(
+                   open.begin(), open.end(),
+                   [&window](const KeptPart& part) { return part.last_covered() < window.first; }),
+               open.end());
+    for (; next < kept.size() && kept[next].first_covered() <= window.last; ++next) {
+      if (kept[next].in_windows()) {
+        open.push_back(kept[next]);
+      }
+    }
+    for (int slab = window.first; slab <= window.last; ++slab) {
+      format::SlabRecord& record = node->slabs[static_cast<std::size_t>(slab)];
+      record.window_begin = run->entry_count();
+      record.window_size = static_cast<std::uint32_t>(open.size());
+    }
+    for (const KeptPart& part : open) {
+      ISOSCOPE_RETURN_IF_ERROR(run->Append(intervals[part.interval_index]));
+    }
+  }
+  node->header.window_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status InMemoryNodeBuilder::WriteLeafLists(Node* node, RunWriter* run) {
+  for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
+    node->slabs[slab].leaf_begin = run->entry_count();
+    if (static_cast<std::int64_t>(node->down[slab].size()) <= kEntriesPerPage) {
+      for (const BlockInterval& interval : node->down[slab]) {
+        ISOSCOPE_RETURN_IF_ERROR(run->Append(interval));
+      }
+      node->down[slab] = {};
+    }
+  }
+  node->header.leaf_end = run->entry_count();
+  return absl::OkStatus();
+}
+
+absl::Status InMemoryNodeBuilder::WriteRun(std::span<const BlockInterval> intervals,
+                                           std::span<KeptPart> kept, Node* node) {
+  RunWriter run(pages_);
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(intervals, kept, node, &run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(intervals, kept, node, &run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteWindowLists(intervals, kept, node, &run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeafLists(node, &run));
+  return run.Finish();
+}
+
+absl::StatusOr<base::PageNumber> InMemoryNodeBuilder::BuildNode(
+    std::span<BlockInterval> intervals) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageNumber page, pages_->Append(""));
+  const std::vector<double> lower = ChooseSlabs(intervals);
+  Node node(lower);
+  {
+    std::span<BlockInterval> kept_intervals;
+    std::vector<KeptPart> kept = Distribute(intervals, lower, &node, &kept_intervals);
+    ISOSCOPE_RETURN_IF_ERROR(WriteRun(kept_intervals, kept, &node));
+  }
+  for (std::size_t slab = 0; slab < node.slabs.size(); ++slab) {
+    if (!node.down[slab].empty()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(node.slabs[slab].child_page, BuildNode(node.down[slab]));
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(pages_->Overwrite(page, node.Encode()));
+  return page;
+}
+
+}  // namespace
+
+absl::StatusOr<base::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
+                                                   base::PageFileWriter* pages) {
+  return InMemoryNodeBuilder(intervals, pages).BuildNode(intervals);
+}
+
+}  // namespace isoscope::index

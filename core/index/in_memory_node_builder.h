@@ -1,0 +1,22 @@
+// Builds a subtree of intervals that are in memory.
+
+#ifndef ISOSCOPE_CORE_INDEX_IN_MEMORY_NODE_BUILDER_H_
+#define ISOSCOPE_CORE_INDEX_IN_MEMORY_NODE_BUILDER_H_
+
+#include <span>
+
+#include "absl/status/statusor.h"
+
+#include "core/base/page_file.h"
+#include "core/index/interval_tree.h"
+
+namespace isoscope::index {
+
+// Writes the subtree of `intervals`, in canonical order on entry, and returns the page of its root;
+// reorders them. Errors: those of `pages`.
+absl::StatusOr<base::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
+                                                   base::PageFileWriter* pages);
+
+}  // namespace isoscope::index
+
+#endif  // ISOSCOPE_CORE_INDEX_IN_MEMORY_NODE_BUILDER_H_

@@ -1,0 +1,55 @@
+// The pages of a node while they are written: its run of entries, its header and slab records.
+
+#ifndef ISOSCOPE_CORE_INDEX_NODE_WRITER_H_
+#define ISOSCOPE_CORE_INDEX_NODE_WRITER_H_
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+
+#include "core/base/page_file.h"
+#include "core/index/interval_tree.h"
+#include "core/index/interval_tree_format.h"
+
+namespace isoscope::index {
+
+// Writes the entries of one run to full pages. Thread-compatible.
+class RunWriter {
+ public:
+  // `pages` outlives the writer; nothing else is appended to it before Finish.
+  explicit RunWriter(base::PageFileWriter* pages) : pages_(pages) { StartPage(); }
+
+  absl::Status Append(const BlockInterval& interval);
+  // Writes the last page, if it has entries.
+  absl::Status Finish();
+
+  // Entries so far: the position of the next one.
+  [[nodiscard]] std::uint32_t entry_count() const { return entry_count_; }
+
+ private:
+  void StartPage();
+
+  base::PageFileWriter* pages_;
+  std::string payload_;
+  std::int64_t page_entry_count_ = 0;
+  std::uint32_t entry_count_ = 0;
+};
+
+// A node while it is built.
+struct NodeRecords {
+  std::vector<format::SlabRecord> slabs;
+  format::NodeHeader header;
+
+  // lower: of its slabs, kMaxSlabs at most
+  explicit NodeRecords(std::span<const double> lower);
+
+  // The payload of its page.
+  [[nodiscard]] std::string Encode() const;
+};
+
+}  // namespace isoscope::index
+
+#endif  // ISOSCOPE_CORE_INDEX_NODE_WRITER_H_
