@@ -31,7 +31,7 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // ListBits writes up to this many elements past the end; whole registers may be read there.
-constexpr std::size_t kListPadding = 64;
+inline constexpr std::size_t kListPadding = 64;
 
 // Writes the positions of the set bits of `words` words, ascending; returns how many there are.
 inline std::size_t ListBits(const std::uint64_t* bits, std::size_t words, std::uint32_t* out) {
@@ -192,7 +192,7 @@ class ShiftedBits {
 };
 
 // Removes from `crossed` the edges that no valid cell of the block touches.
-void DropEdgesWithoutCells(const BlockShape& shape, BlockScratch* scratch) {
+inline void DropEdgesWithoutCells(const BlockShape& shape, BlockScratch* scratch) {
   const std::uint64_t* cells = scratch->valid_cells.data() + scratch->padding;
   std::fill_n(scratch->valid_cells.begin(), scratch->padding, 0);
   // Bits [64 word - offset, 64 word - offset + 64).
@@ -279,7 +279,7 @@ void FindCrossings(const BlockShape& shape, BlockScratch* scratch) {
 
 // Fills edge_samples, vertex_ids and vertex_count. Lists are filled up with a copy of their last
 // sample to whole registers.
-void NumberVertices(const BlockShape& shape, BlockScratch* scratch) {
+inline void NumberVertices(const BlockShape& shape, BlockScratch* scratch) {
   std::size_t number = 0;
   std::uint32_t* ids = scratch->vertex_ids.data();
   for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -314,8 +314,8 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
 }
 
 // Writes whole registers: up to 63 vectors past `count`.
-void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std::size_t count,
-                math::Vec3f* to) {
+inline void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std::size_t count,
+                       math::Vec3f* to) {
   const hn::CappedTag<float, 64> d;
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
     hn::StoreInterleaved3(hn::Load(d, from[0].data() + i), hn::Load(d, from[1].data() + i),

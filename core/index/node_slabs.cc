@@ -32,7 +32,10 @@ Part PartOf(const BlockInterval& interval, std::span<const double> lower) {
   // lower[0] is -infinity: never above lo, always below hi.
   const auto first = std::upper_bound(lower.begin() + 1, lower.end(), interval.span.min) - 1;
   const auto last = std::lower_bound(lower.begin() + 1, lower.end(), interval.span.max) - 1;
-  const double upper = last + 1 == lower.end() ? kInfinity : last[1];
+  double upper = kInfinity;
+  if (last + 1 != lower.end()) {
+    upper = last[1];
+  }
   Part part;
   part.first_slab = static_cast<std::uint8_t>(first - lower.begin());
   part.last_slab = static_cast<std::uint8_t>(last - lower.begin());

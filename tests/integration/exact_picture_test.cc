@@ -245,10 +245,8 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
   }
 
   std::unique_ptr<render::Renderer> renderer_;
-  static std::unique_ptr<DatasetDirectories> directories_;
+  inline static std::unique_ptr<DatasetDirectories> directories_;
 };
-
-std::unique_ptr<DatasetDirectories> ExactPictureTest::directories_;
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfGeneratedFields) {
   CheckRandomViews(Gyroid(), kFieldViewCount, 1000);

@@ -93,12 +93,9 @@ class FaultTest : public ::testing::Test {
     EXPECT_TRUE(response->png() == *right_png_) << "another picture";
   }
 
-  static testing::TempDir* directory_;
-  static std::string* right_png_;
+  inline static testing::TempDir* directory_ = nullptr;
+  inline static std::string* right_png_ = nullptr;
 };
-
-testing::TempDir* FaultTest::directory_ = nullptr;
-std::string* FaultTest::right_png_ = nullptr;
 
 // A cluster whose shard 1 is behind an agent that holds frames in one step.
 class HeldFrameTest : public FaultTest {

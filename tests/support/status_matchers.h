@@ -46,9 +46,11 @@ inline auto StatusIs(absl::StatusCode code) { return StatusIs(code, ::testing::_
                                  expression)
 #define ISOSCOPE_TEST_CONCAT_INNER_(a, b) a##b
 #define ISOSCOPE_TEST_CONCAT_(a, b) ISOSCOPE_TEST_CONCAT_INNER_(a, b)
+// NOLINTBEGIN(bugprone-macro-parentheses): a name and a declaration have none
 #define ISOSCOPE_ASSERT_OK_AND_ASSIGN_(statusor, declaration, expression) \
   auto statusor = (expression);                                           \
   ASSERT_THAT(statusor, ::isoscope::testing::IsOk());                     \
   declaration = *std::move(statusor)
+// NOLINTEND(bugprone-macro-parentheses)
 
 #endif  // ISOSCOPE_TESTS_SUPPORT_STATUS_MATCHERS_H_
