@@ -538,6 +538,7 @@ TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   view::Azimuth(0.5, &requests[2].camera);
   requests[3].isovalue += 10;
   std::vector<image::FrameImage> expected;
+  expected.reserve(requests.size());
   for (const FrameRequest& request : requests) {
     expected.push_back(RenderAll(shards, request));
   }
