@@ -24,6 +24,9 @@ constexpr std::size_t kMaxThreads = 8;
 // Buffers are of multiples of it, so that runs of similar sizes can share them.
 constexpr std::size_t kBufferStepBytes = 64 * static_cast<std::size_t>(kKiB);
 constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
+// So many reads in a row that were not in memory, and the files are taken to be cold: asking for
+// each costs more than it finds, and one by one they are submitted one by one.
+constexpr std::size_t kColdReads = 8;
 
 ReadBackend Resolve(ReadBackend backend) {
   if (backend != ReadBackend::kAutomatic) {
@@ -242,7 +245,7 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
     std::unique_ptr<Slot> slot;
     {
       absl::MutexLock lock(&mutex_);
-      if (next_ < reads_.size()) {
+      if (MayBegin()) {
         slot = Claim(reads_[next_].size);
       }
       if (slot == nullptr) {
@@ -261,8 +264,10 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
       slot->done = read.file->ReadCached(read.offset, read.size, slot->buffer.get());
     }
     if (!slot->status.ok() || slot->done == read.size) {
+      missed_.store(0, std::memory_order_relaxed);
       return Arrival(this, std::move(slot));
     }
+    missed_.fetch_add(1, std::memory_order_relaxed);
     slot = Start(std::move(slot));
     if (slot != nullptr) {
       ReadRest(slot.get());
@@ -271,9 +276,15 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
   }
 }
 
+bool ReadQueue::MayBegin() const {
+  // From cold files a quarter of the slots at a time.
+  return next_ < reads_.size() && (missed_.load(std::memory_order_relaxed) < kColdReads ||
+                                   ring_ == nullptr || used_count_ <= last_fill_ - last_fill_ / 4);
+}
+
 bool ReadQueue::HasMore() const {
   return !arrived_.empty() || used_count_ == 0 ||
-         (next_ < reads_.size() && HasRoom(reads_[next_].size + kBufferStepBytes));
+         (MayBegin() && HasRoom(reads_[next_].size + kBufferStepBytes));
 }
 
 absl::StatusOr<bool> ReadQueue::WaitForMore(const Cancellation& cancellation) {
@@ -304,11 +315,35 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
       }
     }
   }
+  const bool ring_waits = started_.empty();
   started_.push_back(std::move(slot));
-  if (ring_ != nullptr && started_.size() == 1) {
-    ring_->Wake();
+  if (ring_ != nullptr) {
+    if (missed_.load(std::memory_order_relaxed) >= kColdReads) {
+      FillRing();
+    }
+    if (ring_waits) {
+      ring_->Wake();
+    }
   }
   return nullptr;
+}
+
+void ReadQueue::FillRing() {
+  while (next_ < reads_.size()) {
+    const Read& read = reads_[next_];
+    std::unique_ptr<Slot> slot = Claim(read.size);
+    if (slot == nullptr) {
+      break;
+    }
+    slot->index = next_++;
+    slot->status = CheckRange(*read.file, read.offset, read.size);
+    if (slot->status.ok() && read.size > 0) {
+      started_.push_back(std::move(slot));
+    } else {
+      arrived_.push_back(std::move(slot));
+    }
+  }
+  last_fill_ = used_count_;
 }
 
 void ReadQueue::PrepareBackend() {

@@ -5,6 +5,7 @@
 #ifndef ISOSCOPE_CORE_BASE_READ_QUEUE_H_
 #define ISOSCOPE_CORE_BASE_READ_QUEUE_H_
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -39,7 +40,7 @@ struct ReadQueueOptions {
   // Bounds of what is under way or has arrived and is not released. One read may be larger, alone.
   // More lets slow disks keep up with fast processors; memory grows with it.
   std::size_t max_bytes = 16 * static_cast<std::size_t>(kMiB);
-  std::size_t max_requests = 64;
+  std::size_t max_requests = 256;
   // What one system call moves. Linux stops at 2^31 - 4096; tests stop earlier.
   std::size_t max_transfer_bytes = static_cast<std::size_t>(kGiB);
 };
@@ -105,12 +106,16 @@ class ReadQueue {
   class Ring;
 
   bool HasMore() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  // Whether a read may be begun, as far as order and not room goes.
+  bool MayBegin() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   bool HasRoom(std::size_t size) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   // Null if the bounds are reached.
   std::unique_ptr<Slot> Claim(std::size_t size) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Release(std::unique_ptr<Slot> slot);
-  // Hands a slot to ring or threads. Gives it back if there is neither and none can be made.
+  // Hands a slot to ring or threads, and from a cold file as many others as there is room for.
+  // Gives it back if there is neither and none can be made.
   std::unique_ptr<Slot> Start(std::unique_ptr<Slot> slot);
+  void FillRing() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void PrepareBackend() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The bytes of a slot that are still missing, with pread.
   void ReadRest(Slot* slot) const;
@@ -127,6 +132,8 @@ class ReadQueue {
   std::size_t used_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::size_t held_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // of all slots
   std::size_t peak_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::size_t last_fill_ ABSL_GUARDED_BY(mutex_) = 0;  // used_count_ after the last FillRing
+  std::atomic<std::size_t> missed_{0};                 // reads since one was found in memory
   std::size_t waiting_threads_ ABSL_GUARDED_BY(mutex_) = 0;
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::deque<std::unique_ptr<Slot>> started_ ABSL_GUARDED_BY(mutex_);  // ring or threads take them

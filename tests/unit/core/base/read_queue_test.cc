@@ -70,6 +70,22 @@ class HalfCachedFile : public ColdFile {
   }
 };
 
+// Counts who asks it for what is in memory, and finds it there after `miss_count` of them.
+class CountingFile : public ColdFile {
+ public:
+  CountingFile(std::unique_ptr<RandomAccessFile> file, std::size_t miss_count)
+      : ColdFile(std::move(file)), miss_count_(miss_count) {}
+  [[nodiscard]] std::size_t ReadCached(std::int64_t offset, std::size_t size,
+                                       char* out) const override {
+    return ++asked_count_ > miss_count_ && ReadAt(offset, size, out).ok() ? size : 0;
+  }
+  [[nodiscard]] std::size_t asked_count() const { return asked_count_; }
+
+ private:
+  const std::size_t miss_count_;
+  mutable std::atomic<std::size_t> asked_count_{0};
+};
+
 // Has no descriptor, and keeps its readers waiting until it is opened.
 class GateFile : public RandomAccessFile {
  public:
@@ -227,6 +243,34 @@ TEST_P(ReadQueueTest, BackendIsTheOneAskedForAndMadeOnlyIfNeeded) {
     Drain(&warm_queue, warm_reads, 1);
     EXPECT_EQ(warm_queue.backend_in_use(), ReadBackend::kAutomatic);
   }
+}
+
+TEST_P(ReadQueueTest, ColdFilesAreSubmittedManyAtATimeAndNotAskedAgainAndAgain) {
+  constexpr std::size_t kCount = 2000;
+  for (const std::size_t max_requests : std::vector<std::size_t>{1, 2, 3, 5, 256}) {
+    options_.max_requests = max_requests;
+    for (const int thread_count : {1, 3}) {
+      const CountingFile cold(Open(), kCount);
+      std::vector<ReadQueue::Read> reads;
+      for (std::size_t i = 0; i < kCount; ++i) {
+        reads.push_back({&cold, static_cast<std::int64_t>(RandomBits(3, i) % 900'000), 1 + i});
+      }
+      ExpectAllRight(reads, ReadAll(reads, thread_count));
+      if (GetParam() == ReadBackend::kThreads) {
+        EXPECT_EQ(cold.asked_count(), kCount);
+      } else if (max_requests == 256) {
+        EXPECT_LT(cold.asked_count(), kCount / 4);
+      }
+    }
+  }
+}
+
+TEST_P(ReadQueueTest, WhatIsInMemoryIsTakenFromThereAlsoBehindColdParts) {
+  constexpr std::size_t kCount = 2000;
+  const CountingFile file(Open(), 20);
+  const std::vector<ReadQueue::Read> reads(kCount, {&file, 1000, 500});
+  ExpectAllRight(reads, ReadAll(reads));
+  EXPECT_GT(file.asked_count(), kCount / 4);
 }
 
 TEST_P(ReadQueueTest, ReadsThatTheSystemEndsEarlyAreContinued) {
