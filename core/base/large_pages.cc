@@ -1,22 +1,41 @@
 #include "core/base/large_pages.h"
 
-#include <algorithm>
+#include <cstdint>
 
 #include <sys/mman.h>
 
-namespace isoscope::base {
+#include "core/base/check.h"
 
-void* AllocateInLargePages(std::size_t bytes) {
-  if (bytes < kLargePageBytes) {
-    return std::malloc(std::max<std::size_t>(bytes, 1));
+namespace isoscope::base {
+namespace {
+
+std::size_t WholePages(std::size_t bytes) {
+  return (bytes + kLargePageBytes - 1) / kLargePageBytes * kLargePageBytes;
+}
+
+}  // namespace
+
+void* MapLargePages(std::size_t bytes) {
+  const std::size_t size = WholePages(bytes);
+  // With room to cut out an aligned part: only whole large pages can be large.
+  void* const mapped = ::mmap(nullptr, size + kLargePageBytes, PROT_READ | PROT_WRITE,
+                              MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (mapped == MAP_FAILED) {
+    return nullptr;
   }
-  // Whole large pages: what shares one with other data could not be large.
-  const std::size_t rounded = (bytes + kLargePageBytes - 1) / kLargePageBytes * kLargePageBytes;
-  void* memory = std::aligned_alloc(kLargePageBytes, rounded);
-  if (memory != nullptr) {
-    ::madvise(memory, rounded, MADV_HUGEPAGE);  // a wish: small pages do as well
+  char* const begin = static_cast<char*>(mapped);
+  const std::size_t misaligned = reinterpret_cast<std::uintptr_t>(begin) % kLargePageBytes;
+  const std::size_t head = misaligned == 0 ? 0 : kLargePageBytes - misaligned;
+  if (head > 0) {
+    ::munmap(begin, head);
   }
-  return memory;
+  ::munmap(begin + head + size, kLargePageBytes - head);
+  ::madvise(begin + head, size, MADV_HUGEPAGE);  // a wish: small pages do as well
+  return begin + head;
+}
+
+void UnmapLargePages(void* memory, std::size_t bytes) {
+  ISOSCOPE_CHECK_EQ(::munmap(memory, WholePages(bytes)), 0);
 }
 
 }  // namespace isoscope::base

@@ -5,7 +5,6 @@
 #define ISOSCOPE_CORE_BASE_LARGE_PAGES_H_
 
 #include <cstddef>
-#include <cstdlib>
 #include <new>
 #include <vector>
 
@@ -13,10 +12,13 @@ namespace isoscope::base {
 
 inline constexpr std::size_t kLargePageBytes = std::size_t{2} << 20;
 
-// From std::malloc's family: std::free gives it back. Null if there is no memory.
-void* AllocateInLargePages(std::size_t bytes);
+// Zeroed memory of `bytes`, rounded up to whole large pages. Null if there is none. Thread-safe.
+void* MapLargePages(std::size_t bytes);
+// Gives it back to the system. `bytes`: as it was mapped.
+void UnmapLargePages(void* memory, std::size_t bytes);
 
-// What is smaller than a large page is allocated as always.
+// What is smaller than a large page is allocated as always. The rest is not, but mapped: malloc
+// does not find room for aligned blocks again that it has, so that a process would grow.
 template <typename T>
 struct LargePageAllocator {
   using value_type = T;
@@ -26,17 +28,29 @@ struct LargePageAllocator {
   LargePageAllocator(const LargePageAllocator<U>& /*other*/) {}  // NOLINT: converts, as allocators
 
   T* allocate(std::size_t count) {
-    void* memory = count > static_cast<std::size_t>(-1) / 2 / sizeof(T)
-                       ? nullptr
-                       : AllocateInLargePages(count * sizeof(T));
+    if (count > static_cast<std::size_t>(-1) / 2 / sizeof(T)) {
+      throw std::bad_alloc();
+    }
+    const std::size_t bytes = count * sizeof(T);
+    void* const memory = IsLarge(bytes) ? MapLargePages(bytes) : ::operator new(bytes);
     if (memory == nullptr) {
       throw std::bad_alloc();
     }
     return static_cast<T*>(memory);
   }
-  void deallocate(T* memory, std::size_t /*count*/) { std::free(memory); }
+  void deallocate(T* memory, std::size_t count) {
+    const std::size_t bytes = count * sizeof(T);
+    if (IsLarge(bytes)) {
+      UnmapLargePages(memory, bytes);
+    } else {
+      ::operator delete(memory);
+    }
+  }
 
   friend bool operator==(const LargePageAllocator&, const LargePageAllocator&) { return true; }
+
+ private:
+  static bool IsLarge(std::size_t bytes) { return bytes >= kLargePageBytes; }
 };
 
 template <typename T>

@@ -1,15 +1,13 @@
 #include "core/base/memory_pool.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <new>
 
-#include <sys/mman.h>
+#include "core/base/large_pages.h"
 
 namespace isoscope::base {
 namespace {
 
-constexpr std::size_t kHugePageBytes = std::size_t{2} << 20;
 constexpr std::size_t kPageBytes = 4096;
 
 }  // namespace
@@ -20,27 +18,15 @@ std::shared_ptr<MemoryPool> MemoryPool::Make() {
 
 MemoryPool::~MemoryPool() {
   for (char* region : regions_) {
-    ::munmap(region, kRegionBytes);
+    UnmapLargePages(region, kRegionBytes);
   }
 }
 
 void MemoryPool::AddRegion() {
-  // Mapped with room to cut out an aligned part: only whole large pages can be large.
-  const std::size_t mapped_bytes = kRegionBytes + kHugePageBytes;
-  void* mapped =
-      ::mmap(nullptr, mapped_bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  if (mapped == MAP_FAILED) {
+  char* const region = static_cast<char*>(MapLargePages(kRegionBytes));
+  if (region == nullptr) {
     throw std::bad_alloc();
   }
-  char* const begin = static_cast<char*>(mapped);
-  const std::size_t misaligned = reinterpret_cast<std::uintptr_t>(begin) % kHugePageBytes;
-  const std::size_t head = misaligned == 0 ? 0 : kHugePageBytes - misaligned;
-  if (head > 0) {
-    ::munmap(begin, head);
-  }
-  ::munmap(begin + head + kRegionBytes, kHugePageBytes - head);
-  char* const region = begin + head;
-  ::madvise(region, kRegionBytes, MADV_HUGEPAGE);  // a wish: small pages do as well
   regions_.push_back(region);
   for (std::size_t offset = kRegionBytes; offset > 0; offset -= kChunkBytes) {
     free_chunks_.push_back(region + offset - kChunkBytes);

@@ -3,10 +3,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <new>
 #include <numeric>
+#include <vector>
 
 #include "gtest/gtest.h"
+
+#include "core/base/memory_info.h"
 
 namespace isoscope::base {
 namespace {
@@ -28,6 +32,20 @@ TEST(LargePageVectorTest, HoldsWhatIsPutInWhateverItsSize) {
 TEST(LargePageVectorTest, LargeOnesBeginAtALargePage) {
   const LargePageVector<char> bytes(kLargePageBytes);
   EXPECT_EQ(reinterpret_cast<std::uintptr_t>(bytes.data()) % kLargePageBytes, 0U);
+}
+
+// Symptom: agents grew beyond their limit, frame by frame, by images that they had freed.
+TEST(LargePageVectorTest, WhatIsFreedGoesBackToTheSystemWhateverLiesBesideIt) {
+  constexpr std::size_t kCount = std::size_t{1} << 20;  // 8 MiB
+  const std::size_t before = ResidentBytes();
+  std::vector<std::unique_ptr<char[]>> beside;
+  for (int i = 0; i < 40; ++i) {
+    const LargePageVector<std::uint64_t> one(kCount, 1);
+    const LargePageVector<std::uint32_t> two(kCount, 1);
+    beside.push_back(std::make_unique<char[]>(100'000));
+    EXPECT_EQ(one.back() + two.back(), 2U);
+  }
+  EXPECT_LT(ResidentBytes(), before + 4 * kCount * sizeof(std::uint64_t));
 }
 
 TEST(LargePageVectorTest, MoreThanCanBeAddressedThrows) {
