@@ -89,7 +89,8 @@ class ReadQueue {
   ReadQueue& operator=(const ReadQueue&) = delete;
 
   // Starts reads while the bounds allow, and gives one that ended: in any order. Nothing if none
-  // has. Never waits for a disk.
+  // has. Never waits for a disk. After some reads that were not in memory the next ones are started
+  // together, a quarter of the bounds at a time.
   std::optional<Arrival> TryTake();
 
   // Waits until TryTake may give something again: true; false when every read was taken. The error
@@ -106,7 +107,7 @@ class ReadQueue {
   class Ring;
 
   bool HasMore() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Whether a read may be begun, as far as order and not room goes.
+  // Whether the next read may be begun, if there is room: from cold files many wait for each other.
   bool MayBegin() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   bool HasRoom(std::size_t size) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   // Null if the bounds are reached.

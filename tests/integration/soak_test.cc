@@ -2,8 +2,10 @@
 // way, seen from anywhere. A bounded run with seeds that never change; with ISOSCOPE_SOAK_SECONDS
 // as long as that, with new seeds each time (scripts/soak.sh).
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
@@ -15,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/status/statusor.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"

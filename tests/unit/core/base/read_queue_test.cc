@@ -155,6 +155,7 @@ class ReadQueueTest : public ::testing::TestWithParam<ReadBackend> {
     const Cancellation never;
     while (queue->WaitForMore(never).value()) {
       std::vector<std::thread> threads;
+      threads.reserve(static_cast<std::size_t>(thread_count));
       for (int i = 0; i < thread_count; ++i) {
         threads.emplace_back([&] {
           while (const std::optional<ReadQueue::Arrival> arrival = queue->TryTake()) {
@@ -226,6 +227,7 @@ TEST_P(ReadQueueTest, BackendIsTheOneAskedForAndMadeOnlyIfNeeded) {
   Drain(&queue, reads, 1);
   EXPECT_EQ(queue.backend_in_use(), GetParam());
 
+  // NOLINTBEGIN(concurrency-mt-unsafe): one thread
   ASSERT_EQ(setenv("ISOSCOPE_READ_BACKEND",
                    GetParam() == ReadBackend::kThreads ? "threads" : "io_uring", 1),
             0);
@@ -233,6 +235,7 @@ TEST_P(ReadQueueTest, BackendIsTheOneAskedForAndMadeOnlyIfNeeded) {
   Drain(&by_environment, reads, 1);
   EXPECT_EQ(by_environment.backend_in_use(), GetParam());
   ASSERT_EQ(unsetenv("ISOSCOPE_READ_BACKEND"), 0);
+  // NOLINTEND(concurrency-mt-unsafe)
 
   // All of it, from the same pages as were written.
   const auto warm = Open();
