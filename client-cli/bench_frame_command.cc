@@ -120,7 +120,7 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const BenchFrameFlags& f
     ingest::PartitionOptions options;
     options.output_directory = folder.Sub(absl::StrCat("shards-", shard_count));
     options.shard_count = static_cast<int>(shard_count);
-    options.block_cells = flags.block_cells.value_or(options.block_cells);
+    options.block_cells = flags.block_cells;
     ISOSCOPE_RETURN_IF_ERROR(
         PartitionVolume(flags.source, *flags.input, options, context).status());
     datasets.push_back({.shard_count = options.shard_count, .directory = options.output_directory});

@@ -175,7 +175,7 @@ class Datasets {
         folder_.Sub(absl::StrCat(store::NameOf(distribution), "-", shard_count));
     options.shard_count = shard_count;
     options.distribution = distribution;
-    options.block_cells = flags_.block_cells.value_or(options.block_cells);
+    options.block_cells = flags_.block_cells;
     ISOSCOPE_RETURN_IF_ERROR(
         PartitionVolume(flags_.source, *flags_.input, options, context_).status());
     if (shard_count > 1) {

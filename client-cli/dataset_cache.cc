@@ -30,7 +30,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised when the same source and parameters no longer give the same dataset.
-constexpr absl::string_view kKeyVersion = "isoscope-cache-1";
+constexpr absl::string_view kKeyVersion = "isoscope-cache-2";
 constexpr absl::string_view kWorkPrefix = ".making-";
 constexpr const char* kLockName = "lock";
 

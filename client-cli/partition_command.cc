@@ -77,7 +77,7 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
     options.output_directory.pop_back();
   }
   options.shard_count = static_cast<int>(flags.shard_count.value_or(options.shard_count));
-  options.block_cells = flags.block_cells.value_or(options.block_cells);
+  options.block_cells = flags.block_cells;
   options.distribution = flags.distribution.value_or(options.distribution);
   options.compression = flags.compression.value_or(options.compression);
   options.seed = flags.seed.value_or(options.seed);
@@ -99,7 +99,7 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
           "parts, one for each agent (default: 1)");
   AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
-          "cells of a block (default: 8)");
+          "cells of a block (default: 16, and 8 for volumes of less than about 512 x 512 x 512)");
   AddFlag(app, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
           "how blocks are dealt out (default: random)");
   AddFlag(app, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,

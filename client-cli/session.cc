@@ -51,9 +51,7 @@ absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags,
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::string key,
       CacheKey(input, files,
-               absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count, "\n",
-                            options.block_cells.x, "x", options.block_cells.y, "x",
-                            options.block_cells.z)));
+               absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count)));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory());
   bool was_made = false;
   const auto make = [&](const std::string& directory) -> absl::Status {

@@ -641,7 +641,9 @@ absl::StatusOr<store::Manifest> Partition(VolumeSource& source, const PartitionO
   ISOSCOPE_RETURN_IF_ERROR(volume::Validate(source.geometry()));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::BlockLayout layout,
-      volume::BlockLayout::Make(source.geometry().sample_dims, options.block_cells));
+      volume::BlockLayout::Make(
+          source.geometry().sample_dims,
+          options.block_cells.value_or(volume::DefaultBlockCells(source.geometry().sample_dims))));
   ISOSCOPE_RETURN_IF_ERROR(ValidateShardCount(options.shard_count, layout));
   const std::int64_t source_bytes =
       options.reserved_bytes + source.memory_bytes() +

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -25,9 +26,9 @@ struct PartitionProgress {
 };
 
 struct PartitionOptions {
-  std::string output_directory;  // must not exist; its parent must
-  int shard_count = 1;           // 1 .. min(kMaxShardCount, number of blocks)
-  math::Index3 block_cells{8, 8, 8};
+  std::string output_directory;             // must not exist; its parent must
+  int shard_count = 1;                      // 1 .. min(kMaxShardCount, number of blocks)
+  std::optional<math::Index3> block_cells;  // default: volume::DefaultBlockCells
   store::Distribution distribution = store::Distribution::kRandom;
   // Blocks are compressed after their shard was written: needs disk space for one shard twice.
   store::BlockEncoding compression = store::BlockEncoding::kRaw;

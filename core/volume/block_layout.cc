@@ -68,4 +68,19 @@ math::IndexBox BlockLayout::StoredSamplesOf(BlockId id) const {
   return samples;
 }
 
+math::Index3 DefaultBlockCells(const math::Index3& sample_dims) {
+  constexpr std::int64_t kLargeEdge = 16;
+  constexpr std::int64_t kSmallEdge = 8;
+  constexpr std::int64_t kEnoughBlocks = 32768;
+  // Not the product of the axes: it could overflow.
+  std::int64_t blocks = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::int64_t cells = std::max<std::int64_t>(sample_dims[axis] - 1, 1);
+    blocks = std::min(kEnoughBlocks,
+                      blocks * std::min(kEnoughBlocks, (cells + kLargeEdge - 1) / kLargeEdge));
+  }
+  const std::int64_t edge = blocks >= kEnoughBlocks ? kLargeEdge : kSmallEdge;
+  return {edge, edge, edge};
+}
+
 }  // namespace isoscope::volume

@@ -104,7 +104,7 @@ void ExpectDatasetMatches(const std::string& directory, const Volume& v,
   const store::Manifest& manifest = dataset.manifest;
   EXPECT_EQ(manifest.geometry, GeometryOf(v));
   EXPECT_EQ(manifest.scalar_type, v.type);
-  EXPECT_EQ(manifest.block_cells, options.block_cells);
+  EXPECT_EQ(manifest.block_cells, options.block_cells.value_or(volume::DefaultBlockCells(v.dims)));
   EXPECT_EQ(manifest.source, "noise.raw");
   EXPECT_EQ(manifest.value_range, BruteForceSpan(v, {{0, 0, 0}, v.dims}));
   ASSERT_EQ(manifest.shards.size(), static_cast<std::size_t>(options.shard_count));
@@ -168,7 +168,7 @@ void ExpectDatasetMatches(const std::string& directory, const Volume& v,
     }
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout,
-                                volume::BlockLayout::Make(v.dims, options.block_cells));
+                                volume::BlockLayout::Make(v.dims, manifest.block_cells));
   EXPECT_EQ(static_cast<std::int64_t>(seen.size()), layout.block_count());
 }
 
