@@ -65,6 +65,7 @@ UNTESTED_HEADERS = {
     "core/index/interval_tree_builder.h": "inside of interval_tree_test",
     "core/index/interval_tree_format.h": "constants; inside of interval_tree_test",
     "core/ingest/file_source.h": "inside of volume_source_test",
+    "core/ingest/hdf5_handle.h": "inside of hdf5_source_test and hdf5_storage_test",
     "core/ingest/inflate_reader.h": "inside of volume_source_test",
     "core/ingest/itk_header.h": "inside of volume_source_test",
     "core/ingest/sample_location.h": "inside of volume_source_test",

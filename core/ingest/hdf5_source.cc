@@ -15,6 +15,8 @@
 #include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/ingest/hdf5_handle.h"
+#include "core/ingest/hdf5_storage.h"
 #include "hdf5.h"
 
 namespace isoscope::ingest {
@@ -25,45 +27,6 @@ constexpr std::int64_t kMaxChunkCacheBytes = 32 * base::kMiB;
 constexpr std::int64_t kConversionBytes = 4 * base::kMiB;
 // A chunk larger than this would not fit beside a small memory limit.
 constexpr std::int64_t kMaxChunkBytes = 256 * base::kMiB;
-
-// An identifier of the library, closed at the end.
-class Handle {
- public:
-  using Close = herr_t (*)(hid_t);
-  Handle() = default;
-  Handle(hid_t id, Close close) : id_(id), close_(close) {}
-  ~Handle() {
-    if (id_ >= 0) {
-      close_(id_);
-    }
-  }
-  Handle(const Handle&) = delete;
-  Handle& operator=(const Handle&) = delete;
-  Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, -1)), close_(other.close_) {}
-  Handle& operator=(Handle&& other) noexcept {
-    std::swap(id_, other.id_);
-    std::swap(close_, other.close_);
-    return *this;
-  }
-
-  [[nodiscard]] hid_t get() const { return id_; }
-  [[nodiscard]] bool is_valid() const { return id_ >= 0; }
-
- private:
-  hid_t id_ = -1;
-  Close close_ = nullptr;
-};
-
-// The first description on the library's stack of errors.
-std::string LastError() {
-  std::string text;
-  const auto visit = [](unsigned /*n*/, const H5E_error2_t* error, void* out) -> herr_t {
-    *static_cast<std::string*>(out) = error->desc != nullptr ? error->desc : "";
-    return 1;
-  };
-  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, visit, &text);
-  return text.empty() ? "unknown error" : text;
-}
 
 // The dimensions of a space of three axes or more; empty if it has fewer.
 std::vector<hsize_t> VolumeDims(hid_t space) {
@@ -156,12 +119,12 @@ std::vector<std::string> ListVolumes(hid_t file) {
     if (info->type != H5O_TYPE_DATASET || found->size() >= kMaxNames) {
       return 0;
     }
-    const Handle dataset(H5Dopen2(root, name, H5P_DEFAULT), H5Dclose);
+    const Hdf5Handle dataset(H5Dopen2(root, name, H5P_DEFAULT), H5Dclose);
     if (!dataset.is_valid()) {
       return 0;
     }
-    const Handle space(H5Dget_space(dataset.get()), H5Sclose);
-    const Handle type(H5Dget_type(dataset.get()), H5Tclose);
+    const Hdf5Handle space(H5Dget_space(dataset.get()), H5Sclose);
+    const Hdf5Handle type(H5Dget_type(dataset.get()), H5Tclose);
     std::array<std::size_t, 3> axes{};
     volume::ScalarType scalar{};
     if (FindAxes(VolumeDims(space.get()), &axes) && ScalarTypeOf(type.get(), &scalar)) {
@@ -182,7 +145,7 @@ class Hdf5Source final : public VolumeSource {
  public:
   Hdf5Source(const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
              std::vector<hsize_t> dims, const std::array<std::size_t, 3>& axes,
-             std::int64_t cache_bytes, Handle file, Handle dataset)
+             std::int64_t cache_bytes, Hdf5Handle file, Hdf5Handle dataset)
       : geometry_(geometry),
         type_(type),
         name_(std::move(name)),
@@ -229,8 +192,8 @@ class Hdf5Source final : public VolumeSource {
     count[axes_[0]] = static_cast<hsize_t>(planes);
     count[axes_[1]] = static_cast<hsize_t>(rows);
     count[axes_[2]] = static_cast<hsize_t>(geometry_.sample_dims.x);
-    const Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
-    const Handle memory_space(
+    const Hdf5Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
+    const Hdf5Handle memory_space(
         H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr), H5Sclose);
     if (!file_space.is_valid() || !memory_space.is_valid() ||
         H5Sselect_hyperslab(file_space.get(), H5S_SELECT_SET, start.data(), nullptr, count.data(),
@@ -240,7 +203,7 @@ class Hdf5Source final : public VolumeSource {
       return absl::DataLossError(
           absl::StrFormat("%s: planes %d to %d can't be read: %s: the file is damaged or cut, or "
                           "compressed with a filter that is not installed",
-                          name_, z, z + planes - 1, LastError()));
+                          name_, z, z + planes - 1, LastHdf5Error()));
     }
     return absl::OkStatus();
   }
@@ -251,21 +214,21 @@ class Hdf5Source final : public VolumeSource {
   const std::vector<hsize_t> dims_;        // of the dataset
   const std::array<std::size_t, 3> axes_;  // its z, y and x
   const std::int64_t cache_bytes_;
-  const Handle file_;
-  const Handle dataset_;
+  const Hdf5Handle file_;
+  const Hdf5Handle dataset_;
 };
 
 // What the chunk cache should hold: a layer of chunks. 0 for a dataset without chunks.
 absl::StatusOr<std::int64_t> ChunkCacheBytes(hid_t dataset, const std::vector<hsize_t>& dims,
                                              const std::array<std::size_t, 3>& axes,
                                              std::size_t sample_size, const std::string& name) {
-  const Handle properties(H5Dget_create_plist(dataset), H5Pclose);
+  const Hdf5Handle properties(H5Dget_create_plist(dataset), H5Pclose);
   if (H5Pget_layout(properties.get()) != H5D_CHUNKED) {
     return 0;
   }
   std::vector<hsize_t> chunk(dims.size());
   if (H5Pget_chunk(properties.get(), static_cast<int>(chunk.size()), chunk.data()) < 0) {
-    return absl::DataLossError(absl::StrCat(name, ": its chunks can't be read: ", LastError()));
+    return absl::DataLossError(absl::StrCat(name, ": its chunks can't be read: ", LastHdf5Error()));
   }
   double chunk_bytes = static_cast<double>(sample_size);
   double chunks = 1;
@@ -293,14 +256,53 @@ math::Vec3d SpacingOf(hid_t dataset) {
   if (H5Aexists(dataset, kName) <= 0) {
     return spacing;
   }
-  const Handle attribute(H5Aopen(dataset, kName, H5P_DEFAULT), H5Aclose);
-  const Handle space(H5Aget_space(attribute.get()), H5Sclose);
+  const Hdf5Handle attribute(H5Aopen(dataset, kName, H5P_DEFAULT), H5Aclose);
+  const Hdf5Handle space(H5Aget_space(attribute.get()), H5Sclose);
   std::array<double, 3> zyx{};
   if (H5Sget_simple_extent_npoints(space.get()) == 3 &&
       H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, zyx.data()) >= 0) {
     spacing = {zyx[2], zyx[1], zyx[0]};
   }
   return spacing;
+}
+
+// A dataset and the file that holds it.
+struct NamedDataset {
+  Hdf5Path parts;  // with the dataset's name, whether it was given or not
+  Hdf5Handle file;
+  Hdf5Handle dataset;
+};
+
+absl::StatusOr<NamedDataset> OpenByName(const std::string& path) {
+  Hdf5Path parts;
+  if (!SplitHdf5Path(path, &parts)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": no name of an HDF5 dataset"));
+  }
+  if (!base::PathExists(parts.file)) {
+    return absl::NotFoundError(absl::StrCat(parts.file, ": no such file"));
+  }
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
+  Hdf5Handle file(H5Fopen(parts.file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  if (!file.is_valid()) {
+    return absl::InvalidArgumentError(absl::StrCat(parts.file,
+                                                   ": can't be opened as HDF5: ", LastHdf5Error(),
+                                                   ": no HDF5 file, or it is cut"));
+  }
+  if (parts.dataset.empty()) {
+    const std::vector<std::string> names = ListVolumes(file.get());
+    if (names.size() != 1) {
+      return absl::InvalidArgumentError(absl::StrCat(parts.file, ": say which dataset, as in ",
+                                                     parts.file, ":/name; ", Listed(names)));
+    }
+    parts.dataset = names[0];
+  }
+  Hdf5Handle dataset(H5Dopen2(file.get(), parts.dataset.c_str(), H5P_DEFAULT), H5Dclose);
+  if (!dataset.is_valid()) {
+    return absl::NotFoundError(absl::StrCat(parts.file, ": no dataset ", parts.dataset, "; ",
+                                            Listed(ListVolumes(file.get()))));
+  }
+  return NamedDataset{
+      .parts = std::move(parts), .file = std::move(file), .dataset = std::move(dataset)};
 }
 
 }  // namespace
@@ -324,39 +326,29 @@ bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
   return false;
 }
 
+absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const NamedDataset named, OpenByName(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
+                            FindHdf5Files(named.dataset.get(), named.parts.name()));
+  // A link may lead past the file that the path names.
+  if (std::find(files.begin(), files.end(), named.parts.file) == files.end()) {
+    files.insert(files.begin(), named.parts.file);
+  }
+  return files;
+}
+
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path) {
-  Hdf5Path parts;
-  if (!SplitHdf5Path(path, &parts)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": no name of an HDF5 dataset"));
-  }
-  if (!base::PathExists(parts.file)) {
-    return absl::NotFoundError(absl::StrCat(parts.file, ": no such file"));
-  }
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // errors are ours to report
-  Handle file(H5Fopen(parts.file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
-  if (!file.is_valid()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        parts.file, ": can't be opened as HDF5: ", LastError(), ": no HDF5 file, or it is cut"));
-  }
-  if (parts.dataset.empty()) {
-    const std::vector<std::string> names = ListVolumes(file.get());
-    if (names.size() != 1) {
-      return absl::InvalidArgumentError(absl::StrCat(parts.file, ": say which dataset, as in ",
-                                                     parts.file, ":/name; ", Listed(names)));
-    }
-    parts.dataset = names[0];
-  }
-  const std::string name = absl::StrCat(parts.file, ":", parts.dataset);
-  Handle dataset(H5Dopen2(file.get(), parts.dataset.c_str(), H5P_DEFAULT), H5Dclose);
-  if (!dataset.is_valid()) {
-    return absl::NotFoundError(absl::StrCat(parts.file, ": no dataset ", parts.dataset, "; ",
-                                            Listed(ListVolumes(file.get()))));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(NamedDataset named, OpenByName(path));
+  const Hdf5Path& parts = named.parts;
+  Hdf5Handle& file = named.file;
+  Hdf5Handle& dataset = named.dataset;
+  const std::string name = parts.name();
+  ISOSCOPE_RETURN_IF_ERROR(FindHdf5Files(dataset.get(), name).status());
   std::vector<hsize_t> dims;
   volume::ScalarType type{};
   std::array<std::size_t, 3> axes{};
   {
-    const Handle space(H5Dget_space(dataset.get()), H5Sclose);
+    const Hdf5Handle space(H5Dget_space(dataset.get()), H5Sclose);
     dims = VolumeDims(space.get());
     if (!FindAxes(dims, &axes)) {
       return absl::InvalidArgumentError(absl::StrFormat(
@@ -364,7 +356,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string&
           H5Sget_simple_extent_ndims(space.get()), absl::StrJoin(dims, " x "),
           Listed(ListVolumes(file.get()))));
     }
-    const Handle stored(H5Dget_type(dataset.get()), H5Tclose);
+    const Hdf5Handle stored(H5Dget_type(dataset.get()), H5Tclose);
     if (!ScalarTypeOf(stored.get(), &type)) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: elements of %d bytes, class %d; expected integers of 8, 16 or 32 bits or floats of "
@@ -385,14 +377,14 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string&
   ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t cache_bytes,
                             ChunkCacheBytes(dataset.get(), dims, axes, volume::SizeOf(type), name));
   if (cache_bytes > 0) {
-    const Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
+    const Hdf5Handle access(H5Pcreate(H5P_DATASET_ACCESS), H5Pclose);
     // A prime number of slots, far more than chunks; chunks that were read whole go first.
     constexpr std::size_t kSlots = 12421;
     H5Pset_chunk_cache(access.get(), kSlots, static_cast<std::size_t>(cache_bytes), 1.0);
-    dataset = Handle();
-    dataset = Handle(H5Dopen2(file.get(), parts.dataset.c_str(), access.get()), H5Dclose);
+    dataset = Hdf5Handle();
+    dataset = Hdf5Handle(H5Dopen2(file.get(), parts.dataset.c_str(), access.get()), H5Dclose);
     if (!dataset.is_valid()) {
-      return absl::DataLossError(absl::StrCat(name, ": can't be opened again: ", LastError()));
+      return absl::DataLossError(absl::StrCat(name, ": can't be opened again: ", LastHdf5Error()));
     }
   }
   return std::make_unique<Hdf5Source>(geometry, type, name, std::move(dims), axes, cache_bytes,

@@ -5,6 +5,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
@@ -16,6 +17,8 @@ namespace isoscope::ingest {
 struct Hdf5Path {
   std::string file;
   std::string dataset;
+
+  [[nodiscard]] std::string name() const { return file + ":" + dataset; }
 };
 // True, with the parts, if the name is that of an HDF5 file (.h5 .hdf5 .he5 .hdf), with or without
 // a dataset.
@@ -29,8 +32,12 @@ bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
 // Chunks are kept while neighbouring rows are read, at most 32 MiB of them; where a layer of chunks
 // is larger, chunks are decompressed more than once.
 // NOT_FOUND: no such file or dataset (lists those there are). INVALID_ARGUMENT: no HDF5 file; not
-// such a dataset. DATA_LOSS: damaged. Not thread-safe across sources (the library keeps globals).
+// such a dataset. DATA_LOSS: damaged. Of a dataset in several files (external storage, virtual
+// datasets, links) all must be there: NOT_FOUND or DATA_LOSS names the one that is not. Not
+// thread-safe across sources (the library keeps globals).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path);
+// The files that it is read from (hdf5_storage.h). Errors as above.
+absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path);
 
 }  // namespace isoscope::ingest
 

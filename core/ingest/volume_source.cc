@@ -220,6 +220,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
 
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+  if (found.kind == SourceKind::kHdf5) {
+    return FilesOfHdf5Dataset(path);
+  }
   return std::move(found.files);
 }
 

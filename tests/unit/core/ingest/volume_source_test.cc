@@ -353,8 +353,6 @@ TEST_F(VolumeSourceTest, FilesOfAVolumeAreAllThatItIsReadFrom) {
   EXPECT_EQ(files_of(Write("e.mhd", MetaHeader(kDims, "MET_SHORT", "samples"))),
             Files({dir_.Sub("e.mhd"), dir_.Sub("samples")}));
   EXPECT_EQ(files_of(Write("f.vti", "")), Files({dir_.Sub("f.vti")}));
-  EXPECT_EQ(files_of(dir_.Sub("g.h5:/group/dataset")), Files({dir_.Sub("g.h5")}));
-  EXPECT_EQ(files_of(dir_.Sub("g.h5")), Files({dir_.Sub("g.h5")}));
 
   const std::string dicom = std::string(128, '\0') + "DICM";
   std::filesystem::create_directory(dir_.Sub("ct"));
