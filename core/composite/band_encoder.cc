@@ -167,6 +167,9 @@ class BandEncoder {
     slots_ = std::make_unique_for_overwrite<std::uint16_t[]>(pixel_count_);
     std::uint16_t* out = slots_.get();
     for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      if (const std::size_t later = tile + kPrefetchTiles; later < areas_.size()) {
+        PrefetchRows(image_.colors, areas_[later], side_.masks[later], image_.width);
+      }
       for (std::size_t row = 0; row < kTilePx; ++row) {
         const std::uint32_t mask = side_.masks[tile][row];
         if (mask == 0) {
@@ -195,6 +198,12 @@ class BandEncoder {
     TileNumbers differences{};
     std::array<std::uint32_t, kTilePixels> ids;
     for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
+      if (const std::size_t later = tile + kPrefetchTiles; later < areas_.size()) {
+        PrefetchRows(image_.keys, areas_[later], side_.masks[later], image_.width);
+        if (!kHasPalette) {
+          PrefetchRows(image_.colors, areas_[later], side_.masks[later], image_.width);
+        }
+      }
       const TileMask& mask = side_.masks[tile];
       std::size_t count = 0;
       for (std::size_t row = 0; row < kTilePx; ++row) {

@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/large_pages.h"
 #include "core/composite/tile_prediction.h"
 #include "core/image/frame_image.h"
 #include "core/image/tile_set.h"
@@ -72,6 +73,28 @@ inline TileArea AreaOf(int tile_x, int tile_y, const image::FrameImage& image) {
   const int x = tile_x * kTilePx;
   const int y = tile_y * kTilePx;
   return {x, y, std::min(kTilePx, image.width - x), std::min(kTilePx, image.height - y)};
+}
+
+// How many tiles ahead PrefetchRows pays: images have left the cache when they are encoded or
+// decoded into, and their rows are too far apart for the processor to guess.
+inline constexpr std::size_t kPrefetchTiles = 2;
+
+// Asks for the rows of a tile with a pixel in `mask`, of a plane of rows of `width` elements.
+template <typename T>
+void PrefetchRows(const base::LargePageVector<T>& plane, const TileArea& area, const TileMask& mask,
+                  int width) {
+  constexpr std::size_t kLine = 64;
+  const T* row = plane.data() + static_cast<std::size_t>(area.y) * static_cast<std::size_t>(width) +
+                 static_cast<std::size_t>(area.x);
+  for (const std::uint16_t of_row : mask) {
+    if (of_row != 0) {
+      const char* const bytes = reinterpret_cast<const char*>(row);
+      for (std::size_t at = 0; at < kTilePx * sizeof(T); at += kLine) {
+        __builtin_prefetch(bytes + at);
+      }
+    }
+    row += width;
+  }
 }
 
 // A colour as a number whose order groups similar ones: red first.

@@ -20,13 +20,15 @@ void CompositeInto(const image::FrameImage& from, image::FrameImage* into) {
   ISOSCOPE_CHECK_EQ(from.width, into->width);
   ISOSCOPE_CHECK_EQ(from.height, into->height);
   for (int row = 0; row < from.touched.rows(); ++row) {
-    const int begin_y = row * kTilePx;
-    const int end_y = std::min(begin_y + kTilePx, from.height);
     from.touched.ForEachInRow(row, [&](int column) {
       const int begin_x = column * kTilePx;
       const int count = std::min(kTilePx, from.width - begin_x);
-      for (int y = begin_y; y < end_y; ++y) {
-        const std::size_t first = from.IndexOf(begin_x, y);
+      const image::TileMask& covered = from.CoveredOf(column, row);
+      for (int y = 0; y < kTilePx; ++y) {
+        if (covered[static_cast<std::size_t>(y)] == 0) {
+          continue;
+        }
+        const std::size_t first = from.IndexOf(begin_x, row * kTilePx + y);
         const std::uint64_t* from_keys = from.keys.data() + first;
         const image::Rgba8* from_colors = from.colors.data() + first;
         std::uint64_t* keys = into->keys.data() + first;
@@ -45,6 +47,7 @@ void CompositeInto(const image::FrameImage& from, image::FrameImage* into) {
           colors[x] = wins ? from_colors[x] : colors[x];
         }
       }
+      image::UniteInto(covered, &into->CoveredOf(column, row));
     });
   }
   into->touched.InsertAllOf(from.touched);
@@ -64,7 +67,7 @@ void FlattenOver(image::Rgba8 background, image::FrameImage* image) {
                         colors[i] = keys[i] == image::kBackgroundKey ? background : colors[i];
                       }
                     });
-  image->touched.InsertAll();
+  image->CoverAll();
 }
 
 }  // namespace isoscope::composite

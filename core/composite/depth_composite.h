@@ -13,7 +13,7 @@ namespace isoscope::composite {
 void CompositeInto(const image::FrameImage& from, image::FrameImage* into);
 
 // Makes `image` the final picture, over the background colour (straight alpha), in place:
-// image->colors is then what to show. All tiles count as touched, unless the background is
+// image->colors is then what to show. All pixels count as covered, unless the background is
 // transparent black and there is nothing to do. In parallel, inside the caller's TBB arena.
 void FlattenOver(image::Rgba8 background, image::FrameImage* image);
 

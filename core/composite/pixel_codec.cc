@@ -13,7 +13,6 @@
 #include "core/composite/band_encoder.h"
 #include "core/composite/band_format.h"
 #include "core/composite/tile_prediction.h"
-#include "core/image/tile_coverage.h"
 
 namespace isoscope::composite {
 namespace {
@@ -36,12 +35,9 @@ constexpr std::size_t kBandsWanted = 16;
 TileRow FindCovered(const image::FrameImage& image, int tile_y) {
   TileRow row;
   image.touched.ForEachInRow(tile_y, [&](int tile_x) {
-    const TileArea area = AreaOf(tile_x, tile_y, image);
-    const TileMask mask = image::CoverageOf(image.keys.data() + image.IndexOf(area.x, area.y),
-                                            static_cast<std::size_t>(image.width), area.columns,
-                                            area.rows, image::kBackgroundKey);
+    const TileMask& mask = image.CoveredOf(tile_x, tile_y);
     if (mask != TileMask{}) {
-      row.areas.push_back(area);
+      row.areas.push_back(AreaOf(tile_x, tile_y, image));
       row.masks.push_back(mask);
       row.pixel_count += static_cast<std::size_t>(PixelCount(mask));
     }
@@ -86,7 +82,10 @@ std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t
 // The covered pixels of one tile.
 void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
                    const image::Rgba8* color, image::FrameImage* into) {
-  into->touched.Insert(area.x / kTilePx, area.y / kTilePx);
+  const int tile_column = area.x / kTilePx;
+  const int tile_row = area.y / kTilePx;
+  into->touched.Insert(tile_column, tile_row);
+  image::UniteInto(mask, &into->CoveredOf(tile_column, tile_row));
   for (std::size_t row = 0; row < kTilePx; ++row) {
     if (mask[row] == 0) {
       continue;
@@ -133,6 +132,10 @@ absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into, R
     const int tile_row = pixels.areas[tile].y / kTilePx;
     const absl::MutexLockMaybe lock(locks == nullptr ? nullptr : &locks->OfTileRow(tile_row));
     for (; tile < pixels.areas.size() && pixels.areas[tile].y / kTilePx == tile_row; ++tile) {
+      if (const std::size_t later = tile + kPrefetchTiles; later < pixels.areas.size()) {
+        PrefetchRows(into->keys, pixels.areas[later], pixels.masks[later], into->width);
+        PrefetchRows(into->colors, pixels.areas[later], pixels.masks[later], into->width);
+      }
       const auto count = static_cast<std::size_t>(PixelCount(pixels.masks[tile]));
       CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, into);
       key += count;

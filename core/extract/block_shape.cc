@@ -1,21 +1,30 @@
 #include "core/extract/block_shape.h"
 
+#include <algorithm>
+
 #include "core/math/box.h"
 
 namespace isoscope::extract {
 namespace {
+
+void SetBits(std::size_t begin, std::size_t end, BitRow* mask) {
+  while (begin < end) {
+    const std::size_t count = std::min(end - begin, 64 - begin % 64);
+    (*mask)[begin / 64] |= ~std::uint64_t{0} >> (64 - count) << begin % 64;
+    begin += count;
+  }
+}
 
 // Sets the bits of the samples in `box`, given in the block's own sample coordinates.
 BitRow MaskOf(const BlockShape& shape, const math::IndexBox& box) {
   BitRow mask(shape.padded_word_count);
   for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
     for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
-      for (std::int64_t x = box.begin.x; x < box.end.x; ++x) {
-        const std::size_t bit = static_cast<std::size_t>(x) +
+      const std::size_t begin = static_cast<std::size_t>(box.begin.x) +
                                 static_cast<std::size_t>(y) * shape.row +
                                 static_cast<std::size_t>(z) * shape.slice;
-        mask[bit / 64] |= std::uint64_t{1} << bit % 64;
-      }
+      SetBits(begin, begin + static_cast<std::size_t>(std::max<std::int64_t>(box.dims().x, 0)),
+              &mask);
     }
   }
   return mask;

@@ -9,22 +9,28 @@ namespace isoscope::image {
 namespace {
 
 std::size_t SizeBytes(const FrameImage& image) {
-  return image.keys.capacity() * sizeof(std::uint64_t) + image.colors.capacity() * sizeof(Rgba8);
+  return image.keys.capacity() * sizeof(std::uint64_t) + image.colors.capacity() * sizeof(Rgba8) +
+         image.covered.capacity() * sizeof(TileMask);
 }
 
-// Makes the touched tiles background again.
+// Makes what is covered background again.
 void Clear(FrameImage* image) {
   for (int row = 0; row < image->touched.rows(); ++row) {
-    const int begin_y = row * TileSet::kTilePx;
-    const int end_y = std::min(begin_y + TileSet::kTilePx, image->height);
     image->touched.ForEachInRow(row, [&](int column) {
       const int begin_x = column * TileSet::kTilePx;
       const int count = std::min(TileSet::kTilePx, image->width - begin_x);
-      for (int y = begin_y; y < end_y; ++y) {
-        const auto begin = static_cast<std::ptrdiff_t>(image->IndexOf(begin_x, y));
-        std::fill_n(image->keys.begin() + begin, count, kBackgroundKey);
-        std::fill_n(image->colors.begin() + begin, count, Rgba8{});
+      TileMask& covered = image->CoveredOf(column, row);
+      const int rows = std::min(TileSet::kTilePx, image->height - row * TileSet::kTilePx);
+      for (int y = 0; y < rows; ++y) {
+        // The whole row of the tile: stores without branches.
+        if (covered[static_cast<std::size_t>(y)] != 0) {
+          const auto begin =
+              static_cast<std::ptrdiff_t>(image->IndexOf(begin_x, row * TileSet::kTilePx + y));
+          std::fill_n(image->keys.begin() + begin, count, kBackgroundKey);
+          std::fill_n(image->colors.begin() + begin, count, Rgba8{});
+        }
       }
+      covered = {};
     });
   }
   image->touched.Clear();
@@ -39,6 +45,8 @@ FrameImage::FrameImage(int image_width, int image_height)
   keys.assign(pixel_count(), kBackgroundKey);
   colors.assign(pixel_count(), Rgba8{});
   touched = TileSet(width, height);
+  covered.resize(static_cast<std::size_t>(touched.columns()) *
+                 static_cast<std::size_t>(touched.rows()));
 }
 
 FrameImage::~FrameImage() {
@@ -54,6 +62,7 @@ FrameImage::FrameImage(FrameImage&& other) noexcept
       keys(std::move(other.keys)),
       colors(std::move(other.colors)),
       touched(std::exchange(other.touched, TileSet())),
+      covered(std::move(other.covered)),
       pool_(std::move(other.pool_)) {}
 
 FrameImage& FrameImage::operator=(FrameImage&& other) noexcept {
@@ -62,6 +71,7 @@ FrameImage& FrameImage::operator=(FrameImage&& other) noexcept {
   keys.swap(other.keys);
   colors.swap(other.colors);
   std::swap(touched, other.touched);
+  covered.swap(other.covered);
   pool_.swap(other.pool_);
   return *this;
 }
@@ -71,7 +81,8 @@ FrameImage::FrameImage(const FrameImage& other)
       height(other.height),
       keys(other.keys),
       colors(other.colors),
-      touched(other.touched) {}
+      touched(other.touched),
+      covered(other.covered) {}
 
 FrameImage& FrameImage::operator=(const FrameImage& other) {
   if (this != &other) {
@@ -81,9 +92,26 @@ FrameImage& FrameImage::operator=(const FrameImage& other) {
 }
 
 void FrameImage::Set(int x, int y, std::uint64_t key, Rgba8 color) {
-  touched.Insert(x / TileSet::kTilePx, y / TileSet::kTilePx);
+  const int column = x / TileSet::kTilePx;
+  const int row = y / TileSet::kTilePx;
+  touched.Insert(column, row);
+  CoveredOf(column, row)[static_cast<std::size_t>(y % TileSet::kTilePx)] |=
+      static_cast<std::uint16_t>(1U << (x % TileSet::kTilePx));
   keys[IndexOf(x, y)] = key;
   colors[IndexOf(x, y)] = color;
+}
+
+void FrameImage::CoverAll() {
+  constexpr int kTilePx = TileSet::kTilePx;
+  touched.InsertAll();
+  for (int row = 0; row < touched.rows(); ++row) {
+    for (int column = 0; column < touched.columns(); ++column) {
+      const int columns = std::min(kTilePx, width - column * kTilePx);
+      const int rows = std::min(kTilePx, height - row * kTilePx);
+      TileMask& mask = CoveredOf(column, row);
+      std::fill_n(mask.begin(), rows, static_cast<std::uint16_t>((1U << columns) - 1));
+    }
+  }
 }
 
 std::shared_ptr<FrameImagePool> FrameImagePool::Make(std::size_t max_bytes) {

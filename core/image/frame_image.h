@@ -52,8 +52,9 @@ class FrameImagePool;
 
 // Two planes of width * height elements each, row by row from the top. Thread-compatible.
 //
-// Every pixel outside the tiles of `touched` is background, so that clearing, scanning and encoding
-// cost what was drawn and not what the viewport holds: whoever draws into a tile inserts it first.
+// Every pixel outside the tiles of `touched`, and in them outside `covered`, is background in both
+// planes, so that clearing, scanning and encoding cost what was drawn and not what the viewport
+// holds: whoever draws a pixel says so in both.
 class FrameImage {
  public:
   FrameImage() = default;
@@ -72,10 +73,16 @@ class FrameImage {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
            static_cast<std::size_t>(x);
   }
-  // One fragment, and its tile touched: for tests and sparse writers.
+  [[nodiscard]] const TileMask& CoveredOf(int column, int row) const {
+    return covered[TileIndex(column, row)];
+  }
+  [[nodiscard]] TileMask& CoveredOf(int column, int row) { return covered[TileIndex(column, row)]; }
+  // One fragment, and its pixel covered: for tests and sparse writers.
   void Set(int x, int y, std::uint64_t key, Rgba8 color);
+  // For whoever writes all pixels.
+  void CoverAll();
 
-  // The same picture; what was touched does not count.
+  // The same picture; what was touched or covered does not count.
   friend bool operator==(const FrameImage& a, const FrameImage& b) {
     return a.width == b.width && a.height == b.height && a.keys == b.keys && a.colors == b.colors;
   }
@@ -85,9 +92,14 @@ class FrameImage {
   base::LargePageVector<std::uint64_t> keys;  // FragmentKey
   base::LargePageVector<Rgba8> colors;
   TileSet touched;
+  std::vector<TileMask> covered;  // of each tile, row by row; 0 where it is not touched
 
  private:
   friend class FrameImagePool;
+  [[nodiscard]] std::size_t TileIndex(int column, int row) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(touched.columns()) +
+           static_cast<std::size_t>(column);
+  }
   std::shared_ptr<FrameImagePool> pool_;  // takes the planes back; null: none does
 };
 

@@ -83,6 +83,12 @@ class TileSet {
 // Some pixels of a tile: bit `column` of element `row`.
 using TileMask = std::array<std::uint16_t, TileSet::kTilePx>;
 
+inline void UniteInto(const TileMask& more, TileMask* mask) {
+  for (std::size_t row = 0; row < mask->size(); ++row) {
+    (*mask)[row] = static_cast<std::uint16_t>((*mask)[row] | more[row]);
+  }
+}
+
 }  // namespace isoscope::image
 
 #endif  // ISOSCOPE_CORE_IMAGE_TILE_SET_H_

@@ -419,6 +419,11 @@ class CpuPass final : public RenderPass {
       const int first_row = tiles[i].lock_tile / buffers_->lock_columns * kImageTileColumns;
       for (std::uint32_t rest = tiles[i].touched; rest != 0; rest &= rest - 1) {
         const int bit = std::countr_zero(rest);
+        if (const std::uint32_t later = rest & (rest - 1); later != 0) {
+          const int next = std::countr_zero(later);
+          PrefetchFragments(first_column + next % kImageTileColumns,
+                            first_row + next / kImageTileColumns);
+        }
         if (ShadeTile(first_column + bit % kImageTileColumns, first_row + bit / kImageTileColumns,
                       is_last, &scratch)) {
           tiles[i].drawn |= 1U << bit;
@@ -443,6 +448,20 @@ class CpuPass final : public RenderPass {
     buffers_->mesh_of_unit.clear();
     kept_bytes_ = 0;
     next_number_ = 0;
+  }
+
+  // Asks for the fragments of an image tile: its rows are too far apart for the processor to guess.
+  void PrefetchFragments(int column, int row) const {
+    constexpr int kTilePx = image::TileSet::kTilePx;
+    constexpr std::size_t kLineFragments = 64 / sizeof(Fragment);
+    const int end_y = std::min((row + 1) * kTilePx, height_);
+    for (int y = row * kTilePx; y < end_y; ++y) {
+      const Fragment* const fragments =
+          buffers_->fragments.data() + image_.IndexOf(column * kTilePx, y);
+      for (std::size_t x = 0; x < kTilePx; x += kLineFragments) {
+        __builtin_prefetch(fragments + x);
+      }
+    }
   }
 
   // Whether the image tile has a pixel to shade.
@@ -490,6 +509,7 @@ class CpuPass final : public RenderPass {
     }
     batch.count = count;
     ShadePixels(scratch);
+    image::UniteInto(unshaded, &image_.CoveredOf(column, row));
     return true;
   }
 

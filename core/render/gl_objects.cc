@@ -201,10 +201,14 @@ absl::Status GlFramebuffer::ReadInto(GlReadback* scratch, image::FrameImage* ima
         continue;
       }
       image->touched.Insert(begin_x / kTilePx, y / kTilePx);
+      std::uint32_t covered = 0;
       for (std::size_t i = begin; i < end; ++i) {
         image->keys[i] = image::FragmentKey(scratch->depths[i], scratch->block_ids[i]);
         image->colors[i] = scratch->colors[i];
+        covered |= std::uint32_t{image->keys[i] != image::kBackgroundKey} << (i - begin);
       }
+      image->CoveredOf(begin_x / kTilePx, y / kTilePx)[static_cast<std::size_t>(y % kTilePx)] =
+          static_cast<std::uint16_t>(covered);
     }
   }
   return absl::OkStatus();

@@ -334,6 +334,7 @@ TEST(PixelCodecTest, OnlyTilesWithACoveredPixelBecomeTouched) {
   expected.Insert(6, 18);
   expected.Insert(1, 0);
   EXPECT_EQ(back.touched, expected);
+  EXPECT_EQ(back.covered, image.covered);
 }
 
 TEST(PixelCodecTest, ManyColoursComeBackWithAndWithoutAPalette) {

@@ -43,6 +43,40 @@ TEST(FrameImageTest, SetTouchesTheTileOfThePixel) {
   TileSet expected(40, 40);
   expected.Insert(2, 1);
   EXPECT_EQ(image.touched, expected);
+  TileMask mask{};
+  mask[1] = 1U << 7;
+  EXPECT_EQ(image.CoveredOf(2, 1), mask);
+  EXPECT_EQ(image.CoveredOf(0, 0), TileMask{});
+}
+
+TEST(FrameImageTest, CoverAllCoversThePixelsInsideTheImageOnly) {
+  FrameImage image(20, 17);
+  image.CoverAll();
+  TileSet tiles(20, 17);
+  tiles.InsertAll();
+  EXPECT_EQ(image.touched, tiles);
+  TileMask mask;
+  mask.fill(0xffff);
+  EXPECT_EQ(image.CoveredOf(0, 0), mask);
+  mask.fill(0x000f);
+  EXPECT_EQ(image.CoveredOf(1, 0), mask);
+  mask = {0xffff};
+  EXPECT_EQ(image.CoveredOf(0, 1), mask);
+  mask = {0x000f};
+  EXPECT_EQ(image.CoveredOf(1, 1), mask);
+}
+
+TEST(FrameImagePoolTest, WhatWasWrittenAllOverComesBackAsBackground) {
+  const auto pool = FrameImagePool::Make(1 << 20);
+  {
+    FrameImage image = pool->Take(50, 33);
+    image.keys.assign(image.keys.size(), FragmentKey(0.5F, 1));
+    image.colors.assign(image.colors.size(), Rgba8{1, 2, 3, 4});
+    image.CoverAll();
+  }
+  const FrameImage again = pool->Take(50, 33);
+  EXPECT_EQ(again, FrameImage(50, 33));
+  EXPECT_EQ(again.covered, FrameImage(50, 33).covered);
 }
 
 TEST(FrameImagePoolTest, AnImageComesBackAsBackgroundWithoutNewMemory) {
@@ -62,6 +96,7 @@ TEST(FrameImagePoolTest, AnImageComesBackAsBackgroundWithoutNewMemory) {
   EXPECT_EQ(again.keys.data(), planes);
   EXPECT_EQ(again, FrameImage(50, 33));
   EXPECT_EQ(again.touched, TileSet(50, 33));
+  EXPECT_EQ(again.covered, FrameImage(50, 33).covered);
 }
 
 TEST(FrameImagePoolTest, ImagesInUseAreNeverShared) {

@@ -577,16 +577,19 @@ TEST_P(RendererTest, TouchedTilesAreThoseThatHoldAPixel) {
       }
       const FrameImage image = Draw(view, scene.layout, meshes);
       image::TileSet expected(width, height);
+      FrameImage covered(width, height);
       for (int y = 0; y < height; ++y) {
         for (int x = 0; x < width; ++x) {
           if (image.keys[image.IndexOf(x, y)] != image::kBackgroundKey) {
             expected.Insert(x / kTilePx, y / kTilePx);
+            covered.Set(x, y, 0, {});
           } else {
             EXPECT_EQ(image.colors[image.IndexOf(x, y)], Rgba8{});
           }
         }
       }
       EXPECT_EQ(image.touched, expected) << width << " x " << height << ", every " << stride;
+      EXPECT_EQ(image.covered, covered.covered) << width << " x " << height << ", every " << stride;
     }
   }
 }
