@@ -178,6 +178,19 @@ class Bench {
     return count;
   }
 
+  // The blocks that own a pixel, ascending.
+  static std::vector<volume::BlockId> OwnersOfPixels(const image::FrameImage& image) {
+    std::vector<volume::BlockId> owners;
+    for (const std::uint64_t key : image.keys) {
+      if (key != image::kBackgroundKey) {
+        owners.push_back(image::BlockOf(key));
+      }
+    }
+    std::sort(owners.begin(), owners.end());
+    owners.erase(std::unique(owners.begin(), owners.end()), owners.end());
+    return owners;
+  }
+
   // Figure 8.
   absl::Status DrawStages() {
     for (const double isovalue : picture_isovalues_) {
@@ -216,7 +229,19 @@ class Bench {
                                 .block_count = whole.active_block_count(),
                                 .triangle_count = all,
                                 .triangle_share = all > 0 ? 1.0 : 0.0});
-      AddPicture(result_.stages.back().picture_name, std::move(whole.image));
+      const std::vector<volume::BlockId> owners = OwnersOfPixels(whole.image);
+      ISOSCOPE_ASSIGN_OR_RETURN(const BlocksPicture owned,
+                                whole_->DrawBlocks(request, owners, cancellation_));
+      result_.stages.push_back(
+          {.isovalue = isovalue,
+           .stage = "own a pixel",
+           .picture_name = "",
+           .block_count = static_cast<std::int64_t>(owners.size()),
+           .triangle_count = owned.triangle_count,
+           .triangle_share =
+               all > 0 ? static_cast<double>(owned.triangle_count) / static_cast<double>(all) : 0,
+           .differing_pixel_count = CountDifferingPixels(owned.image, whole.image)});
+      AddPicture(result_.stages[result_.stages.size() - 2].picture_name, std::move(whole.image));
     }
     return absl::OkStatus();
   }

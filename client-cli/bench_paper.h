@@ -104,8 +104,10 @@ struct PaperPicture {
 };
 struct StageRow {
   double isovalue = 0;
-  std::string stage;  // "ray hits", "with neighbours", "final", "whole"
-  std::string picture_name;
+  // "ray hits", "with neighbours", "final", "whole"; then "own a pixel": the blocks that could not
+  // have been left out
+  std::string stage;
+  std::string picture_name;  // empty: looks as another
   std::int64_t block_count = 0;
   std::int64_t triangle_count = 0;
   double triangle_share = 0;  // of the whole isosurface's
@@ -128,7 +130,7 @@ struct PaperBenchResult {
   std::vector<SweepRow> sweep;       // by culling, isovalue
   std::vector<AgentTimeRow> agents;  // by agent count, agent
   std::vector<SpeedupRow> speedups;  // by agent count, from 1 on
-  std::vector<StageRow> stages;      // by isovalue, four each
+  std::vector<StageRow> stages;      // by isovalue, five each
   std::vector<SideViewRow> side_views;
   std::vector<PaperPicture> pictures;
   std::vector<std::string> notes;  // what was left out, and why

@@ -166,6 +166,9 @@ OutputFile StageScript(const PaperBenchResult& result) {
       ++rows;
       continue;  // looks as the final one
     }
+    if (row.picture_name.empty()) {
+      continue;
+    }
     absl::StrAppend(
         &body, PlotPicture(absl::StrFormat("isovalue %g, %s: %.1f %% of triangles", row.isovalue,
                                            row.stage, 100 * row.triangle_share),

@@ -83,7 +83,7 @@ CsvTable StageTable(const PaperBenchResult& result) {
   for (const StageRow& row : result.stages) {
     table.AddRow({Cell(row.isovalue), row.stage, Cell(row.block_count), Cell(row.triangle_count),
                   Cell(row.triangle_share), Cell(row.differing_pixel_count),
-                  row.picture_name + ".png"});
+                  row.picture_name.empty() ? "" : row.picture_name + ".png"});
   }
   return table;
 }
