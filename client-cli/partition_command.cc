@@ -98,8 +98,10 @@ Action RegisterFlags(CLI::App* app) {
           "the dataset folder; must not exist yet");
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
           "parts, one for each agent (default: 1)");
-  AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
-          "cells of a block (default: 16, and 8 for volumes of less than about 512 x 512 x 512)");
+  AddFlag(
+      app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
+      "cells of a block (default: 16 from about 512 x 512 x 512 samples on, 12 from 384 x 384 x "
+      "384 on, 8 below)");
   AddFlag(app, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
           "how blocks are dealt out (default: random)");
   AddFlag(app, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,

@@ -69,18 +69,19 @@ math::IndexBox BlockLayout::StoredSamplesOf(BlockId id) const {
 }
 
 math::Index3 DefaultBlockCells(const math::Index3& sample_dims) {
-  constexpr std::int64_t kLargeEdge = 16;
-  constexpr std::int64_t kSmallEdge = 8;
   constexpr std::int64_t kEnoughBlocks = 32768;
-  // Not the product of the axes: it could overflow.
-  std::int64_t blocks = 1;
-  for (int axis = 0; axis < 3; ++axis) {
-    const std::int64_t cells = std::max<std::int64_t>(sample_dims[axis] - 1, 1);
-    blocks = std::min(kEnoughBlocks,
-                      blocks * std::min(kEnoughBlocks, (cells + kLargeEdge - 1) / kLargeEdge));
+  for (const std::int64_t edge : {16, 12}) {
+    // Stops counting at what is enough: the product of three axes could overflow.
+    std::int64_t blocks = 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::int64_t cells = std::max<std::int64_t>(sample_dims[axis] - 1, 1);
+      blocks = std::min(kEnoughBlocks, blocks * std::min(kEnoughBlocks, (cells + edge - 1) / edge));
+    }
+    if (blocks >= kEnoughBlocks) {
+      return {edge, edge, edge};
+    }
   }
-  const std::int64_t edge = blocks >= kEnoughBlocks ? kLargeEdge : kSmallEdge;
-  return {edge, edge, edge};
+  return {8, 8, 8};
 }
 
 }  // namespace isoscope::volume

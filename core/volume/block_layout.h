@@ -58,8 +58,8 @@ class BlockLayout {
   math::Index3 block_dims_;
 };
 
-// The cells of a block where nobody says: 16 on each axis where that leaves 32 768 blocks, 2048 for
-// each of 16 agents; else 8, so that agents have equal shares of smaller volumes
+// The cells of a block where nobody says: on each axis 16, or 12, if that leaves 32 768 blocks,
+// 2048 for each of 16 agents; else 8, so that agents have equal shares of smaller volumes
 // (docs/architecture.md, "Blocks"). It depends on the volume alone: triangles are counted by
 // blocks, and must not change with the number of agents. REQUIRES: sample_dims >= 1.
 math::Index3 DefaultBlockCells(const math::Index3& sample_dims);

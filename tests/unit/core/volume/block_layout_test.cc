@@ -108,18 +108,23 @@ TEST(BlockLayoutTest, RefusesWhatItCannotCut) {
 
 TEST(DefaultBlockCellsTest, LargeVolumesHaveLargeBlocks) {
   constexpr math::Index3 kSmall{8, 8, 8};
+  constexpr math::Index3 kMiddle{12, 12, 12};
   constexpr math::Index3 kLarge{16, 16, 16};
   EXPECT_EQ(DefaultBlockCells({2, 2, 2}), kSmall);
-  EXPECT_EQ(DefaultBlockCells({512, 512, 234}), kSmall);
+  EXPECT_EQ(DefaultBlockCells({256, 256, 256}), kSmall);
+  EXPECT_EQ(DefaultBlockCells({512, 512, 234}), kMiddle);
   EXPECT_EQ(DefaultBlockCells({512, 512, 512}), kLarge);
   EXPECT_EQ(DefaultBlockCells({1296, 1296, 1296}), kLarge);
   // 32 x 32 x 32 blocks of 16 cells are enough, and one layer less is not.
   EXPECT_EQ(DefaultBlockCells({498, 498, 498}), kLarge);
-  EXPECT_EQ(DefaultBlockCells({497, 498, 498}), kSmall);
+  EXPECT_EQ(DefaultBlockCells({497, 498, 498}), kMiddle);
+  EXPECT_EQ(DefaultBlockCells({374, 374, 374}), kMiddle);
+  EXPECT_EQ(DefaultBlockCells({373, 374, 374}), kSmall);
   // One long axis is enough, beyond what 64 bits hold in the product too.
   EXPECT_EQ(DefaultBlockCells({2, 524290, 2}), kLarge);
   EXPECT_EQ(DefaultBlockCells({2, 524288, 2}), kLarge);
-  EXPECT_EQ(DefaultBlockCells({2, 16 * 32767 + 1, 2}), kSmall);
+  EXPECT_EQ(DefaultBlockCells({2, 16 * 32767 + 1, 2}), kMiddle);
+  EXPECT_EQ(DefaultBlockCells({2, 12 * 32767 + 1, 2}), kSmall);
   constexpr std::int64_t kHuge = std::int64_t{1} << 40;
   EXPECT_EQ(DefaultBlockCells({kHuge, kHuge, kHuge}), kLarge);
 }
