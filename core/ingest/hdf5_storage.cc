@@ -150,7 +150,7 @@ class FileFinder {
       return CheckExternalFiles(dataset, properties.get(), owner);
     }
     open_.insert(address);
-    const absl::Status status = VisitSources(properties.get(), owner);
+    absl::Status status = VisitSources(properties.get(), owner);
     open_.erase(address);
     return status;
   }

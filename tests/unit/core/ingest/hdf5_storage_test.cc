@@ -33,7 +33,7 @@ using ::testing::HasSubstr;
 using volume::ScalarType;
 
 constexpr math::Index3 kDims{7, 5, 6};
-constexpr std::size_t kPlaneBytes = 7 * 5;
+constexpr std::size_t kPlaneBytes = std::size_t{7} * 5;
 const std::vector<hsize_t> kShape{6, 5, 7};
 const std::vector<hsize_t> kPlane{1, 5, 7};
 
