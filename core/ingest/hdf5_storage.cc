@@ -6,14 +6,13 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
-#include <optional>
 #include <set>
 #include <utility>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include <sys/types.h>
@@ -97,30 +96,10 @@ std::vector<std::string> VirtualPaths(const std::string& file, const std::string
   return paths;
 }
 
-// The name of the `i`-th source where sources are counted by "%b" or "%<width>b" in their names,
-// "%%" being "%"; empty if nothing counts them. (H5Pset_virtual)
-std::string NumberedName(const std::string& name, std::int64_t i, bool* is_numbered) {
-  std::string numbered;
-  for (std::size_t at = 0; at < name.size(); ++at) {
-    if (name[at] != '%') {
-      numbered += name[at];
-      continue;
-    }
-    std::size_t end = at + 1;
-    while (end < name.size() && absl::ascii_isdigit(static_cast<unsigned char>(name[end]))) {
-      ++end;
-    }
-    if (end < name.size() && name[end] == 'b') {
-      *is_numbered = true;
-      absl::StrAppend(&numbered, i);
-      at = end;
-    } else {
-      numbered += '%';
-      if (at + 1 < name.size() && name[at + 1] == '%') {
-        ++at;
-      }
-    }
-  }
+// The name of the `i`-th source: "%b" is where sources are counted, "%%" is "%" (H5Pset_virtual).
+std::string NumberedName(absl::string_view name, std::int64_t i, bool* is_numbered) {
+  const std::string numbered = absl::StrReplaceAll(name, {{"%b", absl::StrCat(i)}, {"%%", "%"}});
+  *is_numbered |= numbered != absl::StrReplaceAll(name, {{"%b", ""}, {"%%", "%"}});
   return numbered;
 }
 
