@@ -57,8 +57,12 @@ struct BenchFrameFlags {
   std::optional<std::string> json;
   SourceFlags source;
 
-  [[nodiscard]] std::int64_t width_px() const { return width.value_or(kDefaultSidePx); }
-  [[nodiscard]] std::int64_t height_px() const { return height.value_or(kDefaultSidePx); }
+  [[nodiscard]] std::int64_t width_px() const {
+    return width.value_or(view::kCommonViewport.width_px);
+  }
+  [[nodiscard]] std::int64_t height_px() const {
+    return height.value_or(view::kCommonViewport.height_px);
+  }
 };
 
 // The name itself: it is passed on to the process that renders.

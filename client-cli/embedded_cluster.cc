@@ -86,8 +86,13 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     cluster->agents_.push_back(std::move(agent));
   }
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
+  if (options.expected_viewport) {
+    arena->execute(
+        [&] { cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count()); });
+  }
   coordinator_options.listen_address = options.listen_address;
   coordinator_options.max_frame_duration = options.max_frame_duration;
+  coordinator_options.expected_viewport = options.expected_viewport;
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,
                             server::CoordinatorServer::Start(coordinator_options));
   ISOSCOPE_RETURN_IF_ERROR(cluster->coordinator_->WaitUntilReady(absl::Now() + kReadyTimeout));

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@
 #include <oneapi/tbb/global_control.h>
 
 #include "core/render/renderer_factory.h"
+#include "core/view/camera.h"
 #include "partition-agent/agent_server.h"
 #include "server/coordinator_server.h"
 
@@ -33,6 +35,8 @@ struct EmbeddedClusterOptions {
   std::string listen_address;
   // The server's limit for one request.
   absl::Duration max_frame_duration = absl::Minutes(5);
+  // Memory is taken early for a frame of this size; null: as frames come.
+  std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
 // A memory limit of agents, as ParseByteSize; at least AgentMemory::kMinLimitBytes.

@@ -41,7 +41,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.output));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, context));
+                            Session::Open(flags.session, std::nullopt, context));
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<PlyWriter> writer,
                             PlyWriter::Create(*flags.output));

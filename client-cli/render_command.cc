@@ -73,7 +73,7 @@ absl::Status Run(const RenderFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, context));
+                            Session::Open(flags.session, flags.request.viewport(), context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->timeout()));
@@ -102,9 +102,8 @@ absl::Status Run(const RenderFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   std::ostream& text = flags.stats == "-" ? *context.err : *context.out;
   text << DescribeStatistics(frames) << "\n"
-       << FrameFileName(*flags.output, frame_count - 1) << ": "
-       << flags.request.width.value_or(kDefaultSidePx) << " x "
-       << flags.request.height.value_or(kDefaultSidePx) << " pixels\n";
+       << FrameFileName(*flags.output, frame_count - 1) << ": " << flags.request.viewport().width_px
+       << " x " << flags.request.viewport().height_px << " pixels\n";
   return absl::OkStatus();
 }
 

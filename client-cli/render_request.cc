@@ -61,10 +61,8 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   request.set_dataset(dataset);
   request.set_isovalue(flags.isovalue.value_or(0));
   *request.mutable_camera() = rpc::ToProto(camera);
-  request.mutable_viewport()->set_width_px(
-      static_cast<std::int32_t>(flags.width.value_or(kDefaultSidePx)));
-  request.mutable_viewport()->set_height_px(
-      static_cast<std::int32_t>(flags.height.value_or(kDefaultSidePx)));
+  request.mutable_viewport()->set_width_px(flags.viewport().width_px);
+  request.mutable_viewport()->set_height_px(flags.viewport().height_px);
   request.set_culling(rpc::ToProto(flags.culling.value_or(visibility::Culling::kDepth)));
   if (flags.base_color) {
     *request.mutable_base_color() = ToProto(*flags.base_color);

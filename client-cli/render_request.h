@@ -18,8 +18,6 @@
 
 namespace isoscope::cli {
 
-inline constexpr std::int64_t kDefaultSidePx = 1024;
-
 struct RequestFlags {
   std::optional<double> isovalue = std::nullopt;
   std::optional<std::int64_t> width = std::nullopt;
@@ -28,6 +26,11 @@ struct RequestFlags {
   std::optional<visibility::Culling> culling = std::nullopt;
   std::optional<Color> base_color = std::nullopt;
   std::optional<Color> background_color = std::nullopt;
+
+  [[nodiscard]] view::Viewport viewport() const {
+    return {.width_px = static_cast<int>(width.value_or(view::kCommonViewport.width_px)),
+            .height_px = static_cast<int>(height.value_or(view::kCommonViewport.height_px))};
+  }
 };
 
 // `flags` must outlive the parsing.

@@ -47,6 +47,7 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
+  options.expected_viewport = view::kCommonViewport;
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<EmbeddedCluster> cluster,
                             EmbeddedCluster::Start(options));
   // The port asked for may be 0.

@@ -158,8 +158,9 @@ absl::Status CheckUsage(const SessionFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
-absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags,
-                                                       const Context& context) {
+absl::StatusOr<std::unique_ptr<Session>> Session::Open(
+    const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
+    const Context& context) {
   base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
   std::unique_ptr<Session> session(new Session());
   session->timeout_ = flags.timeout.value_or(absl::InfiniteDuration());
@@ -176,6 +177,7 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(const SessionFlags& flags
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
   // Nobody else waits for this process: --timeout alone decides.
   options.max_frame_duration = absl::Hours(24 * 365);
+  options.expected_viewport = expected_viewport;
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
   session->client_ =
       std::make_unique<ServiceClient>(session->cluster_->Channel(), "", context.interrupt);

@@ -17,6 +17,7 @@
 #include "client-cli/source_flags.h"
 
 #include "core/render/renderer_factory.h"
+#include "core/view/camera.h"
 
 namespace isoscope::cli {
 
@@ -48,8 +49,10 @@ class Session {
   // cluster for it or for a dataset directory.
   // UsageError if --shards differs from what the dataset has. Other errors as ingest::Partition and
   // EmbeddedCluster::Start.
-  static absl::StatusOr<std::unique_ptr<Session>> Open(const SessionFlags& flags,
-                                                       const Context& context);
+  // Memory is taken early for frames of `expected_viewport`; null: none are expected.
+  static absl::StatusOr<std::unique_ptr<Session>> Open(
+      const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
+      const Context& context);
 
   ServiceClient& client() { return *client_; }
   // Name of the dataset in requests; "" is the only one of the cluster.

@@ -131,6 +131,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
                             .max_unused_bytes = options.memory->unused_image_bytes()}));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AgentServer> server, AgentServer::Start(options));
   ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
+  options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1);
   base::LogInfo("agent_started", {{"address", rpc::BoundAddress(flags.listen, server->port())},
                                   {"shards", server->shard_summary()},
                                   {"renderer", options.renderer->description()},

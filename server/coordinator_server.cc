@@ -88,7 +88,8 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                              .max_frame_duration = options.max_frame_duration,
                              .arena = options.arena != nullptr
                                           ? options.arena
-                                          : std::make_shared<tbb::task_arena>()}),
+                                          : std::make_shared<tbb::task_arena>(),
+                             .expected_viewport = options.expected_viewport}),
         dataset_service_(registry_.get()),
         cluster_service_(registry_.get(), CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }

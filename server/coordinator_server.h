@@ -5,6 +5,7 @@
 #define ISOSCOPE_SERVER_COORDINATOR_SERVER_H_
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,8 @@
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
+
+#include "core/view/camera.h"
 
 namespace isoscope::server {
 
@@ -37,6 +40,8 @@ struct CoordinatorServerOptions {
   absl::Duration poll_interval = absl::Seconds(2);
   // Where the coordinator computes; null: on all cores.
   std::shared_ptr<tbb::task_arena> arena;
+  // Memory is taken early for frames of this size; null: as they come.
+  std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
 // Thread-safe.

@@ -432,7 +432,11 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
           static_cast<std::size_t>(options.max_concurrent_frames),
           // frame_count_ bounds the frames; each of them fits.
           static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
-      export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {}
+      export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
+  if (options.expected_viewport) {
+    images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
+  }
+}
 
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 

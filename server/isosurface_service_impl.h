@@ -7,12 +7,14 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/executor.h"
 #include "core/image/frame_image.h"
+#include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/active_blocks.h"
 #include "server/agent_registry.h"
@@ -25,6 +27,8 @@ struct IsosurfaceServiceOptions {
   int max_queued_frames = 32;         // >= 0
   absl::Duration max_frame_duration = absl::Minutes(5);
   std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
+  // Memory is taken early for frames of this size; null: as they come.
+  std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
 // Thread-safe. Destroy it only after its server has shut down. A frame holds a thread from its

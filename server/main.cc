@@ -91,6 +91,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
   options.listen_address = flags.listen;
   options.max_concurrent_frames = flags.max_concurrent_frames;
   options.max_queued_frames = flags.max_queued_frames;
+  options.expected_viewport = view::kCommonViewport;
   options.max_frame_duration = absl::Seconds(flags.max_frame_seconds);
   options.poll_interval = absl::Seconds(flags.poll_seconds);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<CoordinatorServer> server,

@@ -139,6 +139,19 @@ FrameImage FrameImagePool::Take(int width, int height) {
   return image;
 }
 
+void FrameImagePool::Prepare(int width, int height) {
+  const std::size_t plane_bytes = static_cast<std::size_t>(width) *
+                                  static_cast<std::size_t>(height) *
+                                  (sizeof(std::uint64_t) + sizeof(Rgba8));
+  {
+    const absl::MutexLock lock(&mutex_);
+    if (unused_bytes_ + plane_bytes > max_bytes_) {
+      return;
+    }
+  }
+  TakeBack(FrameImage(width, height));
+}
+
 void FrameImagePool::TakeBack(FrameImage image) {
   const std::size_t size = SizeBytes(image);
   if (size > max_bytes_) {

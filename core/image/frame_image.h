@@ -112,6 +112,9 @@ class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
 
   // An image that is all background. It goes back when it is destroyed.
   FrameImage Take(int width, int height);
+  // Adds an unused image, its pages touched, for a Take to come; none if that were too much to
+  // keep.
+  void Prepare(int width, int height);
 
  private:
   friend class FrameImage;

@@ -178,6 +178,19 @@ class Resources {
     unused_.push_back(std::move(buffers));
   }
 
+  void Prepare(int width, int height) {
+    images_->Prepare(width, height);
+    const std::size_t fragment_bytes =
+        static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
+    {
+      const absl::MutexLock lock(&mutex_);
+      if (unused_bytes_ + fragment_bytes > max_unused_buffer_bytes_) {
+        return;
+      }
+    }
+    GiveBack(std::make_unique<PassBuffers>(width, height));
+  }
+
   std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(const Appearance& appearance) {
     const absl::MutexLock lock(&mutex_);
     if (shade_table_ == nullptr || !(table_appearance_ == appearance)) {
@@ -657,6 +670,17 @@ class CpuRenderer final : public Renderer {
                                                        view.viewport().width_px, " x ",
                                                        view.viewport().height_px, " pixels"));
     }
+  }
+
+  void Prepare(const view::Viewport& viewport, int pass_count) override {
+    resources_->ShadeTableOf({});
+    tbb::parallel_for(0, pass_count, [&](int /*pass*/) {
+      try {
+        resources_->Prepare(viewport.width_px, viewport.height_px);
+      } catch (const std::bad_alloc&) {
+        // Whoever begins a pass is told.
+      }
+    });
   }
 
   [[nodiscard]] std::string description() const override { return "cpu: portable rasterizer"; }

@@ -68,6 +68,10 @@ class Renderer {
                                                                 const volume::BlockLayout& layout,
                                                                 const Appearance& appearance) = 0;
 
+  // Takes the memory of `pass_count` passes of this size, as far as it may keep it unused, so that
+  // the first frames find it touched. May do nothing.
+  virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/) {}
+
   // For people: "egl: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa 22.3.6".
   [[nodiscard]] virtual std::string description() const = 0;
 };

@@ -31,6 +31,8 @@ struct Viewport {
 };
 
 inline constexpr int kMaxViewportPx = 16384;
+// What clients ask for unless they are told otherwise, and servers are prepared for.
+inline constexpr Viewport kCommonViewport{.width_px = 1024, .height_px = 1024};
 
 // INVALID_ARGUMENT, naming the field and its value, unless all is finite, eye != target, up is not
 // parallel to the view direction, and the angle or height is in its range.

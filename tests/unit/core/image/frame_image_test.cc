@@ -6,6 +6,8 @@
 
 #include "gtest/gtest.h"
 
+#include "core/base/memory_info.h"
+
 namespace isoscope::image {
 namespace {
 
@@ -125,6 +127,32 @@ TEST(FrameImagePoolTest, MoreThanItMayKeepIsFreed) {
   }
   const FrameImage kept = pool->Take(8, 8);
   EXPECT_EQ(kept.keys.data(), last);
+}
+
+TEST(FrameImagePoolTest, APreparedImageIsResidentBeforeItIsTaken) {
+  constexpr int kSidePx = 2048;
+  constexpr std::size_t kBytes = std::size_t{kSidePx} * kSidePx * 12;
+  constexpr std::size_t kSlack = kBytes / 4;  // what else the process does
+  const auto pool = FrameImagePool::Make(2 * kBytes);
+  const std::size_t before = base::ResidentBytes();
+  pool->Prepare(kSidePx, kSidePx);
+  const std::size_t prepared = base::ResidentBytes();
+  EXPECT_GE(prepared + kSlack, before + kBytes);
+  FrameImage image = pool->Take(kSidePx, kSidePx);
+  EXPECT_EQ(image.keys, FrameImage(kSidePx, kSidePx).keys);
+  image.keys.assign(image.keys.size(), 0);
+  image.colors.assign(image.colors.size(), Rgba8{1, 1, 1, 1});
+  EXPECT_LE(base::ResidentBytes(), prepared + kSlack) << "it was not taken from what is there";
+}
+
+TEST(FrameImagePoolTest, NothingIsPreparedThatMayNotBeKept) {
+  constexpr int kSidePx = 2048;
+  constexpr std::size_t kBytes = std::size_t{kSidePx} * kSidePx * 12;
+  const auto pool = FrameImagePool::Make(kBytes - 1);
+  const std::size_t before = base::ResidentBytes();
+  pool->Prepare(kSidePx, kSidePx);
+  EXPECT_LE(base::ResidentBytes(), before + kBytes / 4);
+  EXPECT_EQ(pool->Take(kSidePx, kSidePx).width, kSidePx);
 }
 
 TEST(FrameImagePoolTest, AnImageMayOutliveItsPool) {

@@ -104,6 +104,18 @@ Scene EmptyScene() {
   return MakeIsosurface(65, 8, [](const math::Vec3d&) { return -1.0; });
 }
 
+TEST_P(RendererTest, PreparedPassesDrawTheSamePicture) {
+  const Scene scene = MakeBumpySphere(64, 8, 26, 1.5);
+  const view::View view = MakeView(scene, 310, 250, 25, 15);
+  const FrameImage expected = Draw(view, scene.layout, scene.meshes);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto prepared, MakeRenderer({.kind = GetParam()}));
+  prepared->Prepare(view.viewport(), 3);
+  EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
+  // More than it may keep, and of another size.
+  prepared->Prepare({.width_px = 4096, .height_px = 4096}, 2);
+  EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
+}
+
 TEST_P(RendererTest, OrderOfAddingDoesNotMatter) {
   const Scene scene = MakeBumpySphere(64, 8, 26, 1.5);
   const view::View view = MakeView(scene, 300, 240, 25, 15);
