@@ -102,10 +102,11 @@ class IsolatedLink final : public server::AgentLink {
 
  private:
   void SendPixels(const image::FrameImage& image) {
-    for (std::string& band : pipeline_->Encode(image)) {
+    std::vector<std::string> bands = pipeline_->Encode(image);
+    for (const std::string& band : bands) {
       network_bytes_ += static_cast<std::int64_t>(band.size());
-      listener_->OnPixels(std::move(band));
     }
+    listener_->OnPixels(std::move(bands));
   }
 
   void SendLast(const absl::StatusOr<image::FrameImage>& image) {

@@ -20,6 +20,7 @@
 #include <oneapi/tbb/partitioner.h>
 
 #include "core/base/check.h"
+#include "core/base/first_error.h"
 #include "core/base/read_queue.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
@@ -37,9 +38,12 @@ namespace isoscope::agent {
 namespace {
 
 // Rays one task casts: some hundred microseconds.
-constexpr std::int64_t kRaysPerTask = 4096;
-// Blocks one task takes from the cache: some hundred microseconds.
-constexpr std::size_t kBlocksPerTask = 128;
+constexpr std::int64_t kRaysPerTask = 1024;
+// Blocks one task takes from the cache, and how many tasks each thread should find: few blocks in
+// large parts leave threads without work.
+constexpr std::size_t kMinBlocksPerTask = 8;
+constexpr std::size_t kMaxBlocksPerTask = 128;
+constexpr std::size_t kTasksPerThread = 8;
 // Meshes handed to the renderer at a time, at most; and how many are worth a call: it takes locks,
 // and so few are still in the processor's cache when they are drawn.
 constexpr std::size_t kMeshesPerAdd = 64;
@@ -53,31 +57,6 @@ struct ChosenBlock {
   std::uint32_t shard_slot = 0;
   const image::PixelMask* open = nullptr;  // null: all pixels
   bool must_read = false;
-};
-
-// The first error of tasks that run side by side; the others stop when they see it.
-class FirstError {
- public:
-  [[nodiscard]] bool has_error() const { return has_error_.load(std::memory_order_relaxed); }
-  void Set(absl::Status status) {
-    if (status.ok()) {
-      return;
-    }
-    absl::MutexLock lock(&mutex_);
-    if (status_.ok()) {
-      status_ = std::move(status);
-      has_error_.store(true, std::memory_order_relaxed);
-    }
-  }
-  absl::Status status() {
-    absl::MutexLock lock(&mutex_);
-    return status_;
-  }
-
- private:
-  std::atomic<bool> has_error_{false};
-  absl::Mutex mutex_;
-  absl::Status status_ ABSL_GUARDED_BY(mutex_);
 };
 
 // What one thread keeps between its tasks.
@@ -167,9 +146,9 @@ class FramePipeline::Impl {
       std::vector<view::PixelRect> rects(blocks.size());
       arena_->execute([&] {
         tbb::parallel_for(
-            tbb::blocked_range<std::size_t>(0, blocks.size(), kBlocksPerTask),
+            tbb::blocked_range<std::size_t>(0, blocks.size(), kMaxBlocksPerTask),
             [&](const tbb::blocked_range<std::size_t>& range) {
-              std::array<view::Footprint, kBlocksPerTask> footprints;
+              std::array<view::Footprint, kMaxBlocksPerTask> footprints;
               view_.FootprintsOf(layout_,
                                  absl::MakeSpan(blocks).subspan(range.begin(), range.size()),
                                  absl::MakeSpan(footprints).first(range.size()));
@@ -312,6 +291,12 @@ class FramePipeline::Impl {
     return chosen;
   }
 
+  [[nodiscard]] std::size_t BlocksPerTask(std::size_t block_count) const {
+    const auto threads = static_cast<std::size_t>(arena_->max_concurrency());
+    return std::clamp(block_count / (threads * kTasksPerThread), kMinBlocksPerTask,
+                      kMaxBlocksPerTask);
+  }
+
   // Takes blocks from the cache, or reads and extracts them, and draws them.
   absl::StatusOr<image::FrameImage> Draw(std::vector<ChosenBlock> blocks) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_->Check());
@@ -319,12 +304,14 @@ class FramePipeline::Impl {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
                               renderer_->BeginPass(view_, layout_, request_.appearance));
     const absl::Time start = absl::Now();
-    FirstError error;
+    base::FirstError error;
     arena_->execute([&] {
-      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, blocks.size(), kBlocksPerTask),
-                        [&](const tbb::blocked_range<std::size_t>& range) {
-                          DrawCached(&blocks, range.begin(), range.end(), pass.get(), &error);
-                        });
+      tbb::parallel_for(
+          tbb::blocked_range<std::size_t>(0, blocks.size(), BlocksPerTask(blocks.size())),
+          [&](const tbb::blocked_range<std::size_t>& range) {
+            DrawCached(&blocks, range.begin(), range.end(), pass.get(), &error);
+          },
+          tbb::simple_partitioner());
     });
     if (!error.has_error()) {
       error.Set(ReadAndDraw(blocks, pass.get()));
@@ -338,7 +325,7 @@ class FramePipeline::Impl {
 
   // Draws those of blocks [begin, end) whose mesh or samples are cached, and marks the others.
   void DrawCached(std::vector<ChosenBlock>* blocks, std::size_t begin, std::size_t end,
-                  render::RenderPass* pass, FirstError* error) {
+                  render::RenderPass* pass, base::FirstError* error) {
     if (error->has_error()) {
       return;
     }
@@ -410,7 +397,7 @@ class FramePipeline::Impl {
                                                            : AddMeshes(pass, &worker);
         });
     ISOSCOPE_RETURN_IF_ERROR(status);
-    FirstError error;
+    base::FirstError error;
     arena_->execute([&] {
       tbb::parallel_for(workers_.range(1), [&](const auto& range) {
         for (Worker& worker : range) {

@@ -31,6 +31,8 @@ namespace v1 = isoscope::internal::v1;
 
 // Pixels or surface that wait for the network before the worker waits too: a few messages.
 constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
+// A message has at most so many bytes of bands, or one band.
+constexpr std::size_t kMaxBandsBytes = 1 * base::kMiB;
 // A message of ExtractSurface is sent once it has this many bytes.
 constexpr std::size_t kSurfaceMessageBytes = 1 * base::kMiB;
 
@@ -277,13 +279,21 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return service_->memory_->ReserveStep(request_.viewport, cancellation_);
   }
 
-  absl::Status SendPixels(const image::FrameImage& image) {
+  // Sends the bands of an image but for the last ones, which go with the message that ends the
+  // step: messages cost more than their bytes.
+  absl::Status SendBands(const image::FrameImage& image, v1::RenderFrameResponse* last) {
+    v1::RenderFrameResponse message;
+    std::size_t bytes = 0;
     for (std::string& band : pipeline_->Encode(image)) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-      v1::RenderFrameResponse message;
-      message.set_pixels(std::move(band));
-      ISOSCOPE_RETURN_IF_ERROR(Send(std::move(message)));
+      if (bytes > 0 && bytes + band.size() > kMaxBandsBytes) {
+        ISOSCOPE_RETURN_IF_ERROR(Send(std::exchange(message, {})));
+        bytes = 0;
+      }
+      bytes += band.size();
+      message.add_bands(std::move(band));
     }
+    last->mutable_bands()->Swap(message.mutable_bands());
     return absl::OkStatus();
   }
 
@@ -323,8 +333,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
     ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
     ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderOccluders(blocks));
-    ISOSCOPE_RETURN_IF_ERROR(SendPixels(image));
     v1::RenderFrameResponse message;
+    ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
     message.mutable_occluders_done();
     EnterPhase(Phase::kExpectVisibleBlocks);
     return Send(std::move(message));
@@ -343,9 +353,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // The last pixels, the statistics, and the end.
   absl::Status SendLast(const image::FrameImage& image) {
-    ISOSCOPE_RETURN_IF_ERROR(SendPixels(image));
-    const visibility::AgentStatistics& statistics = pipeline_->statistics();
     v1::RenderFrameResponse message;
+    ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
+    const visibility::AgentStatistics& statistics = pipeline_->statistics();
     isoscope::v1::AgentStatistics* proto = message.mutable_frame_done()->mutable_statistics();
     *proto = rpc::ToProto(statistics);
     for (const int index : shard_indices_) {

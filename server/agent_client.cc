@@ -2,6 +2,7 @@
 
 #include <cstring>
 #include <deque>
+#include <iterator>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -168,6 +169,11 @@ class FrameStream final
 
   // Hands one message to the listener.
   absl::Status Deliver(v1::RenderFrameResponse* message) {
+    const bool has_bands = message->bands_size() > 0;
+    if (has_bands) {
+      listener_->OnPixels({std::make_move_iterator(message->mutable_bands()->begin()),
+                           std::make_move_iterator(message->mutable_bands()->end())});
+    }
     switch (message->message_case()) {
       case v1::RenderFrameResponse::kRayHits: {
         ISOSCOPE_ASSIGN_OR_RETURN(
@@ -179,9 +185,6 @@ class FrameStream final
         listener_->OnRayHits(std::move(hits), std::move(active));
         return absl::OkStatus();
       }
-      case v1::RenderFrameResponse::kPixels:
-        listener_->OnPixels(std::move(*message->mutable_pixels()));
-        return absl::OkStatus();
       case v1::RenderFrameResponse::kOccludersDone:
         listener_->OnOccludersDone();
         return absl::OkStatus();
@@ -197,7 +200,7 @@ class FrameStream final
       case v1::RenderFrameResponse::MESSAGE_NOT_SET:
         break;
     }
-    return absl::InvalidArgumentError("an empty message");
+    return has_bands ? absl::OkStatus() : absl::InvalidArgumentError("an empty message");
   }
 
   absl::Status EndStatus(const absl::Status& status) const {

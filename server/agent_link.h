@@ -24,7 +24,7 @@ class AgentListener {
   // `active`: the agent's own active blocks, ascending; empty if they were not asked for.
   virtual void OnRayHits(std::vector<volume::BlockId> hits,
                          std::vector<volume::BlockId> active) = 0;
-  virtual void OnPixels(std::string band) = 0;  // docs/format/wire.md
+  virtual void OnPixels(std::vector<std::string> bands) = 0;  // docs/format/wire.md
   virtual void OnOccludersDone() = 0;
   virtual void OnFrameDone(visibility::AgentStatistics statistics) = 0;
   // The last call. OK only after OnFrameDone. Errors name the agent and its shards.

@@ -16,8 +16,9 @@
 #include "absl/types/span.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/partitioner.h>
+#include <oneapi/tbb/task_group.h>
 
+#include "core/base/first_error.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
 #include "core/visibility/occluder_selection.h"
@@ -37,7 +38,7 @@ struct RayHits {
   std::vector<volume::BlockId> active;
 };
 struct Pixels {
-  std::string band;
+  std::vector<std::string> bands;
 };
 struct OccludersDone {};
 struct FrameDone {
@@ -82,7 +83,7 @@ class QueueingListener final : public AgentListener {
   void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
     Push(RayHits{std::move(hits), std::move(active)});
   }
-  void OnPixels(std::string band) override { Push(Pixels{std::move(band)}); }
+  void OnPixels(std::vector<std::string> bands) override { Push(Pixels{std::move(bands)}); }
   void OnOccludersDone() override { Push(OccludersDone{}); }
   void OnFrameDone(visibility::AgentStatistics statistics) override {
     Push(FrameDone{std::move(statistics)});
@@ -119,6 +120,7 @@ class Frame {
       for (Agent& agent : agents_) {
         agent.link->Cancel();
       }
+      FinishCompositing().IgnoreError();
     }
     for (const Agent& agent : agents_) {
       result_.network_bytes += agent.link->network_bytes();
@@ -161,16 +163,14 @@ class Frame {
       if (const absl::Status status = cancellation_.Check(); !status.ok()) {
         return absl::IsDeadlineExceeded(status) ? DeadlineError() : status;
       }
-      while (!events.empty()) {
-        if (std::holds_alternative<Pixels>(events.front().what)) {
-          ISOSCOPE_RETURN_IF_ERROR(HandlePixels(&events));
-        } else {
-          ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(events.front())));
-          events.pop_front();
-        }
+      for (Event& event : events) {
+        ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
+      }
+      if (pixels_error_.has_error()) {
+        break;
       }
     }
-    return absl::OkStatus();
+    return FinishCompositing();
   }
 
   absl::Status Handle(Event event) {
@@ -178,6 +178,9 @@ class Frame {
     last_arrival_ = event.arrival;
     if (auto* hits = std::get_if<RayHits>(&event.what)) {
       return HandleRayHits(event.agent_index, std::move(*hits));
+    }
+    if (auto* pixels = std::get_if<Pixels>(&event.what)) {
+      return HandlePixels(event.agent_index, std::move(pixels->bands));
     }
     if (std::holds_alternative<OccludersDone>(event.what)) {
       return HandleOccludersDone(&agent);
@@ -205,34 +208,34 @@ class Frame {
     return absl::OkStatus();
   }
 
-  // Composites the bands that `events` begins with, side by side, and takes them off.
-  absl::Status HandlePixels(std::deque<Event>* events) {
-    std::vector<Event> bands;
-    for (; !events->empty() && std::holds_alternative<Pixels>(events->front().what);
-         events->pop_front()) {
-      const Agent& agent = agents_[events->front().agent_index];
-      if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
-        return OutOfOrder(agent, "pixels");
-      }
-      last_arrival_ = events->front().arrival;
-      bands.push_back(std::move(events->front()));
+  // Lets the arena composite the bands, while others come.
+  absl::Status HandlePixels(std::size_t agent_index, std::vector<std::string> bands) {
+    const Agent& agent = agents_[agent_index];
+    if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
+      return OutOfOrder(agent, "pixels");
     }
-    std::vector<absl::Status> statuses(bands.size());
-    const auto decode = [&](std::size_t i) {
-      statuses[i] = composite::DecodePixelsInto(std::get<Pixels>(bands[i].what).band,
-                                                &result_.image, &row_locks_);
-    };
     setup_.arena->execute([&] {
-      tbb::parallel_for(std::size_t{0}, bands.size(), decode, tbb::simple_partitioner());
-    });
-    for (std::size_t i = 0; i < bands.size(); ++i) {
-      if (!statuses[i].ok()) {
-        return {statuses[i].code(),
-                absl::StrCat("pixels of ", agents_[bands[i].agent_index].link->name(), ": ",
-                             statuses[i].message())};
+      for (std::string& band : bands) {
+        compositing_.run(
+            [this, agent_index, owned = std::move(band)] { CompositeBand(agent_index, owned); });
       }
-    }
+    });
     return absl::OkStatus();
+  }
+
+  void CompositeBand(std::size_t agent_index, absl::string_view band) {
+    const absl::Status status = composite::DecodePixelsInto(band, &result_.image, &row_locks_);
+    if (!status.ok()) {
+      pixels_error_.Set(
+          {status.code(),
+           absl::StrCat("pixels of ", agents_[agent_index].link->name(), ": ", status.message())});
+    }
+  }
+
+  // Returns once all bands that came are in the image.
+  absl::Status FinishCompositing() {
+    setup_.arena->execute([&] { compositing_.wait(); });
+    return pixels_error_.status();
   }
 
   absl::Status HandleRayHits(std::size_t agent_index, RayHits hits) {
@@ -333,6 +336,7 @@ class Frame {
     }
     agent->stage = Stage::kRenderingVisible;
     if (AllAt(Stage::kRenderingVisible)) {
+      ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
       SendVisibleBlocks();
       EndPhase(&result_.occluder_rendering_duration);
     }
@@ -418,6 +422,9 @@ class Frame {
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
   composite::RowLocks row_locks_;  // of its image
+  // Decodes bands into the image while others come.
+  tbb::task_group compositing_;
+  base::FirstError pixels_error_;
 };
 
 }  // namespace

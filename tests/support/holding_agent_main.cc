@@ -90,7 +90,7 @@ class HoldingAgent final : public v1::PartitionAgentService::Service {
       if (response.has_frame_done()) {
         return false;
       }
-      if (!response.has_pixels()) {
+      if (response.message_case() != v1::RenderFrameResponse::MESSAGE_NOT_SET) {
         return true;
       }
     }

@@ -73,13 +73,13 @@ class LocalAgentLink final : public server::AgentLink {
       listener_->OnRayHits(std::move(selection.hits), std::move(selection.active));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> occluders, Await(&occluders_));
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderOccluders(occluders));
-      SendPixels(pipeline->Encode(image));
+      listener_->OnPixels(pipeline->Encode(image));
       listener_->OnOccludersDone();
       ISOSCOPE_ASSIGN_OR_RETURN(const VisibleBlocks visible, Await(&visible_));
       ISOSCOPE_ASSIGN_OR_RETURN(image,
                                 pipeline->RenderVisible(visible.blocks, visible.open_pixels));
     }
-    SendPixels(pipeline->Encode(image));
+    listener_->OnPixels(pipeline->Encode(image));
     listener_->OnFrameDone(Statistics(pipeline->statistics()));
     return absl::OkStatus();
   }
@@ -95,12 +95,6 @@ class LocalAgentLink final : public server::AgentLink {
       return absl::CancelledError("cancelled by the coordinator");
     }
     return **message;
-  }
-
-  void SendPixels(std::vector<std::string> bands) {
-    for (std::string& band : bands) {
-      listener_->OnPixels(std::move(band));
-    }
   }
 
   [[nodiscard]] visibility::AgentStatistics Statistics(visibility::AgentStatistics measured) const {

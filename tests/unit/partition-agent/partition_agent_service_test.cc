@@ -83,14 +83,18 @@ class FrameCall {
     return Send(message);
   }
   bool Read(v1::RenderFrameResponse* message) { return stream_->Read(message); }
-  // Composites the pixels that come before another message, which is returned.
+  // Composites the bands that come before or with another message, which is returned.
   v1::RenderFrameResponse ReadPixels(image::FrameImage* image) {
     v1::RenderFrameResponse message;
-    while (stream_->Read(&message) && message.has_pixels()) {
-      EXPECT_THAT(composite::DecodePixelsInto(message.pixels(), image), isoscope::testing::IsOk());
-      message.Clear();
+    while (stream_->Read(&message)) {
+      for (const std::string& band : message.bands()) {
+        EXPECT_THAT(composite::DecodePixelsInto(band, image), isoscope::testing::IsOk());
+      }
+      if (message.message_case() != v1::RenderFrameResponse::MESSAGE_NOT_SET) {
+        return message;
+      }
     }
-    return message;
+    return {};
   }
   void EndWrites() { stream_->WritesDone(); }
   void Cancel() { context_.TryCancel(); }
@@ -210,11 +214,12 @@ class PartitionAgentServiceTest : public ::testing::Test {
     }
   }
 
-  image::FrameImage Expected() const {
+  image::FrameImage Expected() const { return Expected(dataset_.Request()); }
+  image::FrameImage Expected(const FrameRequest& request) const {
     const base::Cancellation never;
     BlockCache none(0);
     auto pipeline = FramePipeline::Make(
-        dataset_.OpenShards(), dataset_.Request(),
+        dataset_.OpenShards(), request,
         {.renderer = renderer_.get(), .arena = arena_.get(), .cache = &none}, &never);
     EXPECT_THAT(pipeline, isoscope::testing::IsOk());
     auto image = (*pipeline)->RenderAll();
@@ -249,6 +254,40 @@ TEST_F(PartitionAgentServiceTest, DescribesItsShards) {
     EXPECT_EQ(shard.range_table_crc32c(), dataset_.manifest().range_table_crc32c);
   }
   EXPECT_EQ(server_->shard_summary(), "gyroid 0,1 of 2");
+}
+
+TEST_F(PartitionAgentServiceTest, ASmallPictureComesWithTheMessageThatEndsTheStep) {
+  FrameCall call(stub_.get());
+  ASSERT_TRUE(call.Send(Begin(visibility::Culling::kNone)));
+  v1::RenderFrameResponse message;
+  ASSERT_TRUE(call.Read(&message));
+  EXPECT_GT(message.bands_size(), 0);
+  EXPECT_TRUE(message.has_frame_done());
+}
+
+TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebibyte) {
+  FrameCall call(stub_.get());
+  v1::RenderFrameRequest begin = Begin(visibility::Culling::kNone);
+  begin.mutable_begin()->mutable_viewport()->set_width_px(2500);
+  begin.mutable_begin()->mutable_viewport()->set_height_px(2000);
+  ASSERT_TRUE(call.Send(begin));
+  image::FrameImage image(2500, 2000);
+  int message_count = 0;
+  std::size_t bytes = 0;
+  v1::RenderFrameResponse message;
+  while (!message.has_frame_done()) {
+    ASSERT_TRUE(call.Read(&message));
+    ++message_count;
+    bytes += message.ByteSizeLong();
+    EXPECT_TRUE(message.bands_size() == 1 || message.ByteSizeLong() < (std::size_t{11} << 17));
+    for (const std::string& band : message.bands()) {
+      ISOSCOPE_EXPECT_OK(composite::DecodePixelsInto(band, &image));
+    }
+  }
+  EXPECT_GT(message_count, 1) << bytes << " bytes in one message";
+  FrameRequest request = dataset_.Request();
+  request.viewport = {.width_px = 2500, .height_px = 2000};
+  EXPECT_EQ(image, Expected(request));
 }
 
 TEST_F(PartitionAgentServiceTest, FrameIsThatOfThePipeline) {

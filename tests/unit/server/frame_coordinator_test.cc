@@ -282,14 +282,14 @@ class FrameCoordinatorTest : public ::testing::Test {
         return all.status();
       }
       for (std::string& band : ShuffledBands(occluders, seed)) {
-        self.coordinator().OnPixels(std::move(band));
+        self.coordinator().OnPixels({std::move(band)});
       }
       self.coordinator().OnOccludersDone();
       if (const auto visible = self.AwaitVisible(); !visible.ok()) {
         return visible.status();
       }
       for (std::string& band : ShuffledBands(rest, seed + 1)) {
-        self.coordinator().OnPixels(std::move(band));
+        self.coordinator().OnPixels({std::move(band)});
       }
       self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
       return absl::OkStatus();
@@ -495,7 +495,7 @@ TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
     composite::CompositeInto(image, &expected);
     scripts.push_back([image, agent](Agent& self) {
       for (std::string& band : ShuffledBands(image, agent)) {
-        self.coordinator().OnPixels(std::move(band));
+        self.coordinator().OnPixels({std::move(band)});
       }
       self.coordinator().OnFrameDone({});
       return absl::OkStatus();
@@ -544,7 +544,7 @@ Script SayInOrder(const std::vector<Say>& words) {
           self.coordinator().OnRayHits({1}, {});
           break;
         case Say::kPixels:
-          self.coordinator().OnPixels(ShuffledBands(RandomImage(1, 0.5), 1).front());
+          self.coordinator().OnPixels(ShuffledBands(RandomImage(1, 0.5), 1));
           break;
         case Say::kOccludersDone:
           self.coordinator().OnOccludersDone();
@@ -627,7 +627,7 @@ TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
   const Script damaged = [](Agent& self) {
     std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
     band[band.size() / 2] = static_cast<char>(band[band.size() / 2] ^ 0x10);
-    self.coordinator().OnPixels(band);
+    self.coordinator().OnPixels({band});
     return self.AwaitCancel();
   };
   EXPECT_THAT(Run(visibility::Culling::kNone, {Wait(), damaged, Wait()}),
@@ -635,7 +635,7 @@ TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
   const Script truncated = [](Agent& self) {
     std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
     band.pop_back();
-    self.coordinator().OnPixels(band);
+    self.coordinator().OnPixels({band});
     return self.AwaitCancel();
   };
   EXPECT_THAT(Run(visibility::Culling::kNone, {Wait(), Wait(), truncated}),
