@@ -6,6 +6,7 @@
 #include <array>
 #include <cerrno>
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <system_error>
@@ -109,10 +110,17 @@ class WorkFolder {
     if (mkdtemp(pattern.data()) == nullptr) {
       return base::ErrnoToStatus(errno, "can't make a folder in", cache_directory);
     }
-    const int lock =
-        open((pattern + "/" + kLockName).c_str(), O_CREAT | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
-    if (lock < 0 || flock(lock, LOCK_EX | LOCK_NB) != 0) {
-      return base::ErrnoToStatus(errno, "can't lock", pattern);
+    // Gets its name once it is held: others would take a lock that is free for a leftover.
+    const std::string path = absl::StrCat(pattern, "/", kLockName);
+    const std::string unnamed = path + ".new";
+    const int lock = open(unnamed.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (lock < 0 || flock(lock, LOCK_EX | LOCK_NB) != 0 ||
+        rename(unnamed.c_str(), path.c_str()) != 0) {
+      const absl::Status status = base::ErrnoToStatus(errno, "can't lock", pattern);
+      if (lock >= 0) {
+        close(lock);
+      }
+      return status;
     }
     return WorkFolder(std::move(pattern), lock);
   }
