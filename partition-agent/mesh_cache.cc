@@ -2,33 +2,12 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
-#include <new>
-#include <span>
 
 #include "core/base/check.h"
 
 namespace isoscope::agent {
-namespace {
 
-constexpr std::size_t kAlignment = 64;
-
-std::size_t Aligned(std::size_t size) { return (size + kAlignment - 1) / kAlignment * kAlignment; }
-
-// Copies `values` to `*at` and moves it on.
-template <typename T>
-std::span<const T> Place(const std::vector<T>& values, char** at) {
-  T* const out = reinterpret_cast<T*>(*at);
-  if (!values.empty()) {
-    std::memcpy(static_cast<void*>(out), values.data(), values.size() * sizeof(T));
-  }
-  *at += Aligned(values.size() * sizeof(T));
-  return {out, values.size()};
-}
-
-}  // namespace
-
-std::shared_ptr<const mesh::MeshView> MeshTable::Find(std::size_t place, std::uint64_t round) {
+std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t place, std::uint64_t round) {
   ISOSCOPE_DCHECK(place < slots_.size());
   absl::MutexLock lock(&LockOf(place));
   const Slot& slot = slots_[place];
@@ -87,29 +66,20 @@ MeshCache::Writer::~Writer() {
   }
 }
 
-std::shared_ptr<const mesh::MeshView> MeshCache::Writer::Store(const mesh::BlockMesh& mesh,
-                                                               MeshTable* table,
-                                                               std::size_t place) {
-  const std::size_t size = Aligned(sizeof(mesh::MeshView)) +
-                           Aligned(mesh.positions.size() * sizeof(math::Vec3f)) +
-                           Aligned(mesh.normals.size() * sizeof(math::Vec3f)) +
-                           Aligned(mesh.indices.size() * sizeof(std::uint32_t));
+std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::BlockMesh& mesh,
+                                                                  MeshTable* table,
+                                                                  std::size_t place) {
+  const std::size_t size = mesh::CompactSizeBytes(mesh);
   if (segment_ == nullptr || segment_->size_bytes - segment_->used_bytes < size) {
     segment_ = cache_->TakeSegment(size, round_);
   }
-  char* at = segment_->memory.get() + segment_->used_bytes;
+  const mesh::CompactMesh* const compact =
+      mesh::CompactInto(mesh, segment_->memory.get() + segment_->used_bytes);
   segment_->used_bytes += size;
-  auto* const view = new (at) mesh::MeshView();  // trivially destructible
-  at += Aligned(sizeof(mesh::MeshView));
-  view->block_id = mesh.block_id;
-  view->owned_vertex_count = mesh.owned_vertex_count;
-  view->positions = Place(mesh.positions, &at);
-  view->normals = Place(mesh.normals, &at);
-  view->indices = Place(mesh.indices, &at);
   if (segment_->is_kept.load(std::memory_order_relaxed)) {
-    table->Set(place, {view, segment_});
+    table->Set(place, {compact, segment_});
   }
-  return {segment_, view};
+  return {segment_, compact};
 }
 
 std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std::uint64_t round) {

@@ -21,6 +21,7 @@
 
 #include "core/base/memory_pool.h"
 #include "core/mesh/block_mesh.h"
+#include "core/mesh/compact_mesh.h"
 
 namespace isoscope::agent {
 
@@ -43,12 +44,12 @@ class MeshTable {
   }
 
   // Null if it is not there. REQUIRES: place < block_count.
-  std::shared_ptr<const mesh::MeshView> Find(std::size_t place, std::uint64_t round);
+  std::shared_ptr<const mesh::CompactMesh> Find(std::size_t place, std::uint64_t round);
 
  private:
   friend class MeshCache;
   struct Slot {
-    const mesh::MeshView* mesh = nullptr;
+    const mesh::CompactMesh* mesh = nullptr;
     std::weak_ptr<MeshSegment> segment;
   };
   static constexpr std::size_t kLockCount = 64;
@@ -86,8 +87,8 @@ class MeshCache {
         : cache_(other.cache_), round_(other.round_), segment_(std::move(other.segment_)) {}
     Writer& operator=(Writer&&) = delete;
 
-    std::shared_ptr<const mesh::MeshView> Store(const mesh::BlockMesh& mesh, MeshTable* table,
-                                                std::size_t place);
+    std::shared_ptr<const mesh::CompactMesh> Store(const mesh::BlockMesh& mesh, MeshTable* table,
+                                                   std::size_t place);
 
    private:
     MeshCache* const cache_;

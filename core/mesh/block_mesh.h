@@ -1,13 +1,10 @@
-// The isosurface inside one block: what extraction makes and renderers draw.
+// The isosurface inside one block: what extraction makes.
 
 #ifndef ISOSCOPE_CORE_MESH_BLOCK_MESH_H_
 #define ISOSCOPE_CORE_MESH_BLOCK_MESH_H_
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
-#include <span>
-#include <utility>
 #include <vector>
 
 #include "core/math/vec.h"
@@ -40,42 +37,6 @@ struct BlockMesh {
            indices.size() * sizeof(std::uint32_t) + edge_keys.size() * sizeof(std::int64_t);
   }
 };
-
-// A mesh that somebody else owns: what renderers draw. The members as BlockMesh's.
-struct MeshView {
-  MeshView() = default;
-  // REQUIRES: the mesh outlives the view and no longer changes.
-  MeshView(const BlockMesh& mesh)  // NOLINT(google-explicit-constructor): as std::span of a vector
-      : block_id(mesh.block_id),
-        positions(mesh.positions),
-        normals(mesh.normals),
-        indices(mesh.indices),
-        owned_vertex_count(mesh.owned_vertex_count) {}
-
-  [[nodiscard]] std::int64_t triangle_count() const {
-    return static_cast<std::int64_t>(indices.size() / 3);
-  }
-  [[nodiscard]] std::size_t size_bytes() const {
-    return positions.size_bytes() + normals.size_bytes() + indices.size_bytes();
-  }
-
-  volume::BlockId block_id = 0;
-  std::span<const math::Vec3f> positions;
-  std::span<const math::Vec3f> normals;
-  std::span<const std::uint32_t> indices;
-  std::int64_t owned_vertex_count = 0;
-};
-
-// The view of a mesh, which it keeps alive.
-inline std::shared_ptr<const MeshView> ShareView(std::shared_ptr<const BlockMesh> mesh) {
-  struct Shared {
-    explicit Shared(std::shared_ptr<const BlockMesh> owner) : mesh(std::move(owner)), view(*mesh) {}
-    std::shared_ptr<const BlockMesh> mesh;
-    MeshView view;
-  };
-  const auto shared = std::make_shared<const Shared>(std::move(mesh));
-  return {shared, &shared->view};
-}
 
 }  // namespace isoscope::mesh
 

@@ -72,7 +72,7 @@ void CpuRasterizer::Fill(const ScreenVertex& a, const ScreenVertex& b, const Scr
   FillTriangle(screen, nearest_depth_, &fragments_, [this]() { Flush(); });
 }
 
-void CpuRasterizer::ClipAndFill(const mesh::MeshView& mesh, std::uint32_t triangle) {
+void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle) {
   // A plane is the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band is a
   // little inside what Project takes, so that rounding can't push a clipped vertex out again.
   constexpr double kBandPx = kGuardBandPx - 1;
@@ -85,8 +85,9 @@ void CpuRasterizer::ClipAndFill(const mesh::MeshView& mesh, std::uint32_t triang
                                          ClipVertex{0, -1, 0, gy_high}};
   std::array<ClipVertex, 8> polygon;
   std::size_t count = 3;
+  const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
   for (std::size_t corner = 0; corner < 3; ++corner) {
-    polygon[corner] = ToClip(mesh.positions[mesh.indices[3 * std::size_t{triangle} + corner]]);
+    polygon[corner] = ToClip(mesh.positions[corners[corner]]);
   }
   for (const ClipVertex& plane : planes) {
     const auto distance = [&plane](const ClipVertex& v) {
@@ -134,7 +135,7 @@ void CpuRasterizer::ClipAndFill(const mesh::MeshView& mesh, std::uint32_t triang
   }
 }
 
-void CpuRasterizer::FillClipped(const mesh::MeshView& mesh) {
+void CpuRasterizer::FillClipped(const mesh::CompactMesh& mesh) {
   clipped_vertices_.resize(mesh.positions.size());
   needs_clipping_.resize(mesh.positions.size());
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
@@ -142,7 +143,7 @@ void CpuRasterizer::FillClipped(const mesh::MeshView& mesh) {
   }
   const auto triangle_count = static_cast<std::uint32_t>(mesh.triangle_count());
   for (std::uint32_t triangle = 0; triangle < triangle_count; ++triangle) {
-    const std::uint32_t* corners = &mesh.indices[3 * std::size_t{triangle}];
+    const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
     if ((needs_clipping_[corners[0]] | needs_clipping_[corners[1]] | needs_clipping_[corners[2]]) ==
         0) {
       Fill(clipped_vertices_[corners[0]], clipped_vertices_[corners[1]],
@@ -153,12 +154,12 @@ void CpuRasterizer::FillClipped(const mesh::MeshView& mesh) {
   }
 }
 
-void CpuRasterizer::FillFromVertices(const mesh::MeshView& mesh, std::uint32_t triangle) {
-  const auto vertex = [&](std::size_t corner) {
-    const std::uint32_t i = mesh.indices[3 * std::size_t{triangle} + corner];
+void CpuRasterizer::FillFromVertices(const mesh::CompactMesh& mesh, std::uint32_t triangle) {
+  const auto vertex = [&](std::uint32_t i) {
     return ScreenVertex{vertices_.x[i], vertices_.y[i], vertices_.z[i]};
   };
-  Fill(vertex(0), vertex(1), vertex(2), triangle);
+  const auto [a, b, c] = mesh.triangles[triangle];
+  Fill(vertex(a), vertex(b), vertex(c), triangle);
 }
 
 void CpuRasterizer::DropClosed() {
@@ -187,14 +188,14 @@ void CpuRasterizer::Flush() {
   fragments_.Reset();
 }
 
-void CpuRasterizer::Rasterize(const mesh::MeshView& mesh, const view::View& view,
+void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                               const view::Footprint& footprint, const image::PixelMask* open,
                               absl::FunctionRef<void(const FragmentBatch&)> visit) {
   rect_ = footprint.rect;
   if (open != nullptr) {
     rect_ = Intersection(rect_, BoundsOf(*open));
   }
-  if (rect_.empty() || mesh.indices.empty()) {
+  if (rect_.empty() || mesh.triangles.empty()) {
     return;
   }
   projection_ = {.clip_from_index = view.clip_from_index().m,
@@ -219,7 +220,7 @@ void CpuRasterizer::Rasterize(const mesh::MeshView& mesh, const view::View& view
   if (std::max(bounds.max_x - bounds.min_x, bounds.max_y - bounds.min_y) <=
       kMaxTinyExtentPx * kSubpixels) {
     larger_.clear();
-    FillTinyTriangles({.indices = mesh.indices,
+    FillTinyTriangles({.triangles = mesh.triangles,
                        .vertices = &vertices_,
                        .origin_x = bounds.min_x >> kSubpixelBits,
                        .origin_y = bounds.min_y >> kSubpixelBits,
@@ -238,15 +239,16 @@ void CpuRasterizer::Rasterize(const mesh::MeshView& mesh, const view::View& view
   Flush();
 }
 
-std::array<double, 3> BarycentricsAtPixel(const mesh::MeshView& mesh, std::uint32_t triangle,
+std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y) {
   const std::array<double, 16>& m = view.clip_from_index().m;
   const double ndc_x = 2 * (x + 0.5) / view.viewport().width_px - 1;
   const double ndc_y = 1 - 2 * (y + 0.5) / view.viewport().height_px;
   // Moved so that the pixel is the origin: a weight is the edge function of the two other corners.
   std::array<math::Vec3d, 3> corner;
+  const std::array<std::uint32_t, 3> vertices = mesh.triangles[triangle];
   for (std::size_t i = 0; i < 3; ++i) {
-    const math::Vec3f& p = mesh.positions[mesh.indices[3 * std::size_t{triangle} + i]];
+    const math::Vec3f& p = mesh.positions[vertices[i]];
     const double px = static_cast<double>(p.x);
     const double py = static_cast<double>(p.y);
     const double pz = static_cast<double>(p.z);

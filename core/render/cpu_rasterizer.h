@@ -17,7 +17,7 @@
 #include "absl/functional/function_ref.h"
 
 #include "core/image/pixel_mask.h"
-#include "core/mesh/block_mesh.h"
+#include "core/mesh/compact_mesh.h"
 #include "core/render/raster_kernels.h"
 #include "core/view/view.h"
 
@@ -39,7 +39,7 @@ class CpuRasterizer {
   // `footprint` is that of the mesh's block: fragments outside its rectangle, or outside `open` if
   // that is not null, are dropped; depths are clamped to [nearest_depth, 1]. The batch lives until
   // visit returns.
-  void Rasterize(const mesh::MeshView& mesh, const view::View& view,
+  void Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                  const view::Footprint& footprint, const image::PixelMask* open,
                  absl::FunctionRef<void(const FragmentBatch&)> visit);
 
@@ -51,11 +51,11 @@ class CpuRasterizer {
   [[nodiscard]] ClipVertex ToClip(const math::Vec3f& position) const;
   // What TransformVertices does to one vertex; false if it must be clipped first.
   [[nodiscard]] bool Project(const ClipVertex& clip, ScreenVertex* screen) const;
-  void FillClipped(const mesh::MeshView& mesh);
-  void ClipAndFill(const mesh::MeshView& mesh, std::uint32_t triangle);
+  void FillClipped(const mesh::CompactMesh& mesh);
+  void ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle);
   void Fill(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
             std::uint32_t triangle);
-  void FillFromVertices(const mesh::MeshView& mesh, std::uint32_t triangle);
+  void FillFromVertices(const mesh::CompactMesh& mesh, std::uint32_t triangle);
   void Flush();
   void DropClosed();
 
@@ -75,7 +75,7 @@ class CpuRasterizer {
 
 // Perspective-correct weights of a triangle's vertices at a pixel centre; they sum to 1 and lie in
 // [0, 1]. A pure function of triangle, view and pixel.
-std::array<double, 3> BarycentricsAtPixel(const mesh::MeshView& mesh, std::uint32_t triangle,
+std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y);
 
 }  // namespace isoscope::render

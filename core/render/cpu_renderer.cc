@@ -88,14 +88,22 @@ class alignas(64) LockTile {
   std::atomic_flag is_locked_;
 };
 
+void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
+  if (triangles.small() != nullptr) {
+    __builtin_prefetch(triangles.small() + 3 * triangle);
+  } else {
+    __builtin_prefetch(triangles.large() + 3 * triangle);
+  }
+}
+
 // A mesh whose pixels are not shaded yet.
 struct KeptMesh {
   const math::Vec3f* positions = nullptr;
-  const math::Vec3f* normals = nullptr;
-  const std::uint32_t* indices = nullptr;
+  const mesh::CompactNormal* normals = nullptr;
+  mesh::TriangleVertices triangles;
   std::uint32_t first_number = 0;
   volume::BlockId block_id = 0;
-  std::shared_ptr<const mesh::MeshView> mesh;
+  std::shared_ptr<const mesh::CompactMesh> mesh;
 };
 
 // The large vectors of a pass. Between passes: no fragments, no meshes, nothing touched.
@@ -137,7 +145,7 @@ class Resources {
     std::array<std::uint32_t, ShadeBatch::kCapacity> pixels{};
     std::array<Fragment, ShadeBatch::kCapacity> fragments{};
     std::array<const KeptMesh*, ShadeBatch::kCapacity> meshes{};
-    std::array<const std::uint32_t*, ShadeBatch::kCapacity> corners{};
+    std::array<std::array<std::uint32_t, 3>, ShadeBatch::kCapacity> corners{};
   };
 
   // An image takes 12 bytes a pixel, its buffers 8.
@@ -270,9 +278,9 @@ class CpuPass final : public RenderPass {
         must_shade = IsFull();
       }
       for (std::size_t i = 0; i < meshes.size(); ++i) {
-        const mesh::MeshView& drawn = *meshes[i].mesh;
+        const mesh::CompactMesh& drawn = *meshes[i].mesh;
         const view::Footprint& footprint = scratch.footprints[i];
-        if (drawn.indices.empty() || footprint.rect.empty()) {
+        if (drawn.triangles.empty() || footprint.rect.empty()) {
           continue;
         }
         scratch.rasterizer.Rasterize(
@@ -319,10 +327,10 @@ class CpuPass final : public RenderPass {
   }
 
   // Keeps a mesh until it is shaded; the number of its first triangle.
-  std::uint32_t Keep(std::shared_ptr<const mesh::MeshView> mesh)
+  std::uint32_t Keep(std::shared_ptr<const mesh::CompactMesh> mesh)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
     const auto units =
-        static_cast<std::uint32_t>((mesh->indices.size() / 3 + kNumberUnit - 1) / kNumberUnit);
+        static_cast<std::uint32_t>((mesh->triangles.size() + kNumberUnit - 1) / kNumberUnit);
     const auto first_number = static_cast<std::uint32_t>(next_number_);
     next_number_ += std::uint64_t{units} * kNumberUnit;
     // Meshes of all threads that passed the test below at a time still find room.
@@ -333,7 +341,7 @@ class CpuPass final : public RenderPass {
     KeptMesh& kept = buffers_->meshes.emplace_back();
     kept.positions = mesh->positions.data();
     kept.normals = mesh->normals.data();
-    kept.indices = mesh->indices.data();
+    kept.triangles = mesh->triangles;
     kept.first_number = first_number;
     kept.block_id = mesh->block_id;
     kept.mesh = std::move(mesh);
@@ -371,7 +379,7 @@ class CpuPass final : public RenderPass {
   }
 
   // Puts fragments of a block into the picture. Locks are taken in one order, row by row.
-  void Merge(const FragmentBatch& batch, const mesh::MeshView& mesh,
+  void Merge(const FragmentBatch& batch, const mesh::CompactMesh& mesh,
              std::uint32_t first_number) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     ForEachLockTile(batch.bounds, [&](int row, int column, LockTile& tile) {
       tile.Lock();
@@ -395,7 +403,7 @@ class CpuPass final : public RenderPass {
 
   // Of two fragments with one depth, the one of the lower block stays, and in one block the one of
   // the lower triangle. `fragment` is of `mesh`.
-  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel, const mesh::MeshView& mesh,
+  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel, const mesh::CompactMesh& mesh,
                std::uint32_t first_number) {
     const std::uint32_t old_number = NumberOf(old);
     if (old_number == kShaded) {
@@ -403,7 +411,7 @@ class CpuPass final : public RenderPass {
           image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
       return mesh.block_id < image::BlockOf(image_.keys[index]);
     }
-    if (old_number >= first_number && old_number - first_number < mesh.indices.size() / 3) {
+    if (old_number >= first_number && old_number - first_number < mesh.triangles.size()) {
       return NumberOf(fragment) < old_number;
     }
     const absl::MutexLock lock(&meshes_mutex_);
@@ -533,23 +541,22 @@ class CpuPass final : public RenderPass {
       const std::uint32_t number = NumberOf(scratch->fragments[i]);
       const KeptMesh& mesh = MeshOf(number);
       scratch->meshes[i] = &mesh;
-      scratch->corners[i] = mesh.indices + 3 * std::size_t{number - mesh.first_number};
-      __builtin_prefetch(scratch->corners[i]);
+      Prefetch(mesh.triangles, number - mesh.first_number);
     }
     for (std::size_t i = 0; i < batch.count; ++i) {
       const KeptMesh& mesh = *scratch->meshes[i];
-      for (std::size_t c = 0; c < 3; ++c) {
-        const std::uint32_t vertex = scratch->corners[i][c];
+      scratch->corners[i] = mesh.triangles[NumberOf(scratch->fragments[i]) - mesh.first_number];
+      for (const std::uint32_t vertex : scratch->corners[i]) {
         __builtin_prefetch(&mesh.positions[vertex]);
         __builtin_prefetch(&mesh.normals[vertex]);
       }
     }
     for (std::size_t i = 0; i < batch.count; ++i) {
       const KeptMesh& mesh = *scratch->meshes[i];
-      const std::uint32_t* corners = scratch->corners[i];
+      const std::array<std::uint32_t, 3>& corners = scratch->corners[i];
       for (std::size_t c = 0; c < 3; ++c) {
         const math::Vec3f& position = mesh.positions[corners[c]];
-        const math::Vec3f& normal = mesh.normals[corners[c]];
+        const mesh::CompactNormal& normal = mesh.normals[corners[c]];
         batch.position[3 * c][i] = position.x;
         batch.position[3 * c + 1][i] = position.y;
         batch.position[3 * c + 2][i] = position.z;
@@ -582,15 +589,15 @@ class CpuPass final : public RenderPass {
   }
 
   // What ComputeShadeSteps computes, in doubles.
-  [[nodiscard]] std::uint32_t ShadeStep(const mesh::MeshView& mesh, std::uint32_t triangle, int x,
-                                        int y) const {
+  [[nodiscard]] std::uint32_t ShadeStep(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                        int x, int y) const {
     const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view_, x, y);
     math::Vec3d normal;
     math::Vec3d position;
+    const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
     for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t vertex = mesh.indices[3 * std::size_t{triangle} + i];
-      const math::Vec3f& n = mesh.normals[vertex];
-      const math::Vec3f& p = mesh.positions[vertex];
+      const mesh::CompactNormal& n = mesh.normals[corners[i]];
+      const math::Vec3f& p = mesh.positions[corners[i]];
       normal = normal + math::Vec3d{static_cast<double>(n.x), static_cast<double>(n.y),
                                     static_cast<double>(n.z)} *
                             weights[i];

@@ -81,7 +81,7 @@ class EglRenderPass : public RenderPass {
   }
 
  private:
-  absl::Status AddOne(std::shared_ptr<const mesh::MeshView> mesh, const image::PixelMask* open) {
+  absl::Status AddOne(std::shared_ptr<const mesh::CompactMesh> mesh, const image::PixelMask* open) {
     ISOSCOPE_CHECK(mesh != nullptr);
     ISOSCOPE_CHECK_EQ(mesh->positions.size(), mesh->normals.size());
     if (mesh->block_id >= layout_.block_count()) {
@@ -89,7 +89,7 @@ class EglRenderPass : public RenderPass {
                                                      ", but the layout has only ",
                                                      layout_.block_count(), " blocks"));
     }
-    if (mesh->indices.empty()) {
+    if (mesh->triangles.empty()) {
       return absl::OkStatus();
     }
     const view::Footprint footprint = view_.FootprintOf(layout_, mesh->block_id);

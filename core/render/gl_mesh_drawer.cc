@@ -252,13 +252,13 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     // At least one item; a single large mesh makes a large chunk.
     do {
       vertices += items[end].mesh->positions.size();
-      indices += items[end].mesh->indices.size();
+      indices += 3 * items[end].mesh->triangles.size();
       mask_words += MaskWordsOf(items[end]);
       ++end;
     } while (end < items.size() && 2 * (end - begin + 1) <= max_texels_ &&
              mask_words + MaskWordsOf(items[end]) <= max_texels_ &&
              vertices + items[end].mesh->positions.size() <= kMaxChunkVertices &&
-             indices + items[end].mesh->indices.size() <= kMaxChunkIndices);
+             indices + 3 * items[end].mesh->triangles.size() <= kMaxChunkIndices);
     if (mask_words > max_texels_) {
       return absl::ResourceExhaustedError(
           absl::StrCat("the mask of block ", items[begin].mesh->block_id, " has ", mask_words,
@@ -280,7 +280,7 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
   for (const DrawItem& item : items) {
     mask_word_count += MaskWordsOf(item);
     vertex_count += item.mesh->positions.size();
-    index_count += item.mesh->indices.size();
+    index_count += 3 * item.mesh->triangles.size();
   }
   glBindVertexArray(vertex_array_);
   ISOSCOPE_ASSIGN_OR_RETURN(void* positions, positions_->Map(vertex_count * sizeof(math::Vec3f)));
@@ -301,7 +301,7 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
   std::uint32_t slot = 0;
   std::uint32_t first_vertex = 0;
   for (const DrawItem& item : items) {
-    const mesh::MeshView& mesh = *item.mesh;
+    const mesh::CompactMesh& mesh = *item.mesh;
     const view::PixelRect& rect = item.footprint.rect;
     BlockTexel texel{
         .block_id = mesh.block_id,
@@ -323,12 +323,16 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
     *block_out++ = texel;
     const std::size_t count = mesh.positions.size();
     position_out = std::copy_n(mesh.positions.data(), count, position_out);
-    normal_out = std::copy_n(mesh.normals.data(), count, normal_out);
+    for (const mesh::CompactNormal& normal : mesh.normals) {
+      *normal_out++ = {static_cast<float>(normal.x) / mesh::kNormalScale,
+                       static_cast<float>(normal.y) / mesh::kNormalScale,
+                       static_cast<float>(normal.z) / mesh::kNormalScale};
+    }
     slot_out = std::fill_n(slot_out, count, slot);
-    for (std::size_t i = mesh.indices.size(); i >= 3; i -= 3) {
-      *index_out++ = first_vertex + mesh.indices[i - 3];
-      *index_out++ = first_vertex + mesh.indices[i - 2];
-      *index_out++ = first_vertex + mesh.indices[i - 1];
+    for (std::size_t triangle = mesh.triangles.size(); triangle > 0; --triangle) {
+      for (const std::uint32_t vertex : mesh.triangles[triangle - 1]) {
+        *index_out++ = first_vertex + vertex;
+      }
     }
     first_vertex += static_cast<std::uint32_t>(count);
     ++slot;

@@ -25,7 +25,7 @@
 
 #include "core/image/frame_image.h"
 #include "core/image/pixel_mask.h"
-#include "core/mesh/block_mesh.h"
+#include "core/mesh/compact_mesh.h"
 #include "core/render/appearance.h"
 #include "core/render/gl_objects.h"
 #include "core/view/view.h"
@@ -34,7 +34,7 @@ namespace isoscope::render {
 
 // A mesh, where its block can appear, and outside what its fragments are dropped.
 struct DrawItem {
-  std::shared_ptr<const mesh::MeshView> mesh;
+  std::shared_ptr<const mesh::CompactMesh> mesh;
   view::Footprint footprint;
   std::optional<image::PixelMask> open;
 };

@@ -254,7 +254,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
   const DI di;
   const DU du;
   const std::size_t lanes = hn::Lanes(du);
-  const std::size_t triangle_count = task.indices.size() / 3;
+  const std::size_t triangle_count = task.triangles.size();
   const std::size_t end = std::min(first + Survivors::kChunk, triangle_count);
   const std::uint32_t* packed = task.vertices->packed.data();
 
@@ -275,12 +275,26 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
     VU b;
     VU c;
     if (t + lanes <= triangle_count) [[likely]] {
-      hn::LoadInterleaved3(du, task.indices.data() + 3 * t, a, b, c);
+      if (task.triangles.small() != nullptr) [[likely]] {
+        const hn::Rebind<std::uint16_t, DU> d16;
+        hn::Vec<decltype(d16)> a16;
+        hn::Vec<decltype(d16)> b16;
+        hn::Vec<decltype(d16)> c16;
+        hn::LoadInterleaved3(d16, task.triangles.small() + 3 * t, a16, b16, c16);
+        a = hn::PromoteTo(du, a16);
+        b = hn::PromoteTo(du, b16);
+        c = hn::PromoteTo(du, c16);
+      } else {
+        hn::LoadInterleaved3(du, task.triangles.large() + 3 * t, a, b, c);
+      }
     } else {
       // Triangles without area in the lanes that are left over.
       std::array<std::uint32_t, 3 * FragmentBuffer::kSlack> rest{};
-      std::copy(task.indices.begin() + static_cast<std::ptrdiff_t>(3 * t), task.indices.end(),
-                rest.begin());
+      for (std::size_t i = t; i < triangle_count; ++i) {
+        const std::array<std::uint32_t, 3> corners = task.triangles[i];
+        std::copy(corners.begin(), corners.end(),
+                  rest.begin() + static_cast<std::ptrdiff_t>(3 * (i - t)));
+      }
       hn::LoadInterleaved3(du, rest.data(), a, b, c);
     }
     const VU pa = hn::GatherIndex(du, packed, hn::BitCast(di, a));
@@ -464,7 +478,7 @@ void FillTinyTriangles(const TinyTriangleTask& task, FragmentBuffer* buffer,
   PackVertices(task);
   buffer->Extend(task.rect);
   Survivors survivors;  // 19 KB: stays in the first-level cache
-  for (std::size_t first = 0; first < task.indices.size() / 3; first += Survivors::kChunk) {
+  for (std::size_t first = 0; first < task.triangles.size(); first += Survivors::kChunk) {
     SetUp(task, first, &survivors, larger);
     FillSurvivors(task, survivors, buffer, flush);
   }

@@ -14,6 +14,7 @@
 #include "absl/functional/function_ref.h"
 
 #include "core/math/vec.h"
+#include "core/mesh/compact_mesh.h"
 #include "core/view/view.h"
 
 namespace isoscope::render {
@@ -101,7 +102,7 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
 
 // The triangles of one block that extends over less than 255 pixels.
 struct TinyTriangleTask {
-  std::span<const std::uint32_t> indices;
+  mesh::TriangleVertices triangles;
   ScreenVertices* vertices = nullptr;
   std::int32_t origin_x = 0;  // a pixel left of and above all vertices
   std::int32_t origin_y = 0;

@@ -22,7 +22,7 @@
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
 #include "core/image/pixel_mask.h"
-#include "core/mesh/block_mesh.h"
+#include "core/mesh/compact_mesh.h"
 #include "core/render/appearance.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
@@ -31,7 +31,7 @@ namespace isoscope::render {
 
 struct MeshToDraw {
   // Not null; no longer changes; one normal a position.
-  std::shared_ptr<const mesh::MeshView> mesh;
+  std::shared_ptr<const mesh::CompactMesh> mesh;
   // Fragments at other pixels are dropped; null: none is. Outlives the pass.
   const image::PixelMask* open = nullptr;
 };
@@ -46,7 +46,7 @@ class RenderPass {
   // INVALID_ARGUMENT if the layout has no such block. An error of earlier drawing is returned here
   // or by Finish().
   virtual absl::Status Add(std::span<const MeshToDraw> meshes) = 0;
-  absl::Status Add(std::shared_ptr<const mesh::MeshView> mesh,
+  absl::Status Add(std::shared_ptr<const mesh::CompactMesh> mesh,
                    const image::PixelMask* open = nullptr) {
     const MeshToDraw one{std::move(mesh), open};
     return Add(std::span(&one, 1));

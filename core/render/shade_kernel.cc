@@ -7,6 +7,7 @@
 
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
+#include "core/mesh/compact_mesh.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/render/shade_kernel.cc"
@@ -53,12 +54,17 @@ HWY_INLINE Vec3 At(const LinearVec3& f, VF x, VF y) {
   };
   return {axis(0), axis(1), axis(2)};
 }
-HWY_INLINE Vec3 LoadCorner(const std::array<ShadeBatch::Lane, 9>& lanes, std::size_t corner,
-                           std::size_t i) {
-  const DF df;
-  return {hn::LoadU(df, lanes[3 * corner].data() + i),
-          hn::LoadU(df, lanes[3 * corner + 1].data() + i),
-          hn::LoadU(df, lanes[3 * corner + 2].data() + i)};
+HWY_INLINE Vec3 LoadPosition(const ShadeBatch& batch, std::size_t corner, std::size_t i) {
+  const auto axis = [&](std::size_t k) HWY_ATTR {
+    return hn::LoadU(DF(), batch.position[3 * corner + k].data() + i);
+  };
+  return {axis(0), axis(1), axis(2)};
+}
+HWY_INLINE Vec3 LoadNormal(const ShadeBatch& batch, std::size_t corner, std::size_t i) {
+  const auto axis = [&](std::size_t k) HWY_ATTR {
+    return hn::ConvertTo(DF(), hn::LoadU(DI(), batch.normal[3 * corner + k].data() + i));
+  };
+  return {axis(0), axis(1), axis(2)};
 }
 
 void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
@@ -68,16 +74,16 @@ void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
   const VF one = hn::Set(df, 1.0F);
   // What rounding (a few units of 2^-24 of the numbers that cancel) may do to a weight: a quarter.
   const VF resolution = hn::Set(df, 0x1p-20F);
-  const VF no_normal = hn::Set(df, 1e-12F);
+  const VF no_normal = hn::Set(df, 1e-12F * mesh::kNormalScale * mesh::kNormalScale);
   batch->inexact_count = 0;
   for (std::size_t i = 0; i < batch->count; i += hn::Lanes(df)) {
     const VF x = hn::LoadU(df, batch->x.data() + i);
     const VF y = hn::LoadU(df, batch->y.data() + i);
     const Vec3 origin = At(rays.index_origin, x, y);
     const Vec3 direction = At(rays.index_direction, x, y);
-    const Vec3 a = LoadCorner(batch->position, 0, i);
-    const Vec3 ab = Subtract(LoadCorner(batch->position, 1, i), a);
-    const Vec3 ac = Subtract(LoadCorner(batch->position, 2, i), a);
+    const Vec3 a = LoadPosition(*batch, 0, i);
+    const Vec3 ab = Subtract(LoadPosition(*batch, 1, i), a);
+    const Vec3 ac = Subtract(LoadPosition(*batch, 2, i), a);
     const Vec3 to_origin = Subtract(origin, a);
     const Vec3 p = Cross(direction, ac);
     const Vec3 q = Cross(to_origin, ab);
@@ -91,9 +97,9 @@ void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
     const VF wb = hn::Min(hn::Max(hn::Mul(Dot(to_origin, p), inverse), zero), one);
     const VF wc = hn::Min(hn::Max(hn::Mul(Dot(direction, q), inverse), zero), hn::Sub(one, wb));
 
-    const Vec3 na = LoadCorner(batch->normal, 0, i);
-    const Vec3 nb = Subtract(LoadCorner(batch->normal, 1, i), na);
-    const Vec3 nc = Subtract(LoadCorner(batch->normal, 2, i), na);
+    const Vec3 na = LoadNormal(*batch, 0, i);
+    const Vec3 nb = Subtract(LoadNormal(*batch, 1, i), na);
+    const Vec3 nc = Subtract(LoadNormal(*batch, 2, i), na);
     const auto mix = [&](VF n, VF b, VF c)
                          HWY_ATTR { return hn::Add(n, hn::Add(hn::Mul(b, wb), hn::Mul(c, wc))); };
     const Vec3 normal{mix(na.x, nb.x, nc.x), mix(na.y, nb.y, nc.y), mix(na.z, nb.z, nc.z)};

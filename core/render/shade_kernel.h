@@ -42,7 +42,8 @@ struct ShadeBatch {
   alignas(64) Lane y;
   // [3 * corner + axis]
   alignas(64) std::array<Lane, 9> position;  // index space
-  alignas(64) std::array<Lane, 9> normal;    // world space
+  // World space, mesh::CompactNormal; 0 0 0: there is none.
+  alignas(64) std::array<std::array<std::int32_t, kSize>, 9> normal;
   // What comes out: the step of |n . v|, 0 to kShadeSteps.
   alignas(64) std::array<std::uint32_t, kSize> step;
   // The pixels whose triangle is seen too much from the side for floats: their step is no good.

@@ -38,7 +38,7 @@ constexpr int kViewportPx = 1024;
 // Drawn between two looks at the clock.
 constexpr std::size_t kWarmBlocks = 64;
 
-using MeshPtr = std::shared_ptr<const mesh::MeshView>;
+using MeshPtr = std::shared_ptr<const mesh::CompactMesh>;
 
 struct Blocks {
   volume::BlockLayout layout;
@@ -69,7 +69,7 @@ const Blocks& BlocksOf(std::int64_t block_edge) {
                         mesh.get());
       if (mesh->triangle_count() > 0) {
         blocks.triangle_count += mesh->triangle_count();
-        blocks.meshes.push_back(mesh::ShareView(std::move(mesh)));
+        blocks.meshes.push_back(mesh::Compact(*mesh));
       }
     }
   }
@@ -110,10 +110,10 @@ Renderer& RendererOf(const std::string& name) {
 }
 
 // Reads the mesh.
-std::uint32_t TouchAll(const mesh::MeshView& mesh) {
+std::uint32_t TouchAll(const mesh::CompactMesh& mesh) {
   std::uint32_t sum = 0;
-  for (std::size_t i = 0; i < mesh.indices.size(); i += 16) {
-    sum += mesh.indices[i];
+  for (std::size_t i = 0; i < mesh.triangles.size(); i += 8) {
+    sum += mesh.triangles[i][0];
   }
   for (std::size_t i = 0; i < mesh.positions.size(); i += 4) {
     sum += std::bit_cast<std::uint32_t>(mesh.positions[i].x);

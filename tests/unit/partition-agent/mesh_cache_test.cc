@@ -18,7 +18,7 @@
 namespace isoscope::agent {
 namespace {
 
-using MeshPtr = std::shared_ptr<const mesh::MeshView>;
+using MeshPtr = std::shared_ptr<const mesh::CompactMesh>;
 constexpr std::size_t kChunkBytes = base::MemoryPool::kChunkBytes;
 constexpr std::size_t kPlaceCount = 64;
 
@@ -30,10 +30,10 @@ mesh::BlockMesh MakeMesh(volume::BlockId id, std::size_t vertex_count, std::size
   for (std::size_t i = 0; i < vertex_count; ++i) {
     const auto value = static_cast<float>(i % 1000);
     mesh.positions.push_back({static_cast<float>(id), value, value + 0.5F});
-    mesh.normals.push_back({value, static_cast<float>(id), -value});
+    mesh.normals.push_back({value / 1000, static_cast<float>(id % 1000) / 1000, -value / 1000});
   }
   for (std::size_t i = 0; i < index_count; ++i) {
-    mesh.indices.push_back(static_cast<std::uint32_t>(i * 7 + id));
+    mesh.indices.push_back(static_cast<std::uint32_t>((i * 7 + id) % vertex_count));
   }
   return mesh;
 }
@@ -41,18 +41,26 @@ mesh::BlockMesh MakeMesh(volume::BlockId id, std::size_t vertex_count, std::size
 // Four of these fill a chunk to its last byte.
 mesh::BlockMesh QuarterMesh(volume::BlockId id) {
   const std::size_t vertex_count = 8192;
-  const std::size_t other = vertex_count * 2 * sizeof(math::Vec3f) + 64;
-  return MakeMesh(id, vertex_count, (kChunkBytes / 4 - other) / sizeof(std::uint32_t));
+  const std::size_t other = mesh::CompactSizeBytes(MakeMesh(id, vertex_count, 0));
+  mesh::BlockMesh mesh =
+      MakeMesh(id, vertex_count, (kChunkBytes / 4 - other) / (3 * sizeof(std::uint16_t)) * 3);
+  EXPECT_EQ(mesh::CompactSizeBytes(mesh), kChunkBytes / 4);
+  return mesh;
 }
 
-bool IsMesh(const mesh::MeshView& view, const mesh::BlockMesh& mesh) {
-  return view.block_id == mesh.block_id && view.owned_vertex_count == mesh.owned_vertex_count &&
-         std::equal(view.positions.begin(), view.positions.end(), mesh.positions.begin(),
-                    mesh.positions.end()) &&
-         std::equal(view.normals.begin(), view.normals.end(), mesh.normals.begin(),
-                    mesh.normals.end()) &&
-         std::equal(view.indices.begin(), view.indices.end(), mesh.indices.begin(),
-                    mesh.indices.end());
+bool IsMesh(const mesh::CompactMesh& stored, const mesh::BlockMesh& mesh) {
+  const std::shared_ptr<const mesh::CompactMesh> expected = mesh::Compact(mesh);
+  bool is_same = stored.block_id == mesh.block_id &&
+                 stored.owned_vertex_count == mesh.owned_vertex_count &&
+                 std::equal(stored.positions.begin(), stored.positions.end(),
+                            expected->positions.begin(), expected->positions.end()) &&
+                 std::equal(stored.normals.begin(), stored.normals.end(), expected->normals.begin(),
+                            expected->normals.end()) &&
+                 stored.triangles.size() == expected->triangles.size();
+  for (std::size_t i = 0; is_same && i < stored.triangles.size(); ++i) {
+    is_same = stored.triangles[i] == expected->triangles[i];
+  }
+  return is_same;
 }
 
 // A limit that leaves room for so many chunks beside the tables.
@@ -272,8 +280,8 @@ TEST_F(MeshCacheTest, ForgottenMeshIsGoneOnceNobodyHoldsIt) {
 TEST_F(MeshCacheTest, MeshLargerThanAChunkIsASegmentOfItsOwn) {
   SetMaxChunks(6);
   const auto table = Table();
-  const mesh::BlockMesh large = MakeMesh(1, 100'000, 300'003);
-  ASSERT_GT(large.size_bytes(), 3 * kChunkBytes);
+  const mesh::BlockMesh large = MakeMesh(1, 120'000, 360'003);
+  ASSERT_GT(mesh::CompactSizeBytes(large), 3 * kChunkBytes);
   std::uint64_t round = NextRound();
   {
     MeshCache::Writer writer(cache_.get(), round);
@@ -282,13 +290,12 @@ TEST_F(MeshCacheTest, MeshLargerThanAChunkIsASegmentOfItsOwn) {
     writer.Store(QuarterMesh(2), table.get(), 2);
   }
   const std::size_t size = cache_->size_bytes() - table->size_bytes();
-  EXPECT_GE(size, large.size_bytes() + 2 * kChunkBytes);
-  EXPECT_LE(size, large.size_bytes() + 2 * kChunkBytes + 1000);
+  EXPECT_EQ(size, mesh::CompactSizeBytes(large) + 2 * kChunkBytes);
   ASSERT_NE(table->Find(1, round), nullptr);
   EXPECT_TRUE(IsMesh(*table->Find(1, round), large));
   // Larger than all: drawn, but not kept, and nothing is forgotten for it in its round.
   const mesh::BlockMesh too_large = MakeMesh(3, 300'000, 900'000);
-  ASSERT_GT(too_large.size_bytes(), LimitOf(6));
+  ASSERT_GT(mesh::CompactSizeBytes(too_large), LimitOf(6));
   {
     MeshCache::Writer writer(cache_.get(), round);
     EXPECT_TRUE(IsMesh(*writer.Store(too_large, table.get(), 3), too_large));
@@ -430,7 +437,7 @@ class Model {
   };
 
   // `view`: of a mesh that was just stored and is kept.
-  Segment& SegmentOf(const mesh::MeshView* view, std::size_t size_bytes) {
+  Segment& SegmentOf(const mesh::CompactMesh* view, std::size_t size_bytes) {
     const auto address = reinterpret_cast<std::uintptr_t>(view);
     Segment& segment = segments_[size_bytes > kChunkBytes ? address : address / kChunkBytes];
     segment.size_bytes = std::max(size_bytes, kChunkBytes);
@@ -531,26 +538,22 @@ TEST_F(MeshCacheTest, RandomUseFollowsTheRules) {
         }
       } else {
         const bool is_large = unit() < 0.03;
-        const auto count = static_cast<std::size_t>(is_large ? 40'000 + 20'000 * unit()
+        const auto count = static_cast<std::size_t>(is_large ? 56'000 + 28'000 * unit()
                                                              : 12'000 * unit() * unit());
         const std::size_t place = next_place++;
         const mesh::BlockMesh mesh = MakeMesh(static_cast<volume::BlockId>(place), count, count);
         const std::size_t before = cache_->size_bytes();
         MeshPtr stored = writer->Store(mesh, table.get(), place);
         ASSERT_TRUE(IsMesh(*stored, mesh));
-        const mesh::MeshView* const view = stored.get();
+        const mesh::CompactMesh* const view = stored.get();
         stored.reset();
         // What a segment takes that is larger than a chunk.
-        const std::size_t large_bytes =
-            mesh.size_bytes() > kChunkBytes - 256 ? mesh.size_bytes() + 256 : kChunkBytes;
+        const std::size_t large_bytes = std::max(mesh::CompactSizeBytes(mesh), kChunkBytes);
         const bool is_kept = table->Find(place, round) != nullptr;
         model.DropForgotten(table.get(), round, large_bytes);
         if (is_kept) {
           ++kept_count;
-          Model::Segment& segment =
-              model.SegmentOf(view, mesh.size_bytes() > kChunkBytes - 256
-                                        ? cache_->size_bytes() - table_bytes - model.bytes()
-                                        : kChunkBytes);
+          Model::Segment& segment = model.SegmentOf(view, large_bytes);
           segment.round = round;
           segment.meshes[place] = static_cast<volume::BlockId>(place);
         } else {

@@ -38,20 +38,21 @@ std::map<std::pair<int, int>, Hit> Rasterize(const mesh::BlockMesh& mesh, const 
                                              const image::PixelMask* open = nullptr) {
   std::map<std::pair<int, int>, std::pair<float, std::uint32_t>> nearest;
   CpuRasterizer rasterizer;
-  rasterizer.Rasterize(mesh, view, footprint, open, [&](const FragmentBatch& batch) {
-    for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
-      const int x = static_cast<int>(batch.pixels[i] & 0xffff);
-      const int y = static_cast<int>(batch.pixels[i] >> 16);
-      EXPECT_TRUE(x >= batch.bounds.begin_x && x < batch.bounds.end_x &&
-                  y >= batch.bounds.begin_y && y < batch.bounds.end_y)
-          << "a fragment out of its bounds at " << x << ", " << y;
-      const std::pair hit{std::bit_cast<float>(batch.depths[i]), batch.triangles[i]};
-      const auto [entry, is_new] = nearest.try_emplace({x, y}, hit);
-      if (!is_new) {
-        entry->second = std::min(entry->second, hit);
-      }
-    }
-  });
+  rasterizer.Rasterize(
+      *mesh::Compact(mesh), view, footprint, open, [&](const FragmentBatch& batch) {
+        for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
+          const int x = static_cast<int>(batch.pixels[i] & 0xffff);
+          const int y = static_cast<int>(batch.pixels[i] >> 16);
+          EXPECT_TRUE(x >= batch.bounds.begin_x && x < batch.bounds.end_x &&
+                      y >= batch.bounds.begin_y && y < batch.bounds.end_y)
+              << "a fragment out of its bounds at " << x << ", " << y;
+          const std::pair hit{std::bit_cast<float>(batch.depths[i]), batch.triangles[i]};
+          const auto [entry, is_new] = nearest.try_emplace({x, y}, hit);
+          if (!is_new) {
+            entry->second = std::min(entry->second, hit);
+          }
+        }
+      });
   std::map<std::pair<int, int>, Hit> hits;
   for (const auto& [pixel, hit] : nearest) {
     hits[pixel] = {hit.first, hit.second};
@@ -123,7 +124,7 @@ TEST(CpuRasterizerTest, DepthIsThePlaneUnderThePixelCentre) {
   ASSERT_GT(hits.size(), 500u);
   for (const auto& [pixel, hit] : hits) {
     const std::array<double, 3> weights =
-        BarycentricsAtPixel(mesh, 0, view, pixel.first, pixel.second);
+        BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, pixel.first, pixel.second);
     math::Vec3d p;
     for (std::size_t i = 0; i < 3; ++i) {
       const math::Vec3f& v = mesh.positions[i];
@@ -206,11 +207,12 @@ Fragments AllFragments(const mesh::BlockMesh& mesh, const view::View& view,
                        const view::Footprint& footprint, const image::PixelMask* open) {
   Fragments all;
   CpuRasterizer rasterizer;
-  rasterizer.Rasterize(mesh, view, footprint, open, [&](const FragmentBatch& batch) {
-    for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
-      all.push_back({batch.pixels[i], batch.triangles[i], batch.depths[i]});
-    }
-  });
+  rasterizer.Rasterize(*mesh::Compact(mesh), view, footprint, open,
+                       [&](const FragmentBatch& batch) {
+                         for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
+                           all.push_back({batch.pixels[i], batch.triangles[i], batch.depths[i]});
+                         }
+                       });
   std::sort(all.begin(), all.end());
   return all;
 }
@@ -392,12 +394,12 @@ TEST(BarycentricsAtPixelTest, WeightsAreOneAtCornersAndStayInsideForSlivers) {
   mesh.positions = {{10.5F, 13.5F, 32}, {40.5F, 13.5F, 32}, {10.5F, 43.5F, 32}};
   mesh.normals.assign(3, {0, 0, 1});
   mesh.indices = {0, 1, 2};
-  EXPECT_NEAR(BarycentricsAtPixel(mesh, 0, view, 10, 50)[0], 1, 1e-6);
-  EXPECT_NEAR(BarycentricsAtPixel(mesh, 0, view, 40, 50)[1], 1, 1e-6);
-  EXPECT_NEAR(BarycentricsAtPixel(mesh, 0, view, 10, 20)[2], 1, 1e-6);
-  EXPECT_NEAR(BarycentricsAtPixel(mesh, 0, view, 20, 40)[0], 1.0 / 3, 1e-6);
+  EXPECT_NEAR(BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, 10, 50)[0], 1, 1e-6);
+  EXPECT_NEAR(BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, 40, 50)[1], 1, 1e-6);
+  EXPECT_NEAR(BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, 10, 20)[2], 1, 1e-6);
+  EXPECT_NEAR(BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, 20, 40)[0], 1.0 / 3, 1e-6);
   mesh.positions = {{10, 10, 32}, {50, 50, 32}, {30, 30, 32}};
-  const std::array<double, 3> weights = BarycentricsAtPixel(mesh, 0, view, 30, 33);
+  const std::array<double, 3> weights = BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, 30, 33);
   double sum = 0;
   for (const double weight : weights) {
     EXPECT_GE(weight, 0);

@@ -40,10 +40,6 @@ using ::testing::HasSubstr;
 
 constexpr math::Vec3f kTowardEye{0, 0, 1};
 
-MeshPtr ShareMesh(const mesh::BlockMesh& mesh) {
-  return mesh::ShareView(std::make_shared<const mesh::BlockMesh>(mesh));
-}
-
 // A renderer that draws or shades what it has after so many bytes of meshes.
 absl::StatusOr<std::unique_ptr<Renderer>> MakeWithBatches(RendererKind kind, std::size_t bytes) {
   if (kind == RendererKind::kCpu) {
@@ -211,9 +207,9 @@ TEST_P(RendererTest, EqualDepthsInABlockGoToTheFirstTriangle) {
   first.indices = {0, 1, 2};
   mesh::BlockMesh swapped = both;
   swapped.indices = {3, 4, 5, 0, 1, 2};
-  const FrameImage expected = Draw(view, scene.layout, {ShareMesh(first)});
-  EXPECT_EQ(Draw(view, scene.layout, {ShareMesh(both)}), expected);
-  EXPECT_NE(Draw(view, scene.layout, {ShareMesh(swapped)}), expected);
+  const FrameImage expected = Draw(view, scene.layout, {mesh::Compact(first)});
+  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(both)}), expected);
+  EXPECT_NE(Draw(view, scene.layout, {mesh::Compact(swapped)}), expected);
 }
 
 TEST_P(RendererTest, FragmentsKeepToTheFootprintOfTheirBlock) {
@@ -470,7 +466,7 @@ TEST_P(RendererTest, PassesWithoutTrianglesAreBackground) {
   const Scene scene = EmptyScene();
   const view::View view = MakeView(scene, 31, 17);
   EXPECT_EQ(Draw(view, scene.layout, {}), FrameImage(31, 17));
-  EXPECT_EQ(Draw(view, scene.layout, {ShareMesh({})}), FrameImage(31, 17));
+  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact({})}), FrameImage(31, 17));
 }
 
 TEST_P(RendererTest, OddSizesAreDrawn) {

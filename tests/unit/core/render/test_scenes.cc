@@ -50,7 +50,7 @@ class Marcher {
         }
       }
     }
-    return mesh::ShareView(mesh_);
+    return mesh::Compact(*mesh_);
   }
 
  private:
@@ -162,7 +162,7 @@ Scene MakeIsosurface(int samples, int block_cells,
   Marcher marcher(samples, field);
   for (std::int64_t id = 0; id < scene.layout.block_count(); ++id) {
     MeshPtr mesh = marcher.MeshOf(scene.layout, static_cast<volume::BlockId>(id));
-    if (!mesh->indices.empty()) {
+    if (!mesh->triangles.empty()) {
       scene.meshes.push_back(std::move(mesh));
     }
   }
@@ -204,7 +204,7 @@ MeshPtr MakeTriangle(volume::BlockId block_id, const Vec3f& a, const Vec3f& b, c
   mesh->positions = {a, b, c};
   mesh->normals = {normal, normal, normal};
   mesh->indices = {0, 1, 2};
-  return mesh::ShareView(std::move(mesh));
+  return mesh::Compact(*mesh);
 }
 
 }  // namespace isoscope::render

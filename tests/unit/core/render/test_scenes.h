@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "core/math/vec.h"
-#include "core/mesh/block_mesh.h"
+#include "core/mesh/compact_mesh.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::render {
 
-using MeshPtr = std::shared_ptr<const mesh::MeshView>;
+using MeshPtr = std::shared_ptr<const mesh::CompactMesh>;
 
 // A cube of samples with its layout, and a camera on it.
 struct Scene {

@@ -1,0 +1,85 @@
+#include "core/mesh/compact_mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+#include <vector>
+
+#include "core/base/check.h"
+
+namespace isoscope::mesh {
+namespace {
+
+// Parts begin at cache lines, if the whole does.
+constexpr std::size_t kAlignment = 64;
+
+std::size_t Aligned(std::size_t size) { return (size + kAlignment - 1) / kAlignment * kAlignment; }
+
+bool HasSmallNumbers(const BlockMesh& mesh) {
+  return mesh.positions.size() <= std::size_t{1} << 16;
+}
+
+std::size_t NumberBytes(const BlockMesh& mesh) {
+  return mesh.indices.size() *
+         (HasSmallNumbers(mesh) ? sizeof(std::uint16_t) : sizeof(std::uint32_t));
+}
+
+// Compilers make vectors of it.
+void PackNormals(const std::vector<math::Vec3f>& normals, CompactNormal* out) {
+  const float* const from = normals.empty() ? nullptr : &normals.front().x;
+  std::int16_t* const to = &out->x;
+  for (std::size_t i = 0; i < 3 * normals.size(); ++i) {
+    const float scaled = from[i] * kNormalScale;
+    to[i] =
+        static_cast<std::int16_t>(static_cast<std::int32_t>(scaled + std::copysign(0.5F, scaled)));
+  }
+}
+
+}  // namespace
+
+std::size_t CompactSizeBytes(const BlockMesh& mesh) {
+  return Aligned(sizeof(CompactMesh)) + Aligned(mesh.positions.size() * sizeof(math::Vec3f)) +
+         Aligned(mesh.positions.size() * sizeof(CompactNormal)) + Aligned(NumberBytes(mesh));
+}
+
+const CompactMesh* CompactInto(const BlockMesh& mesh, char* memory) {
+  static_assert(sizeof(math::Vec3f) == 3 * sizeof(float));
+  static_assert(sizeof(CompactNormal) == 3 * sizeof(std::int16_t));
+  ISOSCOPE_CHECK_EQ(mesh.positions.size(), mesh.normals.size());
+  auto* const compact = new (memory) CompactMesh();
+  compact->block_id = mesh.block_id;
+  compact->owned_vertex_count = mesh.owned_vertex_count;
+  memory += Aligned(sizeof(CompactMesh));
+
+  const std::size_t vertex_count = mesh.positions.size();
+  auto* const positions = reinterpret_cast<math::Vec3f*>(memory);
+  std::copy(mesh.positions.begin(), mesh.positions.end(), positions);
+  compact->positions = {positions, vertex_count};
+  memory += Aligned(compact->positions.size_bytes());
+
+  auto* const normals = reinterpret_cast<CompactNormal*>(memory);
+  PackNormals(mesh.normals, normals);
+  compact->normals = {normals, vertex_count};
+  memory += Aligned(compact->normals.size_bytes());
+
+  if (HasSmallNumbers(mesh)) {
+    auto* const numbers = reinterpret_cast<std::uint16_t*>(memory);
+    std::transform(mesh.indices.begin(), mesh.indices.end(), numbers,
+                   [](std::uint32_t number) { return static_cast<std::uint16_t>(number); });
+    compact->triangles =
+        TriangleVertices(std::span<const std::uint16_t>(numbers, mesh.indices.size()));
+  } else {
+    auto* const numbers = reinterpret_cast<std::uint32_t*>(memory);
+    std::copy(mesh.indices.begin(), mesh.indices.end(), numbers);
+    compact->triangles =
+        TriangleVertices(std::span<const std::uint32_t>(numbers, mesh.indices.size()));
+  }
+  return compact;
+}
+
+std::shared_ptr<const CompactMesh> Compact(const BlockMesh& mesh) {
+  const auto memory = std::make_shared_for_overwrite<char[]>(CompactSizeBytes(mesh));
+  return {memory, CompactInto(mesh, memory.get())};
+}
+
+}  // namespace isoscope::mesh

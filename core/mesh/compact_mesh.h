@@ -1,0 +1,85 @@
+// The surface of a block as it is kept and drawn: 18 bytes a vertex and 6 a triangle, where a
+// BlockMesh has 24 and 12.
+
+#ifndef ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
+#define ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "core/math/vec.h"
+#include "core/mesh/block_mesh.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::mesh {
+
+// A normal times kNormalScale, rounded to the nearest, halves away from zero: off by 1.6e-5 at
+// most.
+using CompactNormal = math::Vec3<std::int16_t>;
+inline constexpr float kNormalScale = 32767.0F;
+
+// Three vertex numbers for each triangle, of 16 bits where no vertex has a larger number.
+class TriangleVertices {
+ public:
+  TriangleVertices() = default;
+  explicit TriangleVertices(std::span<const std::uint16_t> numbers)
+      : small_(numbers.data()), count_(numbers.size() / 3) {}
+  explicit TriangleVertices(std::span<const std::uint32_t> numbers)
+      : large_(numbers.data()), count_(numbers.size() / 3) {}
+
+  [[nodiscard]] std::size_t size() const { return count_; }
+  [[nodiscard]] bool empty() const { return count_ == 0; }
+  [[nodiscard]] std::size_t size_bytes() const {
+    return 3 * count_ * (small_ != nullptr ? sizeof(*small_) : sizeof(*large_));
+  }
+  // REQUIRES: triangle < size().
+  std::array<std::uint32_t, 3> operator[](std::size_t triangle) const {
+    const std::size_t i = 3 * triangle;
+    return small_ != nullptr
+               ? std::array<std::uint32_t, 3>{small_[i], small_[i + 1], small_[i + 2]}
+               : std::array<std::uint32_t, 3>{large_[i], large_[i + 1], large_[i + 2]};
+  }
+  // Those of all triangles, one after the other: one of the two is null.
+  [[nodiscard]] const std::uint16_t* small() const { return small_; }
+  [[nodiscard]] const std::uint32_t* large() const { return large_; }
+
+ private:
+  const std::uint16_t* small_ = nullptr;
+  const std::uint32_t* large_ = nullptr;
+  std::size_t count_ = 0;
+};
+
+// Somebody else owns what it points to. Order and meaning as BlockMesh's. Trivially destructible.
+struct CompactMesh {
+  [[nodiscard]] std::int64_t triangle_count() const {
+    return static_cast<std::int64_t>(triangles.size());
+  }
+  [[nodiscard]] std::size_t size_bytes() const {
+    return positions.size_bytes() + normals.size_bytes() + triangles.size_bytes();
+  }
+
+  volume::BlockId block_id = 0;
+  std::int64_t owned_vertex_count = 0;
+  std::span<const math::Vec3f> positions;
+  std::span<const CompactNormal> normals;
+  TriangleVertices triangles;
+};
+
+// What CompactInto needs, a multiple of 64.
+std::size_t CompactSizeBytes(const BlockMesh& mesh);
+
+// Makes a CompactMesh at `memory`, and what it points to behind it. REQUIRES: `memory` is aligned
+// as from operator new and has CompactSizeBytes(mesh) bytes; one normal a position, with components
+// in
+// [-1, 1]; vertex numbers are in range.
+const CompactMesh* CompactInto(const BlockMesh& mesh, char* memory);
+
+// The same in memory of its own.
+std::shared_ptr<const CompactMesh> Compact(const BlockMesh& mesh);
+
+}  // namespace isoscope::mesh
+
+#endif  // ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
