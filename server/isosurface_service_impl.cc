@@ -166,7 +166,8 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
 
   void Run() {
     const std::int64_t frame_number = service_->next_frame_number_.fetch_add(1);
-    const absl::Status status = Render(frame_number);
+    image::FrameImage image;  // cleared for its pool once the client has its answer
+    const absl::Status status = Render(frame_number, &image);
     const std::string duration = Milliseconds(absl::Now() - start_);
     if (status.ok()) {
       const isoscope::v1::RenderStatistics& statistics = response_->statistics();
@@ -196,7 +197,8 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     }
   }
 
-  absl::Status Render(std::int64_t frame_number) {
+  // Leaves the picture in `image`.
+  absl::Status Render(std::int64_t frame_number, image::FrameImage* image) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(
         const DatasetState dataset,
@@ -245,7 +247,9 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     if (setup.active == nullptr && result->active != nullptr) {
       service_->active_blocks_.Insert(active_key, result->active);
     }
-    return Encode(*result);
+    *response_->mutable_statistics() = StatisticsOf(*result);
+    *image = std::move(result->image);
+    return Encode(*image);
   }
 
   [[nodiscard]] std::string ActiveKeyOf(const DatasetState& dataset) const {
@@ -273,10 +277,8 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     return begin;
   }
 
-  absl::Status Encode(const FrameResult& result) {
-    *response_->mutable_statistics() = StatisticsOf(result);
+  absl::Status Encode(const image::FrameImage& image) {
     tbb::task_arena* const arena = service_->options_.arena.get();
-    const image::FrameImage& image = result.image;
     const absl::Time encode_start = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     response_->set_png(arena->execute([&] {
@@ -434,7 +436,10 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
           static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
   if (options.expected_viewport) {
-    images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
+    // One is still being cleared when the next frame begins.
+    for (int i = 0; i < 2; ++i) {
+      images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
+    }
   }
 }
 

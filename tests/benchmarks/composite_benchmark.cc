@@ -84,7 +84,10 @@ void BM_EncodePixels(benchmark::State& state) {
   tbb::task_arena arena(1);
   arena.execute([&] {
     for (auto _ : state) {
-      bands = composite::EncodePixels(image);
+      state.PauseTiming();
+      image::FrameImage taken = image;
+      state.ResumeTiming();
+      bands = composite::EncodePixels(std::move(taken));
     }
   });
   SetSizes(bands, image, &state);
