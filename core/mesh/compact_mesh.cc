@@ -26,7 +26,10 @@ std::size_t NumberBytes(const BlockMesh& mesh) {
 
 // Compilers make vectors of it.
 void PackNormals(const std::vector<math::Vec3f>& normals, CompactNormal* out) {
-  const float* const from = normals.empty() ? nullptr : &normals.front().x;
+  if (normals.empty()) {
+    return;
+  }
+  const float* const from = &normals.front().x;
   std::int16_t* const to = &out->x;
   for (std::size_t i = 0; i < 3 * normals.size(); ++i) {
     const float scaled = from[i] * kNormalScale;
