@@ -77,12 +77,12 @@ class IsolatedLink final : public server::AgentLink {
     if (has_ended_) {
       return;
     }
-    absl::StatusOr<image::FrameImage> image = pipeline_->RenderOccluders(blocks);
+    const absl::StatusOr<image::FrameImage> image = pipeline_->RenderOccluders(blocks);
     if (!image.ok()) {
       End(image.status());
       return;
     }
-    SendPixels(*std::move(image));
+    SendPixels(*image);
     listener_->OnOccludersDone();
   }
 
@@ -101,20 +101,20 @@ class IsolatedLink final : public server::AgentLink {
   [[nodiscard]] std::int64_t network_bytes() const override { return network_bytes_; }
 
  private:
-  void SendPixels(image::FrameImage image) {
-    std::vector<std::string> bands = pipeline_->Encode(std::move(image));
+  void SendPixels(const image::FrameImage& image) {
+    std::vector<std::string> bands = pipeline_->Encode(image);
     for (const std::string& band : bands) {
       network_bytes_ += static_cast<std::int64_t>(band.size());
     }
     listener_->OnPixels(std::move(bands));
   }
 
-  void SendLast(absl::StatusOr<image::FrameImage> image) {
+  void SendLast(const absl::StatusOr<image::FrameImage>& image) {
     if (!image.ok()) {
       End(image.status());
       return;
     }
-    SendPixels(*std::move(image));
+    SendPixels(*image);
     visibility::AgentStatistics statistics = pipeline_->statistics();
     statistics.shard_indices = {request_.agent_index};
     listener_->OnFrameDone(std::move(statistics));

@@ -187,9 +187,9 @@ class FramePipeline::Impl {
     return Draw(std::move(chosen));
   }
 
-  std::vector<std::string> Encode(image::FrameImage image) {
+  std::vector<std::string> Encode(const image::FrameImage& image) {
     const ScopedTimer timer(&statistics_.busy_duration);
-    return arena_->execute([&] { return composite::EncodePixels(std::move(image)); });
+    return arena_->execute([&] { return composite::EncodePixels(image); });
   }
 
   [[nodiscard]] const visibility::AgentStatistics& statistics() const { return statistics_; }
@@ -520,8 +520,8 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
   return impl_->RenderVisible(blocks, open_pixels);
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->RenderAll(); }
-std::vector<std::string> FramePipeline::Encode(image::FrameImage image) {
-  return impl_->Encode(std::move(image));
+std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
+  return impl_->Encode(image);
 }
 const visibility::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 

@@ -65,8 +65,8 @@ class FramePipeline {
                                                   absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
-  // What a step drew as bands (composite::EncodePixels, which takes the image), after that step.
-  std::vector<std::string> Encode(image::FrameImage image);
+  // What a step drew as bands (composite::EncodePixels), after that step.
+  std::vector<std::string> Encode(const image::FrameImage& image);
 
   [[nodiscard]] const visibility::AgentStatistics& statistics() const;
 

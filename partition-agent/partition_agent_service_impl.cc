@@ -281,10 +281,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // Sends the bands of an image but for the last ones, which go with the message that ends the
   // step: messages cost more than their bytes.
-  absl::Status SendBands(image::FrameImage image, v1::RenderFrameResponse* last) {
+  absl::Status SendBands(const image::FrameImage& image, v1::RenderFrameResponse* last) {
     v1::RenderFrameResponse message;
     std::size_t bytes = 0;
-    for (std::string& band : pipeline_->Encode(std::move(image))) {
+    for (std::string& band : pipeline_->Encode(image)) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
       if (bytes > 0 && bytes + band.size() > kMaxBandsBytes) {
         ISOSCOPE_RETURN_IF_ERROR(Send(std::exchange(message, {})));
@@ -315,8 +315,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     if (request_.culling == visibility::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
       ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
-      ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, pipeline_->RenderAll());
-      return SendLast(std::move(image));
+      ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
+      return SendLast(image);
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const RaySelection selection, pipeline_->SelectOccluders());
     v1::RenderFrameResponse message;
@@ -332,9 +332,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
     ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
-    ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, pipeline_->RenderOccluders(blocks));
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderOccluders(blocks));
     v1::RenderFrameResponse message;
-    ISOSCOPE_RETURN_IF_ERROR(SendBands(std::move(image), &message));
+    ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
     message.mutable_occluders_done();
     EnterPhase(Phase::kExpectVisibleBlocks);
     return Send(std::move(message));
@@ -346,15 +346,15 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
     ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
-    ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image,
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
                               pipeline_->RenderVisible(blocks, visible.open_pixels()));
-    return SendLast(std::move(image));
+    return SendLast(image);
   }
 
   // The last pixels, the statistics, and the end.
-  absl::Status SendLast(image::FrameImage image) {
+  absl::Status SendLast(const image::FrameImage& image) {
     v1::RenderFrameResponse message;
-    ISOSCOPE_RETURN_IF_ERROR(SendBands(std::move(image), &message));
+    ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
     const visibility::AgentStatistics& statistics = pipeline_->statistics();
     isoscope::v1::AgentStatistics* proto = message.mutable_frame_done()->mutable_statistics();
     *proto = rpc::ToProto(statistics);

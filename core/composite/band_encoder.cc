@@ -133,8 +133,8 @@ void AppendBytes(const std::vector<T>& values, std::string* out) {
 
 class BandEncoder {
  public:
-  BandEncoder(image::FrameImage* image, BandRows rows, std::span<const TileRow> tiles)
-      : image_(*image), rows_(rows) {
+  BandEncoder(const image::FrameImage& image, BandRows rows, std::span<const TileRow> tiles)
+      : image_(image), rows_(rows) {
     const std::size_t row_words = RowWords(image_.touched);
     side_.present.resize(row_words * tiles.size());
     for (std::size_t row = 0; row < tiles.size(); ++row) {
@@ -210,8 +210,8 @@ class BandEncoder {
         if (mask[row] == 0) {
           continue;
         }
-        std::uint64_t* const keys = RowOf(image_.keys, areas_[tile], row);
-        image::Rgba8* const colors = RowOf(image_.colors, areas_[tile], row);
+        const std::uint64_t* keys = RowOf(image_.keys, areas_[tile], row);
+        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
         for (std::uint32_t rest = mask[row]; rest != 0; rest &= rest - 1) {
           const auto column = static_cast<std::size_t>(std::countr_zero(rest));
           numbers.depths[count] = static_cast<std::uint32_t>(keys[column] >> 32);
@@ -220,10 +220,7 @@ class BandEncoder {
           ids[count] = image::BlockOf(keys[column]);
           ++count;
         }
-        std::fill_n(keys, areas_[tile].columns, image::kBackgroundKey);
-        std::fill_n(colors, areas_[tile].columns, image::Rgba8{});
       }
-      image_.CoveredOf(areas_[tile].x / kTilePx, areas_[tile].y / kTilePx) = {};
       AddLabels(std::span(ids).first(count));
       prediction.Subtract(mask, numbers, &differences);
       ClassifyNumbers(differences.depths.data(), differences.colors.data(), count, control);
@@ -294,12 +291,12 @@ class BandEncoder {
   }
 
   template <typename T>
-  [[nodiscard]] T* RowOf(base::LargePageVector<T>& plane, const TileArea& area,
-                         std::size_t row) const {
+  [[nodiscard]] const T* RowOf(const base::LargePageVector<T>& plane, const TileArea& area,
+                               std::size_t row) const {
     return plane.data() + image_.IndexOf(area.x, area.y + static_cast<int>(row));
   }
 
-  image::FrameImage& image_;
+  const image::FrameImage& image_;
   const BandRows rows_;
   BandSideInfo side_;
   std::vector<TileArea> areas_;  // of tiles with a covered pixel
@@ -314,7 +311,8 @@ class BandEncoder {
 
 }  // namespace
 
-std::string EncodeBand(image::FrameImage* image, BandRows rows, std::span<const TileRow> tiles) {
+std::string EncodeBand(const image::FrameImage& image, BandRows rows,
+                       std::span<const TileRow> tiles) {
   return BandEncoder(image, rows, tiles).Encode();
 }
 

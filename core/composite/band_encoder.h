@@ -28,9 +28,9 @@ struct BandRows {
 };
 
 // The band of some rows of tiles of `image`, the first and the last of them with a covered pixel;
-// `tiles` has an element for each of them. Afterwards their pixels are background and not covered.
-// O(pixels). Thread-safe for different rows of one image.
-std::string EncodeBand(image::FrameImage* image, BandRows rows, std::span<const TileRow> tiles);
+// `tiles` has an element for each of them. O(pixels). Thread-safe.
+std::string EncodeBand(const image::FrameImage& image, BandRows rows,
+                       std::span<const TileRow> tiles);
 
 }  // namespace isoscope::composite
 

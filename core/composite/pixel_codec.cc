@@ -105,7 +105,7 @@ void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64
 
 }  // namespace
 
-std::vector<std::string> EncodePixels(image::FrameImage image) {
+std::vector<std::string> EncodePixels(const image::FrameImage& image) {
   std::vector<TileRow> rows(static_cast<std::size_t>(image.touched.rows()));
   tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t row) {
     rows[row] = FindCovered(image, static_cast<int>(row));
@@ -115,9 +115,8 @@ std::vector<std::string> EncodePixels(image::FrameImage image) {
   tbb::parallel_for(std::size_t{0}, bands.size(), [&](std::size_t i) {
     const auto begin = static_cast<std::size_t>(cuts[i].begin);
     const auto count = static_cast<std::size_t>(cuts[i].end - cuts[i].begin);
-    bands[i] = EncodeBand(&image, cuts[i], std::span(rows).subspan(begin, count));
+    bands[i] = EncodeBand(image, cuts[i], std::span(rows).subspan(begin, count));
   });
-  image.touched.Clear();
   return bands;
 }
 

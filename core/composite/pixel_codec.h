@@ -23,9 +23,8 @@ namespace isoscope::composite {
 // Encodes the pixels of `image` that are not background, as bands of whole rows of tiles, at most
 // kMaxBandBytes long: as many as keep some cores busy, fewer if there are few pixels. No such
 // pixel: no band. In parallel, inside the caller's TBB arena. O(pixels of touched tiles).
-// Takes the image because its pixels are made background while they are in the processor's cache:
-// its pool finds nothing left to clear.
-std::vector<std::string> EncodePixels(image::FrameImage image);
+// Thread-safe.
+std::vector<std::string> EncodePixels(const image::FrameImage& image);
 inline constexpr std::int64_t kMaxBandBytes = std::int64_t{4} << 20;
 
 // Lets threads composite into one image at the same time: a lock for each row of tiles.

@@ -84,10 +84,7 @@ void BM_EncodePixels(benchmark::State& state) {
   tbb::task_arena arena(1);
   arena.execute([&] {
     for (auto _ : state) {
-      state.PauseTiming();
-      image::FrameImage taken = image;
-      state.ResumeTiming();
-      bands = composite::EncodePixels(std::move(taken));
+      bands = composite::EncodePixels(image);
     }
   });
   SetSizes(bands, image, &state);

@@ -73,13 +73,13 @@ class LocalAgentLink final : public server::AgentLink {
       listener_->OnRayHits(std::move(selection.hits), std::move(selection.active));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> occluders, Await(&occluders_));
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderOccluders(occluders));
-      listener_->OnPixels(pipeline->Encode(std::move(image)));
+      listener_->OnPixels(pipeline->Encode(image));
       listener_->OnOccludersDone();
       ISOSCOPE_ASSIGN_OR_RETURN(const VisibleBlocks visible, Await(&visible_));
       ISOSCOPE_ASSIGN_OR_RETURN(image,
                                 pipeline->RenderVisible(visible.blocks, visible.open_pixels));
     }
-    listener_->OnPixels(pipeline->Encode(std::move(image)));
+    listener_->OnPixels(pipeline->Encode(image));
     listener_->OnFrameDone(Statistics(pipeline->statistics()));
     return absl::OkStatus();
   }

@@ -95,23 +95,6 @@ TEST(PixelCodecTest, ExtremeValuesComeBack) {
   ExpectRoundTrip(image);
 }
 
-TEST(PixelCodecTest, AnImageThatWasEncodedGoesBackToItsPoolAsBackground) {
-  const auto pool = image::FrameImagePool::Make(std::size_t{1} << 24);
-  const image::FrameImage picture = MakeNoise(333, 250, 0.4, 7);
-  const std::uint64_t* planes = nullptr;
-  {
-    image::FrameImage image = pool->Take(333, 250);
-    CompositeInto(picture, &image);
-    planes = image.keys.data();
-    EXPECT_EQ(Decode(EncodePixels(std::move(image)), 333, 250), picture);
-  }
-  const image::FrameImage again = pool->Take(333, 250);
-  EXPECT_EQ(again.keys.data(), planes);
-  EXPECT_EQ(again, image::FrameImage(333, 250));
-  EXPECT_EQ(again.touched, image::TileSet(333, 250));
-  EXPECT_EQ(again.covered, image::FrameImage(333, 250).covered);
-}
-
 TEST(PixelCodecTest, AnEmptyImageNeedsNoBand) {
   EXPECT_THAT(EncodePixels(image::FrameImage(100, 100)), IsEmpty());
   EXPECT_THAT(EncodePixels(image::FrameImage()), IsEmpty());
