@@ -108,7 +108,7 @@ class BandDecoder {
           return Damaged("the coverage of a tile reaches outside the image");
         }
       }
-      const auto pixels = static_cast<std::size_t>(PixelCount(mask));
+      const std::size_t pixels = PixelCount(mask);
       if (pixels == 0) {
         return Damaged("a tile has no covered pixel");
       }
@@ -162,7 +162,7 @@ class BandDecoder {
     TileNumbers numbers;
     for (std::size_t tile = 0; tile < pixels_.areas.size(); ++tile) {
       const TileMask& mask = side_.masks[tile];
-      const auto count = static_cast<std::size_t>(PixelCount(mask));
+      const std::size_t count = PixelCount(mask);
       for (std::size_t i = 0; i < count; ++i) {
         const Control& code = kControls[control[i]];
         const unsigned color_bits = code.all_bits - code.depth_bits;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <cstring>
 #include <memory>
@@ -11,6 +10,7 @@
 #include "core/base/compression.h"
 #include "core/base/large_pages.h"
 #include "core/composite/number_code.h"
+#include "core/composite/tile_packing.h"
 
 namespace isoscope::composite {
 namespace {
@@ -166,23 +166,19 @@ class BandEncoder {
   void FindColors() {
     slots_ = std::make_unique_for_overwrite<std::uint16_t[]>(pixel_count_);
     std::uint16_t* out = slots_.get();
+    std::array<std::uint32_t, kTilePixels + kPackPadding> numbers;
     for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
       if (const std::size_t later = tile + kPrefetchTiles; later < areas_.size()) {
         PrefetchRows(image_.colors, areas_[later], side_.masks[later], image_.width);
       }
-      for (std::size_t row = 0; row < kTilePx; ++row) {
-        const std::uint32_t mask = side_.masks[tile][row];
-        if (mask == 0) {
-          continue;
+      const TileMask& mask = side_.masks[tile];
+      PackColors(mask, FirstOf(image_.colors, areas_[tile]), Stride(), numbers.data());
+      for (const std::uint32_t number : std::span(numbers).first(PixelCount(mask))) {
+        const std::uint16_t slot = palette_.SlotOf(number);
+        if (slot == Palette::kNone) {
+          return;
         }
-        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
-        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
-          const std::uint16_t slot = palette_.SlotOf(NumberOf(colors[std::countr_zero(rest)]));
-          if (slot == Palette::kNone) {
-            return;
-          }
-          *out++ = slot;
-        }
+        *out++ = slot;
       }
     }
     palette_numbers_ = palette_.Sort();
@@ -196,7 +192,7 @@ class BandEncoder {
     TilePrediction prediction;
     TileNumbers numbers{};
     TileNumbers differences{};
-    std::array<std::uint32_t, kTilePixels> ids;
+    std::array<std::uint32_t, kTilePixels + kPackPadding> ids;
     for (std::size_t tile = 0; tile < areas_.size(); ++tile) {
       if (const std::size_t later = tile + kPrefetchTiles; later < areas_.size()) {
         PrefetchRows(image_.keys, areas_[later], side_.masks[later], image_.width);
@@ -205,21 +201,16 @@ class BandEncoder {
         }
       }
       const TileMask& mask = side_.masks[tile];
-      std::size_t count = 0;
-      for (std::size_t row = 0; row < kTilePx; ++row) {
-        if (mask[row] == 0) {
-          continue;
+      const std::size_t count = PixelCount(mask);
+      PackKeys(mask, FirstOf(image_.keys, areas_[tile]), Stride(), numbers.depths.data(),
+               ids.data());
+      if (kHasPalette) {
+        for (std::size_t i = 0; i < count; ++i) {
+          numbers.colors[i] = palette_.IndexOf(slot[i]);
         }
-        const std::uint64_t* keys = RowOf(image_.keys, areas_[tile], row);
-        const image::Rgba8* colors = RowOf(image_.colors, areas_[tile], row);
-        for (std::uint32_t rest = mask[row]; rest != 0; rest &= rest - 1) {
-          const auto column = static_cast<std::size_t>(std::countr_zero(rest));
-          numbers.depths[count] = static_cast<std::uint32_t>(keys[column] >> 32);
-          numbers.colors[count] =
-              kHasPalette ? palette_.IndexOf(*slot++) : NumberOf(colors[column]);
-          ids[count] = image::BlockOf(keys[column]);
-          ++count;
-        }
+        slot += count;
+      } else {
+        PackColors(mask, FirstOf(image_.colors, areas_[tile]), Stride(), numbers.colors.data());
       }
       AddLabels(std::span(ids).first(count));
       prediction.Subtract(mask, numbers, &differences);
@@ -291,10 +282,11 @@ class BandEncoder {
   }
 
   template <typename T>
-  [[nodiscard]] const T* RowOf(const base::LargePageVector<T>& plane, const TileArea& area,
-                               std::size_t row) const {
-    return plane.data() + image_.IndexOf(area.x, area.y + static_cast<int>(row));
+  [[nodiscard]] const T* FirstOf(const base::LargePageVector<T>& plane,
+                                 const TileArea& area) const {
+    return plane.data() + image_.IndexOf(area.x, area.y);
   }
+  [[nodiscard]] std::size_t Stride() const { return static_cast<std::size_t>(image_.width); }
 
   const image::FrameImage& image_;
   const BandRows rows_;

@@ -39,7 +39,7 @@ TileRow FindCovered(const image::FrameImage& image, int tile_y) {
     if (mask != TileMask{}) {
       row.areas.push_back(AreaOf(tile_x, tile_y, image));
       row.masks.push_back(mask);
-      row.pixel_count += static_cast<std::size_t>(PixelCount(mask));
+      row.pixel_count += PixelCount(mask);
     }
   });
   return row;
@@ -136,7 +136,7 @@ absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into, R
         PrefetchRows(into->keys, pixels.areas[later], pixels.masks[later], into->width);
         PrefetchRows(into->colors, pixels.areas[later], pixels.masks[later], into->width);
       }
-      const auto count = static_cast<std::size_t>(PixelCount(pixels.masks[tile]));
+      const std::size_t count = PixelCount(pixels.masks[tile]);
       CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, into);
       key += count;
       color += count;

@@ -4,7 +4,6 @@
 #ifndef ISOSCOPE_CORE_COMPOSITE_TILE_PREDICTION_H_
 #define ISOSCOPE_CORE_COMPOSITE_TILE_PREDICTION_H_
 
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -20,12 +19,18 @@ inline constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
 
 using image::TileMask;
 
-inline int PixelCount(const TileMask& mask) {
-  int count = 0;
+inline std::size_t PixelCount(const TileMask& mask) {
+  std::size_t count = 0;
   for (const std::uint64_t rows : std::bit_cast<std::array<std::uint64_t, kTilePx / 4>>(mask)) {
-    count += std::popcount(rows);
+    count += static_cast<std::size_t>(std::popcount(rows));
   }
   return count;
+}
+
+inline bool IsFull(const TileMask& mask) {
+  TileMask full;
+  full.fill(0xffff);
+  return mask == full;
 }
 
 // Two numbers for each covered pixel of a tile, row by row, and room for vectors to read past them.
@@ -34,94 +39,83 @@ struct TileNumbers {
   std::array<std::uint32_t, kTilePixels + kClassifyPadding> colors;
 };
 
+// The two numbers of one pixel.
+struct PixelNumbers {
+  std::uint32_t depth = 0;
+  std::uint32_t color = 0;
+};
+
+// Calls fn(what to expect) for each covered pixel of a tile, in order; fn returns what it is.
+// `last` is the pixel before the tile's first; the last one of the tile is returned.
+template <typename Fn>
+PixelNumbers WalkTile(const TileMask& mask, PixelNumbers last, const Fn& fn) {
+  constexpr std::ptrdiff_t kStride = kTilePx;
+  std::array<std::uint32_t, kTilePixels> depths;
+  std::array<std::uint32_t, kTilePixels> colors;
+  std::uint32_t above = 0;
+  std::uint32_t above_2 = 0;
+  for (std::size_t row = 0; row < kTilePx; ++row) {
+    const std::uint32_t here = mask[row];
+    const std::uint32_t left = here << 1;
+    const std::uint32_t planar = here & left & above & (above << 1);
+    for (std::uint32_t rest = here; rest != 0; rest &= rest - 1) {
+      const std::size_t index =
+          std::size_t{kTilePx} * row + static_cast<std::size_t>(std::countr_zero(rest));
+      const std::uint32_t bit = rest & (0U - rest);
+      std::uint32_t* const depth = &depths[index];
+      std::uint32_t* const color = &colors[index];
+      if ((planar & bit) != 0) {
+        last.depth = depth[-1] + depth[-kStride] - depth[-kStride - 1];
+        last.color = color[-1] + color[-kStride] - color[-kStride - 1];
+      } else if ((left & bit) != 0) {
+        last = {depth[-1], color[-1]};
+        if ((left << 1 & bit) != 0) {
+          last.depth += depth[-1] - depth[-2];
+        }
+      } else if ((above & bit) != 0) {
+        last = {depth[-kStride], color[-kStride]};
+        if ((above_2 & bit) != 0) {
+          last.depth += depth[-kStride] - depth[-2 * kStride];
+        }
+      }
+      last = fn(last);
+      *depth = last.depth;
+      *color = last.color;
+    }
+    above_2 = above;
+    above = here;
+  }
+  return last;
+}
+
 // Tiles must be taken in order. Thread-compatible.
 class TilePrediction {
  public:
-  // The differences of a tile's numbers to what was expected of them, as ZigZag codes.
-  void Subtract(const TileMask& mask, const TileNumbers& numbers, TileNumbers* differences) {
-    if (PixelCount(mask) == static_cast<int>(kTilePixels)) {
-      SubtractInFull<true>(numbers.depths.data(), last_.depth, differences->depths.data());
-      SubtractInFull<false>(numbers.colors.data(), last_.color, differences->colors.data());
-      last_ = {numbers.depths[kTilePixels - 1], numbers.colors[kTilePixels - 1]};
-      return;
-    }
-    std::size_t i = 0;
-    Walk(mask, [&](const Number& expected) {
-      const Number number{numbers.depths[i], numbers.colors[i]};
-      differences->depths[i] = ZigZag(number.depth - expected.depth);
-      differences->colors[i] = ZigZag(number.color - expected.color);
-      ++i;
-      return number;
-    });
-  }
+  // The differences of a tile's numbers to what was expected of them, as ZigZag codes. In vector
+  // lanes; the same on every instruction set.
+  void Subtract(const TileMask& mask, const TileNumbers& numbers, TileNumbers* differences);
 
   // The other way.
   void Add(const TileMask& mask, const TileNumbers& differences, TileNumbers* numbers) {
-    if (PixelCount(mask) == static_cast<int>(kTilePixels)) {
+    if (IsFull(mask)) {
       AddInFull<true>(differences.depths.data(), last_.depth, numbers->depths.data());
       AddInFull<false>(differences.colors.data(), last_.color, numbers->colors.data());
       last_ = {numbers->depths[kTilePixels - 1], numbers->colors[kTilePixels - 1]};
       return;
     }
     std::size_t i = 0;
-    Walk(mask, [&](const Number& expected) {
-      const Number number{expected.depth + UnZigZag(differences.depths[i]),
-                          expected.color + UnZigZag(differences.colors[i])};
-      numbers->depths[i] = number.depth;
-      numbers->colors[i] = number.color;
+    last_ = WalkTile(mask, last_, [&](const PixelNumbers& expected) {
+      const PixelNumbers pixel{expected.depth + UnZigZag(differences.depths[i]),
+                               expected.color + UnZigZag(differences.colors[i])};
+      numbers->depths[i] = pixel.depth;
+      numbers->colors[i] = pixel.color;
       ++i;
-      return number;
+      return pixel;
     });
   }
 
  private:
-  struct Number {
-    std::uint32_t depth = 0;
-    std::uint32_t color = 0;
-  };
-  static constexpr std::ptrdiff_t kStride = kTilePx;
-
-  // Calls fn(what to expect) for each covered pixel, in order; fn returns what it is.
-  template <typename Fn>
-  void Walk(const TileMask& mask, const Fn& fn) {
-    std::uint32_t above = 0;
-    std::uint32_t above_2 = 0;
-    Number last = last_;
-    for (std::size_t row = 0; row < kTilePx; ++row) {
-      const std::uint32_t here = mask[row];
-      const std::uint32_t left = here << 1;
-      const std::uint32_t planar = here & left & above & (above << 1);
-      for (std::uint32_t rest = here; rest != 0; rest &= rest - 1) {
-        const std::size_t index =
-            std::size_t{kTilePx} * row + static_cast<std::size_t>(std::countr_zero(rest));
-        const std::uint32_t bit = rest & (0U - rest);
-        std::uint32_t* const depth = &depths_[index];
-        std::uint32_t* const color = &colors_[index];
-        if ((planar & bit) != 0) {
-          last.depth = depth[-1] + depth[-kStride] - depth[-kStride - 1];
-          last.color = color[-1] + color[-kStride] - color[-kStride - 1];
-        } else if ((left & bit) != 0) {
-          last = {depth[-1], color[-1]};
-          if ((left << 1 & bit) != 0) {
-            last.depth += depth[-1] - depth[-2];
-          }
-        } else if ((above & bit) != 0) {
-          last = {depth[-kStride], color[-kStride]};
-          if ((above_2 & bit) != 0) {
-            last.depth += depth[-kStride] - depth[-2 * kStride];
-          }
-        }
-        last = fn(last);
-        *depth = last.depth;
-        *color = last.color;
-      }
-      above_2 = above;
-      above = here;
-    }
-    last_ = last;
-  }
-
-  // Walk of a tile with every pixel covered, one number of the two. Depths go on as they went,
+  // WalkTile where every pixel is covered, one number of the two. Depths go on as they went,
   // colours stay; inside both are planar. Without branches: compilers make vectors of it.
   template <bool kIsDepth>
   static void SubtractInFull(const std::uint32_t* numbers, std::uint32_t last, std::uint32_t* out) {
@@ -168,9 +162,7 @@ class TilePrediction {
     }
   }
 
-  std::array<std::uint32_t, kTilePixels> depths_;
-  std::array<std::uint32_t, kTilePixels> colors_;
-  Number last_;  // the pixel before; across tiles too
+  PixelNumbers last_;  // the pixel before; across tiles too
 };
 
 }  // namespace isoscope::composite

@@ -432,7 +432,8 @@ HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& sur
     VU row_pixel = hn::Add(begin, origin);
     VI y_from_a = hn::Sub(y, ay);
     const VI first_x_from_a = hn::Sub(x, ax);
-    if (buffer->count + kTinyBoxPx * kTinyBoxPx * lanes > FragmentBuffer::kCapacity) [[unlikely]] {
+    if (buffer->count + std::size_t{kTinyBoxPx * kTinyBoxPx} * lanes > FragmentBuffer::kCapacity)
+        [[unlikely]] {
       flush();
       buffer->Extend(task.rect);
     }

@@ -2,11 +2,15 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <vector>
+#include <map>
+#include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "hwy/highway.h"
+#include "hwy/targets.h"
 
 namespace isoscope::composite {
 namespace {
@@ -43,15 +47,66 @@ TEST(TilePredictionTest, WhatWasSubtractedIsAddedBackTileByTile) {
     encoder.Subtract(mask, numbers, &differences);
     TileNumbers decoded{};
     decoder.Add(mask, differences, &decoded);
-    for (int i = 0; i < PixelCount(mask); ++i) {
-      const auto at = static_cast<std::size_t>(i);
-      ASSERT_EQ(decoded.depths[at], numbers.depths[at]) << share << ", " << i;
-      ASSERT_EQ(decoded.colors[at], numbers.colors[at]) << share << ", " << i;
+    for (std::size_t at = 0; at < PixelCount(mask); ++at) {
+      ASSERT_EQ(decoded.depths[at], numbers.depths[at]) << share << ", " << at;
+      ASSERT_EQ(decoded.colors[at], numbers.colors[at]) << share << ", " << at;
     }
   }
 }
 
-// docs/format/wire.md's table, read off for one tile with every pixel covered.
+// docs/format/wire.md's table, pixel by pixel, from where its pixels lie.
+TEST(TilePredictionTest, PartOfATileIsExpectedAsTheFormatSaysOnEveryInstructionSet) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    TilePrediction prediction;
+    std::uint32_t last_depth = 0;
+    std::uint32_t last_color = 0;
+    for (std::uint64_t seed = 1; seed < 200; ++seed) {
+      const TileMask mask = MaskOf(base::RandomUnit(seed, 0), seed);
+      const TileNumbers numbers = NumbersOf(1000 + seed);
+      TileNumbers differences{};
+      prediction.Subtract(mask, numbers, &differences);
+      std::map<std::pair<int, int>, std::size_t> known;  // column, row: number of the pixel
+      for (int y = 0; y < kTilePx; ++y) {
+        for (int x = 0; x < kTilePx; ++x) {
+          if ((mask[static_cast<std::size_t>(y)] >> x & 1) == 0) {
+            continue;
+          }
+          const auto has = [&](int left, int up) { return known.contains({x - left, y - up}); };
+          const auto depth = [&](int left, int up) {
+            return numbers.depths[known.at({x - left, y - up})];
+          };
+          const auto color = [&](int left, int up) {
+            return numbers.colors[known.at({x - left, y - up})];
+          };
+          std::uint32_t expected_depth = last_depth;
+          std::uint32_t expected_color = last_color;
+          if (has(1, 0) && has(0, 1) && has(1, 1)) {
+            expected_depth = depth(1, 0) + depth(0, 1) - depth(1, 1);
+            expected_color = color(1, 0) + color(0, 1) - color(1, 1);
+          } else if (has(1, 0)) {
+            expected_depth = has(2, 0) ? 2 * depth(1, 0) - depth(2, 0) : depth(1, 0);
+            expected_color = color(1, 0);
+          } else if (has(0, 1)) {
+            expected_depth = has(0, 2) ? 2 * depth(0, 1) - depth(0, 2) : depth(0, 1);
+            expected_color = color(0, 1);
+          }
+          const std::size_t i = known.size();
+          known[{x, y}] = i;
+          last_depth = numbers.depths[i];
+          last_color = numbers.colors[i];
+          ASSERT_EQ(UnZigZag(differences.depths[i]), last_depth - expected_depth)
+              << hwy::TargetName(target) << ": tile " << seed << ", " << x << ", " << y;
+          ASSERT_EQ(UnZigZag(differences.colors[i]), last_color - expected_color)
+              << hwy::TargetName(target) << ": tile " << seed << ", " << x << ", " << y;
+        }
+      }
+    }
+  }
+}
+
+// The same, read off for one tile with every pixel covered.
 TEST(TilePredictionTest, AFullTileIsExpectedAsTheFormatSays) {
   const TileNumbers numbers = NumbersOf(5);
   const TileNumbers before = NumbersOf(6);

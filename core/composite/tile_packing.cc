@@ -1,0 +1,110 @@
+#include "core/composite/tile_packing.h"
+
+#include <bit>
+
+#include "core/composite/band_format.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "core/composite/tile_packing.cc"
+#include "hwy/foreach_target.h"  // IWYU pragma: keep
+//
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace isoscope::composite {
+namespace HWY_NAMESPACE {
+namespace {
+
+#if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
+
+void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
+              std::uint32_t* depths, std::uint32_t* block_ids) {
+  static_assert(kTilePx == 16);
+  const __m512i even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+  const __m512i odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
+  for (const std::uint32_t of_row : mask) {
+    if (of_row != 0) {
+      const __m512i left = _mm512_maskz_loadu_epi64(static_cast<__mmask8>(of_row), keys);
+      const __m512i right = _mm512_maskz_loadu_epi64(static_cast<__mmask8>(of_row >> 8), keys + 8);
+      const auto pack = [&](__m512i half) {
+        return _mm512_maskz_compress_epi32(static_cast<__mmask16>(of_row),
+                                           _mm512_permutex2var_epi32(left, half, right));
+      };
+      _mm512_storeu_si512(block_ids, pack(even));
+      _mm512_storeu_si512(depths, pack(odd));
+      const int count = std::popcount(of_row);
+      block_ids += count;
+      depths += count;
+    }
+    keys += stride;
+  }
+}
+
+void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
+                std::uint32_t* numbers) {
+  static_assert(kTilePx == 16);
+  const __m512i reversed = _mm512_set4_epi32(0x0c0d0e0f, 0x08090a0b, 0x04050607, 0x00010203);
+  for (const std::uint32_t of_row : mask) {
+    if (of_row != 0) {
+      const auto lanes = static_cast<__mmask16>(of_row);
+      const __m512i row = _mm512_maskz_loadu_epi32(lanes, colors);
+      _mm512_storeu_si512(numbers,
+                          _mm512_maskz_compress_epi32(lanes, _mm512_shuffle_epi8(row, reversed)));
+      numbers += std::popcount(of_row);
+    }
+    colors += stride;
+  }
+}
+
+#else
+
+void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
+              std::uint32_t* depths, std::uint32_t* block_ids) {
+  for (const std::uint32_t of_row : mask) {
+    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+      const std::uint64_t key = keys[std::countr_zero(rest)];
+      *depths++ = static_cast<std::uint32_t>(key >> 32);
+      *block_ids++ = image::BlockOf(key);
+    }
+    keys += stride;
+  }
+}
+
+void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
+                std::uint32_t* numbers) {
+  for (const std::uint32_t of_row : mask) {
+    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1) {
+      *numbers++ = NumberOf(colors[std::countr_zero(rest)]);
+    }
+    colors += stride;
+  }
+}
+
+#endif
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace isoscope::composite
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
+namespace isoscope::composite {
+namespace {
+HWY_EXPORT(PackKeys);
+HWY_EXPORT(PackColors);
+}  // namespace
+
+void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
+              std::uint32_t* depths, std::uint32_t* block_ids) {
+  HWY_DYNAMIC_DISPATCH(PackKeys)(mask, keys, stride, depths, block_ids);
+}
+
+void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
+                std::uint32_t* numbers) {
+  HWY_DYNAMIC_DISPATCH(PackColors)(mask, colors, stride, numbers);
+}
+
+}  // namespace isoscope::composite
+
+#endif  // HWY_ONCE

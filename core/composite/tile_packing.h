@@ -1,0 +1,30 @@
+// The covered pixels of a tile one after the other, out of the rows of an image: in vector lanes,
+// where the processor can pack them.
+
+#ifndef ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_
+#define ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_
+
+#include <cstddef>
+#include <cstdint>
+
+#include "core/composite/tile_prediction.h"
+#include "core/image/frame_image.h"
+
+namespace isoscope::composite {
+
+// What PackKeys and PackColors may write past the last pixel.
+inline constexpr std::size_t kPackPadding = kTilePx - 1;
+
+// The bits of the depths, and the blocks, of the tile whose first key is keys[0], rows `stride`
+// apart. Only keys of covered pixels are read. The same on every instruction set.
+// REQUIRES: room for PixelCount(mask) + kPackPadding numbers each.
+void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
+              std::uint32_t* depths, std::uint32_t* block_ids);
+
+// The same of colours, as NumberOf(color) of band_format.h.
+void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
+                std::uint32_t* numbers);
+
+}  // namespace isoscope::composite
+
+#endif  // ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_

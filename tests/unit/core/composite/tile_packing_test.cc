@@ -1,0 +1,70 @@
+#include "core/composite/tile_packing.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "absl/cleanup/cleanup.h"
+#include "gtest/gtest.h"
+
+#include "core/base/random.h"
+#include "core/composite/band_format.h"
+#include "hwy/highway.h"
+#include "hwy/targets.h"
+
+namespace isoscope::composite {
+namespace {
+
+TEST(TilePackingTest, CoveredPixelsComeInOrderOnEveryInstructionSet) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    for (std::uint64_t seed = 0; seed < 100; ++seed) {
+      // The tile lies in the lower right corner of an image that is no multiple of tiles: planes
+      // end at its last covered pixel, and the sanitizer sees every read behind it.
+      const std::size_t stride = 16 + seed % 7;
+      const std::size_t columns = 1 + seed % kTilePx;
+      const std::size_t rows = 1 + seed / 3 % kTilePx;
+      std::vector<std::uint64_t> keys((rows - 1) * stride + columns);
+      std::vector<image::Rgba8> colors(keys.size());
+      for (std::size_t i = 0; i < keys.size(); ++i) {
+        keys[i] = base::RandomBits(seed, i);
+        colors[i] = ColorOf(static_cast<std::uint32_t>(base::RandomBits(seed + 1000, i)));
+      }
+      TileMask mask{};
+      std::vector<std::uint32_t> depths;
+      std::vector<std::uint32_t> ids;
+      std::vector<std::uint32_t> numbers;
+      for (std::size_t y = 0; y < rows; ++y) {
+        for (std::size_t x = 0; x < columns; ++x) {
+          const std::size_t i = y * stride + x;
+          if (seed > 0 && base::RandomUnit(seed + 2000, i) > static_cast<double>(seed) / 100) {
+            continue;
+          }
+          mask[y] = static_cast<std::uint16_t>(mask[y] | 1U << x);
+          depths.push_back(static_cast<std::uint32_t>(keys[i] >> 32));
+          ids.push_back(static_cast<std::uint32_t>(keys[i]));
+          numbers.push_back(std::uint32_t{colors[i].r} << 24 | std::uint32_t{colors[i].g} << 16 |
+                            std::uint32_t{colors[i].b} << 8 | colors[i].a);
+        }
+      }
+      const std::size_t count = depths.size();
+      ASSERT_EQ(PixelCount(mask), count);
+      std::vector<std::uint32_t> packed_depths(count + kPackPadding);
+      std::vector<std::uint32_t> packed_ids(count + kPackPadding);
+      std::vector<std::uint32_t> packed_numbers(count + kPackPadding);
+      PackKeys(mask, keys.data(), stride, packed_depths.data(), packed_ids.data());
+      PackColors(mask, colors.data(), stride, packed_numbers.data());
+      packed_depths.resize(count);
+      packed_ids.resize(count);
+      packed_numbers.resize(count);
+      EXPECT_EQ(packed_depths, depths) << hwy::TargetName(target) << ": " << seed;
+      EXPECT_EQ(packed_ids, ids) << hwy::TargetName(target) << ": " << seed;
+      EXPECT_EQ(packed_numbers, numbers) << hwy::TargetName(target) << ": " << seed;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::composite
