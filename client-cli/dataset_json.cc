@@ -35,6 +35,47 @@ std::string Joined(const Json& array, absl::string_view separator) {
 
 std::string Text(const Json& object, const char* key) { return object.at(key).get<std::string>(); }
 
+// "sample_dims", "spacing", "origin", "direction".
+void AddGeometry(const v1::GridGeometry& geometry, Json* json) {
+  (*json)["sample_dims"] = ToJson(geometry.sample_dims());
+  (*json)["spacing"] = ToJson(geometry.spacing());
+  (*json)["origin"] = ToJson(geometry.origin());
+  Json& direction = (*json)["direction"];
+  direction = Json::array({{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}});
+  if (geometry.direction_columns_size() == 3) {
+    for (int column = 0; column < 3; ++column) {
+      direction[static_cast<std::size_t>(column)] = ToJson(geometry.direction_columns(column));
+    }
+  }
+}
+
+// "sample_type", "value_range".
+void AddSamples(v1::SampleType type, bool has_range, double min, double max, Json* json) {
+  (*json)["sample_type"] = WithoutPrefix(v1::SampleType_Name(type), "SAMPLE_TYPE_");
+  (*json)["value_range"] = has_range ? Json::array({min, max}) : Json(nullptr);
+}
+
+void AddLine(absl::string_view name, const std::string& value, std::string* text) {
+  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
+}
+
+// The lines on what AddGeometry and AddSamples add.
+void AddGridLines(const Json& json, std::string* text) {
+  AddLine("samples",
+          absl::StrCat(Joined(json.at("sample_dims"), " x "), " of ", Text(json, "sample_type")),
+          text);
+  const Json& range = json.at("value_range");
+  AddLine("values", range.is_null() ? "none but NaN" : Joined(range, " to "), text);
+  AddLine("spacing", Joined(json.at("spacing"), ", "), text);
+  AddLine("origin", Joined(json.at("origin"), ", "), text);
+  AddLine("direction",
+          absl::StrJoin(json.at("direction"), "; ",
+                        [](std::string* out, const Json& column) {
+                          absl::StrAppend(out, Joined(column, ", "));
+                        }),
+          text);
+}
+
 }  // namespace
 
 Json DatasetToJson(const v1::Dataset& dataset) {
@@ -42,22 +83,9 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   json["name"] = dataset.name();
   json["dataset_id"] = dataset.dataset_id();
   json["source"] = dataset.source();
-  json["sample_dims"] = ToJson(dataset.geometry().sample_dims());
-  json["spacing"] = ToJson(dataset.geometry().spacing());
-  json["origin"] = ToJson(dataset.geometry().origin());
-  json["direction"] = Json::array({{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}});
-  if (dataset.geometry().direction_columns_size() == 3) {
-    for (int column = 0; column < 3; ++column) {
-      json["direction"][static_cast<std::size_t>(column)] =
-          ToJson(dataset.geometry().direction_columns(column));
-    }
-  }
-  json["sample_type"] = WithoutPrefix(v1::SampleType_Name(dataset.sample_type()), "SAMPLE_TYPE_");
-  if (dataset.has_value_range()) {
-    json["value_range"] = Json::array({dataset.value_range().min(), dataset.value_range().max()});
-  } else {
-    json["value_range"] = nullptr;
-  }
+  AddGeometry(dataset.geometry(), &json);
+  AddSamples(dataset.sample_type(), dataset.has_value_range(), dataset.value_range().min(),
+             dataset.value_range().max(), &json);
   json["block_cells"] = ToJson(dataset.block_cells());
   json["block_count"] = dataset.block_count();
   json["shard_count"] = dataset.shard_count();
@@ -65,6 +93,15 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   for (const int shard : dataset.missing_shards()) {
     json["missing_shards"].push_back(shard);
   }
+  return json;
+}
+
+Json VolumeToJson(const ingest::VolumeSource& source, const volume::ScalarSpan& value_range) {
+  Json json;
+  json["name"] = source.name();
+  AddGeometry(rpc::ToProto(source.geometry()), &json);
+  AddSamples(rpc::ToProto(source.scalar_type()), value_range.min <= value_range.max,
+             value_range.min, value_range.max, &json);
   return json;
 }
 
@@ -106,24 +143,22 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
   return json;
 }
 
+std::string DescribeVolume(const Json& volume) {
+  std::string text;
+  AddLine("volume", Text(volume, "name"), &text);
+  AddGridLines(volume, &text);
+  return text;
+}
+
 std::string DescribeDataset(const Json& dataset) {
   std::string text;
   const auto line = [&text](absl::string_view name, const std::string& value) {
-    absl::StrAppend(&text, name, std::string(14 - name.size(), ' '), value, "\n");
+    AddLine(name, value, &text);
   };
   line("dataset", Text(dataset, "name"));
   line("id", Text(dataset, "dataset_id"));
   line("source", Text(dataset, "source"));
-  line("samples", absl::StrCat(Joined(dataset.at("sample_dims"), " x "), " of ",
-                               Text(dataset, "sample_type")));
-  const Json& range = dataset.at("value_range");
-  line("values", range.is_null() ? "none but NaN" : Joined(range, " to "));
-  line("spacing", Joined(dataset.at("spacing"), ", "));
-  line("origin", Joined(dataset.at("origin"), ", "));
-  line("direction",
-       absl::StrJoin(dataset.at("direction"), "; ", [](std::string* out, const Json& column) {
-         absl::StrAppend(out, Joined(column, ", "));
-       }));
+  AddGridLines(dataset, &text);
   line("blocks", absl::StrCat(FormatCount(dataset.at("block_count").get<std::int64_t>()), " of ",
                               Joined(dataset.at("block_cells"), " x "), " cells"));
   const Json& missing = dataset.at("missing_shards");

@@ -1,4 +1,4 @@
-// What `info` prints: datasets and agents as JSON and as text.
+// What `info` prints: volumes, datasets and agents as JSON and as text.
 
 #ifndef ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_
 #define ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_
@@ -7,7 +7,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "core/ingest/volume_source.h"
 #include "core/store/shard_reader.h"
+#include "core/volume/scalar_span.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 
@@ -19,6 +21,9 @@ using Json = nlohmann::ordered_json;
 // "value_range", "block_cells", "block_count", "shard_count", "missing_shards"}; direction is a
 // list of three columns; value_range is null if every sample is NaN.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
+// {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
+// above.
+Json VolumeToJson(const ingest::VolumeSource& source, const volume::ScalarSpan& value_range);
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);
@@ -27,6 +32,7 @@ Json AgentToJson(const isoscope::v1::AgentStatus& agent);
 Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 
 // The same for people, from the JSON above.
+std::string DescribeVolume(const Json& volume);
 std::string DescribeDataset(const Json& dataset);
 // A table with one row for each agent.
 std::string DescribeAgents(const Json& agents);

@@ -1,5 +1,6 @@
-// isoscope info DIR | --server HOST:PORT
+// isoscope info INPUT|DIR | --server HOST:PORT
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -10,11 +11,14 @@
 #include "client-cli/command.h"
 #include "client-cli/dataset_json.h"
 #include "client-cli/flags.h"
+#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
+#include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 
 #include "core/base/status_macros.h"
+#include "core/ingest/value_range.h"
 #include "core/rpc/channel.h"
 #include "core/store/shard_reader.h"
 
@@ -25,10 +29,11 @@ namespace {
 constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
 struct InfoFlags {
-  std::optional<std::string> directory;
+  std::optional<std::string> input;
   std::optional<std::string> server;
   std::optional<absl::Duration> timeout;
   bool is_json = false;
+  SourceFlags source;
 };
 
 absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
@@ -36,6 +41,24 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
                             store::OpenDataset(directory));
   Json json;
   json["datasets"] = Json::array({DatasetDirectoryToJson(description)});
+  return json;
+}
+
+// Reads the whole volume: its range is not known otherwise.
+absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeSource> source,
+                            OpenSource(flags.source, *flags.input));
+  ProgressLine line(context.err, context.err_is_terminal);
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan range,
+                            ingest::FindValueRange(
+                                source.get(),
+                                [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
+                                  line.Update("reading values", done_bytes, total_bytes);
+                                },
+                                context.interrupt->cancellation()));
+  Json json;
+  json["volume"] = VolumeToJson(*source, range);
   return json;
 }
 
@@ -65,6 +88,9 @@ absl::StatusOr<Json> DescribeServer(const InfoFlags& flags, const Context& conte
 }
 
 std::string ToText(const Json& json) {
+  if (json.contains("volume")) {
+    return DescribeVolume(json.at("volume"));
+  }
   std::string text;
   if (json.contains("server")) {
     const Json& server = json.at("server");
@@ -84,16 +110,23 @@ std::string ToText(const Json& json) {
 }
 
 absl::Status Run(const InfoFlags& flags, const Context& context) {
-  if (flags.directory.has_value() == flags.server.has_value()) {
-    return UsageError(flags.directory
-                          ? "a dataset folder can't be used with --server; give one of them"
-                          : "give a dataset folder or --server HOST:PORT");
+  if (flags.input.has_value() == flags.server.has_value()) {
+    return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
+                                  : "give a volume, a dataset folder or --server HOST:PORT");
+  }
+  if (const char* given = flags.source.FirstGiven(); flags.server && given != nullptr) {
+    return UsageError(absl::StrCat(given, " can't be used with --server"));
   }
   Json json;
   if (flags.server) {
     ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeServer(flags, context));
   } else {
-    ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.directory));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
+    if (store::IsDatasetDirectory(*flags.input)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
+    } else {
+      ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeFile(flags, context));
+    }
   }
   *context.out << (flags.is_json ? json.dump(2) + "\n" : ToText(json));
   return absl::OkStatus();
@@ -101,11 +134,13 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
 
 Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<InfoFlags>();
-  AddFlag(app, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
+  AddFlag(app, "input", "INPUT|DIR", &flags->input, ParseText,
+          "a volume, as 'partition' takes it, or a dataset folder");
   AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
   AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "how long to wait for the server (default: 10)");
   app->add_flag("--json", flags->is_json, "print JSON instead of text");
+  AddSourceFlags(app, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 
@@ -113,9 +148,11 @@ Action RegisterFlags(CLI::App* app) {
 
 Command InfoCommand() {
   return {.name = "info",
-          .summary = "Describes a dataset folder, or what a server holds and how its agents are",
-          .usage = "DIR | --server HOST:PORT [--json]",
+          .summary =
+              "Describes a volume, a dataset folder, or what a server holds and how its agents are",
+          .usage = "INPUT|DIR | --server HOST:PORT [--json]",
           .examples =
+              "  isoscope info head.nii.gz\n"
               "  isoscope info head\n"
               "  isoscope info --server localhost:50051 --json\n",
           .register_flags = RegisterFlags};

@@ -87,23 +87,12 @@ absl::StatusOr<std::string> PrepareDataset(const SessionFlags& flags) {
 
 // The dataset directory that the flags mean.
 absl::StatusOr<std::string> PrepareInput(const SessionFlags& flags, const Context& context) {
-  const std::string& input = *flags.input;
-  const bool is_folder = base::IsDirectory(input);
-  if (const char* given = flags.source.FirstGiven(); is_folder && given != nullptr) {
-    return UsageError(absl::StrCat(given, " is for raw files only; '", input, "' is a folder"));
-  }
-  if (store::IsDatasetDirectory(input)) {
+  if (store::IsDatasetDirectory(*flags.input)) {
     return PrepareDataset(flags);
   }
-  const absl::StatusOr<std::vector<std::string>> files = SourceFiles(flags.source, input);
-  if (!files.ok() && is_folder) {
-    return absl::NotFoundError(
-        absl::StrCat("'", input, "' holds no finished dataset, no TIFF slices and no DICOM series",
-                     store::IsShardDirectory(input) ? "; it is one shard: isoscope-agent serves it"
-                                                    : "; 'isoscope partition' makes a dataset"));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(files.status());
-  return PrepareVolume(flags, *files, context);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files,
+                            SourceFiles(flags.source, *flags.input));
+  return PrepareVolume(flags, files, context);
 }
 
 }  // namespace

@@ -10,7 +10,9 @@
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 
+#include "core/base/file.h"
 #include "core/ingest/hdf5_source.h"
+#include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
 namespace {
@@ -74,6 +76,9 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
                                    "' carries its own dimensions and type"));
   }
+  if (base::IsDirectory(path)) {
+    return UsageError(absl::StrCat(given, " is for raw files only; '", path, "' is a folder"));
+  }
   if (!flags.dims || !flags.type) {
     return UsageError(absl::StrCat("a raw file needs both --dims X,Y,Z and --type TYPE; ",
                                    flags.dims ? "--type" : "--dims", " is missing"));
@@ -97,7 +102,17 @@ absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFla
 
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path) {
-  return flags.dims ? std::vector<std::string>{path} : ingest::FilesOfVolume(path);
+  if (flags.dims) {
+    return std::vector<std::string>{path};
+  }
+  absl::StatusOr<std::vector<std::string>> files = ingest::FilesOfVolume(path);
+  if (!files.ok() && base::IsDirectory(path)) {
+    return absl::NotFoundError(
+        absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
+                     store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"
+                                                   : "; 'isoscope partition' makes a dataset"));
+  }
+  return files;
 }
 
 std::string DescribeForKey(const SourceFlags& flags) {

@@ -41,7 +41,7 @@ void AddSourceFlags(CLI::App* app, SourceFlags* flags);
 // True if the name's ending is that of a format that carries dimensions and type itself.
 bool HasSelfDescribingName(const std::string& path);
 
-// UsageError if the flags do not fit each other or the file's name.
+// UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 
 // Opens it as a raw file if --dims is given, else by its format. Errors as ingest::OpenRawFile and
@@ -49,7 +49,8 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
 
-// The files that it is read from. Errors as ingest::FilesOfVolume.
+// The files that it is read from. Errors as ingest::FilesOfVolume; NOT_FOUND if it is a folder that
+// holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path);
 

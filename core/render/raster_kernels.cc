@@ -30,6 +30,7 @@ using MI = hn::Mask<DI>;
 
 // Boxes of at most this many pixels a side are filled across triangles, one in each lane.
 constexpr std::int32_t kTinyBoxPx = 8;
+constexpr std::size_t kTinyBoxPixels = std::size_t{kTinyBoxPx} * kTinyBoxPx;
 constexpr std::int32_t kHalfPixel = kSubpixels / 2;
 
 // 1.5 * 2^52: adding it leaves a number's nearest integer (ties to even) in the low bits.
@@ -432,8 +433,7 @@ HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& sur
     VU row_pixel = hn::Add(begin, origin);
     VI y_from_a = hn::Sub(y, ay);
     const VI first_x_from_a = hn::Sub(x, ax);
-    if (buffer->count + std::size_t{kTinyBoxPx * kTinyBoxPx} * lanes > FragmentBuffer::kCapacity)
-        [[unlikely]] {
+    if (buffer->count + kTinyBoxPixels * lanes > FragmentBuffer::kCapacity) [[unlikely]] {
       flush();
       buffer->Extend(task.rect);
     }

@@ -225,6 +225,27 @@ TEST_F(CliTest, RawFileWithHeaderAndBigEndianIsTheSameVolumeAsNrrd) {
     const std::string text = MustRun({"info", Path(name)});
     EXPECT_TRUE(absl::StrContains(text, "43 x 37 x 29 of int16")) << text;
   }
+  // What the files say of themselves, before they are cut.
+  const json range = ParseJson(MustRun({"info", Path("from_nrrd"), "--json"}))
+                         .at("datasets")
+                         .at(0)
+                         .at("value_range");
+  for (const auto& [name, raw_flags] : std::map<std::string, std::vector<std::string>>{
+           {"a.nrrd", {}},
+           {"a.raw",
+            Join({"--endian", "big", "--header-bytes", "17"}, testing::RawFlags(volume))}}) {
+    SCOPED_TRACE(name);
+    const json info = ParseJson(MustRun(Join({"info", Path(name), "--json"}, raw_flags)));
+    const json& described = info.at("volume");
+    EXPECT_EQ(described.at("name"), Path(name));
+    EXPECT_EQ(described.at("value_range"), range);
+    EXPECT_EQ(described.at("sample_dims"), json({43, 37, 29}));
+    EXPECT_EQ(described.at("sample_type"), "int16");
+    EXPECT_EQ(described.at("spacing"), json({0.5, 0.75, 1.25}));
+    EXPECT_EQ(described.at("origin"), json({-3.0, 4.0, 10.0}));
+    const std::string text = MustRun(Join({"info", Path(name)}, raw_flags));
+    EXPECT_TRUE(absl::StrContains(text, "43 x 37 x 29 of int16")) << text;
+  }
   const auto render = [&](const char* name) {
     MustRun({"render", Path(name), "--isovalue", "0", "--width", "96", "--height", "96", "--output",
              Path("p.png"), "--renderer", "cpu"});
