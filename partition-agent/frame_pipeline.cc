@@ -61,9 +61,9 @@ struct ChosenBlock {
 
 // What one thread keeps between its tasks.
 struct Worker {
-  Worker(const volume::GridGeometry& geometry, const volume::BlockLayout& layout, MeshCache* cache,
-         std::uint64_t round)
-      : extractor(geometry, layout), writer(cache, round) {}
+  Worker(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+         std::shared_ptr<const extract::BlockShapes> shapes, MeshCache* cache, std::uint64_t round)
+      : extractor(geometry, layout, std::move(shapes)), writer(cache, round) {}
 
   extract::BlockExtractor extractor;
   mesh::BlockMesh extracted;
@@ -106,7 +106,10 @@ class FramePipeline::Impl {
         max_read_bytes_(resources.max_read_bytes),
         cancellation_(cancellation),
         round_(cache_->BeginRound(request.frame_number)),
-        workers_([this] { return Worker(view_.geometry(), layout_, cache_->meshes(), round_); }) {}
+        workers_([this] {
+          return Worker(view_.geometry(), layout_, shards_.front()->shapes, cache_->meshes(),
+                        round_);
+        }) {}
 
   absl::StatusOr<RaySelection> SelectOccluders() {
     const ScopedTimer timer(&statistics_.busy_duration);

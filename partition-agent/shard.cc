@@ -61,6 +61,7 @@ absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& direct
   auto shard = std::make_shared<Shard>();
   shard->number = next_number.fetch_add(1);
   ISOSCOPE_ASSIGN_OR_RETURN(shard->reader, store::ShardReader::Open(directory));
+  shard->shapes = std::make_shared<const extract::BlockShapes>(shard->reader->layout());
   const std::string tree_path = directory + "/" + store::kIntervalTreeFileName;
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<base::RandomAccessFile> file,
                             base::OpenRandomAccessFile(tree_path));

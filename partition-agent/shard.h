@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/extract/block_shape.h"
 #include "core/index/interval_tree.h"
 #include "core/store/shard_reader.h"
 
@@ -19,6 +20,7 @@ struct Shard {
   std::uint32_t number = 0;  // tells it from all others that this process opened
   std::unique_ptr<store::ShardReader> reader;
   std::unique_ptr<index::IntervalTree> tree;
+  std::shared_ptr<const extract::BlockShapes> shapes;  // for whoever extracts its blocks
 };
 
 // Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if

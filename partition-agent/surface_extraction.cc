@@ -46,8 +46,9 @@ class SurfaceExtraction::Impl {
         max_read_bytes_(max_read_bytes),
         cancellation_(cancellation),
         extractors_([this] {
-          const store::ShardReader& reader = *shards_.front()->reader;
-          return extract::BlockExtractor(reader.manifest().geometry, reader.layout());
+          const Shard& shard = *shards_.front();
+          return extract::BlockExtractor(shard.reader->manifest().geometry, shard.reader->layout(),
+                                         shard.shapes);
         }) {}
 
   absl::Status QueryTrees() {

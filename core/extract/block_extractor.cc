@@ -1,16 +1,13 @@
 #include "core/extract/block_extractor.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
-#include <vector>
+#include <utility>
 
 #include "core/base/check.h"
 #include "core/extract/block_kernels.h"
-#include "core/extract/block_shape.h"
 #include "core/extract/case_table.h"
 
 namespace isoscope::extract {
@@ -19,22 +16,21 @@ using math::Index3;
 
 class BlockExtractor::Impl {
  public:
-  Impl(const volume::GridGeometry& geometry, const volume::BlockLayout& layout)
+  Impl(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+       std::shared_ptr<const BlockShapes> shapes)
       : layout_(layout),
+        shapes_(std::move(shapes)),
         to_world_(geometry.world_gradient_from_index()),
         case_table_(GetCaseTable()) {}
 
   void Extract(const volume::BlockSamples& samples, double isovalue, const ExtractOptions& options,
                mesh::BlockMesh* mesh) {
-    std::optional<BlockShape>& shape = shapes_[ShapeClassOf(layout_, samples.block_id)];
-    if (!shape.has_value()) {
-      shape = MakeBlockShape(layout_, samples.block_id);
-    }
+    const BlockShape& shape = shapes_->Of(samples.block_id);
     const Index3 begin = layout_.StoredSamplesOf(samples.block_id).begin;
     ExtractBlock({.type = samples.type,
                   .bytes = samples.bytes,
                   .isovalue = isovalue,
-                  .shape = &*shape,
+                  .shape = &shape,
                   .begin = {static_cast<double>(begin.x), static_cast<double>(begin.y),
                             static_cast<double>(begin.z)},
                   .to_world = &to_world_,
@@ -53,7 +49,7 @@ class BlockExtractor::Impl {
         scratch_.indices.begin() + static_cast<std::ptrdiff_t>(scratch_.index_count));
     mesh->edge_keys.clear();
     if (options.with_edge_keys) {
-      FillEdgeKeys(*shape, begin, mesh);
+      FillEdgeKeys(shape, begin, mesh);
     }
   }
 
@@ -75,15 +71,19 @@ class BlockExtractor::Impl {
   }
 
   const volume::BlockLayout layout_;
+  const std::shared_ptr<const BlockShapes> shapes_;
   const math::Mat3d to_world_;
   const CaseTable& case_table_;
-  std::array<std::optional<BlockShape>, kShapeClassCount> shapes_;
   BlockScratch scratch_;
 };
 
 BlockExtractor::BlockExtractor(const volume::GridGeometry& geometry,
                                const volume::BlockLayout& layout)
-    : impl_(std::make_unique<Impl>(geometry, layout)) {}
+    : BlockExtractor(geometry, layout, std::make_shared<const BlockShapes>(layout)) {}
+BlockExtractor::BlockExtractor(const volume::GridGeometry& geometry,
+                               const volume::BlockLayout& layout,
+                               std::shared_ptr<const BlockShapes> shapes)
+    : impl_(std::make_unique<Impl>(geometry, layout, std::move(shapes))) {}
 BlockExtractor::~BlockExtractor() = default;
 BlockExtractor::BlockExtractor(BlockExtractor&&) noexcept = default;
 BlockExtractor& BlockExtractor::operator=(BlockExtractor&&) noexcept = default;

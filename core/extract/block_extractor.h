@@ -7,6 +7,7 @@
 
 #include "absl/status/status.h"
 
+#include "core/extract/block_shape.h"
 #include "core/mesh/block_mesh.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
@@ -23,6 +24,9 @@ struct ExtractOptions {
 class BlockExtractor {
  public:
   BlockExtractor(const volume::GridGeometry& geometry, const volume::BlockLayout& layout);
+  // With `shapes` of that layout, which many extractors may share.
+  BlockExtractor(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
+                 std::shared_ptr<const BlockShapes> shapes);
   ~BlockExtractor();
   BlockExtractor(BlockExtractor&&) noexcept;
   BlockExtractor& operator=(BlockExtractor&&) noexcept;

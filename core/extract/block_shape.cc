@@ -74,12 +74,18 @@ BlockShape MakeBlockShape(const volume::BlockLayout& layout, volume::BlockId id)
   return shape;
 }
 
-std::size_t ShapeClassOf(const volume::BlockLayout& layout, volume::BlockId id) {
-  const math::Index3 index = layout.IndexOf(id);
+const BlockShape& BlockShapes::Of(volume::BlockId id) const {
+  Slot& slot = slots_[ClassOf(id)];
+  std::call_once(slot.once, [&] { slot.shape = MakeBlockShape(layout_, id); });
+  return slot.shape;
+}
+
+std::size_t BlockShapes::ClassOf(volume::BlockId id) const {
+  const math::Index3 index = layout_.IndexOf(id);
   std::size_t shape_class = 0;
   for (int axis = 0; axis < 3; ++axis) {
     const std::size_t first = index[axis] == 0 ? 1 : 0;
-    const std::size_t last = index[axis] == layout.block_dims()[axis] - 1 ? 2 : 0;
+    const std::size_t last = index[axis] == layout_.block_dims()[axis] - 1 ? 2 : 0;
     shape_class = shape_class * 4 + first + last;
   }
   return shape_class;

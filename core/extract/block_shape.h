@@ -10,6 +10,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <mutex>
 #include <vector>
 
 #include "core/extract/bit_row.h"
@@ -52,10 +53,27 @@ struct BlockShape {
 // O(samples).
 BlockShape MakeBlockShape(const volume::BlockLayout& layout, volume::BlockId id);
 
-// Blocks of one layout with equal numbers (< kShapeClassCount) have equal shapes: on each axis it
-// counts only whether the block is the first, the last, both or neither.
-inline constexpr std::size_t kShapeClassCount = 64;
-std::size_t ShapeClassOf(const volume::BlockLayout& layout, volume::BlockId id);
+// The shapes of a layout's blocks, each made when it is first asked for: blocks share one unless
+// another axis begins or ends in them. Thread-safe.
+class BlockShapes {
+ public:
+  explicit BlockShapes(const volume::BlockLayout& layout) : layout_(layout) {}
+
+  // Lives as long as this. REQUIRES: id < block_count().
+  const BlockShape& Of(volume::BlockId id) const;
+
+ private:
+  // On each axis it counts whether the block is the first, the last, both or neither.
+  static constexpr std::size_t kClassCount = 64;
+  struct Slot {
+    std::once_flag once;
+    BlockShape shape;
+  };
+  [[nodiscard]] std::size_t ClassOf(volume::BlockId id) const;
+
+  const volume::BlockLayout layout_;
+  mutable std::array<Slot, kClassCount> slots_;
+};
 
 }  // namespace isoscope::extract
 

@@ -1,10 +1,10 @@
 #include "core/ingest/value_range.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -67,8 +67,9 @@ TEST(FindValueRangeTest, LeavesOutNanAndKeepsInfinity) {
                            nullptr, base::Cancellation());
   };
   EXPECT_EQ(range_of({kNan, 3, kNan, -2, kNan, kNan, kNan, kNan}), (volume::ScalarSpan{-2, 3}));
-  const double inf = kInf;
-  EXPECT_EQ(range_of({kNan, 3, -kInf, 2, kInf, 0, 0, 0}), (volume::ScalarSpan{-inf, inf}));
+  constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(range_of({kNan, 3, -kInf, 2, kInf, 0, 0, 0}),
+            (volume::ScalarSpan{-kInfinite, kInfinite}));
   const volume::ScalarSpan none = range_of(std::vector<float>(8, kNan));
   EXPECT_GT(none.min, none.max);
 }
@@ -104,9 +105,11 @@ TEST(FindValueRangeTest, StopsWhenItIsCancelledAndReportsWhatCantBeRead) {
   class Broken final : public VolumeSource {
    public:
     Broken() : geometry_(GeometryOf({2, 2, 2})) {}
-    const volume::GridGeometry& geometry() const override { return geometry_; }
-    volume::ScalarType scalar_type() const override { return volume::ScalarType::kUint8; }
-    const std::string& name() const override { return name_; }
+    [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+    [[nodiscard]] volume::ScalarType scalar_type() const override {
+      return volume::ScalarType::kUint8;
+    }
+    [[nodiscard]] const std::string& name() const override { return name_; }
     absl::Status ReadRows(std::int64_t /*begin*/, std::int64_t /*end*/, char* /*out*/) override {
       return absl::DataLossError("broken: row 1");
     }
