@@ -25,10 +25,12 @@ volume::ScalarSpan SpanOf(const std::vector<T>& samples, std::size_t row_length)
 TEST(MinMaxTest, FindsExtremesAtEveryPlaceOfRowsOfEveryLength) {
   for (std::size_t length = 1; length < 40; ++length) {
     for (std::size_t place = 0; place < length; ++place) {
+      // The greatest lies opposite to the least, unless that is the same place.
+      const std::size_t opposite = length - 1 - place;
       std::vector<std::int16_t> samples(length, 5);
+      samples[opposite] = 900;
       samples[place] = -300;
-      samples[length - 1 - place] = place == length - 1 - place ? samples[place] : 900;
-      const double greatest = place == length - 1 - place ? (length > 1 ? 5 : -300) : 900;
+      const double greatest = place != opposite ? 900 : length > 1 ? 5 : -300;
       EXPECT_EQ(SpanOf(samples, length), (volume::ScalarSpan{-300, greatest}))
           << length << ", " << place;
       EXPECT_EQ(SpanOf(samples, 7), SpanOf(samples, length)) << length << ", " << place;
