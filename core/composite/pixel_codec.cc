@@ -1,7 +1,6 @@
 #include "core/composite/pixel_codec.h"
 
 #include <algorithm>
-#include <bit>
 #include <span>
 #include <utility>
 
@@ -12,6 +11,7 @@
 #include "core/composite/band_decoder.h"
 #include "core/composite/band_encoder.h"
 #include "core/composite/band_format.h"
+#include "core/composite/tile_packing.h"
 #include "core/composite/tile_prediction.h"
 
 namespace isoscope::composite {
@@ -86,21 +86,9 @@ void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64
   const int tile_row = area.y / kTilePx;
   into->touched.Insert(tile_column, tile_row);
   image::UniteInto(mask, &into->CoveredOf(tile_column, tile_row));
-  for (std::size_t row = 0; row < kTilePx; ++row) {
-    if (mask[row] == 0) {
-      continue;
-    }
-    const std::size_t first = into->IndexOf(area.x, area.y + static_cast<int>(row));
-    std::uint64_t* keys = into->keys.data() + first;
-    image::Rgba8* colors = into->colors.data() + first;
-    for (std::uint32_t rest = mask[row]; rest != 0; rest &= rest - 1, ++key, ++color) {
-      const int column = std::countr_zero(rest);
-      if (*key < keys[column]) {
-        keys[column] = *key;
-        colors[column] = *color;
-      }
-    }
-  }
+  const std::size_t first = into->IndexOf(area.x, area.y);
+  UnpackNearer(mask, key, color, static_cast<std::size_t>(into->width), into->keys.data() + first,
+               into->colors.data() + first);
 }
 
 }  // namespace

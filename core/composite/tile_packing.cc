@@ -56,6 +56,31 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
   }
 }
 
+void UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
+                  std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
+  for (const std::uint32_t of_row : mask) {
+    if (of_row != 0) {
+      const auto unpack_half = [&](std::uint32_t half, std::uint64_t* into) {
+        const auto lanes = static_cast<__mmask8>(half);
+        const __m512i key = _mm512_maskz_expandloadu_epi64(lanes, keys);
+        const __mmask8 nearer =
+            _mm512_mask_cmplt_epu64_mask(lanes, key, _mm512_maskz_loadu_epi64(lanes, into));
+        _mm512_mask_storeu_epi64(into, nearer, key);
+        keys += std::popcount(half);
+        return static_cast<std::uint32_t>(nearer);
+      };
+      std::uint32_t nearer = unpack_half(of_row & 0xff, into_keys);
+      nearer |= unpack_half(of_row >> 8, into_keys + 8) << 8;
+      _mm512_mask_storeu_epi32(
+          into_colors, static_cast<__mmask16>(nearer),
+          _mm512_maskz_expandloadu_epi32(static_cast<__mmask16>(of_row), colors));
+      colors += std::popcount(of_row);
+    }
+    into_keys += stride;
+    into_colors += stride;
+  }
+}
+
 #else
 
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
@@ -80,6 +105,21 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
   }
 }
 
+void UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
+                  std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
+  for (const std::uint32_t of_row : mask) {
+    for (std::uint32_t rest = of_row; rest != 0; rest &= rest - 1, ++keys, ++colors) {
+      const int column = std::countr_zero(rest);
+      if (*keys < into_keys[column]) {
+        into_keys[column] = *keys;
+        into_colors[column] = *colors;
+      }
+    }
+    into_keys += stride;
+    into_colors += stride;
+  }
+}
+
 #endif
 
 }  // namespace
@@ -93,6 +133,7 @@ namespace isoscope::composite {
 namespace {
 HWY_EXPORT(PackKeys);
 HWY_EXPORT(PackColors);
+HWY_EXPORT(UnpackNearer);
 }  // namespace
 
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
@@ -103,6 +144,11 @@ void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t strid
 void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
                 std::uint32_t* numbers) {
   HWY_DYNAMIC_DISPATCH(PackColors)(mask, colors, stride, numbers);
+}
+
+void UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
+                  std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
+  HWY_DYNAMIC_DISPATCH(UnpackNearer)(mask, keys, colors, stride, into_keys, into_colors);
 }
 
 }  // namespace isoscope::composite

@@ -1,5 +1,5 @@
-// The covered pixels of a tile one after the other, out of the rows of an image: in vector lanes,
-// where the processor can pack them.
+// The covered pixels of a tile one after the other, out of the rows of an image and back: in vector
+// lanes, where the processor can pack them.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_
 #define ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_
@@ -24,6 +24,11 @@ void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t strid
 // The same of colours, as NumberOf(color) of band_format.h.
 void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
                 std::uint32_t* numbers);
+
+// The other way, with a depth test: puts pixels into the tile whose first ones are into_keys[0] and
+// into_colors[0], where their key is the smaller one.
+void UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
+                  std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors);
 
 }  // namespace isoscope::composite
 

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_CORE_COMPOSITE_TILE_PREDICTION_H_
 #define ISOSCOPE_CORE_COMPOSITE_TILE_PREDICTION_H_
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -49,38 +50,49 @@ struct PixelNumbers {
 // `last` is the pixel before the tile's first; the last one of the tile is returned.
 template <typename Fn>
 PixelNumbers WalkTile(const TileMask& mask, PixelNumbers last, const Fn& fn) {
-  constexpr std::ptrdiff_t kStride = kTilePx;
   std::array<std::uint32_t, kTilePixels> depths;
   std::array<std::uint32_t, kTilePixels> colors;
   std::uint32_t above = 0;
   std::uint32_t above_2 = 0;
-  for (std::size_t row = 0; row < kTilePx; ++row) {
-    const std::uint32_t here = mask[row];
-    const std::uint32_t left = here << 1;
-    const std::uint32_t planar = here & left & above & (above << 1);
-    for (std::uint32_t rest = here; rest != 0; rest &= rest - 1) {
-      const std::size_t index =
-          std::size_t{kTilePx} * row + static_cast<std::size_t>(std::countr_zero(rest));
-      const std::uint32_t bit = rest & (0U - rest);
-      std::uint32_t* const depth = &depths[index];
-      std::uint32_t* const color = &colors[index];
-      if ((planar & bit) != 0) {
-        last.depth = depth[-1] + depth[-kStride] - depth[-kStride - 1];
-        last.color = color[-1] + color[-kStride] - color[-kStride - 1];
-      } else if ((left & bit) != 0) {
-        last = {depth[-1], color[-1]};
-        if ((left << 1 & bit) != 0) {
-          last.depth += depth[-1] - depth[-2];
-        }
-      } else if ((above & bit) != 0) {
-        last = {depth[-kStride], color[-kStride]};
-        if ((above_2 & bit) != 0) {
-          last.depth += depth[-kStride] - depth[-2 * kStride];
+  for (std::size_t row = 0; row < kTilePixels; row += kTilePx) {
+    const std::uint32_t here = mask[row / kTilePx];
+    const std::uint32_t planar = above & above << 1;  // with a pixel to the left, too
+    // Run by run: what holds for a pixel mostly holds for the next.
+    for (std::uint32_t rest = here; rest != 0;) {
+      const int begin = std::countr_zero(rest);
+      const int end = begin + std::countr_one(rest >> begin);
+      std::size_t i = row + static_cast<std::size_t>(begin);
+      if ((above >> begin & 1) != 0) {
+        last = {depths[i - kTilePx], colors[i - kTilePx]};
+        if ((above_2 >> begin & 1) != 0) {
+          last.depth += depths[i - kTilePx] - depths[i - std::size_t{2} * kTilePx];
         }
       }
       last = fn(last);
-      *depth = last.depth;
-      *color = last.color;
+      depths[i] = last.depth;
+      colors[i] = last.color;
+      for (int column = begin + 1; column < end;) {
+        const int planar_end = std::min(end, column + std::countr_one(planar >> column));
+        for (; column < planar_end; ++column) {
+          ++i;
+          last.depth += depths[i - kTilePx] - depths[i - kTilePx - 1];
+          last.color += colors[i - kTilePx] - colors[i - kTilePx - 1];
+          last = fn(last);
+          depths[i] = last.depth;
+          colors[i] = last.color;
+        }
+        const int left_end = std::min(end, column + std::countr_zero(planar >> column | 1U << 16));
+        for (; column < left_end; ++column) {
+          ++i;
+          if (column > begin + 1) {
+            last.depth += last.depth - depths[i - 2];
+          }
+          last = fn(last);
+          depths[i] = last.depth;
+          colors[i] = last.color;
+        }
+      }
+      rest &= ~0U << end;
     }
     above_2 = above;
     above = here;

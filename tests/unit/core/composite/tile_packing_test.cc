@@ -66,5 +66,50 @@ TEST(TilePackingTest, CoveredPixelsComeInOrderOnEveryInstructionSet) {
   }
 }
 
+TEST(TilePackingTest, OnlyNearerPixelsAreUnpackedOnEveryInstructionSet) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    for (std::uint64_t seed = 0; seed < 100; ++seed) {
+      const std::size_t stride = 16 + seed % 7;
+      const std::size_t columns = 1 + seed % kTilePx;
+      const std::size_t rows = 1 + seed / 3 % kTilePx;
+      // Few different keys: some equal, some with the highest bit set.
+      const auto key_of = [](std::uint64_t of, std::uint64_t i) {
+        return (base::RandomBits(of, i) & 3) << 62 | (base::RandomBits(of, i) >> 62);
+      };
+      std::vector<std::uint64_t> into_keys((rows - 1) * stride + columns);
+      std::vector<image::Rgba8> into_colors(into_keys.size());
+      for (std::size_t i = 0; i < into_keys.size(); ++i) {
+        into_keys[i] = key_of(seed, i);
+        into_colors[i] = ColorOf(static_cast<std::uint32_t>(i));
+      }
+      std::vector<std::uint64_t> expected_keys = into_keys;
+      std::vector<image::Rgba8> expected_colors = into_colors;
+      TileMask mask{};
+      std::vector<std::uint64_t> keys;
+      std::vector<image::Rgba8> colors;
+      for (std::size_t y = 0; y < rows; ++y) {
+        for (std::size_t x = 0; x < columns; ++x) {
+          const std::size_t i = y * stride + x;
+          if (seed > 0 && base::RandomUnit(seed + 2000, i) > static_cast<double>(seed) / 100) {
+            continue;
+          }
+          mask[y] = static_cast<std::uint16_t>(mask[y] | 1U << x);
+          keys.push_back(key_of(seed + 1000, i));
+          colors.push_back(ColorOf(static_cast<std::uint32_t>(i + 100000)));
+          if (keys.back() < expected_keys[i]) {
+            expected_keys[i] = keys.back();
+            expected_colors[i] = colors.back();
+          }
+        }
+      }
+      UnpackNearer(mask, keys.data(), colors.data(), stride, into_keys.data(), into_colors.data());
+      EXPECT_EQ(into_keys, expected_keys) << hwy::TargetName(target) << ": " << seed;
+      EXPECT_EQ(into_colors, expected_colors) << hwy::TargetName(target) << ": " << seed;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::composite
