@@ -66,7 +66,6 @@ struct Worker {
       : extractor(geometry, layout, std::move(shapes)), writer(cache, round) {}
 
   extract::BlockExtractor extractor;
-  mesh::BlockMesh extracted;
   MeshCache::Writer writer;
   // Extracted and not yet drawn: a task extracts all its blocks, then draws them.
   std::vector<render::MeshToDraw> meshes;
@@ -432,10 +431,9 @@ class FramePipeline::Impl {
 
   void Extract(const volume::BlockSamples& samples, const ChosenBlock& block,
                Worker* worker) const {
-    worker->extractor.Extract(samples, request_.isovalue, {}, &worker->extracted);
+    const mesh::BlockMeshView mesh = worker->extractor.Extract(samples, request_.isovalue);
     worker->meshes.push_back(
-        {worker->writer.Store(worker->extracted, meshes_[block.shard_slot].get(), block.place),
-         block.open});
+        {worker->writer.Store(mesh, meshes_[block.shard_slot].get(), block.place), block.open});
   }
 
   // Draws the worker's meshes.

@@ -66,7 +66,7 @@ MeshCache::Writer::~Writer() {
   }
 }
 
-std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::BlockMesh& mesh,
+std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::BlockMeshView& mesh,
                                                                   MeshTable* table,
                                                                   std::size_t place) {
   const std::size_t size = mesh::CompactSizeBytes(mesh);

@@ -87,8 +87,8 @@ class MeshCache {
         : cache_(other.cache_), round_(other.round_), segment_(std::move(other.segment_)) {}
     Writer& operator=(Writer&&) = delete;
 
-    std::shared_ptr<const mesh::CompactMesh> Store(const mesh::BlockMesh& mesh, MeshTable* table,
-                                                   std::size_t place);
+    std::shared_ptr<const mesh::CompactMesh> Store(const mesh::BlockMeshView& mesh,
+                                                   MeshTable* table, std::size_t place);
 
    private:
     MeshCache* const cache_;

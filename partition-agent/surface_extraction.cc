@@ -141,8 +141,7 @@ class SurfaceExtraction::Impl {
                 samples.block_id, " was read, which the interval tree does not list as active"));
           }
           mesh::BlockMesh& mesh = (*meshes)[static_cast<std::size_t>(place - batch.begin())];
-          extractor.Extract(samples, isovalue_, {.with_edge_keys = true}, &mesh);
-          mesh.block_id = samples.block_id;
+          extractor.ExtractWithEdgeKeys(samples, isovalue_, &mesh);
           return absl::OkStatus();
         });
   }

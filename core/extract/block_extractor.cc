@@ -1,9 +1,9 @@
 #include "core/extract/block_extractor.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <utility>
 
 #include "core/base/check.h"
@@ -23,34 +23,38 @@ class BlockExtractor::Impl {
         to_world_(geometry.world_gradient_from_index()),
         case_table_(GetCaseTable()) {}
 
-  void Extract(const volume::BlockSamples& samples, double isovalue, const ExtractOptions& options,
-               mesh::BlockMesh* mesh) {
-    const BlockShape& shape = shapes_->Of(samples.block_id);
+  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue) {
     const Index3 begin = layout_.StoredSamplesOf(samples.block_id).begin;
     ExtractBlock({.type = samples.type,
                   .bytes = samples.bytes,
                   .isovalue = isovalue,
-                  .shape = &shape,
+                  .shape = &shapes_->Of(samples.block_id),
                   .begin = {static_cast<double>(begin.x), static_cast<double>(begin.y),
                             static_cast<double>(begin.z)},
                   .to_world = &to_world_,
                   .case_table = &case_table_},
                  &scratch_);
-    mesh->block_id = samples.block_id;
-    mesh->owned_vertex_count = scratch_.owned_vertex_count;
-    // Copied from scratch space, where kernels may write past the end. Not by assign(): it copies
-    // types with member initialisers one by one.
-    mesh->positions.resize(scratch_.vertex_count);
-    std::copy_n(scratch_.positions.begin(), scratch_.vertex_count, mesh->positions.begin());
-    mesh->normals.resize(scratch_.vertex_count);
-    std::copy_n(scratch_.normals.begin(), scratch_.vertex_count, mesh->normals.begin());
-    mesh->indices.assign(
-        scratch_.indices.begin(),
-        scratch_.indices.begin() + static_cast<std::ptrdiff_t>(scratch_.index_count));
+    // Kernels write past the end of what they make.
+    mesh::BlockMeshView mesh;
+    mesh.block_id = samples.block_id;
+    mesh.owned_vertex_count = scratch_.owned_vertex_count;
+    mesh.positions = std::span(scratch_.positions).first(scratch_.vertex_count);
+    mesh.normals = std::span(scratch_.normals).first(scratch_.vertex_count);
+    mesh.indices = std::span(scratch_.indices).first(scratch_.index_count);
+    return mesh;
+  }
+
+  void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
+                           mesh::BlockMesh* mesh) {
+    const mesh::BlockMeshView view = Extract(samples, isovalue);
+    mesh->block_id = view.block_id;
+    mesh->owned_vertex_count = view.owned_vertex_count;
+    mesh->positions.assign(view.positions.begin(), view.positions.end());
+    mesh->normals.assign(view.normals.begin(), view.normals.end());
+    mesh->indices.assign(view.indices.begin(), view.indices.end());
     mesh->edge_keys.clear();
-    if (options.with_edge_keys) {
-      FillEdgeKeys(shape, begin, mesh);
-    }
+    FillEdgeKeys(shapes_->Of(samples.block_id), layout_.StoredSamplesOf(samples.block_id).begin,
+                 mesh);
   }
 
  private:
@@ -88,10 +92,15 @@ BlockExtractor::~BlockExtractor() = default;
 BlockExtractor::BlockExtractor(BlockExtractor&&) noexcept = default;
 BlockExtractor& BlockExtractor::operator=(BlockExtractor&&) noexcept = default;
 
-void BlockExtractor::Extract(const volume::BlockSamples& samples, double isovalue,
-                             const ExtractOptions& options, mesh::BlockMesh* mesh) {
+mesh::BlockMeshView BlockExtractor::Extract(const volume::BlockSamples& samples, double isovalue) {
   ISOSCOPE_DCHECK(std::isfinite(isovalue));
-  impl_->Extract(samples, isovalue, options, mesh);
+  return impl_->Extract(samples, isovalue);
+}
+
+void BlockExtractor::ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
+                                         mesh::BlockMesh* mesh) {
+  ISOSCOPE_DCHECK(std::isfinite(isovalue));
+  impl_->ExtractWithEdgeKeys(samples, isovalue, mesh);
 }
 
 }  // namespace isoscope::extract

@@ -15,10 +15,6 @@
 
 namespace isoscope::extract {
 
-struct ExtractOptions {
-  bool with_edge_keys = false;  // fill BlockMesh::edge_keys
-};
-
 // Holds scratch space that grows to the largest block and is reused. Thread-compatible: one for
 // each thread.
 class BlockExtractor {
@@ -31,12 +27,14 @@ class BlockExtractor {
   BlockExtractor(BlockExtractor&&) noexcept;
   BlockExtractor& operator=(BlockExtractor&&) noexcept;
 
-  // Replaces `mesh` by the isosurface of the block. `samples` as BlockSamples says; isovalue in
-  // field units. Cells that touch a NaN sample have no triangles. A vertex lies at
-  // t = (isovalue - a) / (b - a) between the edge's lower sample a and upper sample b.
+  // The isosurface of the block, in scratch space: until the next call. `samples` as BlockSamples
+  // says; isovalue in field units. Cells that touch a NaN sample have no triangles. A vertex lies
+  // at t = (isovalue - a) / (b - a) between the edge's lower sample a and upper sample b.
   // REQUIRES: isovalue is finite. Complexity: O(samples); at most 5 triangles a cell.
-  void Extract(const volume::BlockSamples& samples, double isovalue, const ExtractOptions& options,
-               mesh::BlockMesh* mesh);
+  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue);
+  // Replaces `mesh` by it, with edge keys.
+  void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
+                           mesh::BlockMesh* mesh);
 
  private:
   class Impl;

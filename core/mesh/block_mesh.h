@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "core/math/vec.h"
@@ -36,6 +37,27 @@ struct BlockMesh {
     return positions.size() * sizeof(math::Vec3f) + normals.size() * sizeof(math::Vec3f) +
            indices.size() * sizeof(std::uint32_t) + edge_keys.size() * sizeof(std::int64_t);
   }
+};
+
+// What a BlockMesh is drawn from, in somebody else's memory.
+struct BlockMeshView {
+  BlockMeshView() = default;
+  BlockMeshView(const BlockMesh& mesh)  // NOLINT(google-explicit-constructor): as std::span
+      : block_id(mesh.block_id),
+        owned_vertex_count(mesh.owned_vertex_count),
+        positions(mesh.positions),
+        normals(mesh.normals),
+        indices(mesh.indices) {}
+
+  [[nodiscard]] std::int64_t triangle_count() const {
+    return static_cast<std::int64_t>(indices.size() / 3);
+  }
+
+  volume::BlockId block_id = 0;
+  std::int64_t owned_vertex_count = 0;
+  std::span<const math::Vec3f> positions;
+  std::span<const math::Vec3f> normals;
+  std::span<const std::uint32_t> indices;
 };
 
 }  // namespace isoscope::mesh

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <new>
-#include <vector>
+#include <span>
 
 #include "core/base/check.h"
 
@@ -15,17 +15,17 @@ constexpr std::size_t kAlignment = 64;
 
 std::size_t Aligned(std::size_t size) { return (size + kAlignment - 1) / kAlignment * kAlignment; }
 
-bool HasSmallNumbers(const BlockMesh& mesh) {
+bool HasSmallNumbers(const BlockMeshView& mesh) {
   return mesh.positions.size() <= std::size_t{1} << 16;
 }
 
-std::size_t NumberBytes(const BlockMesh& mesh) {
+std::size_t NumberBytes(const BlockMeshView& mesh) {
   return mesh.indices.size() *
          (HasSmallNumbers(mesh) ? sizeof(std::uint16_t) : sizeof(std::uint32_t));
 }
 
 // Compilers make vectors of it.
-void PackNormals(const std::vector<math::Vec3f>& normals, CompactNormal* out) {
+void PackNormals(std::span<const math::Vec3f> normals, CompactNormal* out) {
   if (normals.empty()) {
     return;
   }
@@ -40,12 +40,12 @@ void PackNormals(const std::vector<math::Vec3f>& normals, CompactNormal* out) {
 
 }  // namespace
 
-std::size_t CompactSizeBytes(const BlockMesh& mesh) {
+std::size_t CompactSizeBytes(const BlockMeshView& mesh) {
   return Aligned(sizeof(CompactMesh)) + Aligned(mesh.positions.size() * sizeof(math::Vec3f)) +
          Aligned(mesh.positions.size() * sizeof(CompactNormal)) + Aligned(NumberBytes(mesh));
 }
 
-const CompactMesh* CompactInto(const BlockMesh& mesh, char* memory) {
+const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory) {
   static_assert(sizeof(math::Vec3f) == 3 * sizeof(float));
   static_assert(sizeof(CompactNormal) == 3 * sizeof(std::int16_t));
   ISOSCOPE_CHECK_EQ(mesh.positions.size(), mesh.normals.size());
@@ -80,7 +80,7 @@ const CompactMesh* CompactInto(const BlockMesh& mesh, char* memory) {
   return compact;
 }
 
-std::shared_ptr<const CompactMesh> Compact(const BlockMesh& mesh) {
+std::shared_ptr<const CompactMesh> Compact(const BlockMeshView& mesh) {
   const auto memory = std::make_shared_for_overwrite<char[]>(CompactSizeBytes(mesh));
   return {memory, CompactInto(mesh, memory.get())};
 }

@@ -69,16 +69,16 @@ struct CompactMesh {
 };
 
 // What CompactInto needs, a multiple of 64.
-std::size_t CompactSizeBytes(const BlockMesh& mesh);
+std::size_t CompactSizeBytes(const BlockMeshView& mesh);
 
 // Makes a CompactMesh at `memory`, and what it points to behind it. REQUIRES: `memory` is aligned
 // as from operator new and has CompactSizeBytes(mesh) bytes; one normal a position, with components
 // in
 // [-1, 1]; vertex numbers are in range.
-const CompactMesh* CompactInto(const BlockMesh& mesh, char* memory);
+const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory);
 
 // The same in memory of its own.
-std::shared_ptr<const CompactMesh> Compact(const BlockMesh& mesh);
+std::shared_ptr<const CompactMesh> Compact(const BlockMeshView& mesh);
 
 }  // namespace isoscope::mesh
 

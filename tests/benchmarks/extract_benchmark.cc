@@ -77,24 +77,24 @@ void BM_Extract(benchmark::State& state, const Scene& scene, volume::ScalarType 
       volume::BlockLayout::Make(geometry.sample_dims, {block_edge, block_edge, block_edge}).value();
   const std::string& bytes = SamplesOf(scene.name, type);
   BlockExtractor extractor(geometry, layout);
-  mesh::BlockMesh mesh;
   std::vector<std::pair<volume::BlockId, std::string>> active;
   std::int64_t samples = 0;
   std::int64_t triangles = 0;
   for (std::int64_t i = 0; i < layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
     std::string block = testing::CutBlock(layout, type, bytes, id);
-    extractor.Extract({id, type, block.data()}, scene.isovalue, {}, &mesh);
-    if (mesh.triangle_count() > 0) {
-      triangles += mesh.triangle_count();
+    const std::int64_t of_block =
+        extractor.Extract({id, type, block.data()}, scene.isovalue).triangle_count();
+    if (of_block > 0) {
+      triangles += of_block;
       samples += math::Volume(layout.StoredSamplesOf(id).dims());
       active.emplace_back(id, std::move(block));
     }
   }
   for (auto unused : state) {
     for (const auto& [id, block] : active) {
-      extractor.Extract({id, type, block.data()}, scene.isovalue, {}, &mesh);
-      benchmark::DoNotOptimize(mesh.indices.data());
+      benchmark::DoNotOptimize(
+          extractor.Extract({id, type, block.data()}, scene.isovalue).indices.data());
     }
   }
   const auto rounds = static_cast<double>(state.iterations());

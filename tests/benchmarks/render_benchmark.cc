@@ -61,15 +61,14 @@ const Blocks& BlocksOf(std::int64_t block_edge) {
             .value();
     extract::BlockExtractor extractor(geometry, blocks.layout);
     for (std::int64_t id = 0; id < blocks.layout.block_count(); ++id) {
-      auto mesh = std::make_shared<mesh::BlockMesh>();
       const auto block_id = static_cast<volume::BlockId>(id);
       const std::string block =
           testing::CutBlock(blocks.layout, volume::ScalarType::kUint8, bytes, block_id);
-      extractor.Extract({block_id, volume::ScalarType::kUint8, block.data()}, 100.5, {},
-                        mesh.get());
-      if (mesh->triangle_count() > 0) {
-        blocks.triangle_count += mesh->triangle_count();
-        blocks.meshes.push_back(mesh::Compact(*mesh));
+      const mesh::BlockMeshView mesh =
+          extractor.Extract({block_id, volume::ScalarType::kUint8, block.data()}, 100.5);
+      if (mesh.triangle_count() > 0) {
+        blocks.triangle_count += mesh.triangle_count();
+        blocks.meshes.push_back(mesh::Compact(mesh));
       }
     }
   }

@@ -47,7 +47,7 @@ inline std::vector<mesh::BlockMesh> ExtractAllBlocks(const volume::GridGeometry&
   for (std::int64_t i = 0; i < layout.block_count(); ++i) {
     const auto id = static_cast<volume::BlockId>(i);
     const std::string block = CutBlock(layout, type, bytes, id);
-    extractor.Extract({id, type, block.data()}, isovalue, {.with_edge_keys = true}, &mesh);
+    extractor.ExtractWithEdgeKeys({id, type, block.data()}, isovalue, &mesh);
     if (!mesh.positions.empty() || mesh.owned_vertex_count > 0) {
       meshes.push_back(mesh);
     }

@@ -1,5 +1,6 @@
 #include "core/extract/block_extractor.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -212,18 +213,40 @@ TEST(BlockExtractorTest, OldContentOfTheMeshIsReplaced) {
   const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
   BlockExtractor extractor(volume.geometry, layout);
   BlockMesh mesh;
-  extractor.Extract({0, volume.type, volume.bytes.data()}, 100, {.with_edge_keys = true}, &mesh);
+  extractor.ExtractWithEdgeKeys({0, volume.type, volume.bytes.data()}, 100, &mesh);
   ASSERT_GT(mesh.triangle_count(), 0);
   const BlockMesh first = mesh;
-  extractor.Extract({0, volume.type, volume.bytes.data()}, 250, {.with_edge_keys = true}, &mesh);
+  extractor.ExtractWithEdgeKeys({0, volume.type, volume.bytes.data()}, 250, &mesh);
   EXPECT_TRUE(mesh.positions.empty() && mesh.normals.empty() && mesh.indices.empty() &&
               mesh.edge_keys.empty());
   EXPECT_EQ(mesh.owned_vertex_count, 0);
-  extractor.Extract({0, volume.type, volume.bytes.data()}, 100, {}, &mesh);
-  EXPECT_TRUE(mesh.edge_keys.empty());
+  extractor.ExtractWithEdgeKeys({0, volume.type, volume.bytes.data()}, 100, &mesh);
+  EXPECT_EQ(mesh.edge_keys, first.edge_keys);
   EXPECT_EQ(mesh.positions, first.positions);
   EXPECT_EQ(mesh.normals, first.normals);
   EXPECT_EQ(mesh.indices, first.indices);
+}
+
+TEST(BlockExtractorTest, WithAndWithoutEdgeKeysItIsTheSameMesh) {
+  const Index3 dims{19, 14, 11};
+  const Volume volume =
+      MakeVolume(dims, ScalarType::kInt16, volume::SampleNoise(3, dims, ScalarType::kInt16, 100));
+  const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
+  BlockExtractor extractor(volume.geometry, layout);
+  BlockMesh mesh;
+  for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    const std::string block = testing::CutBlock(layout, volume.type, volume.bytes, id);
+    extractor.ExtractWithEdgeKeys({id, volume.type, block.data()}, 50, &mesh);
+    const mesh::BlockMeshView view = extractor.Extract({id, volume.type, block.data()}, 50);
+    EXPECT_EQ(view.block_id, id);
+    EXPECT_EQ(mesh.block_id, id);
+    EXPECT_EQ(view.owned_vertex_count, mesh.owned_vertex_count);
+    EXPECT_TRUE(std::ranges::equal(view.positions, mesh.positions));
+    EXPECT_TRUE(std::ranges::equal(view.normals, mesh.normals));
+    EXPECT_TRUE(std::ranges::equal(view.indices, mesh.indices));
+    EXPECT_EQ(mesh.edge_keys.size(), mesh.positions.size());
+  }
 }
 
 TEST(BlockExtractorTest, SamplesMayStartAtAnyAddress) {
@@ -233,10 +256,10 @@ TEST(BlockExtractorTest, SamplesMayStartAtAnyAddress) {
     const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
     BlockExtractor extractor(volume.geometry, layout);
     BlockMesh aligned;
-    extractor.Extract({0, type, volume.bytes.data()}, 50, {}, &aligned);
+    extractor.ExtractWithEdgeKeys({0, type, volume.bytes.data()}, 50, &aligned);
     const std::string moved = "x" + volume.bytes;
     BlockMesh unaligned;
-    extractor.Extract({0, type, moved.data() + 1}, 50, {}, &unaligned);
+    extractor.ExtractWithEdgeKeys({0, type, moved.data() + 1}, 50, &unaligned);
     EXPECT_EQ(aligned.positions, unaligned.positions);
     EXPECT_EQ(aligned.indices, unaligned.indices);
   }
@@ -645,9 +668,7 @@ TEST(BlockExtractorTest, ReadsNothingOutsideTheBlock) {
         const auto id = static_cast<volume::BlockId>(i);
         const std::string block = testing::CutBlock(layout, type, volume.bytes, id);
         const std::vector<char> exact(block.begin(), block.end());
-        BlockMesh mesh;
-        extractor.Extract({id, type, exact.data()}, 50, {}, &mesh);
-        triangles += mesh.triangle_count();
+        triangles += extractor.Extract({id, type, exact.data()}, 50).triangle_count();
       }
       EXPECT_GT(triangles, 0);
     }
