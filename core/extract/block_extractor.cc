@@ -1,5 +1,6 @@
 #include "core/extract/block_extractor.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -49,8 +50,11 @@ class BlockExtractor::Impl {
     const mesh::BlockMeshView view = Extract(samples, isovalue);
     mesh->block_id = view.block_id;
     mesh->owned_vertex_count = view.owned_vertex_count;
-    mesh->positions.assign(view.positions.begin(), view.positions.end());
-    mesh->normals.assign(view.normals.begin(), view.normals.end());
+    // Not by assign(): it copies types with member initialisers one by one.
+    mesh->positions.resize(view.positions.size());
+    std::ranges::copy(view.positions, mesh->positions.begin());
+    mesh->normals.resize(view.normals.size());
+    std::ranges::copy(view.normals, mesh->normals.begin());
     mesh->indices.assign(view.indices.begin(), view.indices.end());
     mesh->edge_keys.clear();
     FillEdgeKeys(shapes_->Of(samples.block_id), layout_.StoredSamplesOf(samples.block_id).begin,

@@ -53,8 +53,8 @@ struct BlockShape {
 // O(samples).
 BlockShape MakeBlockShape(const volume::BlockLayout& layout, volume::BlockId id);
 
-// The shapes of a layout's blocks, each made when it is first asked for: blocks share one unless
-// another axis begins or ends in them. Thread-safe.
+// The shapes of a layout's blocks, each made when it is first asked for; blocks that lie alike at
+// the volume's border share one. Thread-safe.
 class BlockShapes {
  public:
   explicit BlockShapes(const volume::BlockLayout& layout) : layout_(layout) {}
