@@ -46,6 +46,7 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
 
 // Reads the whole volume: its range is not known otherwise.
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
+  // It knows what a folder without a volume is.
   ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeSource> source,
                             OpenSource(flags.source, *flags.input));

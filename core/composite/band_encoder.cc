@@ -190,6 +190,7 @@ class BandEncoder {
     const std::uint16_t* slot = slots_.get();
     BitWriter extras(extras_.get());
     TilePrediction prediction;
+    static_assert(kClassifyPadding >= kPackPadding);
     TileNumbers numbers{};
     TileNumbers differences{};
     std::array<std::uint32_t, kTilePixels + kPackPadding> ids;
