@@ -7,8 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
-#include "client-cli/bench_statistics.h"
 
+#include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/store/shard_reader.h"
 #include "core/view/view.h"
@@ -23,11 +23,11 @@ namespace {
 
 constexpr std::size_t kCacheBytes = std::size_t{1} << 30;
 
-// What all links of a frame tell, step by step.
-struct StepBlocks {
-  std::vector<volume::BlockId> ray_hits;
+// What the coordinator tells one agent in a frame: with it, the agent's part can be repeated.
+struct AgentOrders {
   std::vector<volume::BlockId> occluding;
   std::vector<volume::BlockId> visible;
+  std::string open_pixels;
 };
 
 void Append(const std::vector<volume::BlockId>& from, std::vector<volume::BlockId>* to) {
@@ -43,9 +43,14 @@ void SortUnique(std::vector<volume::BlockId>* blocks) {
 // waits in the coordinator's queue until all others have been asked.
 class IsolatedLink final : public server::AgentLink {
  public:
-  IsolatedLink(const agent::FrameRequest& request, StepBlocks* blocks, agent::BlockCache* cache,
-               server::AgentListener* listener)
-      : request_(request), blocks_(blocks), cache_(cache), listener_(listener) {}
+  // The hits of its rays are added to `ray_hits`.
+  IsolatedLink(const agent::FrameRequest& request, std::vector<volume::BlockId>* ray_hits,
+               AgentOrders* orders, agent::BlockCache* cache, server::AgentListener* listener)
+      : request_(request),
+        ray_hits_(ray_hits),
+        orders_(orders),
+        cache_(cache),
+        listener_(listener) {}
   ~IsolatedLink() override { End(absl::CancelledError("the frame was abandoned")); }
 
   // Steps 0 and 1, or the whole frame.
@@ -68,12 +73,12 @@ class IsolatedLink final : public server::AgentLink {
       End(selection.status());
       return;
     }
-    Append(selection->hits, &blocks_->ray_hits);
+    Append(selection->hits, ray_hits_);
     listener_->OnRayHits(std::move(selection->hits), std::move(selection->active));
   }
 
   void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
-    Append(blocks, &blocks_->occluding);
+    orders_->occluding = blocks;
     if (has_ended_) {
       return;
     }
@@ -88,10 +93,11 @@ class IsolatedLink final : public server::AgentLink {
 
   void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
                          std::string open_pixels) override {
-    Append(blocks, &blocks_->visible);
     if (!has_ended_) {
       SendLast(pipeline_->RenderVisible(blocks, open_pixels));
     }
+    orders_->visible = blocks;
+    orders_->open_pixels = std::move(open_pixels);
   }
 
   void Cancel() override { End(absl::CancelledError("cancelled by the coordinator")); }
@@ -128,7 +134,8 @@ class IsolatedLink final : public server::AgentLink {
   }
 
   const agent::FrameRequest request_;
-  StepBlocks* const blocks_;
+  std::vector<volume::BlockId>* const ray_hits_;
+  AgentOrders* const orders_;
   agent::BlockCache* const cache_;
   server::AgentListener* const listener_;
   std::unique_ptr<agent::FramePipeline> pipeline_;
@@ -136,24 +143,47 @@ class IsolatedLink final : public server::AgentLink {
   bool has_ended_ = false;
 };
 
-IsolatedFrame FrameOf(server::FrameResult result, StepBlocks blocks, absl::Duration wall) {
+IsolatedFrame FrameOf(server::FrameResult result, std::vector<volume::BlockId> ray_hits,
+                      const std::vector<AgentOrders>& orders, absl::Duration wall) {
   IsolatedFrame frame;
   frame.image = std::move(result.image);
   for (const visibility::AgentStatistics& agent : result.agents) {
     frame.agents.push_back({.active_block_count = agent.active_block_count,
                             .drawn_block_count = agent.visible_block_count,
-                            .triangle_count = agent.triangle_count,
-                            .busy_ms = absl::ToDoubleMilliseconds(agent.busy_duration)});
+                            .triangle_count = agent.triangle_count});
+    wall -= agent.busy_duration;
   }
-  SortUnique(&blocks.ray_hits);
-  SortUnique(&blocks.occluding);
-  frame.drawn = std::move(blocks.visible);
-  Append(blocks.occluding, &frame.drawn);
-  SortUnique(&frame.drawn);
-  frame.ray_hits = std::move(blocks.ray_hits);
-  frame.occluding = std::move(blocks.occluding);
-  frame.other_ms = std::max(0.0, absl::ToDoubleMilliseconds(wall) - Sum(frame.busy_ms()));
+  frame.other_ms = std::max(0.0, absl::ToDoubleMilliseconds(wall));
+  for (const AgentOrders& of_agent : orders) {
+    Append(of_agent.occluding, &frame.occluding);
+    Append(of_agent.visible, &frame.drawn);
+  }
+  Append(frame.occluding, &frame.drawn);
+  for (auto* blocks : {&ray_hits, &frame.occluding, &frame.drawn}) {
+    SortUnique(blocks);
+  }
+  frame.ray_hits = std::move(ray_hits);
   return frame;
+}
+
+// Both steps of a frame, or the only one, without anybody else in between.
+absl::StatusOr<absl::Duration> TimeAlone(agent::FramePipeline* pipeline,
+                                         visibility::Culling culling, const AgentOrders& orders) {
+  if (culling == visibility::Culling::kNone) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline->RenderAll());
+    pipeline->Encode(image);
+    return pipeline->statistics().busy_duration;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
+  {
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
+                              pipeline->RenderOccluders(orders.occluding));
+    pipeline->Encode(image);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
+                            pipeline->RenderVisible(orders.visible, orders.open_pixels));
+  pipeline->Encode(image);
+  return pipeline->statistics().busy_duration;
 }
 
 }  // namespace
@@ -211,9 +241,8 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
   ISOSCOPE_ASSIGN_OR_RETURN(
       const view::View view,
       view::View::Make(request.camera, request.viewport, manifest().geometry));
-  StepBlocks blocks;
-  // One for each agent, as on its own machine; emptied only when the frame's time is taken.
-  std::vector<std::unique_ptr<agent::BlockCache>> caches;
+  std::vector<volume::BlockId> ray_hits;
+  std::vector<AgentOrders> orders(shards_.size());
   server::FrameSetup setup;
   setup.view = &view;
   setup.layout = &layout();
@@ -221,16 +250,25 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
   setup.agent_count = static_cast<int>(shards_.size());
   setup.images = images_.get();
   setup.arena = &arena_;
-  const auto begin =
-      [&](int agent_index,
-          server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
+  const auto request_of = [&](int agent_index) {
     agent::FrameRequest own = request;
     own.agent_index = agent_index;
     own.agent_count = setup.agent_count;
-    caches.push_back(std::make_unique<agent::BlockCache>(
-        kCacheBytes, mesh_memory_[static_cast<std::size_t>(agent_index)]));
-    auto link = std::make_unique<IsolatedLink>(own, &blocks, caches.back().get(), listener);
-    link->Begin(shards_[static_cast<std::size_t>(agent_index)], renderer_, &arena_, &cancellation);
+    return own;
+  };
+  // One for each agent, as on its own machine; emptied only when a time is taken.
+  std::vector<std::unique_ptr<agent::BlockCache>> caches;
+  const auto add_cache = [&](std::size_t agent_index) {
+    caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes, mesh_memory_[agent_index]));
+    return caches.back().get();
+  };
+  const auto begin =
+      [&](int agent_index,
+          server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
+    const auto i = static_cast<std::size_t>(agent_index);
+    auto link = std::make_unique<IsolatedLink>(request_of(agent_index), &ray_hits, &orders[i],
+                                               add_cache(i), listener);
+    link->Begin(shards_[i], renderer_, &arena_, &cancellation);
     return link;
   };
   const absl::Time start = absl::Now();
@@ -239,7 +277,25 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
       arena_.execute([&] { return server::RunFrame(setup, begin, cancellation); });
   const absl::Duration wall = absl::Now() - start;
   ISOSCOPE_RETURN_IF_ERROR(result.status());
-  return FrameOf(*std::move(result), std::move(blocks), wall);
+  IsolatedFrame frame = FrameOf(*std::move(result), std::move(ray_hits), orders, wall);
+  caches.clear();
+
+  // In the frame above agents took turns at each step, so that each found the processor's caches
+  // full of the others' data. Their times are taken from their parts once more, each without a
+  // break.
+  for (std::size_t i = 0; i < shards_.size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<agent::FramePipeline> pipeline,
+        agent::FramePipeline::Make({shards_[i]}, request_of(static_cast<int>(i)),
+                                   {.renderer = renderer_, .arena = &arena_, .cache = add_cache(i)},
+                                   &cancellation));
+    ISOSCOPE_ASSIGN_OR_RETURN(const absl::Duration busy, arena_.execute([&] {
+      return TimeAlone(pipeline.get(), request.culling, orders[i]);
+    }));
+    ISOSCOPE_CHECK_EQ(pipeline->statistics().triangle_count, frame.agents[i].triangle_count);
+    frame.agents[i].busy_ms = absl::ToDoubleMilliseconds(busy);
+  }
+  return frame;
 }
 
 absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
