@@ -1,5 +1,7 @@
 #include "core/image/tile_coverage.h"
 
+#include <bit>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/image/tile_coverage.cc"
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
@@ -16,23 +18,24 @@ namespace hn = hwy::HWY_NAMESPACE;
 // At most half a row: StoreMaskBits then writes one byte.
 using D = hn::CappedTag<std::uint64_t, 8>;
 
-TileMask CoverageOfWhole(const std::uint64_t* words, std::size_t stride, std::uint64_t empty,
-                         std::uint64_t ignored) {
+TileMask CoverageOfWhole(const std::uint64_t* words, std::size_t stride, std::uint16_t rows,
+                         std::uint64_t empty, std::uint64_t ignored) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
   const auto empty_lanes = hn::Set(d, empty);
   const auto ignored_lanes = hn::Set(d, ignored);
-  TileMask mask;
-  for (std::uint16_t& row : mask) {
+  TileMask mask{};
+  for (std::uint32_t rest = rows; rest != 0; rest &= rest - 1) {
+    const auto row = static_cast<std::size_t>(std::countr_zero(rest));
+    const std::uint64_t* const first = words + row * stride;
     std::uint32_t bits = 0;
     for (std::size_t column = 0; column < TileSet::kTilePx; column += lanes) {
-      const auto word = hn::Or(hn::LoadU(d, words + column), ignored_lanes);
+      const auto word = hn::Or(hn::LoadU(d, first + column), ignored_lanes);
       std::uint8_t covered[8] = {};  // as many as StoreMaskBits may write
       hn::StoreMaskBits(d, hn::Ne(word, empty_lanes), covered);
       bits |= std::uint32_t{covered[0]} << column;
     }
-    row = static_cast<std::uint16_t>(bits);
-    words += stride;
+    mask[row] = static_cast<std::uint16_t>(bits);
   }
   return mask;
 }
@@ -48,19 +51,20 @@ namespace isoscope::image {
 
 HWY_EXPORT(CoverageOfWhole);
 
-TileMask CoverageOf(const std::uint64_t* words, std::size_t stride, int columns, int rows,
+TileMask CoverageOf(const std::uint64_t* words, std::size_t stride, int columns, std::uint16_t rows,
                     std::uint64_t empty, std::uint64_t ignored) {
-  if (columns == TileSet::kTilePx && rows == TileSet::kTilePx) {
-    return HWY_DYNAMIC_DISPATCH(CoverageOfWhole)(words, stride, empty, ignored);
+  if (columns == TileSet::kTilePx) {
+    return HWY_DYNAMIC_DISPATCH(CoverageOfWhole)(words, stride, rows, empty, ignored);
   }
   TileMask mask{};
-  for (int row = 0; row < rows; ++row) {
+  for (std::uint32_t rest = rows; rest != 0; rest &= rest - 1) {
+    const auto row = static_cast<std::size_t>(std::countr_zero(rest));
+    const std::uint64_t* const first = words + row * stride;
     std::uint32_t bits = 0;
     for (int column = 0; column < columns; ++column) {
-      bits |= std::uint32_t{(words[column] | ignored) != empty} << column;
+      bits |= std::uint32_t{(first[column] | ignored) != empty} << column;
     }
-    mask[static_cast<std::size_t>(row)] = static_cast<std::uint16_t>(bits);
-    words += stride;
+    mask[row] = static_cast<std::uint16_t>(bits);
   }
   return mask;
 }

@@ -11,10 +11,11 @@
 
 namespace isoscope::image {
 
-// The pixels of the tile at `words` (rows `stride` apart, of which `columns` x `rows` pixels lie in
-// the image) whose word, with the bits `ignored` set, is not `empty`. In vector lanes; the same on
-// every instruction set. REQUIRES: 1 <= columns, rows <= TileSet::kTilePx.
-TileMask CoverageOf(const std::uint64_t* words, std::size_t stride, int columns, int rows,
+// The pixels of the tile at `words` (rows `stride` apart, of which `columns` pixels lie in the
+// image) whose word, with the bits `ignored` set, is not `empty`. Of the rows whose bit is set in
+// `rows` only. In vector lanes; the same on every instruction set. REQUIRES: 1 <= columns <=
+// TileSet::kTilePx; the rows lie in the image.
+TileMask CoverageOf(const std::uint64_t* words, std::size_t stride, int columns, std::uint16_t rows,
                     std::uint64_t empty, std::uint64_t ignored = 0);
 
 }  // namespace isoscope::image

@@ -80,9 +80,10 @@ class alignas(64) LockTile {
   }
   void Unlock() { is_locked_.clear(std::memory_order_release); }
 
-  // The image tiles in it that may have fragments: bit column + row * kImageTileColumns. Guarded
-  // by the lock.
+  // The image tiles in it that may have fragments: bit column + row * kImageTileColumns; and which
+  // of their rows of pixels, as bits. Guarded by the lock.
   std::uint32_t touched = 0;
+  std::array<std::uint16_t, std::size_t{kImageTileColumns} * kImageTileColumns> touched_rows{};
 
  private:
   std::atomic_flag is_locked_;
@@ -370,11 +371,17 @@ class CpuPass final : public RenderPass {
     };
     const int begin_column = clip(rect.begin_x, column) / kTilePx;
     const int end_column = (clip(rect.end_x, column) + kTilePx - 1) / kTilePx;
-    const int begin_row = clip(rect.begin_y, row) / kTilePx;
-    const int end_row = (clip(rect.end_y, row) + kTilePx - 1) / kTilePx;
+    const int begin_y = clip(rect.begin_y, row);
+    const int end_y = clip(rect.end_y, row);
     const std::uint32_t columns = (1U << end_column) - (1U << begin_column);
-    for (int r = begin_row; r < end_row; ++r) {
+    for (int r = begin_y / kTilePx; r * kTilePx < end_y; ++r) {
       tile->touched |= columns << (r * kImageTileColumns);
+      const int begin = std::max(begin_y - r * kTilePx, 0);
+      const int end = std::min(end_y - r * kTilePx, kTilePx);
+      const auto rows = static_cast<std::uint16_t>((1U << end) - (1U << begin));
+      for (int c = begin_column; c < end_column; ++c) {
+        tile->touched_rows[static_cast<std::size_t>(r * kImageTileColumns + c)] |= rows;
+      }
     }
   }
 
@@ -429,13 +436,11 @@ class CpuPass final : public RenderPass {
       LockTile& tile = buffers_->lock_tiles[i];
       if (tile.touched != 0) {
         tiles.push_back({.lock_tile = static_cast<int>(i), .touched = tile.touched});
-        if (is_last) {
-          tile.touched = 0;
-        }
       }
     }
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
       Resources::Scratch& scratch = resources_->LocalScratch();
+      LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(tiles[i].lock_tile)];
       const int first_column = tiles[i].lock_tile % buffers_->lock_columns * kImageTileColumns;
       const int first_row = tiles[i].lock_tile / buffers_->lock_columns * kImageTileColumns;
       for (std::uint32_t rest = tiles[i].touched; rest != 0; rest &= rest - 1) {
@@ -443,12 +448,18 @@ class CpuPass final : public RenderPass {
         if (const std::uint32_t later = rest & (rest - 1); later != 0) {
           const int next = std::countr_zero(later);
           PrefetchFragments(first_column + next % kImageTileColumns,
-                            first_row + next / kImageTileColumns);
+                            first_row + next / kImageTileColumns,
+                            tile.touched_rows[static_cast<std::size_t>(next)]);
         }
-        if (ShadeTile(first_column + bit % kImageTileColumns, first_row + bit / kImageTileColumns,
-                      is_last, &scratch)) {
+        if (GatherTile(first_column + bit % kImageTileColumns, first_row + bit / kImageTileColumns,
+                       tile.touched_rows[static_cast<std::size_t>(bit)], is_last, &scratch)) {
           tiles[i].drawn |= 1U << bit;
         }
+      }
+      ShadePixels(&scratch);
+      if (is_last) {
+        tile.touched = 0;
+        tile.touched_rows = {};
       }
     });
     for (const TileIndex& tile : tiles) {
@@ -471,12 +482,13 @@ class CpuPass final : public RenderPass {
     next_number_ = 0;
   }
 
-  // Asks for the fragments of an image tile: its rows are too far apart for the processor to guess.
-  void PrefetchFragments(int column, int row) const {
+  // Asks for the fragments of an image tile in these rows of pixels, which are too far apart for
+  // the processor to guess.
+  void PrefetchFragments(int column, int row, std::uint16_t rows) const {
     constexpr int kTilePx = image::TileSet::kTilePx;
     constexpr std::size_t kLineFragments = 64 / sizeof(Fragment);
-    const int end_y = std::min((row + 1) * kTilePx, height_);
-    for (int y = row * kTilePx; y < end_y; ++y) {
+    for (std::uint32_t rest = rows; rest != 0; rest &= rest - 1) {
+      const int y = row * kTilePx + std::countr_zero(rest);
       const Fragment* const fragments =
           buffers_->fragments.data() + image_.IndexOf(column * kTilePx, y);
       for (std::size_t x = 0; x < kTilePx; x += kLineFragments) {
@@ -485,10 +497,16 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Whether the image tile has a pixel to shade.
-  bool ShadeTile(int column, int row, bool is_last, Resources::Scratch* scratch) {
+  // Adds the pixels of the image tile to those to shade; whether it has any. `touched`: rows of
+  // pixels. Tiles of an agent among many hold a few: they are shaded together.
+  bool GatherTile(int column, int row, std::uint16_t touched, bool is_last,
+                  Resources::Scratch* scratch) {
     constexpr int kTilePx = image::TileSet::kTilePx;
-    static_assert(std::size_t{kTilePx} * kTilePx <= ShadeBatch::kCapacity);
+    constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
+    static_assert(kTilePixels <= ShadeBatch::kCapacity);
+    if (scratch->batch.count + kTilePixels > ShadeBatch::kCapacity) {
+      ShadePixels(scratch);
+    }
     const int begin_x = column * kTilePx;
     const int begin_y = row * kTilePx;
     const int columns = std::min(kTilePx, width_ - begin_x);
@@ -497,9 +515,9 @@ class CpuPass final : public RenderPass {
     // No fragment is kShaded too. Most tiles of an agent among many hold a few fragments or none.
     const image::TileMask unshaded =
         image::CoverageOf(buffers_->fragments.data() + first, static_cast<std::size_t>(width_),
-                          columns, rows, kNoFragment, ~Fragment{kShaded});
-    std::size_t count = 0;
+                          columns, touched, kNoFragment, ~Fragment{kShaded});
     ShadeBatch& batch = scratch->batch;
+    std::size_t count = batch.count;
     for (int y = 0; y < rows; ++y) {
       const std::uint32_t of_row = unshaded[static_cast<std::size_t>(y)];
       const std::size_t begin = image_.IndexOf(begin_x, begin_y + y);
@@ -525,17 +543,20 @@ class CpuPass final : public RenderPass {
         std::fill_n(fragments, columns, kNoFragment);
       }
     }
-    if (count == 0) {
+    if (count == batch.count) {
       return false;
     }
     batch.count = count;
-    ShadePixels(scratch);
     image::UniteInto(unshaded, &image_.CoveredOf(column, row));
     return true;
   }
 
+  // Shades what was gathered.
   void ShadePixels(Resources::Scratch* scratch) {
     ShadeBatch& batch = scratch->batch;
+    if (batch.count == 0) {
+      return;
+    }
     // Meshes have left the cache since they were drawn: ask for all that is needed before it is.
     for (std::size_t i = 0; i < batch.count; ++i) {
       const std::uint32_t number = NumberOf(scratch->fragments[i]);
@@ -581,6 +602,7 @@ class CpuPass final : public RenderPass {
     for (std::size_t i = 0; i < batch.count; ++i) {
       image_.colors[scratch->pixels[i]] = table[batch.step[i]];
     }
+    batch.count = 0;
   }
 
   // meshes_mutex_ is held by whoever shades.
@@ -628,6 +650,7 @@ class CpuPass final : public RenderPass {
           continue;
         }
         tile.touched = 0;
+        tile.touched_rows = {};
         const int begin_x = column * kLockTilePx;
         const int width = std::min(kLockTilePx, width_ - begin_x);
         const int end_y = std::min((row + 1) * kLockTilePx, height_);

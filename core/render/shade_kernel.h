@@ -33,7 +33,7 @@ PixelRays MakePixelRays(const view::View& view);
 // Some pixels, each with its triangle.
 // NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): lanes begin at cache lines.
 struct ShadeBatch {
-  static constexpr std::size_t kCapacity = 256;
+  static constexpr std::size_t kCapacity = 512;
   static constexpr std::size_t kSize = kCapacity + 16;  // vector operations write whole vectors
   using Lane = std::array<float, kSize>;
 
