@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <bit>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -132,9 +133,10 @@ class PosixRandomAccessFile : public RandomAccessFile {
 // are not in the file yet. Writes that continue the stretch join it; any other flushes it first.
 class PosixWritableFile : public WritableFile {
  public:
-  PosixWritableFile(Descriptor descriptor, std::string path)
-      : descriptor_(std::move(descriptor)), path_(std::move(path)) {
-    buffer_.reserve(kWriteBufferBytes);
+  PosixWritableFile(Descriptor descriptor, std::string path, std::size_t buffer_bytes)
+      : descriptor_(std::move(descriptor)), path_(std::move(path)), buffer_bytes_(buffer_bytes) {
+    ISOSCOPE_CHECK(std::has_single_bit(buffer_bytes));
+    buffer_.reserve(buffer_bytes);
   }
 
   [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
@@ -150,18 +152,32 @@ class PosixWritableFile : public WritableFile {
     if (bytes.empty()) {
       return absl::OkStatus();
     }
-    if (offset != buffer_offset_ + static_cast<std::int64_t>(buffer_.size()) ||
-        buffer_.size() + bytes.size() > kWriteBufferBytes) {
+    const std::int64_t end = offset + static_cast<std::int64_t>(bytes.size());
+    if (offset != buffer_offset_ + static_cast<std::int64_t>(buffer_.size())) {
       ISOSCOPE_RETURN_IF_ERROR(Flush());
       buffer_offset_ = offset;
     }
-    if (bytes.size() >= kWriteBufferBytes) {
-      ISOSCOPE_RETURN_IF_ERROR(WriteThrough(offset, bytes));
-      buffer_offset_ = offset + static_cast<std::int64_t>(bytes.size());
-    } else {
-      buffer_.append(bytes.data(), bytes.size());
+    while (!bytes.empty()) {
+      const std::size_t to_boundary =
+          buffer_bytes_ -
+          ((static_cast<std::size_t>(buffer_offset_) + buffer_.size()) & (buffer_bytes_ - 1));
+      if (buffer_.empty() && bytes.size() >= to_boundary) {
+        // All up to the last boundary at once.
+        const std::size_t size =
+            to_boundary + ((bytes.size() - to_boundary) & ~(buffer_bytes_ - 1));
+        ISOSCOPE_RETURN_IF_ERROR(WriteThrough(buffer_offset_, bytes.substr(0, size)));
+        buffer_offset_ += static_cast<std::int64_t>(size);
+        bytes.remove_prefix(size);
+        continue;
+      }
+      const std::size_t size = std::min(bytes.size(), to_boundary);
+      buffer_.append(bytes.data(), size);
+      bytes.remove_prefix(size);
+      if (size == to_boundary) {
+        ISOSCOPE_RETURN_IF_ERROR(Flush());
+      }
     }
-    size_bytes_ = std::max(size_bytes_, offset + static_cast<std::int64_t>(bytes.size()));
+    size_bytes_ = std::max(size_bytes_, end);
     return absl::OkStatus();
   }
 
@@ -213,6 +229,7 @@ class PosixWritableFile : public WritableFile {
 
   Descriptor descriptor_;
   const std::string path_;
+  const std::size_t buffer_bytes_;
   std::string buffer_;
   std::int64_t buffer_offset_ = 0;
   std::int64_t size_bytes_ = 0;
@@ -262,10 +279,15 @@ absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std
   return std::make_unique<PosixRandomAccessFile>(std::move(descriptor), info.st_size, path);
 }
 
-absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path) {
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::string& path,
+                                                                 std::size_t buffer_bytes) {
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
                             OpenDescriptor(path, O_WRONLY | O_CREAT | O_EXCL, 0666, "create"));
-  return std::make_unique<PosixWritableFile>(std::move(descriptor), path);
+  return std::make_unique<PosixWritableFile>(std::move(descriptor), path, buffer_bytes);
+}
+
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path) {
+  return CreateBufferedFile(path, kWriteBufferBytes);
 }
 
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::int64_t max_size_bytes) {

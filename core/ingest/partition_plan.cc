@@ -1,6 +1,7 @@
 #include "core/ingest/partition_plan.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <iterator>
 
@@ -8,12 +9,13 @@
 
 #include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
+#include "core/store/block_order.h"
 
 namespace isoscope::ingest {
 namespace {
 
-// Above it portions of several layers are not worth their memory.
-constexpr std::int64_t kMaxPortionBytes = 64 * base::kMiB;
+// Portions of several layers take at most this, however much memory is allowed.
+constexpr std::int64_t kMaxPortionBytes = base::kGiB;
 constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
 // Lists of a batch, for both: 8192 blocks' ids, offsets, order, places, spans, checksums.
 constexpr std::int64_t kBatchTableBytes = base::kMiB;
@@ -24,10 +26,15 @@ constexpr std::int64_t kSortBytes = 8 * base::kMiB;
 constexpr int kSortShares[] = {1, 4, 16};
 // Sorters have buffers, however few blocks there are.
 constexpr std::int64_t kMinTreeBytes = 32 * base::kKiB;
-// A file's buffer at most.
+// The buffer of a shard's blocks at most and at least, and of all shards' together.
+constexpr std::int64_t kMaxFileBufferBytes = 1 * base::kMiB;
+constexpr std::int64_t kMinFileBufferBytes = 16 * base::kKiB;
+constexpr std::int64_t kFileBuffersBytes = 16 * base::kMiB;
+// That of any other file.
 constexpr std::int64_t kFileBufferBytes = 256 * base::kKiB;
-// While a shard is finished: its two files, and what sums them up.
-constexpr std::int64_t kFinishingBytes = 2 * kFileBufferBytes + base::kMiB;
+// While a shard is finished, beside the buffer of its block index: its tree's file, and what sums
+// them up.
+constexpr std::int64_t kFinishingBytes = kFileBufferBytes + base::kMiB;
 
 // The greedy distribution, in bytes a block beside the ranges: shard 2, lists of blocks that are
 // dealt out together 12 (they grow by doubling).
@@ -73,31 +80,31 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
   plan.batch_bytes = std::max(
       max_block_bytes,
       std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes, blocks * max_block_bytes}));
-  // Files hold a batch's blocks back, each no more than its buffer and a page or two.
-  const std::int64_t file_bytes =
-      std::min(shard_count * kFileBufferBytes,
-               2 * plan.batch_bytes + shard_count * (max_block_bytes + 8 * base::kKiB)) +
-      kFileBufferBytes;
   const auto fits = [&](std::int64_t layers, std::int64_t rows, bool is_double_buffered) {
     plan.layers_per_portion = layers;
     plan.block_rows_per_portion = rows;
     plan.is_double_buffered = is_double_buffered;
     plan.portion_bytes = PortionBytes(layout, type, layers, rows);
     const std::int64_t portions = (is_double_buffered ? 2 : 1) * plan.portion_bytes;
+    const std::int64_t file_bytes = shard_count * plan.file_buffer_bytes + kFileBufferBytes;
     const std::int64_t portion_range_bytes = 2 * sample_size * layers * rows * block_dims.x;
     const std::int64_t reading_ranges = range_bytes + portions;
     const std::int64_t dealing = range_bytes + (is_greedy ? kDealingBytesPerBlock * blocks : 0);
     const std::int64_t writing = dealt_bytes + plan.placement_bytes + plan.entry_bytes + portions +
                                  portion_range_bytes + file_bytes + 2 * plan.batch_bytes +
                                  std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
-    const std::int64_t indexing =
-        dealt_bytes + plan.entry_bytes + plan.tree_bytes + file_bytes + kFinishingBytes;
+    const std::int64_t indexing = dealt_bytes + plan.entry_bytes + plan.tree_bytes + file_bytes +
+                                  plan.file_buffer_bytes + kFinishingBytes;
     plan.total_bytes = source_bytes + std::max({reading_ranges, dealing, writing, indexing});
     return plan.total_bytes <= memory_limit_bytes;
   };
   const auto take_share = [&](int share) {
     plan.placement_bytes = std::min(kSortBytes / share, kPlacementBytesPerBlock * blocks);
     plan.entry_bytes = std::min(kSortBytes / share, kEntryBytesPerBlock * blocks);
+    plan.file_buffer_bytes = std::clamp(
+        static_cast<std::int64_t>(
+            std::bit_floor(static_cast<std::uint64_t>(kFileBuffersBytes / share / shard_count))),
+        kMinFileBufferBytes, kMaxFileBufferBytes);
     plan.tree_bytes =
         std::max(index::IntervalTreeBuilder::MemoryBytes(largest_share) / share, kMinTreeBytes);
   };
@@ -157,24 +164,22 @@ Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, 
   return portion;
 }
 
+math::IndexBox BlocksOfPortion(const volume::BlockLayout& layout, const Portion& portion) {
+  return {.begin = {0, portion.begin_row, portion.begin_layer},
+          .end = {layout.block_dims().x, portion.end_row, portion.end_layer}};
+}
+
 std::int64_t PositionInPortions(const volume::BlockLayout& layout, const PartitionPlan& plan,
                                 const math::Index3& index) {
   const math::Index3& dims = layout.block_dims();
-  const std::int64_t size = plan.layers_per_portion;
-  const std::int64_t band = std::min(plan.block_rows_per_portion, dims.y);
-  const std::int64_t begin_layer = index.z / size * size;
-  const std::int64_t layers = std::min(size, dims.z - begin_layer);
-  const std::int64_t begin_row = index.y / band * band;
-  const std::int64_t rows = std::min(band, dims.y - begin_row);
-  const math::Index3 in_portion{index.x, index.y - begin_row, index.z - begin_layer};
-  const math::Index3 cube{in_portion.x / size * size, in_portion.y / size * size,
-                          0};  // its first block
-  const std::int64_t width = std::min(size, dims.x - cube.x);
-  const std::int64_t height = std::min(size, rows - cube.y);
-  const std::int64_t before_portion = (begin_layer * dims.y + begin_row * layers) * dims.x;
-  const std::int64_t before_cube = (cube.y * dims.x + cube.x * height) * layers;
-  const math::Index3 at = in_portion - cube;
-  return before_portion + before_cube + (at.z * height + at.y) * width + at.x;
+  const std::int64_t bands =
+      (dims.y + plan.block_rows_per_portion - 1) / plan.block_rows_per_portion;
+  const Portion portion =
+      PortionAt(layout, plan,
+                index.z / plan.layers_per_portion * bands + index.y / plan.block_rows_per_portion);
+  const std::int64_t layers = portion.end_layer - portion.begin_layer;
+  return (portion.begin_layer * dims.y + portion.begin_row * layers) * dims.x +
+         store::RankInBox(BlocksOfPortion(layout, portion), index);
 }
 
 math::IndexBox SamplesOfPortion(const volume::BlockLayout& layout, const Portion& portion) {

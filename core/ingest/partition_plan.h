@@ -16,8 +16,8 @@ namespace isoscope::ingest {
 
 // Whole layers of blocks while they fit; else bands of one layer, a few rows of blocks each.
 struct PartitionPlan {
-  // 1, 2 or 4. Layers come in powers of two because blocks lie in Morton order on disk: L layers
-  // give runs of L^3 to 4 L^3 neighbours to write at once.
+  // 1, 2 or 4: of the cubes that follow one another in a shard (store/block_order.h) so many
+  // layers are cut at a time. With 4 every shard is written from the front to the back.
   std::int64_t layers_per_portion = 1;
   std::int64_t block_rows_per_portion = 1;  // block_dims.y: whole planes
   // The next portion is read while this one is cut.
@@ -25,10 +25,11 @@ struct PartitionPlan {
   std::int64_t portion_bytes = 0;  // samples of the largest portion
   std::int64_t batch_bytes = 0;    // blocks cut before they are written; there are two batches
   // What grows with the number of blocks is sorted on disk beyond these:
-  std::int64_t placement_bytes = 0;  // where each block goes
-  std::int64_t entry_bytes = 0;      // span and checksum of each block
-  std::int64_t tree_bytes = 0;       // the interval tree of one shard
-  std::int64_t total_bytes = 0;      // that partitioning takes, at most
+  std::int64_t placement_bytes = 0;    // where each block goes
+  std::int64_t entry_bytes = 0;        // span and checksum of each block
+  std::int64_t tree_bytes = 0;         // the interval tree of one shard
+  std::int64_t file_buffer_bytes = 0;  // of each shard's blocks, before they are written
+  std::int64_t total_bytes = 0;        // that partitioning takes, at most
 
   // False if planes are too large: portions are bands.
   [[nodiscard]] bool has_whole_planes(const volume::BlockLayout& layout) const {
@@ -64,8 +65,9 @@ struct Portion {
 std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan);
 // The i-th portion: bands of a layer first, then layers, ascending.
 Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i);
-// Blocks are cut portion by portion, in each portion cube by cube of as many blocks as it has
-// layers: such cubes are runs in Morton order. The place in that order of the block at `index`.
+math::IndexBox BlocksOfPortion(const volume::BlockLayout& layout, const Portion& portion);
+// Blocks are cut portion by portion, those of each in the order of store::BlocksInOrder. The place
+// in that sequence of the block at `index`.
 std::int64_t PositionInPortions(const volume::BlockLayout& layout, const PartitionPlan& plan,
                                 const math::Index3& index);
 // The samples that its blocks store.

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstddef>
 #include <memory>
 #include <numeric>
@@ -31,6 +30,7 @@
 #include "core/ingest/distribution.h"
 #include "core/ingest/partition_plan.h"
 #include "core/ingest/portion_reader.h"
+#include "core/store/block_order.h"
 #include "core/store/shard_compressor.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
@@ -140,105 +140,6 @@ class PartialDirectory {
  private:
   std::string path_;
   bool is_kept_ = false;
-};
-
-// Calls visit(index) for every block in the order of store::BlockOrderKey, without a list of them.
-// REQUIRES: at most 2^21 blocks on each axis.
-template <typename Visit>  // absl::Status(const math::Index3&)
-absl::Status VisitInMortonOrder(const volume::BlockLayout& layout, const math::Index3& corner,
-                                std::int64_t size, const Visit& visit) {
-  const math::Index3& dims = layout.block_dims();
-  if (corner.x >= dims.x || corner.y >= dims.y || corner.z >= dims.z) {
-    return absl::OkStatus();
-  }
-  if (size == 1) {
-    return visit(corner);
-  }
-  const std::int64_t half = size / 2;
-  for (std::int64_t octant = 0; octant < 8; ++octant) {
-    ISOSCOPE_RETURN_IF_ERROR(VisitInMortonOrder(
-        layout, corner + math::Index3{octant % 2 * half, octant / 2 % 2 * half, octant / 4 * half},
-        half, visit));
-  }
-  return absl::OkStatus();
-}
-
-// What blocks are ordered by where Morton codes repeat.
-struct OrderKey {
-  std::uint64_t code = 0;
-  volume::BlockId id = 0;
-
-  friend bool operator<(const OrderKey& a, const OrderKey& b) {
-    return std::tie(a.code, a.id) < std::tie(b.code, b.id);
-  }
-};
-
-// `directory` and `sort_bytes`: for volumes of more than 2^21 blocks on an axis.
-template <typename Visit>
-absl::Status ForEachBlockInOrder(const volume::BlockLayout& layout, const std::string& directory,
-                                 std::int64_t sort_bytes, const Visit& visit) {
-  const math::Index3& dims = layout.block_dims();
-  const std::int64_t longest = std::max({dims.x, dims.y, dims.z});
-  constexpr std::int64_t kMaxOfCode = std::int64_t{1} << 21;
-  if (longest <= kMaxOfCode) {
-    return VisitInMortonOrder(
-        layout, {}, static_cast<std::int64_t>(std::bit_ceil(static_cast<std::uint64_t>(longest))),
-        visit);
-  }
-  base::ExternalSorter<OrderKey> keys(directory, sort_bytes);
-  for (std::int64_t id = 0; id < layout.block_count(); ++id) {
-    const auto [code, block] = store::BlockOrderKey(layout, static_cast<volume::BlockId>(id));
-    ISOSCOPE_RETURN_IF_ERROR(keys.Add({code, block}));
-  }
-  ISOSCOPE_RETURN_IF_ERROR(keys.Finish());
-  while (!keys.is_at_end()) {
-    ISOSCOPE_RETURN_IF_ERROR(visit(layout.IndexOf(keys.current().id)));
-    ISOSCOPE_RETURN_IF_ERROR(keys.Advance());
-  }
-  return absl::OkStatus();
-}
-
-// The blocks of a portion in the order of PositionInPortions.
-class PortionCursor {
- public:
-  PortionCursor(const volume::BlockLayout& layout, const PartitionPlan& plan,
-                const Portion& portion)
-      : layout_(layout), portion_(portion), size_(plan.layers_per_portion) {
-    cube_ = {0, portion.begin_row, portion.begin_layer};
-    at_ = cube_;
-  }
-
-  [[nodiscard]] bool is_at_end() const { return cube_.y >= portion_.end_row; }
-  // REQUIRES: !is_at_end().
-  [[nodiscard]] volume::BlockId id() const { return layout_.IdOf(at_); }
-  void Next() {
-    const math::Index3 end{std::min(cube_.x + size_, layout_.block_dims().x),
-                           std::min(cube_.y + size_, portion_.end_row), portion_.end_layer};
-    if (++at_.x < end.x) {
-      return;
-    }
-    at_.x = cube_.x;
-    if (++at_.y < end.y) {
-      return;
-    }
-    at_.y = cube_.y;
-    if (++at_.z < end.z) {
-      return;
-    }
-    cube_.x += size_;
-    if (cube_.x >= layout_.block_dims().x) {
-      cube_.x = 0;
-      cube_.y += size_;
-    }
-    at_ = cube_;
-  }
-
- private:
-  const volume::BlockLayout& layout_;
-  const Portion portion_;
-  const std::int64_t size_;
-  math::Index3 cube_;  // its first block
-  math::Index3 at_;
 };
 
 // Where a block goes. Sorted by position: blocks are cut in that order.
@@ -401,25 +302,29 @@ class Partitioner {
     placements_.emplace(directory, plan_.placement_bytes);
     // The next block's, by shard.
     std::vector<Placement> next(static_cast<std::size_t>(options_.shard_count));
-    const auto place = [&](const math::Index3& index) {
-      const volume::BlockId id = layout_.IdOf(index);
+    for (store::BlocksInOrder blocks({.begin = {}, .end = layout_.block_dims()});
+         !blocks.is_at_end(); blocks.Next()) {
+      const volume::BlockId id = layout_.IdOf(blocks.index());
       const std::uint16_t shard = shards.ShardOf(id);
       Placement& placement = next[shard];
       placement.shard = shard;
-      placement.position = static_cast<std::uint32_t>(PositionInPortions(layout_, plan_, index));
-      absl::Status added = placements_->Add(placement);
+      placement.position =
+          static_cast<std::uint32_t>(PositionInPortions(layout_, plan_, blocks.index()));
+      ISOSCOPE_RETURN_IF_ERROR(placements_->Add(placement));
       ++placement.ordinal;
       placement.offset += static_cast<std::int64_t>(volume::StoredSizeBytes(layout_, id, type_));
-      return added;
-    };
-    ISOSCOPE_RETURN_IF_ERROR(ForEachBlockInOrder(layout_, directory, plan_.entry_bytes, place));
+    }
     ISOSCOPE_RETURN_IF_ERROR(placements_->Finish());
     for (int shard = 0; shard < options_.shard_count; ++shard) {
       shard_directories_.push_back(
           absl::StrCat(directory, "/", store::ShardDirectoryName(shard, options_.shard_count)));
       ISOSCOPE_ASSIGN_OR_RETURN(
           std::unique_ptr<store::ShardWriter> writer,
-          store::ShardWriter::Create(shard_directories_.back(), layout_, type_));
+          store::ShardWriter::Create(shard_directories_.back(), layout_, type_,
+                                     [this](const std::string& path) {
+                                       return base::CreateBufferedFile(
+                                           path, static_cast<std::size_t>(plan_.file_buffer_bytes));
+                                     }));
       writers_.push_back(std::move(writer));
     }
     return absl::OkStatus();
@@ -427,19 +332,19 @@ class Partitioner {
 
   // The portion's blocks in batches: one is cut in parallel while the one before is written.
   absl::Status WriteBlocks(const Slab& slab, const Portion& portion) {
-    PortionCursor cursor(layout_, plan_, portion);
+    store::BlocksInOrder blocks(BlocksOfPortion(layout_, portion));
     // Portions are runs of ids.
-    const volume::BlockId first_id = cursor.id();
+    const volume::BlockId first_id = layout_.IdOf({0, portion.begin_row, portion.begin_layer});
     volume::RangeTable ranges(type_, (portion.end_layer - portion.begin_layer) *
                                          (portion.end_row - portion.begin_row) *
                                          layout_.block_dims().x);
     absl::Status written;
     tbb::task_group writing;
-    for (std::size_t turn = 0; !cursor.is_at_end(); turn = 1 - turn) {
+    for (std::size_t turn = 0; !blocks.is_at_end(); turn = 1 - turn) {
       Batch& batch = batches_[turn];
       absl::Status status = cancellation_.Check();
       if (status.ok()) {
-        status = FillBatch(&cursor, &batch);
+        status = FillBatch(&blocks, &batch);
       }
       if (status.ok()) {
         CutBatch(slab, &batch);
@@ -460,22 +365,22 @@ class Partitioner {
     return range_writer_->Append(ranges);
   }
 
-  absl::Status FillBatch(PortionCursor* cursor, Batch* batch) {
+  absl::Status FillBatch(store::BlocksInOrder* blocks, Batch* batch) {
     batch->bytes.resize(static_cast<std::size_t>(plan_.batch_bytes));
     batch->ids.clear();
     batch->placements.clear();
     batch->offsets.assign(1, 0);
-    for (; !cursor->is_at_end() && static_cast<std::int64_t>(batch->ids.size()) < kMaxBatchBlocks;
-         cursor->Next()) {
-      const std::size_t end =
-          batch->offsets.back() + volume::StoredSizeBytes(layout_, cursor->id(), type_);
+    for (; !blocks->is_at_end() && static_cast<std::int64_t>(batch->ids.size()) < kMaxBatchBlocks;
+         blocks->Next()) {
+      const volume::BlockId id = layout_.IdOf(blocks->index());
+      const std::size_t end = batch->offsets.back() + volume::StoredSizeBytes(layout_, id, type_);
       if (end > batch->bytes.size()) {
         break;
       }
       ISOSCOPE_CHECK(!placements_->is_at_end());
       ISOSCOPE_CHECK_EQ(placements_->current().position, next_position_);
       ++next_position_;
-      batch->ids.push_back(cursor->id());
+      batch->ids.push_back(id);
       batch->placements.push_back(placements_->current());
       batch->offsets.push_back(end);
       ISOSCOPE_RETURN_IF_ERROR(placements_->Advance());

@@ -3,7 +3,6 @@
 #include "core/base/check.h"
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
-#include "core/math/morton.h"
 
 namespace isoscope::store {
 namespace {
@@ -101,12 +100,6 @@ BlockIndexEntry DecodeBlockIndexEntry(const char* bytes) {
           .size = base::LoadLittleEndian<std::uint32_t>(bytes + 16),
           .raw_size = base::LoadLittleEndian<std::uint32_t>(bytes + 20),
           .crc32c = base::LoadLittleEndian<std::uint32_t>(bytes + 24)};
-}
-
-std::pair<std::uint64_t, volume::BlockId> BlockOrderKey(const volume::BlockLayout& layout,
-                                                        volume::BlockId id) {
-  const math::Index3 index = layout.IndexOf(id);
-  return {math::MortonCode3(index.x, index.y, index.z), id};
 }
 
 }  // namespace isoscope::store

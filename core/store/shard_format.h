@@ -92,11 +92,6 @@ std::string EncodeBlockIndexEntry(const BlockIndexEntry& entry);
 // Reads kBlockIndexEntryBytes; any bytes will do.
 BlockIndexEntry DecodeBlockIndexEntry(const char* bytes);
 
-// The order of blocks in a shard: the Morton code of the block's index, then the id (codes hold 21
-// bits an axis and repeat beyond).
-std::pair<std::uint64_t, volume::BlockId> BlockOrderKey(const volume::BlockLayout& layout,
-                                                        volume::BlockId id);
-
 }  // namespace isoscope::store
 
 #endif  // ISOSCOPE_CORE_STORE_SHARD_FORMAT_H_

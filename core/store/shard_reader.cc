@@ -15,6 +15,7 @@
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
+#include "core/volume/block_set.h"
 
 namespace isoscope::store {
 namespace {
@@ -244,6 +245,8 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
   }
 
   entries_.reserve(static_cast<std::size_t>(header.count));
+  // In any order: programs may have reasons to write another.
+  volume::BlockSet seen(layout_.block_count());
   std::int64_t offset = 0;
   for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
     const BlockIndexEntry entry = DecodeBlockIndexEntry(bytes.data() + at);
@@ -253,14 +256,12 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
           "newer program",
           path, at, entry.block_id, entry.encoding));
     }
-    const bool is_in_order = entry.block_id < layout_.block_count() &&
-                             (entries_.empty() || BlockOrderKey(layout_, entries_.back().block_id) <
-                                                      BlockOrderKey(layout_, entry.block_id));
-    if (!is_in_order) {
+    if (entry.block_id >= layout_.block_count() || seen.Contains(entry.block_id)) {
       return absl::DataLossError(
-          absl::StrFormat("%s: offset %d: block %d, expected ids below %d in Morton order", path,
-                          at, entry.block_id, layout_.block_count()));
+          absl::StrFormat("%s: offset %d: block %d, expected ids below %d, each once", path, at,
+                          entry.block_id, layout_.block_count()));
     }
+    seen.Insert(entry.block_id);
     const std::size_t raw_size =
         volume::StoredSizeBytes(layout_, entry.block_id, manifest_.scalar_type);
     const auto encoding = static_cast<BlockEncoding>(entry.encoding);

@@ -14,6 +14,7 @@
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
+#include "core/store/block_order.h"
 #include "core/store/json_fields.h"
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
@@ -134,9 +135,9 @@ absl::StatusOr<std::uint32_t> ShardWriter::WriteBlock(volume::BlockId id, std::i
 absl::Status ShardWriter::AppendIndexEntry(volume::BlockId id, std::uint32_t crc32c) {
   if (id >= layout_.block_count() ||
       (block_count_ > 0 && BlockOrderKey(layout_, last_id_) >= BlockOrderKey(layout_, id))) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("shard %s: block %d at ordinal %d: expected ids below %d in Morton order",
-                        directory_, id, block_count_, layout_.block_count()));
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "shard %s: block %d at ordinal %d: expected ids below %d in the order of blocks",
+        directory_, id, block_count_, layout_.block_count()));
   }
   if (index_file_ == nullptr) {
     // Not before the index: with many shards there would be two buffers of each.
@@ -192,7 +193,8 @@ std::vector<std::vector<volume::BlockId>> BlocksByShard(
   std::vector<std::size_t> block_counts(static_cast<std::size_t>(shard_count));
   for (std::size_t block = 0; block < shard_of_block.size(); ++block) {
     ISOSCOPE_CHECK_LT(static_cast<int>(shard_of_block[block]), shard_count);
-    order.push_back(BlockOrderKey(layout, static_cast<volume::BlockId>(block)));
+    const auto id = static_cast<volume::BlockId>(block);
+    order.emplace_back(BlockOrderKey(layout, id), id);
     ++block_counts[shard_of_block[block]];
   }
   std::sort(order.begin(), order.end());
@@ -200,7 +202,7 @@ std::vector<std::vector<volume::BlockId>> BlocksByShard(
   for (std::size_t shard = 0; shard < blocks.size(); ++shard) {
     blocks[shard].reserve(block_counts[shard]);
   }
-  for (const auto& [code, id] : order) {
+  for (const auto& [key, id] : order) {
     blocks[shard_of_block[id]].push_back(id);
   }
   return blocks;

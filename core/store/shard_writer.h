@@ -29,7 +29,7 @@ namespace isoscope::store {
 // blocks.
 //
 // A block's place in the shard is its ordinal: its rank, among the shard's blocks, in the order of
-// BlockOrderKey (shard_format.h). Blocks lie without gaps, so a block's offset is the sum of the
+// BlockOrderKey (block_order.h). Blocks lie without gaps, so a block's offset is the sum of the
 // stored sizes of those before it.
 class ShardWriter {
  public:
@@ -73,7 +73,7 @@ class ShardWriter {
   volume::BlockId last_id_ = 0;
 };
 
-// The blocks of each shard in Morton order of their block index. shard_of_block[id] is in
+// The blocks of each shard in the order of BlockOrderKey. shard_of_block[id] is in
 // [0, shard_count).
 std::vector<std::vector<volume::BlockId>> BlocksByShard(
     const volume::BlockLayout& layout, const std::vector<std::uint16_t>& shard_of_block,

@@ -75,7 +75,10 @@ TEST(FileTest, RandomWritesEqualThoseOfAModel) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const TempDir temp;
     std::string model;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, CreateWritableFile(temp.Sub("f")));
+    // With its own buffer, and with smaller ones.
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto file, seed % 2 == 0 ? CreateWritableFile(temp.Sub("f"))
+                                       : CreateBufferedFile(temp.Sub("f"), 64U << seed % 7));
     for (std::uint64_t step = 0; step < 60; ++step) {
       const std::uint64_t bits = RandomBits(seed, step);
       // Mostly small pieces, now and then one larger than the buffer.

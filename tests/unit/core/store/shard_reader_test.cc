@@ -338,6 +338,42 @@ TEST_F(ShardReaderTest, HostileBlockIndexEntriesAreRefusedEvenWithRightChecksums
   }
 }
 
+TEST_F(ShardReaderTest, BlocksMayLieInAnyOrder) {
+  TestDataset dataset;
+  WriteDataset(&dataset);
+  const std::string index = Slurp(ShardFile(kBlockIndexFileName));
+  const std::string blocks = Slurp(ShardFile(kBlocksFileName));
+  std::string payload;
+  std::string reversed;
+  for (std::size_t at = index.size(); at > kBinaryHeaderBytes; at -= kBlockIndexEntryBytes) {
+    BlockIndexEntry entry = DecodeBlockIndexEntry(index.data() + at - kBlockIndexEntryBytes);
+    const std::string samples = blocks.substr(static_cast<std::size_t>(entry.offset), entry.size);
+    entry.offset = static_cast<std::int64_t>(reversed.size());
+    payload += EncodeBlockIndexEntry(entry);
+    reversed += samples;
+  }
+  const std::string forged =
+      EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = 1,
+                                            .entry_size = kBlockIndexEntryBytes,
+                                            .count = dataset.layout.block_count(),
+                                            .payload_crc32c = base::Crc32c(payload),
+                                            .data_size = dataset.manifest.shards[0].block_bytes}) +
+      payload;
+  Manifest manifest = dataset.manifest;
+  manifest.shards[0].block_index_crc32c = base::Crc32c(forged);
+  for (const char* name : {kManifestFileName, kShardFileName, kRangeTableFileName}) {
+    ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(name)));
+  }
+  ISOSCOPE_ASSERT_OK(
+      WriteDescriptions(shard_directory_, manifest, EncodeRangeTable(dataset.ranges), 0));
+  Overwrite(ShardFile(kBlockIndexFileName), forged);
+  Overwrite(ShardFile(kBlocksFileName), reversed);
+  EXPECT_THAT(ReadShard(shard_directory_), IsOk());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
+  ASSERT_EQ(reader->block_count(), dataset.layout.block_count());
+  EXPECT_EQ(reader->block_id(0), dataset.blocks[0].back());
+}
+
 TEST_F(ShardReaderTest, ReadErrorsNameDatasetAndShard) {
   TestDataset dataset;
   WriteDataset(&dataset);

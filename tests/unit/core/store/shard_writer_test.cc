@@ -183,7 +183,8 @@ TEST(ShardWriterTest, MisuseIsRefused) {
   ISOSCOPE_ASSERT_OK(writer->WriteBlock(0, 0, samples).status());
   EXPECT_THAT(writer->AppendIndexEntry(4, 0), StatusIs(kInvalid, _));
   ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(0, 0));
-  EXPECT_THAT(writer->AppendIndexEntry(0, 0), StatusIs(kInvalid, HasSubstr("Morton order")));
+  EXPECT_THAT(writer->AppendIndexEntry(0, 0),
+              StatusIs(kInvalid, HasSubstr("in the order of blocks")));
 }
 
 TEST(ShardWriterTest, IdsOutOfOrderAreRefused) {
@@ -191,9 +192,9 @@ TEST(ShardWriterTest, IdsOutOfOrderAreRefused) {
   const auto layout = volume::BlockLayout::Make({5, 5, 3}, {2, 2, 2}).value();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto writer, ShardWriter::Create(temp.Sub("a"), layout, volume::ScalarType::kUint8));
-  ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(2, 0));
-  EXPECT_THAT(writer->AppendIndexEntry(1, 0),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("Morton order")));
+  ISOSCOPE_ASSERT_OK(writer->AppendIndexEntry(1, 0));
+  EXPECT_THAT(writer->AppendIndexEntry(2, 0),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("in the order of blocks")));
 }
 
 // A gap would be read as zeros, and a block that is missing as another's bytes.
@@ -259,7 +260,7 @@ TEST(ShardWriterTest, RangeTableInPiecesIsTheSameFile) {
 
 TEST(ShardWriterTest, FullDiskIsReportedWhereverItStrikes) {
   const auto layout = volume::BlockLayout::Make({5, 5, 3}, {2, 2, 2}).value();
-  const std::vector<volume::BlockId> blocks = {0, 1, 2, 3};
+  const std::vector<volume::BlockId> blocks = {0, 2, 3, 1};
   const TempDir temp;
   int failure_count = 0;
   bool has_succeeded = false;
@@ -300,18 +301,18 @@ TEST(ShardWriterTest, DescriptionsNeedTheIntervalTreeAndComeOnce) {
   EXPECT_FALSE(base::PathExists(temp.Sub("bare/") + kManifestFileName));
 }
 
-TEST(ShardWriterTest, BlocksOfAShardAreInMortonOrder) {
+TEST(ShardWriterTest, BlocksOfAShardAreInTheOrderOfBlocks) {
   const auto layout = volume::BlockLayout::Make({5, 5, 5}, {1, 1, 1}).value();  // 4 x 4 x 4 blocks
   std::vector<std::uint16_t> shard_of_block(64, 0);
-  shard_of_block[1] = 2;
+  shard_of_block[5] = 2;
   const auto blocks = BlocksByShard(layout, shard_of_block, 3);
   ASSERT_EQ(blocks.size(), 3u);
   EXPECT_TRUE(blocks[1].empty());
-  EXPECT_THAT(blocks[2], ElementsAre(1u));
+  EXPECT_THAT(blocks[2], ElementsAre(5u));
   ASSERT_EQ(blocks[0].size(), 63u);
-  // The first octant without block 1, then the next one along x.
+  // Along the curve, without block 5.
   EXPECT_THAT(std::vector<volume::BlockId>(blocks[0].begin(), blocks[0].begin() + 9),
-              ElementsAre(0u, 4u, 5u, 16u, 17u, 20u, 21u, 2u, 3u));
+              ElementsAre(0u, 4u, 1u, 17u, 21u, 20u, 16u, 32u, 48u));
 }
 
 TEST(ShardWriterTest, DatasetIdDependsOnEverythingButNameAndId) {
