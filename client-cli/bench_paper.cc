@@ -291,6 +291,7 @@ class Bench {
 
   // Figure 7.
   absl::Status MeasureSpeedup() {
+    result_.speedup_distribution = plan_.speedup_distribution;
     std::vector<int> agent_counts = plan_.speedup_agent_counts;
     agent_counts.insert(agent_counts.begin(), 1);
     std::sort(agent_counts.begin(), agent_counts.end());
@@ -304,7 +305,7 @@ class Bench {
       std::unique_ptr<IsolatedCluster> cluster;
       std::vector<FrameToMeasure> in_turn{{whole_.get(), request}};
       if (agent_count > 1) {
-        ISOSCOPE_ASSIGN_OR_RETURN(cluster, Open(store::Distribution::kRandom, agent_count));
+        ISOSCOPE_ASSIGN_OR_RETURN(cluster, Open(plan_.speedup_distribution, agent_count));
         in_turn.push_back({cluster.get(), request});
       }
       progress_(absl::StrFormat("figure 7: %d agents", agent_count));

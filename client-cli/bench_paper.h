@@ -29,8 +29,9 @@ struct PaperBenchPlan {
   int level_count = 16;
   // Of figures 7, 8 and 9: 7 and 9 show the first one; empty: the middle one of the levels.
   std::vector<double> picture_isovalues;
-  std::vector<int> balance_agent_counts{2, 4, 8, 16, 32, 64};  // of figure 1
-  std::vector<int> speedup_agent_counts{2, 4, 8, 16};          // of figure 7
+  std::vector<int> balance_agent_counts{2, 4, 8, 16, 32, 64};               // of figure 1
+  std::vector<int> speedup_agent_counts{2, 4, 8, 16};                       // of figure 7
+  store::Distribution speedup_distribution = store::Distribution::kRandom;  // of figure 7
   int side_px = 1024;
   // Of each measurement; each time is the least of them: what disturbs an agent only adds.
   int run_count = 3;
@@ -124,7 +125,8 @@ struct SideViewRow {
 struct PaperBenchResult {
   store::Manifest manifest;  // of the dataset with one shard
   std::vector<double> isovalues;
-  double speedup_isovalue = 0;       // of figures 7 and 9
+  double speedup_isovalue = 0;  // of figures 7 and 9
+  store::Distribution speedup_distribution = store::Distribution::kRandom;
   std::vector<BalanceRow> balance;   // by distribution, agent count, agent, isovalue
   std::vector<BoundRow> bounds;      // by distribution, agent count, isovalue
   std::vector<SweepRow> sweep;       // by culling, isovalue

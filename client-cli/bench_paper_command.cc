@@ -47,6 +47,7 @@ struct BenchPaperFlags {
   std::optional<std::int64_t> level_count;
   std::vector<double> picture_isovalues;
   std::vector<std::int64_t> agent_counts;
+  std::optional<store::Distribution> distribution;
   std::vector<std::int64_t> balance_counts;
   std::optional<std::int64_t> side_px;
   std::optional<std::int64_t> run_count;
@@ -126,6 +127,7 @@ PaperBenchPlan PlanOf(const BenchPaperFlags& flags) {
   plan.picture_isovalues = flags.picture_isovalues;
   plan.speedup_agent_counts = ToInts(flags.agent_counts, plan.speedup_agent_counts);
   plan.balance_agent_counts = ToInts(flags.balance_counts, plan.balance_agent_counts);
+  plan.speedup_distribution = flags.distribution.value_or(plan.speedup_distribution);
   std::sort(plan.balance_agent_counts.begin(), plan.balance_agent_counts.end());
   plan.balance_agent_counts.erase(
       std::unique(plan.balance_agent_counts.begin(), plan.balance_agent_counts.end()),
@@ -146,14 +148,15 @@ std::string CommandOf(const BenchPaperFlags& flags, const PaperBenchPlan& plan,
   };
   return absl::StrFormat(
       "isoscope bench paper %s --output %s --isovalues %s --picture-isovalues %s --agents %s "
-      "--balance-agents %s --size %d --runs %d%s --block-cells %dx%dx%d "
+      "--distribution %s --balance-agents %s --size %d --runs %d%s --block-cells %dx%dx%d "
       "--renderer %s",
       *flags.input, *flags.output, absl::StrJoin(result.isovalues, ",", append_number),
       plan.picture_isovalues.empty() ? absl::StrFormat("%.9g", result.speedup_isovalue)
                                      : absl::StrJoin(plan.picture_isovalues, ",", append_number),
-      absl::StrJoin(plan.speedup_agent_counts, ","), absl::StrJoin(plan.balance_agent_counts, ","),
-      plan.side_px, plan.run_count, DescribeFlags(plan.camera), result.manifest.block_cells.x,
-      result.manifest.block_cells.y, result.manifest.block_cells.z,
+      absl::StrJoin(plan.speedup_agent_counts, ","), store::NameOf(plan.speedup_distribution),
+      absl::StrJoin(plan.balance_agent_counts, ","), plan.side_px, plan.run_count,
+      DescribeFlags(plan.camera), result.manifest.block_cells.x, result.manifest.block_cells.y,
+      result.manifest.block_cells.z,
       flags.renderer == render::RendererKind::kEgl    ? "egl"
       : flags.renderer == render::RendererKind::kAuto ? "auto"
                                                       : "cpu");
@@ -295,6 +298,8 @@ Action RegisterFlags(CLI::App* app) {
               "levels of figure 8; figures 7 and 9 take the first (default: the middle level)");
   AddListFlag(app, "--agents", "P", &flags->agent_counts, parse_agent_count,
               "numbers of agents of figure 7 (default: 2,4,8,16)");
+  AddFlag(app, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
+          "how the blocks of figure 7 are dealt out (default: random); figure 1 has both");
   AddListFlag(app, "--balance-agents", "P", &flags->balance_counts, parse_agent_count,
               "numbers of agents of figure 1 (default: 2,4,8,16,32,64)");
   AddFlag(

@@ -193,8 +193,9 @@ std::string SweepSection(const PaperBenchResult& result) {
 
 std::string SpeedupSection(const PaperBenchResult& result) {
   std::string text = absl::StrCat(
-      "## Figure 7: speed-up at isovalue ", Level(result.speedup_isovalue),
-      ", culling by depth\n\n"
+      "## Figure 7: speed-up at isovalue ", Level(result.speedup_isovalue), ", ",
+      store::NameOf(result.speedup_distribution),
+      " distribution, culling by depth\n\n"
       "Speed-up of the agents is the busy time of one agent alone over the longest of P, as in the "
       "paper; that\nof the frame adds on both sides what is not the agents' (decoding pixels, "
       "reduces, the test of blocks),\nall of it on one thread. One alone is measured in turn with "

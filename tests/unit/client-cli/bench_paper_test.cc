@@ -261,6 +261,30 @@ TEST(BenchPaperTest, AVolumeWithoutASurfaceIsMeasuredToo) {
   EXPECT_EQ(PaperTables(result).size(), 7);
 }
 
+TEST(BenchPaperTest, SpeedupTakesTheDistributionThatIsAskedFor) {
+  PaperBenchPlan plan = SmallPlan();
+  plan.isovalues = {128};
+  plan.balance_agent_counts = {};
+  plan.speedup_agent_counts = {3};
+  plan.speedup_distribution = store::Distribution::kGreedy;
+  Volumes volumes(GyroidSamples());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer,
+                                render::MakeRenderer({.kind = render::RendererKind::kCpu}));
+  std::vector<std::pair<store::Distribution, int>> asked_for;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const PaperBenchResult result,
+      RunPaperBench(
+          plan,
+          [&](store::Distribution distribution, int count) {
+            asked_for.emplace_back(distribution, count);
+            return volumes.Partition(distribution, count);
+          },
+          renderer.get(), [](const std::string&) {}, base::Cancellation()));
+  EXPECT_THAT(asked_for, ElementsAre(std::pair(store::Distribution::kRandom, 1),
+                                     std::pair(store::Distribution::kGreedy, 3)));
+  EXPECT_THAT(PaperReport(result, {}), HasSubstr("greedy distribution, culling by depth"));
+}
+
 TEST(BenchPaperTest, CancellationEndsIt) {
   base::Cancellation cancellation;
   cancellation.Cancel();
