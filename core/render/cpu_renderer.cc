@@ -380,7 +380,8 @@ class CpuPass final : public RenderPass {
       const int end = std::min(end_y - r * kTilePx, kTilePx);
       const auto rows = static_cast<std::uint16_t>((1U << end) - (1U << begin));
       for (int c = begin_column; c < end_column; ++c) {
-        tile->touched_rows[static_cast<std::size_t>(r * kImageTileColumns + c)] |= rows;
+        tile->touched_rows[static_cast<std::size_t>(r) * kImageTileColumns +
+                           static_cast<std::size_t>(c)] |= rows;
       }
     }
   }
