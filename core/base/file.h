@@ -68,7 +68,7 @@ absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path);
 // The same with a buffer of so many bytes, a power of two. What is written without a gap goes to
 // the kernel in parts that begin and end at multiples of it, and lies in the kernel's page cache in
-// as large parts: reading them takes a tenth less of an agent's time.
+// as large parts, which are faster to read.
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::string& path,
                                                                  std::size_t buffer_bytes);
 

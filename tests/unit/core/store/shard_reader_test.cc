@@ -109,6 +109,26 @@ class ShardReaderTest : public ::testing::Test {
     Overwrite(ShardFile(name), SealJson(text));
   }
 
+  // Replaces the entries of the block index; checksums and descriptions agree with them.
+  void ReplaceBlockIndex(const TestDataset& dataset, const std::string& entries) {
+    const std::string index =
+        EncodeBinaryHeader(kBlockIndexMagic,
+                           {.scalar_type = 1,
+                            .entry_size = kBlockIndexEntryBytes,
+                            .count = dataset.layout.block_count(),
+                            .payload_crc32c = base::Crc32c(entries),
+                            .data_size = dataset.manifest.shards[0].block_bytes}) +
+        entries;
+    Manifest manifest = dataset.manifest;
+    manifest.shards[0].block_index_crc32c = base::Crc32c(index);
+    for (const char* name : {kManifestFileName, kShardFileName, kRangeTableFileName}) {
+      ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(name)));
+    }
+    ISOSCOPE_ASSERT_OK(
+        WriteDescriptions(shard_directory_, manifest, EncodeRangeTable(dataset.ranges), 0));
+    Overwrite(ShardFile(kBlockIndexFileName), index);
+  }
+
   TempDir temp_;
   std::string dataset_directory_;
   std::string shard_directory_;
@@ -315,23 +335,7 @@ TEST_F(ShardReaderTest, HostileBlockIndexEntriesAreRefusedEvenWithRightChecksums
       std::string payload = original.substr(kBinaryHeaderBytes);
       base::StoreLittleEndian(edit.value,
                               payload.data() + ordinal * kBlockIndexEntryBytes + edit.offset);
-      const std::string forged =
-          EncodeBinaryHeader(kBlockIndexMagic,
-                             {.scalar_type = 1,
-                              .entry_size = kBlockIndexEntryBytes,
-                              .count = dataset.layout.block_count(),
-                              .payload_crc32c = base::Crc32c(payload),
-                              .data_size = dataset.manifest.shards[0].block_bytes}) +
-          payload;
-      // Descriptions that agree with the forged index.
-      Manifest manifest = dataset.manifest;
-      manifest.shards[0].block_index_crc32c = base::Crc32c(forged);
-      for (const char* name : {kManifestFileName, kShardFileName, kRangeTableFileName}) {
-        ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(name)));
-      }
-      ISOSCOPE_ASSERT_OK(
-          WriteDescriptions(shard_directory_, manifest, EncodeRangeTable(dataset.ranges), 0));
-      Overwrite(ShardFile(kBlockIndexFileName), forged);
+      ReplaceBlockIndex(dataset, payload);
       ExpectRefused(ReadShard(shard_directory_).status(),
                     "entry " + std::to_string(ordinal) + " offset " + std::to_string(edit.offset));
     }
@@ -352,21 +356,7 @@ TEST_F(ShardReaderTest, BlocksMayLieInAnyOrder) {
     payload += EncodeBlockIndexEntry(entry);
     reversed += samples;
   }
-  const std::string forged =
-      EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = 1,
-                                            .entry_size = kBlockIndexEntryBytes,
-                                            .count = dataset.layout.block_count(),
-                                            .payload_crc32c = base::Crc32c(payload),
-                                            .data_size = dataset.manifest.shards[0].block_bytes}) +
-      payload;
-  Manifest manifest = dataset.manifest;
-  manifest.shards[0].block_index_crc32c = base::Crc32c(forged);
-  for (const char* name : {kManifestFileName, kShardFileName, kRangeTableFileName}) {
-    ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(name)));
-  }
-  ISOSCOPE_ASSERT_OK(
-      WriteDescriptions(shard_directory_, manifest, EncodeRangeTable(dataset.ranges), 0));
-  Overwrite(ShardFile(kBlockIndexFileName), forged);
+  ReplaceBlockIndex(dataset, payload);
   Overwrite(ShardFile(kBlocksFileName), reversed);
   EXPECT_THAT(ReadShard(shard_directory_), IsOk());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
