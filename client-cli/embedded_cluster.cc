@@ -8,10 +8,9 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 #include "client-cli/parse_value.h"
-#include <oneapi/tbb/info.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/units.h"
 #include "core/store/shard_reader.h"
 
@@ -57,11 +56,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(dataset, options.dataset_directory));
 
   std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
-  const int thread_count =
-      options.thread_count > 0 ? options.thread_count : oneapi::tbb::info::default_concurrency();
-  cluster->allowed_threads_ = std::make_unique<oneapi::tbb::global_control>(
-      oneapi::tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(thread_count));
-  const auto arena = std::make_shared<tbb::task_arena>(thread_count);
+  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
 
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes

@@ -15,7 +15,6 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
-#include <oneapi/tbb/global_control.h>
 
 #include "core/render/renderer_factory.h"
 #include "core/view/camera.h"
@@ -64,8 +63,6 @@ class EmbeddedCluster {
  private:
   EmbeddedCluster() = default;
 
-  // More threads than cores are only made if TBB is told that they may be.
-  std::unique_ptr<oneapi::tbb::global_control> allowed_threads_;
   std::shared_ptr<render::Renderer> renderer_;
   std::vector<std::unique_ptr<agent::AgentServer>> agents_;
   std::unique_ptr<server::CoordinatorServer> coordinator_;

@@ -13,14 +13,13 @@
 #include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include <CLI/CLI.hpp>
-#include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/version.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
@@ -116,12 +115,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
   options.max_queued_frames = flags.max_queued_frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
-  const int thread_count =
-      flags.threads > 0 ? flags.threads : oneapi::tbb::info::default_concurrency();
-  // More threads than cores are only made if TBB is told that they may be.
-  const oneapi::tbb::global_control allowed(oneapi::tbb::global_control::max_allowed_parallelism,
-                                            static_cast<std::size_t>(thread_count));
-  options.arena = std::make_shared<tbb::task_arena>(thread_count);
+  options.arena = base::MakeTaskArena(flags.threads);
   options.memory = std::make_shared<AgentMemory>(flags.memory_limit_bytes);
   ISOSCOPE_ASSIGN_OR_RETURN(
       options.renderer,
@@ -135,7 +129,7 @@ absl::Status Serve(const Flags& flags, base::ShutdownSignal* shutdown_signal) {
   base::LogInfo("agent_started", {{"address", rpc::BoundAddress(flags.listen, server->port())},
                                   {"shards", server->shard_summary()},
                                   {"renderer", options.renderer->description()},
-                                  {"threads", thread_count},
+                                  {"threads", options.arena->max_concurrency()},
                                   {"version", base::Version()}});
   const absl::string_view signal_name = shutdown_signal->Wait();
   base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});

@@ -11,6 +11,7 @@
 #include <grpcpp/server_builder.h>
 
 #include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
 #include "core/view/camera.h"
@@ -82,14 +83,13 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                         std::unique_ptr<AgentRegistry> registry)
       : health_(std::move(health)),
         registry_(std::move(registry)),
-        isosurface_service_({.registry = registry_.get(),
-                             .max_concurrent_frames = options.max_concurrent_frames,
-                             .max_queued_frames = options.max_queued_frames,
-                             .max_frame_duration = options.max_frame_duration,
-                             .arena = options.arena != nullptr
-                                          ? options.arena
-                                          : std::make_shared<tbb::task_arena>(),
-                             .expected_viewport = options.expected_viewport}),
+        isosurface_service_(
+            {.registry = registry_.get(),
+             .max_concurrent_frames = options.max_concurrent_frames,
+             .max_queued_frames = options.max_queued_frames,
+             .max_frame_duration = options.max_frame_duration,
+             .arena = options.arena != nullptr ? options.arena : base::MakeTaskArena(),
+             .expected_viewport = options.expected_viewport}),
         dataset_service_(registry_.get()),
         cluster_service_(registry_.get(), CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }

@@ -1,0 +1,102 @@
+#include "core/base/task_arena.h"
+
+#include <sched.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/task_scheduler_observer.h>
+
+namespace isoscope::base {
+namespace {
+
+// Those that this thread may use, ascending; none if there are more than cpu_set_t can hold.
+std::vector<int> AllowedCpus() {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  std::vector<int> cpus;
+  if (sched_getaffinity(0, sizeof(set), &set) == 0) {
+    for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+      if (CPU_ISSET(static_cast<std::size_t>(cpu), &set)) {
+        cpus.push_back(cpu);
+      }
+    }
+  }
+  return cpus;
+}
+
+// Errors do not matter: the thread then stays where the kernel put it.
+void BindThisThread(const std::vector<int>& cpus) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : cpus) {
+    CPU_SET(static_cast<std::size_t>(cpu), &set);
+  }
+  sched_setaffinity(0, sizeof(set), &set);
+}
+
+// Gives each thread that enters an arena the CPU of its place in it.
+class Placement final : public tbb::task_scheduler_observer {
+ public:
+  // By place in the arena.
+  Placement(tbb::task_arena* arena, std::vector<int> cpus)
+      : tbb::task_scheduler_observer(*arena), cpus_(std::move(cpus)) {
+    observe(true);
+  }
+  ~Placement() override { observe(false); }
+
+  void on_scheduler_entry(bool is_worker) override {
+    const auto place = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
+    if (place >= cpus_.size()) {
+      return;
+    }
+    const int cpu = cpus_[place];
+    if (is_worker) {
+      // It stays bound while it sleeps, or it would be woken wherever the kernel likes.
+      thread_local int bound_cpu = -1;
+      if (std::exchange(bound_cpu, cpu) != cpu) {
+        BindThisThread({cpu});
+      }
+    } else if (sched_getcpu() != cpu) {
+      const std::vector<int> allowed = AllowedCpus();
+      BindThisThread({cpu});
+      BindThisThread(allowed);
+    }
+  }
+
+ private:
+  const std::vector<int> cpus_;
+};
+
+struct PlacedArena {
+  // More threads than CPUs are only made if TBB is told that they may be.
+  std::optional<tbb::global_control> allowed_threads;
+  tbb::task_arena arena;
+  std::optional<Placement> placement;  // none: threads are where the kernel puts them
+};
+
+}  // namespace
+
+std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count) {
+  auto placed = std::make_shared<PlacedArena>();
+  if (thread_count > 0) {
+    placed->allowed_threads.emplace(tbb::global_control::max_allowed_parallelism,
+                                    static_cast<std::size_t>(thread_count));
+    placed->arena.initialize(thread_count);
+  }
+  std::vector<int> cpus = AllowedCpus();
+  if (cpus.size() > 1 && cpus.size() == static_cast<std::size_t>(placed->arena.max_concurrency())) {
+    const std::size_t first = std::random_device{}() % cpus.size();
+    std::rotate(cpus.begin(), cpus.begin() + static_cast<std::ptrdiff_t>(first), cpus.end());
+    placed->placement.emplace(&placed->arena, std::move(cpus));
+  }
+  tbb::task_arena* const arena = &placed->arena;
+  return {std::move(placed), arena};
+}
+
+}  // namespace isoscope::base

@@ -1,0 +1,96 @@
+#include "core/base/task_arena.h"
+
+#include <sched.h>
+
+#include <map>
+#include <memory>
+#include <set>
+
+#include "absl/synchronization/barrier.h"
+#include "absl/synchronization/mutex.h"
+#include <gtest/gtest.h>
+#include <oneapi/tbb/info.h>
+#include <oneapi/tbb/parallel_for.h>
+
+namespace isoscope::base {
+namespace {
+
+std::set<int> CpusOfThisThread() {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  EXPECT_EQ(sched_getaffinity(0, sizeof(set), &set), 0);
+  std::set<int> cpus;
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+    if (CPU_ISSET(static_cast<std::size_t>(cpu), &set)) {
+      cpus.insert(cpu);
+    }
+  }
+  return cpus;
+}
+
+// By place in the arena, the CPUs that its thread may use: of all threads at the same time.
+std::map<int, std::set<int>> CpusByPlace(tbb::task_arena* arena) {
+  std::map<int, std::set<int>> cpus_by_place;
+  absl::Mutex mutex;
+  const int count = arena->max_concurrency();
+  // Nobody leaves before all are there, so that each place is seen once.
+  auto* const all_are_here = new absl::Barrier(count);
+  arena->execute([&] {
+    tbb::parallel_for(
+        tbb::blocked_range<int>(0, count),
+        [&](const tbb::blocked_range<int>& /*one*/) {
+          {
+            absl::MutexLock lock(&mutex);
+            cpus_by_place[tbb::this_task_arena::current_thread_index()] = CpusOfThisThread();
+          }
+          if (all_are_here->Block()) {
+            delete all_are_here;
+          }
+        },
+        tbb::simple_partitioner());
+  });
+  return cpus_by_place;
+}
+
+TEST(TaskArenaTest, HasAThreadForEachCpuUnlessToldOtherwise) {
+  EXPECT_EQ(MakeTaskArena()->max_concurrency(), tbb::info::default_concurrency());
+  EXPECT_EQ(MakeTaskArena(3)->max_concurrency(), 3);
+}
+
+TEST(TaskArenaTest, MoreThreadsThanCpusAllWork) {
+  const int count = tbb::info::default_concurrency() + 2;
+  EXPECT_EQ(CpusByPlace(MakeTaskArena(count).get()).size(), static_cast<std::size_t>(count));
+}
+
+TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
+  const std::set<int> allowed = CpusOfThisThread();
+  if (allowed.size() < 2) {
+    GTEST_SKIP() << "one CPU: nothing to share out";
+  }
+  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
+  const std::map<int, std::set<int>> cpus_by_place = CpusByPlace(arena.get());
+  ASSERT_EQ(cpus_by_place.size(), allowed.size());
+  std::set<int> bound;
+  int free_threads = 0;
+  for (const auto& [place, cpus] : cpus_by_place) {
+    if (cpus.size() == 1) {
+      EXPECT_TRUE(bound.insert(*cpus.begin()).second) << "two workers on CPU " << *cpus.begin();
+    } else {
+      EXPECT_EQ(cpus, allowed) << "place " << place;
+      ++free_threads;
+    }
+  }
+  EXPECT_EQ(free_threads, 1) << "the thread that called execute()";
+}
+
+TEST(TaskArenaTest, TheCallerMayUseAllCpusAfterwards) {
+  const std::set<int> before = CpusOfThisThread();
+  const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
+  for (int i = 0; i < 20; ++i) {
+    CpusByPlace(arena.get());
+    ASSERT_EQ(CpusOfThisThread(), before);
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::base
