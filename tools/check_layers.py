@@ -74,6 +74,7 @@ UNTESTED_HEADERS = {
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
     "core/render/gl_objects.h": "inside of renderer_test",
     "core/render/gl_thread.h": "inside of renderer_test",
+    "core/render/pass_resources.h": "inside of renderer_test",
     "core/render/raster_kernels.h": "inside of cpu_rasterizer_test",
     "core/render/shade_kernel.h": "inside of renderer_test",
     "core/store/json_fields.h": "inside of manifest_test",

@@ -2,15 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <new>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -19,75 +16,17 @@
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
-#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
-#include "core/base/large_pages.h"
 #include "core/base/status_macros.h"
 #include "core/image/tile_coverage.h"
 #include "core/render/cpu_rasterizer.h"
+#include "core/render/pass_resources.h"
 #include "core/render/shade_kernel.h"
 
 namespace isoscope::render {
 namespace {
-
-// Pixels are guarded in squares of this side, one lock each.
-constexpr int kLockTilePx = 64;
-// In a lock tile.
-constexpr int kImageTileColumns = kLockTilePx / image::TileSet::kTilePx;
-
-// What a pass knows of a pixel while it draws, in one word, so that the nearer of two fragments is
-// the smaller word: depth bits << 32 | the number of its triangle. Triangles are numbered over all
-// kept meshes.
-using Fragment = std::uint64_t;
-constexpr Fragment kNoFragment = std::numeric_limits<Fragment>::max();
-// The number of a fragment that is in the image already, with its block and colour.
-constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
-// A mesh's numbers begin at a multiple of this, so that a table finds the mesh of a number.
-constexpr std::uint32_t kNumberUnit = 64;
-
-constexpr std::uint32_t NumberOf(Fragment fragment) { return static_cast<std::uint32_t>(fragment); }
-
-std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
-  std::vector<image::Rgba8> table(kShadeSteps + 1);
-  for (std::size_t i = 0; i <= kShadeSteps; ++i) {
-    const double c = static_cast<double>(i) / kShadeSteps;
-    const auto ambient = static_cast<double>(appearance.ambient);
-    const double diffuse = ambient + (1 - ambient) * c;
-    const double specular = static_cast<double>(appearance.specular) *
-                            std::pow(c, static_cast<double>(appearance.shininess));
-    const auto channel = [&](std::uint8_t base) {
-      const double value = std::clamp(base / 255.0 * diffuse + specular, 0.0, 1.0);
-      return static_cast<std::uint8_t>(std::lround(value * 255));
-    };
-    table[i] = {channel(appearance.base_color.r), channel(appearance.base_color.g),
-                channel(appearance.base_color.b), 255};
-  }
-  return table;
-}
-
-// A square of pixels that one thread at a time draws into. Held for well under a microsecond at a
-// time, so waiting is spinning; yields in case the holder lost its core.
-class alignas(64) LockTile {
- public:
-  void Lock() {
-    for (int tries = 0; is_locked_.test_and_set(std::memory_order_acquire); ++tries) {
-      if (tries >= 64) {
-        std::this_thread::yield();
-      }
-    }
-  }
-  void Unlock() { is_locked_.clear(std::memory_order_release); }
-
-  // The image tiles in it that may have fragments: bit column + row * kImageTileColumns; and which
-  // of their rows of pixels, as bits. Guarded by the lock.
-  std::uint32_t touched = 0;
-  std::array<std::uint16_t, std::size_t{kImageTileColumns} * kImageTileColumns> touched_rows{};
-
- private:
-  std::atomic_flag is_locked_;
-};
 
 void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
   if (triangles.small() != nullptr) {
@@ -97,138 +36,10 @@ void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
   }
 }
 
-// A mesh whose pixels are not shaded yet.
-struct KeptMesh {
-  const math::Vec3f* positions = nullptr;
-  const mesh::CompactNormal* normals = nullptr;
-  mesh::TriangleVertices triangles;
-  std::uint32_t first_number = 0;
-  volume::BlockId block_id = 0;
-  std::shared_ptr<const mesh::CompactMesh> mesh;
-};
-
-// The large vectors of a pass. Between passes: no fragments, no meshes, nothing touched.
-struct PassBuffers {
-  PassBuffers(int buffer_width, int buffer_height)
-      : width(buffer_width),
-        height(buffer_height),
-        lock_columns((width + kLockTilePx - 1) / kLockTilePx),
-        lock_rows((height + kLockTilePx - 1) / kLockTilePx),
-        fragments(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNoFragment),
-        lock_tiles(static_cast<std::size_t>(lock_columns) * static_cast<std::size_t>(lock_rows)) {}
-
-  [[nodiscard]] std::size_t size_bytes() const {
-    return fragments.capacity() * sizeof(Fragment) + meshes.capacity() * sizeof(KeptMesh) +
-           mesh_of_unit.capacity() * sizeof(std::uint32_t);
-  }
-
-  const int width;
-  const int height;
-  const int lock_columns;
-  const int lock_rows;
-  base::LargePageVector<Fragment> fragments;
-  std::vector<LockTile> lock_tiles;
-  std::vector<KeptMesh> meshes;
-  std::vector<std::uint32_t> mesh_of_unit;  // by number / kNumberUnit, an index of `meshes`
-};
-
-// What passes share. Thread-safe.
-class Resources {
- public:
-  // Scratch space of a thread.
-  struct Scratch {
-    CpuRasterizer rasterizer;
-    // Of the meshes at hand.
-    std::vector<std::uint32_t> first_numbers;
-    std::vector<volume::BlockId> block_ids;
-    std::vector<view::Footprint> footprints;
-    ShadeBatch batch;
-    std::array<std::uint32_t, ShadeBatch::kCapacity> pixels{};
-    std::array<Fragment, ShadeBatch::kCapacity> fragments{};
-    std::array<const KeptMesh*, ShadeBatch::kCapacity> meshes{};
-    std::array<std::array<std::uint32_t, 3>, ShadeBatch::kCapacity> corners{};
-  };
-
-  // An image takes 12 bytes a pixel, its buffers 8.
-  explicit Resources(std::size_t max_unused_bytes)
-      : max_unused_image_bytes_(max_unused_bytes / 5 * 3),
-        max_unused_buffer_bytes_(max_unused_bytes / 5 * 2) {}
-
-  std::unique_ptr<PassBuffers> TakeBuffers(int width, int height) {
-    {
-      const absl::MutexLock lock(&mutex_);
-      const auto found = std::find_if(unused_.rbegin(), unused_.rend(), [&](const auto& unused) {
-        return unused->width == width && unused->height == height;
-      });
-      if (found != unused_.rend()) {
-        std::unique_ptr<PassBuffers> buffers = std::move(*found);
-        unused_.erase(std::next(found).base());
-        unused_bytes_ -= buffers->size_bytes();
-        return buffers;
-      }
-    }
-    return std::make_unique<PassBuffers>(width, height);
-  }
-
-  // REQUIRES: as between passes.
-  void GiveBack(std::unique_ptr<PassBuffers> buffers) {
-    const std::size_t size = buffers->size_bytes();
-    if (size > max_unused_buffer_bytes_) {
-      return;
-    }
-    std::vector<std::unique_ptr<PassBuffers>> dropped;  // freed after the lock
-    const absl::MutexLock lock(&mutex_);
-    while (unused_bytes_ + size > max_unused_buffer_bytes_) {
-      unused_bytes_ -= unused_.front()->size_bytes();
-      dropped.push_back(std::move(unused_.front()));
-      unused_.erase(unused_.begin());
-    }
-    unused_bytes_ += size;
-    unused_.push_back(std::move(buffers));
-  }
-
-  void Prepare(int width, int height) {
-    images_->Prepare(width, height);
-    const std::size_t fragment_bytes =
-        static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
-    {
-      const absl::MutexLock lock(&mutex_);
-      if (unused_bytes_ + fragment_bytes > max_unused_buffer_bytes_) {
-        return;
-      }
-    }
-    GiveBack(std::make_unique<PassBuffers>(width, height));
-  }
-
-  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(const Appearance& appearance) {
-    const absl::MutexLock lock(&mutex_);
-    if (shade_table_ == nullptr || !(table_appearance_ == appearance)) {
-      shade_table_ = std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance));
-      table_appearance_ = appearance;
-    }
-    return shade_table_;
-  }
-
-  image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
-  Scratch& LocalScratch() { return scratch_.local(); }
-
- private:
-  const std::size_t max_unused_image_bytes_;
-  const std::size_t max_unused_buffer_bytes_;
-  const std::shared_ptr<image::FrameImagePool> images_ =
-      image::FrameImagePool::Make(max_unused_image_bytes_);
-  tbb::enumerable_thread_specific<Scratch> scratch_;
-  absl::Mutex mutex_;
-  std::vector<std::unique_ptr<PassBuffers>> unused_ ABSL_GUARDED_BY(mutex_);
-  std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  Appearance table_appearance_ ABSL_GUARDED_BY(mutex_);  // of the last table
-  std::shared_ptr<const std::vector<image::Rgba8>> shade_table_ ABSL_GUARDED_BY(mutex_);
-};
-
 class CpuPass final : public RenderPass {
  public:
   CpuPass(const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance,
-          const CpuRendererOptions& options, std::shared_ptr<Resources> resources)
+          const CpuRendererOptions& options, std::shared_ptr<PassResources> resources)
       : view_(view),
         layout_(layout),
         options_(options),
@@ -263,7 +74,7 @@ class CpuPass final : public RenderPass {
     {
       // Shared: many meshes are drawn at a time; exclusive: kept meshes are shaded and dropped.
       const absl::ReaderMutexLock drawing(&shading_mutex_);
-      Resources::Scratch& scratch = resources_->LocalScratch();
+      PassResources::Scratch& scratch = resources_->LocalScratch();
       scratch.first_numbers.clear();
       scratch.block_ids.clear();
       for (const MeshToDraw& item : meshes) {
@@ -440,7 +251,7 @@ class CpuPass final : public RenderPass {
       }
     }
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
-      Resources::Scratch& scratch = resources_->LocalScratch();
+      PassResources::Scratch& scratch = resources_->LocalScratch();
       LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(tiles[i].lock_tile)];
       const int first_column = tiles[i].lock_tile % buffers_->lock_columns * kImageTileColumns;
       const int first_row = tiles[i].lock_tile / buffers_->lock_columns * kImageTileColumns;
@@ -501,7 +312,7 @@ class CpuPass final : public RenderPass {
   // Adds the pixels of the image tile to those to shade; whether it has any. `touched`: rows of
   // pixels. Tiles of an agent among many hold a few: they are shaded together.
   bool GatherTile(int column, int row, std::uint16_t touched, bool is_last,
-                  Resources::Scratch* scratch) {
+                  PassResources::Scratch* scratch) {
     constexpr int kTilePx = image::TileSet::kTilePx;
     constexpr std::size_t kTilePixels = std::size_t{kTilePx} * kTilePx;
     static_assert(kTilePixels <= ShadeBatch::kCapacity);
@@ -553,7 +364,7 @@ class CpuPass final : public RenderPass {
   }
 
   // Shades what was gathered.
-  void ShadePixels(Resources::Scratch* scratch) {
+  void ShadePixels(PassResources::Scratch* scratch) {
     ShadeBatch& batch = scratch->batch;
     if (batch.count == 0) {
       return;
@@ -671,7 +482,7 @@ class CpuPass final : public RenderPass {
   const PixelRays rays_;
   const int width_;
   const int height_;
-  const std::shared_ptr<Resources> resources_;
+  const std::shared_ptr<PassResources> resources_;
   const std::shared_ptr<const std::vector<image::Rgba8>> shade_table_;
   absl::Mutex shading_mutex_;
   absl::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
@@ -689,7 +500,7 @@ class CpuPass final : public RenderPass {
 class CpuRenderer final : public Renderer {
  public:
   explicit CpuRenderer(const CpuRendererOptions& options)
-      : options_(options), resources_(std::make_shared<Resources>(options.max_unused_bytes)) {}
+      : options_(options), resources_(std::make_shared<PassResources>(options.max_unused_bytes)) {}
 
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
@@ -718,7 +529,7 @@ class CpuRenderer final : public Renderer {
 
  private:
   const CpuRendererOptions options_;
-  const std::shared_ptr<Resources> resources_;
+  const std::shared_ptr<PassResources> resources_;
 };
 
 }  // namespace

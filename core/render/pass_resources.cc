@@ -1,0 +1,86 @@
+#include "core/render/pass_resources.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <utility>
+
+namespace isoscope::render {
+namespace {
+
+std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
+  std::vector<image::Rgba8> table(kShadeSteps + 1);
+  for (std::size_t i = 0; i <= kShadeSteps; ++i) {
+    const double c = static_cast<double>(i) / kShadeSteps;
+    const auto ambient = static_cast<double>(appearance.ambient);
+    const double diffuse = ambient + (1 - ambient) * c;
+    const double specular = static_cast<double>(appearance.specular) *
+                            std::pow(c, static_cast<double>(appearance.shininess));
+    const auto channel = [&](std::uint8_t base) {
+      const double value = std::clamp(base / 255.0 * diffuse + specular, 0.0, 1.0);
+      return static_cast<std::uint8_t>(std::lround(value * 255));
+    };
+    table[i] = {channel(appearance.base_color.r), channel(appearance.base_color.g),
+                channel(appearance.base_color.b), 255};
+  }
+  return table;
+}
+
+}  // namespace
+
+std::unique_ptr<PassBuffers> PassResources::TakeBuffers(int width, int height) {
+  {
+    const absl::MutexLock lock(&mutex_);
+    const auto found = std::find_if(unused_.rbegin(), unused_.rend(), [&](const auto& unused) {
+      return unused->width == width && unused->height == height;
+    });
+    if (found != unused_.rend()) {
+      std::unique_ptr<PassBuffers> buffers = std::move(*found);
+      unused_.erase(std::next(found).base());
+      unused_bytes_ -= buffers->size_bytes();
+      return buffers;
+    }
+  }
+  return std::make_unique<PassBuffers>(width, height);
+}
+
+void PassResources::GiveBack(std::unique_ptr<PassBuffers> buffers) {
+  const std::size_t size = buffers->size_bytes();
+  if (size > max_unused_buffer_bytes_) {
+    return;
+  }
+  std::vector<std::unique_ptr<PassBuffers>> dropped;  // freed after the lock
+  const absl::MutexLock lock(&mutex_);
+  while (unused_bytes_ + size > max_unused_buffer_bytes_) {
+    unused_bytes_ -= unused_.front()->size_bytes();
+    dropped.push_back(std::move(unused_.front()));
+    unused_.erase(unused_.begin());
+  }
+  unused_bytes_ += size;
+  unused_.push_back(std::move(buffers));
+}
+
+void PassResources::Prepare(int width, int height) {
+  images_->Prepare(width, height);
+  const std::size_t fragment_bytes =
+      static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
+  {
+    const absl::MutexLock lock(&mutex_);
+    if (unused_bytes_ + fragment_bytes > max_unused_buffer_bytes_) {
+      return;
+    }
+  }
+  GiveBack(std::make_unique<PassBuffers>(width, height));
+}
+
+std::shared_ptr<const std::vector<image::Rgba8>> PassResources::ShadeTableOf(
+    const Appearance& appearance) {
+  const absl::MutexLock lock(&mutex_);
+  if (shade_table_ == nullptr || !(table_appearance_ == appearance)) {
+    shade_table_ = std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance));
+    table_appearance_ = appearance;
+  }
+  return shade_table_;
+}
+
+}  // namespace isoscope::render

@@ -1,0 +1,158 @@
+// The memory of the passes of the CPU renderer, and what they know of a pixel.
+
+#ifndef ISOSCOPE_CORE_RENDER_PASS_RESOURCES_H_
+#define ISOSCOPE_CORE_RENDER_PASS_RESOURCES_H_
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+#include <oneapi/tbb/enumerable_thread_specific.h>
+
+#include "core/base/large_pages.h"
+#include "core/image/frame_image.h"
+#include "core/math/vec.h"
+#include "core/mesh/compact_mesh.h"
+#include "core/render/appearance.h"
+#include "core/render/cpu_rasterizer.h"
+#include "core/render/shade_kernel.h"
+#include "core/view/view.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::render {
+
+// Pixels are guarded in squares of this side, one lock each.
+inline constexpr int kLockTilePx = 64;
+// In a lock tile.
+inline constexpr int kImageTileColumns = kLockTilePx / image::TileSet::kTilePx;
+
+// What a pass knows of a pixel while it draws, in one word, so that the nearer of two fragments is
+// the smaller word: depth bits << 32 | the number of its triangle. Triangles are numbered over all
+// kept meshes.
+using Fragment = std::uint64_t;
+inline constexpr Fragment kNoFragment = std::numeric_limits<Fragment>::max();
+// The number of a fragment that is in the image already, with its block and colour.
+inline constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
+// A mesh's numbers begin at a multiple of this, so that a table finds the mesh of a number.
+inline constexpr std::uint32_t kNumberUnit = 64;
+
+constexpr std::uint32_t NumberOf(Fragment fragment) { return static_cast<std::uint32_t>(fragment); }
+
+// A square of pixels that one thread at a time draws into. Held for well under a microsecond at a
+// time, so waiting is spinning; yields in case the holder lost its core.
+class alignas(64) LockTile {
+ public:
+  void Lock() {
+    for (int tries = 0; is_locked_.test_and_set(std::memory_order_acquire); ++tries) {
+      if (tries >= 64) {
+        std::this_thread::yield();
+      }
+    }
+  }
+  void Unlock() { is_locked_.clear(std::memory_order_release); }
+
+  // The image tiles in it that may have fragments: bit column + row * kImageTileColumns; and which
+  // of their rows of pixels, as bits. Guarded by the lock.
+  std::uint32_t touched = 0;
+  std::array<std::uint16_t, std::size_t{kImageTileColumns} * kImageTileColumns> touched_rows{};
+
+ private:
+  std::atomic_flag is_locked_;
+};
+
+// A mesh whose pixels are not shaded yet.
+struct KeptMesh {
+  const math::Vec3f* positions = nullptr;
+  const mesh::CompactNormal* normals = nullptr;
+  mesh::TriangleVertices triangles;
+  std::uint32_t first_number = 0;
+  volume::BlockId block_id = 0;
+  std::shared_ptr<const mesh::CompactMesh> mesh;
+};
+
+// The large vectors of a pass. Between passes: no fragments, no meshes, nothing touched.
+struct PassBuffers {
+  PassBuffers(int buffer_width, int buffer_height)
+      : width(buffer_width),
+        height(buffer_height),
+        lock_columns((width + kLockTilePx - 1) / kLockTilePx),
+        lock_rows((height + kLockTilePx - 1) / kLockTilePx),
+        fragments(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNoFragment),
+        lock_tiles(static_cast<std::size_t>(lock_columns) * static_cast<std::size_t>(lock_rows)) {}
+
+  [[nodiscard]] std::size_t size_bytes() const {
+    return fragments.capacity() * sizeof(Fragment) + meshes.capacity() * sizeof(KeptMesh) +
+           mesh_of_unit.capacity() * sizeof(std::uint32_t);
+  }
+
+  const int width;
+  const int height;
+  const int lock_columns;
+  const int lock_rows;
+  base::LargePageVector<Fragment> fragments;
+  std::vector<LockTile> lock_tiles;
+  std::vector<KeptMesh> meshes;
+  std::vector<std::uint32_t> mesh_of_unit;  // by number / kNumberUnit, an index of `meshes`
+};
+
+// What the passes of a CPU renderer share: what they have no more use for goes to the next one, so
+// that a picture touches no fresh memory. Thread-safe.
+class PassResources {
+ public:
+  // Scratch space of a thread.
+  struct Scratch {
+    CpuRasterizer rasterizer;
+    // Of the meshes at hand.
+    std::vector<std::uint32_t> first_numbers;
+    std::vector<volume::BlockId> block_ids;
+    std::vector<view::Footprint> footprints;
+    ShadeBatch batch;
+    std::array<std::uint32_t, ShadeBatch::kCapacity> pixels{};
+    std::array<Fragment, ShadeBatch::kCapacity> fragments{};
+    std::array<const KeptMesh*, ShadeBatch::kCapacity> meshes{};
+    std::array<std::array<std::uint32_t, 3>, ShadeBatch::kCapacity> corners{};
+  };
+
+  // An image takes 12 bytes a pixel, its buffers 8.
+  explicit PassResources(std::size_t max_unused_bytes)
+      : max_unused_image_bytes_(max_unused_bytes / 5 * 3),
+        max_unused_buffer_bytes_(max_unused_bytes / 5 * 2) {}
+
+  // Buffers for a picture of this size, as between passes.
+  std::unique_ptr<PassBuffers> TakeBuffers(int width, int height);
+  // Keeps them, and forgets those unused longest where that is too much. REQUIRES: as between
+  // passes.
+  void GiveBack(std::unique_ptr<PassBuffers> buffers);
+  image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
+  // Adds unused buffers and an unused image, their pages touched; none if that were too much to
+  // keep.
+  void Prepare(int width, int height);
+
+  // The colour of each shade step.
+  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(const Appearance& appearance);
+  // Of the calling thread.
+  Scratch& LocalScratch() { return scratch_.local(); }
+
+ private:
+  const std::size_t max_unused_image_bytes_;
+  const std::size_t max_unused_buffer_bytes_;
+  const std::shared_ptr<image::FrameImagePool> images_ =
+      image::FrameImagePool::Make(max_unused_image_bytes_);
+  tbb::enumerable_thread_specific<Scratch> scratch_;
+  absl::Mutex mutex_;
+  std::vector<std::unique_ptr<PassBuffers>> unused_ ABSL_GUARDED_BY(mutex_);
+  std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  Appearance table_appearance_ ABSL_GUARDED_BY(mutex_);  // of the last table
+  std::shared_ptr<const std::vector<image::Rgba8>> shade_table_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_PASS_RESOURCES_H_
