@@ -9,11 +9,17 @@
 #include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/time.h"
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/task_scheduler_observer.h>
 
 namespace isoscope::base {
 namespace {
+
+// For a machine under heavy load.
+constexpr absl::Duration kMaxLeaveDuration = absl::Seconds(5);
 
 // Those that this thread may use, ascending; none if there are more than cpu_set_t can hold.
 std::vector<int> AllowedCpus() {
@@ -48,9 +54,22 @@ class Placement final : public tbb::task_scheduler_observer {
       : tbb::task_scheduler_observer(*arena), cpus_(std::move(cpus)) {
     observe(true);
   }
-  ~Placement() override { observe(false); }
+  // TBB frees what it knows of an observer when the last worker has left the arena: some
+  // microseconds after the last work. A process that ends before would leak it.
+  ~Placement() override {
+    {
+      absl::MutexLock lock(&mutex_);
+      const auto is_empty = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return inside_ == 0; };
+      mutex_.AwaitWithTimeout(absl::Condition(&is_empty), kMaxLeaveDuration);
+    }
+    observe(false);
+  }
 
   void on_scheduler_entry(bool is_worker) override {
+    {
+      const absl::MutexLock lock(&mutex_);
+      ++inside_;
+    }
     const auto place = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
     if (place >= cpus_.size()) {
       return;
@@ -68,9 +87,15 @@ class Placement final : public tbb::task_scheduler_observer {
       BindThisThread(allowed);
     }
   }
+  void on_scheduler_exit(bool /*is_worker*/) override {
+    const absl::MutexLock lock(&mutex_);
+    --inside_;
+  }
 
  private:
   const std::vector<int> cpus_;
+  absl::Mutex mutex_;
+  int inside_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 struct PlacedArena {
