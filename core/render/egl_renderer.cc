@@ -14,7 +14,10 @@
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
+#include "core/mesh/block_mesh.h"
 #include "core/render/gl_mesh_drawer.h"
+#include "core/view/camera.h"
+#include "core/volume/grid_geometry.h"
 
 namespace isoscope::render {
 namespace {
@@ -197,11 +200,12 @@ class EglRenderPass : public RenderPass {
 absl::StatusOr<std::unique_ptr<EglRenderer>> EglRenderer::Make(const EglRendererOptions& options) {
   std::unique_ptr<EglRenderer> made(new EglRenderer);
   made->batch_bytes_ = options.batch_bytes;
+  made->images_ = image::FrameImagePool::Make(options.max_unused_bytes);
   ISOSCOPE_ASSIGN_OR_RETURN(made->thread_, GlThread::Start(options.egl_device));
   absl::Status status;
   absl::Notification done;
   made->thread_->Submit([&made, &status, &done]() {
-    absl::StatusOr<std::unique_ptr<GlMeshDrawer>> drawer = GlMeshDrawer::Make();
+    absl::StatusOr<std::unique_ptr<GlMeshDrawer>> drawer = GlMeshDrawer::Make(made->images_);
     status = drawer.status();
     if (drawer.ok()) {
       made->drawer_ = *std::move(drawer);
@@ -211,6 +215,33 @@ absl::StatusOr<std::unique_ptr<EglRenderer>> EglRenderer::Make(const EglRenderer
   done.WaitForNotification();
   ISOSCOPE_RETURN_IF_ERROR(status);
   return made;
+}
+
+void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
+  for (int i = 0; i < pass_count; ++i) {
+    images_->Prepare(viewport.width_px, viewport.height_px);
+  }
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {2, 2, 2};
+  const absl::StatusOr<view::View> view =
+      view::View::Make(view::MakeDefaultCamera(geometry.Bounds()), viewport, geometry);
+  if (!view.ok()) {
+    return;
+  }
+  mesh::BlockMesh triangle;
+  triangle.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  triangle.normals.assign(3, {0, 0, 1});
+  triangle.indices = {0, 1, 2};
+  DrawItem item{.mesh = mesh::Compact(triangle),
+                .footprint = view->FootprintOf({0, 0, 0}, {1, 1, 1}),
+                .open = std::nullopt};
+  absl::Notification done;
+  thread_->Submit([&]() {
+    // Whoever begins a pass is told what is wrong.
+    drawer_->Draw(*view, {}, {std::move(item)}, []() { return absl::OkStatus(); }).IgnoreError();
+    done.Notify();
+  });
+  done.WaitForNotification();
 }
 
 EglRenderer::~EglRenderer() {

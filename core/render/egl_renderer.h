@@ -23,6 +23,8 @@ struct EglRendererOptions {
   // A pass draws what it has collected once that is so large: larger costs memory (each open pass
   // can hold about twice this), smaller costs a read-back of the picture each time.
   std::size_t batch_bytes = std::size_t{256} << 20;
+  // Of images that no pass uses.
+  std::size_t max_unused_bytes = std::size_t{256} << 20;
 };
 
 // Thread-safe. Passes must not outlive it.
@@ -38,6 +40,8 @@ class EglRenderer : public Renderer {
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
                                                         const Appearance& appearance) override;
+  // Also draws a triangle, so that the driver compiles its programs for pictures of this size.
+  void Prepare(const view::Viewport& viewport, int pass_count) override;
   [[nodiscard]] std::string description() const override { return thread_->description(); }
   // Whether a GPU draws.
   [[nodiscard]] bool is_hardware() const { return thread_->is_hardware(); }
@@ -46,6 +50,7 @@ class EglRenderer : public Renderer {
   EglRenderer() = default;
 
   std::size_t batch_bytes_ = 0;
+  std::shared_ptr<image::FrameImagePool> images_;
   std::unique_ptr<GlThread> thread_;
   std::unique_ptr<GlMeshDrawer> drawer_;  // used, and freed, on thread_
 };

@@ -126,8 +126,10 @@ void SetVec3(GLint location, const math::Vec3d& v) {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make() {
+absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make(
+    std::shared_ptr<image::FrameImagePool> images) {
   std::unique_ptr<GlMeshDrawer> made(new GlMeshDrawer);
+  made->images_ = std::move(images);
   ISOSCOPE_ASSIGN_OR_RETURN(made->program_, GlProgram::Make(kVertexShader, kFragmentShader));
   made->positions_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
   made->normals_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
@@ -268,7 +270,7 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     begin = end;
   }
   ISOSCOPE_RETURN_IF_ERROR(poll());
-  image::FrameImage image(width, height);
+  image::FrameImage image = images_->Take(width, height);
   ISOSCOPE_RETURN_IF_ERROR(framebuffer_->ReadInto(&readback_, &image));
   return image;
 }

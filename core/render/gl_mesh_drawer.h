@@ -42,7 +42,9 @@ struct DrawItem {
 // GL thread only.
 class GlMeshDrawer {
  public:
-  static absl::StatusOr<std::unique_ptr<GlMeshDrawer>> Make();
+  // Its pictures come from `images`.
+  static absl::StatusOr<std::unique_ptr<GlMeshDrawer>> Make(
+      std::shared_ptr<image::FrameImagePool> images);
   ~GlMeshDrawer();
   GlMeshDrawer(const GlMeshDrawer&) = delete;
   GlMeshDrawer& operator=(const GlMeshDrawer&) = delete;
@@ -62,6 +64,7 @@ class GlMeshDrawer {
   // Uploads and draws items that fit the buffers together, in their order.
   absl::Status DrawChunk(std::span<const DrawItem> items);
 
+  std::shared_ptr<image::FrameImagePool> images_;
   std::unique_ptr<GlProgram> program_;
   std::unique_ptr<GlFramebuffer> framebuffer_;  // of the last size
   std::unique_ptr<GlStreamBuffer> positions_;

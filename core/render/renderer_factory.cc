@@ -19,15 +19,15 @@ std::unique_ptr<Renderer> MakeCpuRenderer(const RendererOptions& options) {
   return render::MakeCpuRenderer(cpu);
 }
 
-absl::StatusOr<std::unique_ptr<Renderer>> MakeEglRenderer(const RendererOptions& options) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<Renderer> renderer,
-                            EglRenderer::Make({.egl_device = options.egl_device}));
-  return renderer;
+absl::StatusOr<std::unique_ptr<EglRenderer>> MakeEglRenderer(const RendererOptions& options) {
+  // A pass holds one batch that is drawn and one that is collected.
+  return EglRenderer::Make({.egl_device = options.egl_device,
+                            .batch_bytes = options.max_kept_mesh_bytes / 2,
+                            .max_unused_bytes = options.max_unused_bytes});
 }
 
 absl::StatusOr<std::unique_ptr<Renderer>> MakeAutoRenderer(const RendererOptions& options) {
-  absl::StatusOr<std::unique_ptr<EglRenderer>> egl =
-      EglRenderer::Make({.egl_device = options.egl_device});
+  absl::StatusOr<std::unique_ptr<EglRenderer>> egl = MakeEglRenderer(options);
   if (egl.ok() && (*egl)->is_hardware()) {
     return *std::move(egl);
   }

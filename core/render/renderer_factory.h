@@ -25,7 +25,7 @@ struct RendererOptions {
   // Which EGL device, as `isoscope-agent --list-egl-devices` numbers them; -1: the first that
   // works.
   int egl_device = -1;
-  // Of the CPU renderer: meshes that wait in a pass for their pixels to be shaded, and images and
+  // Meshes that wait in a pass to be drawn (EGL) or for their pixels to be shaded (CPU); images and
   // buffers that no pass uses.
   std::size_t max_kept_mesh_bytes = std::size_t{256} << 20;
   std::size_t max_unused_bytes = std::size_t{256} << 20;
