@@ -23,8 +23,8 @@ struct TestTile {
   explicit TestTile(std::uint64_t tile_seed) : seed(tile_seed) {}
 
   [[nodiscard]] std::size_t plane_size() const { return (rows - 1) * stride + columns; }
-  // Calls fn(place in the planes) for each covered pixel, in order: all of seed 0, else the more the
-  // higher the seed.
+  // Calls fn(place in the planes) for each covered pixel, in order: all of seed 0, else the more
+  // the higher the seed.
   template <typename Fn>
   TileMask ForEachCovered(const Fn& fn) const {
     TileMask mask{};
