@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <deque>
 #include <iterator>
+#include <new>
 #include <string>
 #include <utility>
 #include <variant>
@@ -105,13 +106,12 @@ enum class Stage { kSelecting, kRenderingOccluders, kRenderingVisible, kDone, kE
 
 class Frame {
  public:
-  Frame(const FrameSetup& setup, const base::Cancellation& cancellation)
+  Frame(const FrameSetup& setup, const base::Cancellation& cancellation, image::FrameImage image)
       : setup_(setup),
         cancellation_(cancellation),
         start_(absl::Now()),
         row_locks_(setup.view->viewport().height_px) {
-    const view::Viewport& viewport = setup.view->viewport();
-    result_.image = setup.images->Take(viewport.width_px, viewport.height_px);
+    result_.image = std::move(image);
   }
 
   absl::StatusOr<FrameResult> Run(const BeginAgentFrame& begin) {
@@ -431,7 +431,16 @@ class Frame {
 
 absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                                      const base::Cancellation& cancellation) {
-  return Frame(setup, cancellation).Run(begin);
+  const view::Viewport& viewport = setup.view->viewport();
+  image::FrameImage image;
+  try {
+    image = setup.images->Take(viewport.width_px, viewport.height_px);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(
+        absl::StrFormat("the coordinator has no memory for a picture of %d x %d pixels",
+                        viewport.width_px, viewport.height_px));
+  }
+  return Frame(setup, cancellation, std::move(image)).Run(begin);
 }
 
 }  // namespace isoscope::server

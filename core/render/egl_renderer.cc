@@ -1,11 +1,15 @@
 #include "core/render/egl_renderer.h"
 
 #include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <new>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
@@ -40,6 +44,18 @@ struct Batch {
   absl::StatusOr<image::FrameImage> result = absl::UnknownError("not drawn");
   absl::Notification done;
 };
+
+absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, const view::View& view,
+                                          const Appearance& appearance, std::vector<DrawItem> items,
+                                          absl::FunctionRef<absl::Status()> poll) {
+  try {
+    return drawer->Draw(view, appearance, std::move(items), poll);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ",
+                                                     view.viewport().width_px, " x ",
+                                                     view.viewport().height_px, " pixels"));
+  }
+}
 
 class EglRenderPass : public RenderPass {
  public:
@@ -143,7 +159,8 @@ class EglRenderPass : public RenderPass {
                    ? absl::CancelledError("the frame was given up")
                    : absl::OkStatus();
       };
-      batch->result = drawer.Draw(batch->view, batch->appearance, std::move(batch->items), poll);
+      batch->result =
+          TryDraw(&drawer, batch->view, batch->appearance, std::move(batch->items), poll);
       batch->done.Notify();
     });
   }
@@ -200,6 +217,7 @@ class EglRenderPass : public RenderPass {
 absl::StatusOr<std::unique_ptr<EglRenderer>> EglRenderer::Make(const EglRendererOptions& options) {
   std::unique_ptr<EglRenderer> made(new EglRenderer);
   made->batch_bytes_ = options.batch_bytes;
+  made->max_unused_bytes_ = options.max_unused_bytes;
   made->images_ = image::FrameImagePool::Make(options.max_unused_bytes);
   ISOSCOPE_ASSIGN_OR_RETURN(made->thread_, GlThread::Start(options.egl_device));
   absl::Status status;
@@ -218,8 +236,18 @@ absl::StatusOr<std::unique_ptr<EglRenderer>> EglRenderer::Make(const EglRenderer
 }
 
 void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
-  for (int i = 0; i < pass_count; ++i) {
-    images_->Prepare(viewport.width_px, viewport.height_px);
+  const std::size_t image_bytes = static_cast<std::size_t>(viewport.width_px) *
+                                  static_cast<std::size_t>(viewport.height_px) *
+                                  (sizeof(std::uint64_t) + sizeof(image::Rgba8));
+  if (image_bytes > max_unused_bytes_) {
+    return;  // too large to be kept, maybe to be drawn
+  }
+  try {
+    for (int i = 0; i < pass_count; ++i) {
+      images_->Prepare(viewport.width_px, viewport.height_px);
+    }
+  } catch (const std::bad_alloc&) {
+    return;  // whoever begins a pass is told
   }
   volume::GridGeometry geometry;
   geometry.sample_dims = {2, 2, 2};
@@ -237,8 +265,9 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
                 .open = std::nullopt};
   absl::Notification done;
   thread_->Submit([&]() {
-    // Whoever begins a pass is told what is wrong.
-    drawer_->Draw(*view, {}, {std::move(item)}, []() { return absl::OkStatus(); }).IgnoreError();
+    TryDraw(drawer_.get(), *view, {}, {std::move(item)}, []() {
+      return absl::OkStatus();
+    }).IgnoreError();
     done.Notify();
   });
   done.WaitForNotification();

@@ -50,6 +50,7 @@ class EglRenderer : public Renderer {
   EglRenderer() = default;
 
   std::size_t batch_bytes_ = 0;
+  std::size_t max_unused_bytes_ = 0;
   std::shared_ptr<image::FrameImagePool> images_;
   std::unique_ptr<GlThread> thread_;
   std::unique_ptr<GlMeshDrawer> drawer_;  // used, and freed, on thread_

@@ -20,6 +20,7 @@
 #include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <sys/resource.h>
 
 #include "core/base/random.h"
 #include "core/composite/depth_composite.h"
@@ -675,6 +676,39 @@ TEST_F(FrameCoordinatorTest, FailingToBeginOneAgentCancelsThoseThatBegan) {
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("another dataset")));
   ASSERT_EQ(agents_.size(), 1U) << "agents after the failing one were begun";
   EXPECT_TRUE(agents_[0]->is_cancelled());
+}
+
+TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIsAsked) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "sanitizers need address space of their own";
+#else
+  const view::View huge =
+      *view::View::Make(view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}}),
+                        {view::kMaxViewportPx, view::kMaxViewportPx}, view_.geometry());
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
+  const rlimit none{.rlim_cur = 1 << 20, .rlim_max = before.rlim_max};
+  FrameSetup setup;
+  setup.view = &huge;
+  setup.layout = &layout_;
+  setup.agent_count = 1;
+  setup.images = images_.get();
+  setup.arena = &arena_;
+  bool was_begun = false;
+  ASSERT_EQ(setrlimit(RLIMIT_AS, &none), 0);
+  const absl::Status status =
+      RunFrame(
+          setup,
+          [&](int, AgentListener*) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+            was_begun = true;
+            return absl::CancelledError();
+          },
+          *cancellation_)
+          .status();
+  ASSERT_EQ(setrlimit(RLIMIT_AS, &before), 0);
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("16384 x 16384")));
+  EXPECT_FALSE(was_begun);
+#endif
 }
 
 TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
