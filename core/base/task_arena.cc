@@ -46,10 +46,10 @@ void BindThisThread(const std::vector<int>& cpus) {
   sched_setaffinity(0, sizeof(set), &set);
 }
 
-// Gives each thread that enters an arena the CPU of its place in it.
+// Gives each thread that enters an arena the CPU of its slot in it.
 class Placement final : public tbb::task_scheduler_observer {
  public:
-  // By place in the arena.
+  // By slot of the arena.
   Placement(tbb::task_arena* arena, std::vector<int> cpus)
       : tbb::task_scheduler_observer(*arena), cpus_(std::move(cpus)) {
     observe(true);
@@ -70,11 +70,11 @@ class Placement final : public tbb::task_scheduler_observer {
       const absl::MutexLock lock(&mutex_);
       ++inside_;
     }
-    const auto place = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
-    if (place >= cpus_.size()) {
+    const auto slot = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
+    if (slot >= cpus_.size()) {
       return;
     }
-    const int cpu = cpus_[place];
+    const int cpu = cpus_[slot];
     if (is_worker) {
       // It stays bound while it sleeps, or it would be woken wherever the kernel likes.
       thread_local int bound_cpu = -1;

@@ -10,11 +10,11 @@
 namespace isoscope::base {
 
 // An arena of `thread_count` threads, more than there are CPUs if asked for; 0: one for each CPU
-// that the process may use. With just as many threads as CPUs, each place of the arena has a CPU of
-// its own: TBB's workers are bound to theirs, a thread that calls execute() is moved to its place's
-// CPU and free to leave it again. Kernels wake both on the same CPU else and leave another idle for
-// milliseconds, as was seen in virtual machines. Which place has which CPU is random, so that the
-// first places of many processes do not meet on one CPU.
+// that the process may use. With just as many threads as CPUs, each slot of the arena has a CPU of
+// its own: TBB's workers are bound to theirs; a thread that calls execute() is moved to its slot's
+// CPU, free to leave it again. Otherwise the kernel may wake several threads on one CPU and leave
+// another idle for milliseconds, as was seen in virtual machines. Which slot has which CPU is
+// random, so that the first slots of many processes do not meet on one CPU.
 std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count = 0);
 
 }  // namespace isoscope::base

@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
@@ -508,9 +507,7 @@ class CpuRenderer final : public Renderer {
     try {
       return std::make_unique<CpuPass>(view, layout, appearance, options_, resources_);
     } catch (const std::bad_alloc&) {
-      return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ",
-                                                       view.viewport().width_px, " x ",
-                                                       view.viewport().height_px, " pixels"));
+      return NoMemoryFor(view.viewport());
     }
   }
 

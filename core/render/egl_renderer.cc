@@ -51,9 +51,7 @@ absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, const view::View
   try {
     return drawer->Draw(view, appearance, std::move(items), poll);
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ",
-                                                     view.viewport().width_px, " x ",
-                                                     view.viewport().height_px, " pixels"));
+    return NoMemoryFor(view.viewport());
   }
 }
 

@@ -18,6 +18,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
 
 #include "core/base/cancellation.h"
 #include "core/image/frame_image.h"
@@ -35,6 +36,12 @@ struct MeshToDraw {
   // Fragments at other pixels are dropped; null: none is. Outlives the pass.
   const image::PixelMask* open = nullptr;
 };
+
+// What a back end answers that has no memory for a picture: RESOURCE_EXHAUSTED.
+inline absl::Status NoMemoryFor(const view::Viewport& viewport) {
+  return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ", viewport.width_px,
+                                                   " x ", viewport.height_px, " pixels"));
+}
 
 // One picture in the making. Destroying it unfinished abandons it.
 class RenderPass {

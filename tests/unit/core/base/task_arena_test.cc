@@ -28,12 +28,12 @@ std::set<int> CpusOfThisThread() {
   return cpus;
 }
 
-// By place in the arena, the CPUs that its thread may use: of all threads at the same time.
-std::map<int, std::set<int>> CpusByPlace(tbb::task_arena* arena) {
-  std::map<int, std::set<int>> cpus_by_place;
+// By slot of the arena, the CPUs that its thread may use: of all threads at the same time.
+std::map<int, std::set<int>> CpusBySlot(tbb::task_arena* arena) {
+  std::map<int, std::set<int>> cpus_by_slot;
   absl::Mutex mutex;
   const int count = arena->max_concurrency();
-  // Nobody leaves before all are there, so that each place is seen once.
+  // Nobody leaves before all are there, so that each slot is seen once.
   auto* const all_are_here = new absl::Barrier(count);
   arena->execute([&] {
     tbb::parallel_for(
@@ -41,7 +41,7 @@ std::map<int, std::set<int>> CpusByPlace(tbb::task_arena* arena) {
         [&](const tbb::blocked_range<int>& /*one*/) {
           {
             absl::MutexLock lock(&mutex);
-            cpus_by_place[tbb::this_task_arena::current_thread_index()] = CpusOfThisThread();
+            cpus_by_slot[tbb::this_task_arena::current_thread_index()] = CpusOfThisThread();
           }
           if (all_are_here->Block()) {
             delete all_are_here;
@@ -49,7 +49,7 @@ std::map<int, std::set<int>> CpusByPlace(tbb::task_arena* arena) {
         },
         tbb::simple_partitioner());
   });
-  return cpus_by_place;
+  return cpus_by_slot;
 }
 
 TEST(TaskArenaTest, HasAThreadForEachCpuUnlessToldOtherwise) {
@@ -59,7 +59,7 @@ TEST(TaskArenaTest, HasAThreadForEachCpuUnlessToldOtherwise) {
 
 TEST(TaskArenaTest, MoreThreadsThanCpusAllWork) {
   const int count = tbb::info::default_concurrency() + 2;
-  EXPECT_EQ(CpusByPlace(MakeTaskArena(count).get()).size(), static_cast<std::size_t>(count));
+  EXPECT_EQ(CpusBySlot(MakeTaskArena(count).get()).size(), static_cast<std::size_t>(count));
 }
 
 TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
@@ -68,15 +68,15 @@ TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
     GTEST_SKIP() << "one CPU: nothing to share out";
   }
   const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
-  const std::map<int, std::set<int>> cpus_by_place = CpusByPlace(arena.get());
-  ASSERT_EQ(cpus_by_place.size(), allowed.size());
+  const std::map<int, std::set<int>> cpus_by_slot = CpusBySlot(arena.get());
+  ASSERT_EQ(cpus_by_slot.size(), allowed.size());
   std::set<int> bound;
   int free_threads = 0;
-  for (const auto& [place, cpus] : cpus_by_place) {
+  for (const auto& [slot, cpus] : cpus_by_slot) {
     if (cpus.size() == 1) {
       EXPECT_TRUE(bound.insert(*cpus.begin()).second) << "two workers on CPU " << *cpus.begin();
     } else {
-      EXPECT_EQ(cpus, allowed) << "place " << place;
+      EXPECT_EQ(cpus, allowed) << "slot " << slot;
       ++free_threads;
     }
   }
@@ -87,7 +87,7 @@ TEST(TaskArenaTest, TheCallerMayUseAllCpusAfterwards) {
   const std::set<int> before = CpusOfThisThread();
   const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
   for (int i = 0; i < 20; ++i) {
-    CpusByPlace(arena.get());
+    CpusBySlot(arena.get());
     ASSERT_EQ(CpusOfThisThread(), before);
   }
 }
