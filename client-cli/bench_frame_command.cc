@@ -26,8 +26,8 @@
 #include "client-cli/temporary_folder.h"
 #include "client-cli/usage.h"
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
 
@@ -121,7 +121,7 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const BenchFrameFlags& f
   std::sort(shard_counts.begin(), shard_counts.end());
   shard_counts.erase(std::unique(shard_counts.begin(), shard_counts.end()), shard_counts.end());
   for (const std::int64_t shard_count : shard_counts) {
-    ingest::PartitionOptions options;
+    partition::PartitionOptions options;
     options.output_directory = folder.Sub(absl::StrCat("shards-", shard_count));
     options.shard_count = static_cast<int>(shard_count);
     options.block_cells = flags.block_cells;
@@ -134,11 +134,11 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const BenchFrameFlags& f
 
 absl::StatusOr<PeerCall> PreparePeer(const BenchFrameFlags& flags, const FrameBenchPlan& plan,
                                      const TemporaryFolder& folder, const Context& context) {
-  if (!base::PathExists(*flags.peer)) {
+  if (!io::PathExists(*flags.peer)) {
     return absl::NotFoundError(
         absl::StrCat("'", *flags.peer, "' does not exist; --peer takes a Python script"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeSource> source,
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags.source, *flags.input));
   PeerCall call{.script = *flags.peer,
                 .raw_path = folder.Sub("volume.raw"),

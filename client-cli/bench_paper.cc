@@ -80,8 +80,7 @@ class Bench {
   }
 
   // The view of all figures.
-  [[nodiscard]] agent::FrameRequest MakeRequest(double isovalue,
-                                                visibility::Culling culling) const {
+  [[nodiscard]] agent::FrameRequest MakeRequest(double isovalue, frame::Culling culling) const {
     agent::FrameRequest request;
     request.isovalue = isovalue;
     request.culling = culling;
@@ -136,14 +135,14 @@ class Bench {
 
   // Figure 6.
   absl::Status MeasureSweep() {
-    constexpr std::array kCullings = {visibility::Culling::kNone, visibility::Culling::kDepth,
-                                      visibility::Culling::kMask};
+    constexpr std::array kCullings = {frame::Culling::kNone, frame::Culling::kDepth,
+                                      frame::Culling::kMask};
     std::array<std::vector<SweepRow>, kCullings.size()> rows;
     for (const double isovalue : result_.isovalues) {
       progress_(absl::StrFormat("figure 6: isovalue %g", isovalue));
       std::vector<FrameToMeasure> frames;
       frames.reserve(kCullings.size());
-      for (const visibility::Culling culling : kCullings) {
+      for (const frame::Culling culling : kCullings) {
         frames.push_back({whole_.get(), MakeRequest(isovalue, culling)});
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<IsolatedFrame> measured, MeasureInTurn(frames));
@@ -195,11 +194,11 @@ class Bench {
   absl::Status DrawStages() {
     for (const double isovalue : picture_isovalues_) {
       progress_(absl::StrFormat("figure 8: isovalue %g", isovalue));
-      const agent::FrameRequest request = MakeRequest(isovalue, visibility::Culling::kDepth);
+      const agent::FrameRequest request = MakeRequest(isovalue, frame::Culling::kDepth);
       ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame, whole_->Render(request, cancellation_));
       ISOSCOPE_ASSIGN_OR_RETURN(
           IsolatedFrame whole,
-          whole_->Render(MakeRequest(isovalue, visibility::Culling::kNone), cancellation_));
+          whole_->Render(MakeRequest(isovalue, frame::Culling::kNone), cancellation_));
       const struct {
         const char* name;
         const char* file_name;
@@ -250,11 +249,11 @@ class Bench {
   absl::Status DrawSideViews() {
     const double isovalue = result_.speedup_isovalue;
     progress_(absl::StrFormat("figure 9: isovalue %g", isovalue));
-    const agent::FrameRequest request = MakeRequest(isovalue, visibility::Culling::kDepth);
+    const agent::FrameRequest request = MakeRequest(isovalue, frame::Culling::kDepth);
     ISOSCOPE_ASSIGN_OR_RETURN(IsolatedFrame culled, whole_->Render(request, cancellation_));
     ISOSCOPE_ASSIGN_OR_RETURN(
         IsolatedFrame whole,
-        whole_->Render(MakeRequest(isovalue, visibility::Culling::kNone), cancellation_));
+        whole_->Render(MakeRequest(isovalue, frame::Culling::kNone), cancellation_));
     agent::FrameRequest side = request;
     view::Azimuth(plan_.side_view_degrees * kRadiansPerDegree, &side.camera);
     ISOSCOPE_ASSIGN_OR_RETURN(BlocksPicture seen,
@@ -301,7 +300,7 @@ class Bench {
         continue;
       }
       const agent::FrameRequest request =
-          MakeRequest(result_.speedup_isovalue, visibility::Culling::kDepth);
+          MakeRequest(result_.speedup_isovalue, frame::Culling::kDepth);
       std::unique_ptr<IsolatedCluster> cluster;
       std::vector<FrameToMeasure> in_turn{{whole_.get(), request}};
       if (agent_count > 1) {
@@ -356,9 +355,8 @@ class Bench {
     for (const double isovalue : result_.isovalues) {
       progress_(absl::StrFormat("figure 1: %s, %d agents, isovalue %g", store::NameOf(distribution),
                                 agent_count, isovalue));
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          const IsolatedFrame frame,
-          Measure(cluster, MakeRequest(isovalue, visibility::Culling::kNone)));
+      ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame,
+                                Measure(cluster, MakeRequest(isovalue, frame::Culling::kNone)));
       for (std::size_t i = 0; i < frame.agents.size(); ++i) {
         const IsolatedAgent& agent = frame.agents[i];
         rows.push_back({.distribution = distribution,

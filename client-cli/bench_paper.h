@@ -17,9 +17,9 @@
 #include "client-cli/isolated_cluster.h"
 
 #include "core/base/cancellation.h"
+#include "core/frame/culling.h"
 #include "core/render/renderer.h"
 #include "core/store/manifest.h"
-#include "core/visibility/culling.h"
 
 namespace isoscope::cli {
 
@@ -73,7 +73,7 @@ struct BoundRow {
 // Figure 6: one agent.
 struct SweepRow {
   double isovalue = 0;
-  visibility::Culling culling = visibility::Culling::kNone;
+  frame::Culling culling = frame::Culling::kNone;
   std::int64_t active_block_count = 0;
   std::int64_t drawn_block_count = 0;
   std::int64_t triangle_count = 0;

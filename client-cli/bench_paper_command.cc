@@ -28,8 +28,8 @@
 #include "client-cli/temporary_folder.h"
 #include "client-cli/usage.h"
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
 
@@ -170,10 +170,10 @@ class Datasets {
 
   absl::StatusOr<std::string> Make(store::Distribution distribution, int shard_count) {
     if (!last_.empty()) {
-      ISOSCOPE_RETURN_IF_ERROR(base::RemoveRecursively(last_));
+      ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(last_));
       last_.clear();
     }
-    ingest::PartitionOptions options;
+    partition::PartitionOptions options;
     options.output_directory =
         folder_.Sub(absl::StrCat(store::NameOf(distribution), "-", shard_count));
     options.shard_count = shard_count;
@@ -196,8 +196,7 @@ class Datasets {
 
 absl::Status WriteFiles(const std::string& folder, const std::vector<OutputFile>& files) {
   for (const OutputFile& file : files) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        base::WriteWholeFile(absl::StrCat(folder, "/", file.name), file.bytes));
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(absl::StrCat(folder, "/", file.name), file.bytes));
   }
   return absl::OkStatus();
 }
@@ -208,7 +207,7 @@ absl::Status WriteResults(const std::string& folder, const PaperBenchResult& res
   ISOSCOPE_RETURN_IF_ERROR(WriteFiles(folder, PaperTables(result)));
   for (const PaperPicture& picture : result.pictures) {
     ISOSCOPE_RETURN_IF_ERROR(
-        base::WriteWholeFile(absl::StrCat(folder, "/", picture.name, ".png"), picture.png));
+        io::WriteWholeFile(absl::StrCat(folder, "/", picture.name, ".png"), picture.png));
   }
   const std::vector<OutputFile> scripts = PaperPlotScripts(result);
   ISOSCOPE_RETURN_IF_ERROR(WriteFiles(folder, scripts));
@@ -233,15 +232,15 @@ absl::Status Run(const BenchPaperFlags& flags, const Context& context) {
   while (output.size() > 1 && output.back() == '/') {
     output.pop_back();
   }
-  if (base::PathExists(output)) {
+  if (io::PathExists(output)) {
     return absl::AlreadyExistsError(
         absl::StrCat("'", output, "' exists; --output names a new folder"));
   }
   // Appears whole or not at all.
   const std::string partial = PartialName(output);
-  ISOSCOPE_RETURN_IF_ERROR(base::RemoveRecursively(partial));
-  ISOSCOPE_RETURN_IF_ERROR(base::CreateDirectory(partial));
-  const absl::Cleanup remove_partial = [&] { base::RemoveRecursively(partial).IgnoreError(); };
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial));
+  ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(partial));
+  const absl::Cleanup remove_partial = [&] { io::RemoveRecursively(partial).IgnoreError(); };
 
   ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -269,7 +268,7 @@ absl::Status Run(const BenchPaperFlags& flags, const Context& context) {
   }
   facts.command = CommandOf(flags, plan, result);
   ISOSCOPE_RETURN_IF_ERROR(WriteResults(partial, result, context, &facts));
-  ISOSCOPE_RETURN_IF_ERROR(base::RenamePath(partial, output));
+  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(partial, output));
   if (!facts.missing_plots.empty()) {
     *context.err << "isoscope: no plots: " << facts.missing_plots
                  << "; the tables are complete without" << std::endl;

@@ -168,7 +168,7 @@ std::string BalanceSection(const PaperBenchResult& result) {
 }
 
 std::string SweepSection(const PaperBenchResult& result) {
-  std::map<double, std::map<visibility::Culling, const SweepRow*>> by_isovalue;
+  std::map<double, std::map<frame::Culling, const SweepRow*>> by_isovalue;
   for (const SweepRow& row : result.sweep) {
     by_isovalue[row.isovalue][row.culling] = &row;
   }
@@ -179,9 +179,9 @@ std::string SweepSection(const PaperBenchResult& result) {
   absl::StrAppend(&text, MarkdownHeader({"isovalue", "triangles, none", "depth", "mask", "ms, none",
                                          "depth", "mask", "rest ms"}));
   for (const auto& [isovalue, rows] : by_isovalue) {
-    const SweepRow& none = *rows.at(visibility::Culling::kNone);
-    const SweepRow& depth = *rows.at(visibility::Culling::kDepth);
-    const SweepRow& mask = *rows.at(visibility::Culling::kMask);
+    const SweepRow& none = *rows.at(frame::Culling::kNone);
+    const SweepRow& depth = *rows.at(frame::Culling::kDepth);
+    const SweepRow& mask = *rows.at(frame::Culling::kMask);
     absl::StrAppend(
         &text, MarkdownRow({Level(isovalue), FormatCount(none.triangle_count),
                             FormatCount(depth.triangle_count), FormatCount(mask.triangle_count),
@@ -299,13 +299,13 @@ std::string PaperReport(const PaperBenchResult& result, const PaperReportFacts& 
                       SpeedupSection(result), PictureSections(result));
 }
 
-absl::string_view NameOf(visibility::Culling culling) {
+absl::string_view NameOf(frame::Culling culling) {
   switch (culling) {
-    case visibility::Culling::kDepth:
+    case frame::Culling::kDepth:
       return "depth";
-    case visibility::Culling::kMask:
+    case frame::Culling::kMask:
       return "mask";
-    case visibility::Culling::kNone:
+    case frame::Culling::kNone:
       return "none";
   }
   return "";

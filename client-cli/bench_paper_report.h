@@ -37,7 +37,7 @@ struct PaperReportFacts {
 std::string PaperReport(const PaperBenchResult& result, const PaperReportFacts& facts);
 
 // "depth", "mask", "none".
-absl::string_view NameOf(visibility::Culling culling);
+absl::string_view NameOf(frame::Culling culling);
 
 }  // namespace isoscope::cli
 

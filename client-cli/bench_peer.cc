@@ -10,9 +10,9 @@
 #include "client-cli/output.h"
 #include <nlohmann/json.hpp>
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -25,14 +25,14 @@ std::string Triple(double x, double y, double z) {
 
 }  // namespace
 
-absl::Status WriteRawSamples(ingest::VolumeSource& source, const std::string& path,
+absl::Status WriteRawSamples(source::VolumeSource& source, const std::string& path,
                              const Context& context) {
   const math::Index3& dims = source.geometry().sample_dims;
   const auto layer_bytes =
       dims.x * dims.y * static_cast<std::int64_t>(volume::SizeOf(source.scalar_type()));
   const std::int64_t layers = std::max<std::int64_t>(1, kSlabBytes / layer_bytes);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<base::WritableFile> file,
-                            base::CreateWritableFile(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> file,
+                            io::CreateWritableFile(path));
   std::string slab;
   ProgressLine line(context.err, context.err_is_terminal);
   for (std::int64_t z = 0; z < dims.z; z += layers) {

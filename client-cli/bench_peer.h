@@ -13,7 +13,7 @@
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
 
-#include "core/ingest/volume_source.h"
+#include "core/source/volume_source.h"
 
 namespace isoscope::cli {
 
@@ -39,7 +39,7 @@ struct PeerCall {
 
 // Writes all samples of `source` to `path`: x fastest, little-endian, no header. In slabs, with
 // progress. CANCELLED; errors of the source and of the disk.
-absl::Status WriteRawSamples(ingest::VolumeSource& source, const std::string& path,
+absl::Status WriteRawSamples(source::VolumeSource& source, const std::string& path,
                              const Context& context);
 
 // Inside a virtual display: "xvfb-run ... /usr/bin/python3 SCRIPT RAW --dims ... --isovalue V".

@@ -17,8 +17,8 @@
 #include <sys/types.h>
 #include <sys/wait.h>
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -32,7 +32,7 @@ class Pipe {
   static absl::StatusOr<Pipe> Make() {
     std::array<int, 2> ends{};
     if (pipe2(ends.data(), O_CLOEXEC) != 0) {
-      return base::ErrnoToStatus(errno, "can't make", "a pipe");
+      return io::ErrnoToStatus(errno, "can't make", "a pipe");
     }
     return Pipe(ends[0], ends[1]);
   }
@@ -100,7 +100,7 @@ absl::StatusOr<pid_t> Spawn(const std::vector<std::string>& argv,
   const int error =
       posix_spawnp(&pid, argv[0].c_str(), &actions, &attributes, arguments.data(), environ);
   if (error != 0) {
-    return base::ErrnoToStatus(error, "can't run", argv[0]);
+    return io::ErrnoToStatus(error, "can't run", argv[0]);
   }
   return pid;
 }

@@ -22,8 +22,8 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -45,11 +45,11 @@ absl::Status MakeOwnDirectory(const std::string& directory) {
   std::error_code error;
   fs::create_directories(fs::path(directory).parent_path(), error);
   if (mkdir(directory.c_str(), S_IRWXU) != 0 && errno != EEXIST) {
-    return base::ErrnoToStatus(errno, "can't make folder", directory);
+    return io::ErrnoToStatus(errno, "can't make folder", directory);
   }
   struct stat info {};
   if (lstat(directory.c_str(), &info) != 0) {
-    return base::ErrnoToStatus(errno, "can't look at", directory);
+    return io::ErrnoToStatus(errno, "can't look at", directory);
   }
   // A folder in /tmp could have been put there by somebody else.
   if (!S_ISDIR(info.st_mode) || info.st_uid != geteuid() || access(directory.c_str(), W_OK) != 0) {
@@ -64,7 +64,7 @@ absl::StatusOr<std::string> AbsolutePath(const std::string& path) {
   std::error_code error;
   std::string absolute = fs::weakly_canonical(path, error).string();
   if (error) {
-    return base::ErrnoToStatus(error.value(), "can't resolve", path);
+    return io::ErrnoToStatus(error.value(), "can't resolve", path);
   }
   return absolute;
 }
@@ -73,7 +73,7 @@ absl::StatusOr<std::string> StampOf(const std::string& file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(file));
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) {
-    return base::ErrnoToStatus(errno, "can't look at", path);
+    return io::ErrnoToStatus(errno, "can't look at", path);
   }
   return absl::StrCat(path, "\n", std::int64_t{info.st_size}, "\n",
                       std::int64_t{info.st_mtim.tv_sec}, ".", std::int64_t{info.st_mtim.tv_nsec},
@@ -108,7 +108,7 @@ class WorkFolder {
   static absl::StatusOr<WorkFolder> Make(const std::string& cache_directory) {
     std::string pattern = absl::StrCat(cache_directory, "/", kWorkPrefix, "XXXXXX");
     if (mkdtemp(pattern.data()) == nullptr) {
-      return base::ErrnoToStatus(errno, "can't make a folder in", cache_directory);
+      return io::ErrnoToStatus(errno, "can't make a folder in", cache_directory);
     }
     // Gets its name once it is held: others would take a lock that is free for a leftover.
     const std::string path = absl::StrCat(pattern, "/", kLockName);
@@ -116,7 +116,7 @@ class WorkFolder {
     const int lock = open(unnamed.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
     if (lock < 0 || flock(lock, LOCK_EX | LOCK_NB) != 0 ||
         rename(unnamed.c_str(), path.c_str()) != 0) {
-      const absl::Status status = base::ErrnoToStatus(errno, "can't lock", pattern);
+      const absl::Status status = io::ErrnoToStatus(errno, "can't lock", pattern);
       if (lock >= 0) {
         close(lock);
       }
@@ -214,7 +214,7 @@ absl::StatusOr<std::string> FindOrMakeDataset(const std::string& cache_directory
                                               const std::string& key, MakeDataset make,
                                               VerifyDataset verify) {
   const std::string directory = absl::StrCat(cache_directory, "/", key);
-  if (base::PathExists(directory) && verify(directory).ok()) {
+  if (io::PathExists(directory) && verify(directory).ok()) {
     return directory;
   }
   RemoveLeftovers(cache_directory);
@@ -223,14 +223,14 @@ absl::StatusOr<std::string> FindOrMakeDataset(const std::string& cache_directory
   ISOSCOPE_RETURN_IF_ERROR(make(made));
   // Another process may have finished the same meanwhile: then that one is used. One that can't be
   // opened goes away with the work folder.
-  if (base::PathExists(directory)) {
+  if (io::PathExists(directory)) {
     if (verify(directory).ok()) {
       return directory;
     }
     std::error_code ignored;  // a third process may have moved it; the rename below tells
     fs::rename(directory, work.path() + "/damaged", ignored);
   }
-  const absl::Status renamed = base::RenamePath(made, directory);
+  const absl::Status renamed = io::RenamePath(made, directory);
   if (!renamed.ok() && !verify(directory).ok()) {
     return renamed;
   }

@@ -96,7 +96,7 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   return json;
 }
 
-Json VolumeToJson(const ingest::VolumeSource& source, const volume::ScalarSpan& value_range) {
+Json VolumeToJson(const source::VolumeSource& source, const volume::ScalarSpan& value_range) {
   Json json;
   json["name"] = source.name();
   AddGeometry(rpc::ToProto(source.geometry()), &json);

@@ -7,7 +7,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/ingest/volume_source.h"
+#include "core/source/volume_source.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/scalar_span.h"
 #include "isoscope/v1/cluster_service.pb.h"
@@ -23,7 +23,7 @@ using Json = nlohmann::ordered_json;
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
 // above.
-Json VolumeToJson(const ingest::VolumeSource& source, const volume::ScalarSpan& value_range);
+Json VolumeToJson(const source::VolumeSource& source, const volume::ScalarSpan& value_range);
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);

@@ -20,15 +20,15 @@
 #include "client-cli/usage.h"
 
 #include "core/base/status_macros.h"
-#include "core/ingest/volume_file.h"
-#include "core/ingest/volume_generator.h"
 #include "core/math/vec.h"
+#include "core/source/volume_file.h"
+#include "core/source/volume_generator.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::cli {
 namespace {
 
-using ingest::GeneratedField;
+using source::GeneratedField;
 
 struct FieldRow {
   GeneratedField field;
@@ -73,7 +73,7 @@ absl::StatusOr<GeneratedField> ParseField(absl::string_view text) {
 }
 
 absl::StatusOr<std::int64_t> ParseWaveCount(absl::string_view text) {
-  return ParseInteger(text, 1, ingest::GeneratorParameters::kMaxWaves);
+  return ParseInteger(text, 1, source::GeneratorParameters::kMaxWaves);
 }
 
 absl::StatusOr<std::int64_t> ParseShellsInBall(absl::string_view text) {
@@ -99,7 +99,7 @@ absl::Status CheckUsage(const GenerateFlags& flags) {
   if (!flags.output) {
     return UsageError("--output FILE is missing: a .nrrd, .nhdr, .mha or .raw file to write");
   }
-  const absl::Status kind = ingest::VolumeFileKindOf(*flags.output).status();
+  const absl::Status kind = source::VolumeFileKindOf(*flags.output).status();
   if (!kind.ok()) {
     return UsageError(kind.message());
   }
@@ -128,8 +128,8 @@ absl::Status CheckUsage(const GenerateFlags& flags) {
   return absl::OkStatus();
 }
 
-ingest::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
-  ingest::GeneratorParameters p;
+source::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
+  source::GeneratorParameters p;
   p.field = *flags.field;
   p.seed = flags.seed.value_or(p.seed);
   p.wave_count = static_cast<int>(flags.wave_count.value_or(p.wave_count));
@@ -159,12 +159,12 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   const volume::ScalarType type = flags.type.value_or(volume::ScalarType::kUint16);
   const absl::Time start = absl::Now();
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeGenerator> generator,
-                            ingest::VolumeGenerator::Make(ParametersOf(flags), *flags.dims, type));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeGenerator> generator,
+                            source::VolumeGenerator::Make(ParametersOf(flags), *flags.dims, type));
   absl::StatusOr<std::int64_t> bytes;
   {
     ProgressLine line(context.err, context.err_is_terminal);
-    bytes = ingest::WriteVolumeFile(
+    bytes = source::WriteVolumeFile(
         *generator,
         {.path = *flags.output,
          .spacing = flags.spacing.value_or(math::Vec3d{1, 1, 1}),

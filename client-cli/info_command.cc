@@ -18,8 +18,8 @@
 #include "client-cli/usage.h"
 
 #include "core/base/status_macros.h"
-#include "core/ingest/value_range.h"
 #include "core/rpc/channel.h"
+#include "core/source/value_range.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -48,11 +48,11 @@ absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
 absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
   // It knows what a folder without a volume is.
   ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeSource> source,
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags.source, *flags.input));
   ProgressLine line(context.err, context.err_is_terminal);
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan range,
-                            ingest::FindValueRange(
+                            source::FindValueRange(
                                 source.get(),
                                 [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
                                   line.Update("reading values", done_bytes, total_bytes);

@@ -64,7 +64,7 @@ class IsolatedLink final : public server::AgentLink {
       return;
     }
     pipeline_ = *std::move(pipeline);
-    if (request_.culling == visibility::Culling::kNone) {
+    if (request_.culling == frame::Culling::kNone) {
       SendLast(pipeline_->RenderAll());
       return;
     }
@@ -121,7 +121,7 @@ class IsolatedLink final : public server::AgentLink {
       return;
     }
     SendPixels(*image);
-    visibility::AgentStatistics statistics = pipeline_->statistics();
+    frame::AgentStatistics statistics = pipeline_->statistics();
     statistics.shard_indices = {request_.agent_index};
     listener_->OnFrameDone(std::move(statistics));
     End(absl::OkStatus());
@@ -147,7 +147,7 @@ IsolatedFrame FrameOf(server::FrameResult result, std::vector<volume::BlockId> r
                       const std::vector<AgentOrders>& orders, absl::Duration wall) {
   IsolatedFrame frame;
   frame.image = std::move(result.image);
-  for (const visibility::AgentStatistics& agent : result.agents) {
+  for (const frame::AgentStatistics& agent : result.agents) {
     frame.agents.push_back({.active_block_count = agent.active_block_count,
                             .drawn_block_count = agent.visible_block_count,
                             .triangle_count = agent.triangle_count});
@@ -167,9 +167,9 @@ IsolatedFrame FrameOf(server::FrameResult result, std::vector<volume::BlockId> r
 }
 
 // Both steps of a frame, or the only one, without anybody else in between.
-absl::StatusOr<absl::Duration> TimeAlone(agent::FramePipeline* pipeline,
-                                         visibility::Culling culling, const AgentOrders& orders) {
-  if (culling == visibility::Culling::kNone) {
+absl::StatusOr<absl::Duration> TimeAlone(agent::FramePipeline* pipeline, frame::Culling culling,
+                                         const AgentOrders& orders) {
+  if (culling == frame::Culling::kNone) {
     ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline->RenderAll());
     pipeline->Encode(image);
     return pipeline->statistics().busy_duration;
@@ -321,7 +321,7 @@ absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
     double isovalue, const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<agent::SurfaceExtraction> extraction,
-      agent::SurfaceExtraction::Make(shards_, isovalue, &arena_, base::ReadQueueOptions().max_bytes,
+      agent::SurfaceExtraction::Make(shards_, isovalue, &arena_, io::ReadQueueOptions().max_bytes,
                                      &cancellation));
   std::vector<std::int64_t> counts;
   while (true) {

@@ -16,9 +16,9 @@
 #include "absl/time/clock.h"
 
 #include "core/base/check.h"
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -174,15 +174,15 @@ absl::Status CheckWritable(const std::string& path) {
   if (IsSpecialFile(path)) {
     return absl::OkStatus();
   }
-  if (base::IsDirectory(path)) {
+  if (io::IsDirectory(path)) {
     return absl::FailedPreconditionError(
         absl::StrCat("'", path, "' is a folder; the name of a file is expected"));
   }
   const std::string partial = PartialName(path);
-  ISOSCOPE_RETURN_IF_ERROR(base::RemoveRecursively(partial));
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<base::WritableFile> file,
-                            base::CreateWritableFile(partial));
-  return base::RemoveRecursively(partial);
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> file,
+                            io::CreateWritableFile(partial));
+  return io::RemoveRecursively(partial);
 }
 
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes) {
@@ -194,16 +194,16 @@ absl::Status WriteFileAtomically(const std::string& path, absl::string_view byte
                       : absl::DataLossError(absl::StrCat("can't write to '", path, "'"));
   }
   const std::string partial = PartialName(path);
-  absl::Status status = base::RemoveRecursively(partial);
+  absl::Status status = io::RemoveRecursively(partial);
   if (status.ok()) {
-    status = base::WriteWholeFile(partial, bytes);
+    status = io::WriteWholeFile(partial, bytes);
   }
   if (status.ok()) {
-    status = base::RenamePath(partial, path);
+    status = io::RenamePath(partial, path);
   }
   if (!status.ok()) {
     // What went wrong first is what counts.
-    base::RemoveRecursively(partial).IgnoreError();
+    io::RemoveRecursively(partial).IgnoreError();
   }
   return status;
 }

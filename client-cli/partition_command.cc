@@ -17,8 +17,8 @@
 #include "client-cli/usage.h"
 
 #include "core/base/status_macros.h"
-#include "core/ingest/partitioner.h"
 #include "core/math/vec.h"
+#include "core/partition/partitioner.h"
 #include "core/store/block_codec.h"
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
@@ -71,7 +71,7 @@ std::string Summarize(const store::Manifest& manifest, const std::string& direct
 
 absl::Status Run(const PartitionFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
-  ingest::PartitionOptions options;
+  partition::PartitionOptions options;
   options.output_directory = *flags.output;
   while (options.output_directory.size() > 1 && options.output_directory.back() == '/') {
     options.output_directory.pop_back();

@@ -23,19 +23,19 @@ absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text) {
 }
 
 absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
-                                                ingest::PartitionOptions options,
+                                                partition::PartitionOptions options,
                                                 const Context& context) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<ingest::VolumeSource> source,
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
                             OpenSource(flags, input));
   options.reserved_bytes = kProcessBytes;
   ProgressLine line(context.err, context.err_is_terminal);
-  options.progress = [&line](const ingest::PartitionProgress& progress) {
+  options.progress = [&line](const partition::PartitionProgress& progress) {
     if (progress.total_bytes > 0) {
       line.Update(progress.phase, progress.done_bytes, progress.total_bytes);
     }
   };
   absl::StatusOr<store::Manifest> manifest =
-      ingest::Partition(*source, options, context.interrupt->cancellation());
+      partition::Partition(*source, options, context.interrupt->cancellation());
   if (!manifest.ok() && context.interrupt->cancellation().is_cancelled()) {
     return absl::CancelledError("interrupted while partitioning; nothing was left behind");
   }

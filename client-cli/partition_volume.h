@@ -11,7 +11,7 @@
 #include "client-cli/command.h"
 #include "client-cli/source_flags.h"
 
-#include "core/ingest/partitioner.h"
+#include "core/partition/partitioner.h"
 #include "core/store/manifest.h"
 
 namespace isoscope::cli {
@@ -21,9 +21,9 @@ absl::StatusOr<std::int64_t> ParseShardCount(absl::string_view text);
 
 // Opens `input` and partitions it. `options.progress` and `options.reserved_bytes` are replaced:
 // the memory limit is that of the process. CANCELLED, with nothing left behind, on an interrupt;
-// other errors as OpenSource and ingest::Partition.
+// other errors as OpenSource and partition::Partition.
 absl::StatusOr<store::Manifest> PartitionVolume(const SourceFlags& flags, const std::string& input,
-                                                ingest::PartitionOptions options,
+                                                partition::PartitionOptions options,
                                                 const Context& context);
 
 }  // namespace isoscope::cli

@@ -42,19 +42,18 @@ PlyWriter::PlyWriter(const std::string& path)
 absl::StatusOr<std::unique_ptr<PlyWriter>> PlyWriter::Create(const std::string& path) {
   std::unique_ptr<PlyWriter> writer(new PlyWriter(path));
   for (const std::string& partial : {writer->vertices_path_, writer->faces_path_}) {
-    ISOSCOPE_RETURN_IF_ERROR(base::RemoveRecursively(partial));
+    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(writer->vertices_file_,
-                            base::CreateWritableFile(writer->vertices_path_));
-  ISOSCOPE_ASSIGN_OR_RETURN(writer->faces_file_, base::CreateWritableFile(writer->faces_path_));
+  ISOSCOPE_ASSIGN_OR_RETURN(writer->vertices_file_, io::CreateWritableFile(writer->vertices_path_));
+  ISOSCOPE_ASSIGN_OR_RETURN(writer->faces_file_, io::CreateWritableFile(writer->faces_path_));
   ISOSCOPE_RETURN_IF_ERROR(writer->vertices_file_->Append(MakePlyHeader(0, 0)));
   return writer;
 }
 
 PlyWriter::~PlyWriter() {
   // After Finish there is nothing left under these names; before it, an error is on its way.
-  base::RemoveRecursively(vertices_path_).IgnoreError();
-  base::RemoveRecursively(faces_path_).IgnoreError();
+  io::RemoveRecursively(vertices_path_).IgnoreError();
+  io::RemoveRecursively(faces_path_).IgnoreError();
 }
 
 absl::Status PlyWriter::AddChunk(absl::string_view positions, absl::string_view normals,
@@ -102,8 +101,8 @@ absl::Status PlyWriter::AddChunk(absl::string_view positions, absl::string_view 
 
 absl::Status PlyWriter::AppendFaces() {
   ISOSCOPE_RETURN_IF_ERROR(faces_file_->Close());
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<base::RandomAccessFile> faces,
-                            base::OpenRandomAccessFile(faces_path_));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> faces,
+                            io::OpenRandomAccessFile(faces_path_));
   std::string buffer;
   for (std::int64_t offset = 0; offset < faces->size_bytes(); offset += kCopyBytes) {
     buffer.resize(static_cast<std::size_t>(std::min(kCopyBytes, faces->size_bytes() - offset)));
@@ -118,7 +117,7 @@ absl::Status PlyWriter::Finish() {
   ISOSCOPE_RETURN_IF_ERROR(
       vertices_file_->WriteAt(0, MakePlyHeader(vertex_count_, triangle_count_)));
   ISOSCOPE_RETURN_IF_ERROR(vertices_file_->Close());
-  return base::RenamePath(vertices_path_, path_);
+  return io::RenamePath(vertices_path_, path_);
 }
 
 }  // namespace isoscope::cli

@@ -15,7 +15,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 
@@ -26,7 +26,7 @@ class PlyWriter {
   // The limit of the format's 32-bit vertex numbers.
   static constexpr std::int64_t kMaxVertexCount = 0x7fffffff;
 
-  // `path` appears at Finish, in one step. Errors as base::CreateWritableFile.
+  // `path` appears at Finish, in one step. Errors as io::CreateWritableFile.
   static absl::StatusOr<std::unique_ptr<PlyWriter>> Create(const std::string& path);
   ~PlyWriter();
   PlyWriter(const PlyWriter&) = delete;
@@ -54,8 +54,8 @@ class PlyWriter {
   const std::string path_;
   const std::string vertices_path_;  // becomes the file
   const std::string faces_path_;
-  std::unique_ptr<base::WritableFile> vertices_file_;
-  std::unique_ptr<base::WritableFile> faces_file_;
+  std::unique_ptr<io::WritableFile> vertices_file_;
+  std::unique_ptr<io::WritableFile> faces_file_;
   std::int64_t vertex_count_ = 0;
   std::int64_t triangle_count_ = 0;
 };

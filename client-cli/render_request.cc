@@ -16,10 +16,10 @@ absl::StatusOr<std::int64_t> ParseSide(absl::string_view text) {
   return ParseInteger(text, 1, view::kMaxViewportPx);
 }
 
-absl::StatusOr<visibility::Culling> ParseCulling(absl::string_view text) {
-  return ParseChoice<visibility::Culling>(text, {{"depth", visibility::Culling::kDepth},
-                                                 {"mask", visibility::Culling::kMask},
-                                                 {"none", visibility::Culling::kNone}});
+absl::StatusOr<frame::Culling> ParseCulling(absl::string_view text) {
+  return ParseChoice<frame::Culling>(text, {{"depth", frame::Culling::kDepth},
+                                            {"mask", frame::Culling::kMask},
+                                            {"none", frame::Culling::kNone}});
 }
 
 isoscope::v1::Color ToProto(const Color& color) {
@@ -63,7 +63,7 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   *request.mutable_camera() = rpc::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);
   request.mutable_viewport()->set_height_px(flags.viewport().height_px);
-  request.set_culling(rpc::ToProto(flags.culling.value_or(visibility::Culling::kDepth)));
+  request.set_culling(rpc::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
   if (flags.base_color) {
     *request.mutable_base_color() = ToProto(*flags.base_color);
   }

@@ -12,8 +12,8 @@
 #include "client-cli/camera_flags.h"
 #include "client-cli/parse_value.h"
 
+#include "core/frame/culling.h"
 #include "core/view/camera.h"
-#include "core/visibility/culling.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
@@ -23,7 +23,7 @@ struct RequestFlags {
   std::optional<std::int64_t> width = std::nullopt;
   std::optional<std::int64_t> height = std::nullopt;
   CameraFlags camera = {};
-  std::optional<visibility::Culling> culling = std::nullopt;
+  std::optional<frame::Culling> culling = std::nullopt;
   std::optional<Color> base_color = std::nullopt;
   std::optional<Color> background_color = std::nullopt;
 

@@ -12,10 +12,10 @@
 #include "client-cli/partition_volume.h"
 #include "client-cli/usage.h"
 
-#include "core/base/file.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
-#include "core/ingest/partitioner.h"
+#include "core/io/file.h"
+#include "core/partition/partitioner.h"
 #include "core/rpc/channel.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/shard.h"
@@ -46,7 +46,7 @@ absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags,
                                           const std::vector<std::string>& files,
                                           const Context& context) {
   const std::string& input = *flags.input;
-  ingest::PartitionOptions options;
+  partition::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::string key,

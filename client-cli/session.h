@@ -47,9 +47,9 @@ class Session {
  public:
   // Partitions a source volume into the cache first, if it is not there, and starts an embedded
   // cluster for it or for a dataset directory.
-  // UsageError if --shards differs from what the dataset has. Other errors as ingest::Partition and
-  // EmbeddedCluster::Start.
-  // Memory is taken early for frames of `expected_viewport`; null: none are expected.
+  // UsageError if --shards differs from what the dataset has. Other errors as partition::Partition
+  // and EmbeddedCluster::Start. Memory is taken early for frames of `expected_viewport`; null: none
+  // are expected.
   static absl::StatusOr<std::unique_ptr<Session>> Open(
       const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
       const Context& context);

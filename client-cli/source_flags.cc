@@ -10,8 +10,8 @@
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 
-#include "core/base/file.h"
-#include "core/ingest/hdf5_source.h"
+#include "core/io/file.h"
+#include "core/source/hdf5_source.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -53,8 +53,8 @@ void AddSourceFlags(CLI::App* app, SourceFlags* flags) {
 }
 
 bool HasSelfDescribingName(const std::string& path) {
-  ingest::Hdf5Path hdf5;
-  if (ingest::SplitHdf5Path(path, &hdf5)) {
+  source::Hdf5Path hdf5;
+  if (source::SplitHdf5Path(path, &hdf5)) {
     return true;
   }
   const std::string name = absl::AsciiStrToLower(path);
@@ -76,7 +76,7 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path,
                                    "' carries its own dimensions and type"));
   }
-  if (base::IsDirectory(path)) {
+  if (io::IsDirectory(path)) {
     return UsageError(absl::StrCat(given, " is for raw files only; '", path, "' is a folder"));
   }
   if (!flags.dims || !flags.type) {
@@ -86,13 +86,13 @@ absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFlags& flags,
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path) {
   if (!flags.dims) {
-    return ingest::OpenVolumeFile(path);
+    return source::OpenVolumeFile(path);
   }
-  return ingest::OpenRawFile(
-      path, ingest::RawFormat{.dims = *flags.dims,
+  return source::OpenRawFile(
+      path, source::RawFormat{.dims = *flags.dims,
                               .type = flags.type.value_or(volume::ScalarType::kUint8),
                               .is_big_endian = flags.is_big_endian.value_or(false),
                               .header_bytes = flags.header_bytes.value_or(0),
@@ -105,8 +105,8 @@ absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
   if (flags.dims) {
     return std::vector<std::string>{path};
   }
-  absl::StatusOr<std::vector<std::string>> files = ingest::FilesOfVolume(path);
-  if (!files.ok() && base::IsDirectory(path)) {
+  absl::StatusOr<std::vector<std::string>> files = source::FilesOfVolume(path);
+  if (!files.ok() && io::IsDirectory(path)) {
     return absl::NotFoundError(
         absl::StrCat("'", path, "' holds no finished dataset, no TIFF slices and no DICOM series",
                      store::IsShardDirectory(path) ? "; it is one shard: isoscope-agent serves it"

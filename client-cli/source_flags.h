@@ -12,8 +12,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "core/ingest/volume_source.h"
 #include "core/math/vec.h"
+#include "core/source/volume_source.h"
 #include "core/volume/scalar_type.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): theirs
@@ -44,12 +44,12 @@ bool HasSelfDescribingName(const std::string& path);
 // UsageError if the flags do not fit each other, the file's name, or a folder.
 absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 
-// Opens it as a raw file if --dims is given, else by its format. Errors as ingest::OpenRawFile and
-// ingest::OpenVolumeFile.
-absl::StatusOr<std::unique_ptr<ingest::VolumeSource>> OpenSource(const SourceFlags& flags,
+// Opens it as a raw file if --dims is given, else by its format. Errors as source::OpenRawFile and
+// source::OpenVolumeFile.
+absl::StatusOr<std::unique_ptr<source::VolumeSource>> OpenSource(const SourceFlags& flags,
                                                                  const std::string& path);
 
-// The files that it is read from. Errors as ingest::FilesOfVolume; NOT_FOUND if it is a folder that
+// The files that it is read from. Errors as source::FilesOfVolume; NOT_FOUND if it is a folder that
 // holds no volume.
 absl::StatusOr<std::vector<std::string>> SourceFiles(const SourceFlags& flags,
                                                      const std::string& path);

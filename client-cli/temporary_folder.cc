@@ -3,7 +3,7 @@
 #include <cerrno>
 #include <cstdlib>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 
@@ -12,15 +12,15 @@ absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
   const std::string parent = place != nullptr && *place == '/' ? place : "/tmp";
   std::string path = absl::StrCat(parent, "/isoscope-XXXXXX");
   if (mkdtemp(path.data()) == nullptr) {
-    return base::ErrnoToStatus(errno, "can't make a temporary folder in (set TMPDIR to another)",
-                               parent);
+    return io::ErrnoToStatus(errno, "can't make a temporary folder in (set TMPDIR to another)",
+                             parent);
   }
   return TemporaryFolder(std::move(path));
 }
 
 TemporaryFolder::~TemporaryFolder() {
   if (!path_.empty()) {
-    base::RemoveRecursively(path_).IgnoreError();  // nobody is left to hear of it
+    io::RemoveRecursively(path_).IgnoreError();  // nobody is left to hear of it
   }
 }
 

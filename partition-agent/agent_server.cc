@@ -12,8 +12,8 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/rpc/channel.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
@@ -31,12 +31,12 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
   if (!store::IsDatasetDirectory(directory)) {
     // A folder of another user looks empty: say so.
     const absl::Status readable =
-        base::OpenRandomAccessFile(absl::StrCat(directory, "/", store::kManifestFileName)).status();
+        io::OpenRandomAccessFile(absl::StrCat(directory, "/", store::kManifestFileName)).status();
     if (absl::IsPermissionDenied(readable)) {
       return readable;
     }
     return absl::NotFoundError(absl::StrCat(directory,
-                                            base::PathExists(directory)
+                                            io::PathExists(directory)
                                                 ? ": neither a shard nor a dataset directory"
                                                 : ": no such directory",
                                             "; `isoscope partition` makes them"));

@@ -21,11 +21,11 @@
 
 #include "core/base/check.h"
 #include "core/base/first_error.h"
-#include "core/base/read_queue.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
 #include "core/extract/block_extractor.h"
 #include "core/image/pixel_mask.h"
+#include "core/io/read_queue.h"
 #include "core/mesh/block_mesh.h"
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
@@ -194,7 +194,7 @@ class FramePipeline::Impl {
     return arena_->execute([&] { return composite::EncodePixels(image); });
   }
 
-  [[nodiscard]] const visibility::AgentStatistics& statistics() const { return statistics_; }
+  [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
  private:
   // Step 0: fills own_active_.
@@ -368,7 +368,7 @@ class FramePipeline::Impl {
         by_shard[block.shard_slot].blocks.push_back(block);
       }
     }
-    std::vector<base::ReadQueue::Read> reads;
+    std::vector<io::ReadQueue::Read> reads;
     for (std::size_t slot = 0; slot < shards_.size(); ++slot) {
       ShardReads& of_shard = by_shard[slot];
       std::sort(of_shard.blocks.begin(), of_shard.blocks.end(),
@@ -385,9 +385,9 @@ class FramePipeline::Impl {
         reads.push_back(reader.RequestFor(run));
       }
     }
-    base::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
-    const absl::Status status = ForEachArrival(
-        &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
+    io::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
+    const absl::Status status =
+        ForEachArrival(&queue, arena_, *cancellation_, [&](const io::ReadQueue::Arrival& arrival) {
           const auto after = std::upper_bound(
               by_shard.begin(), by_shard.end(), arrival.index(),
               [](std::size_t read, const ShardReads& of) { return read < of.first_read; });
@@ -411,7 +411,7 @@ class FramePipeline::Impl {
   }
 
   absl::Status ExtractRun(std::size_t slot, const ShardReads& reads,
-                          const base::ReadQueue::Arrival& arrival, Worker* worker) {
+                          const io::ReadQueue::Arrival& arrival, Worker* worker) {
     const ScopedTimer timer(&worker->extract_time);
     const Shard& shard = *shards_[slot];
     const store::ShardReader::Run& run = reads.runs[arrival.index() - reads.first_read];
@@ -490,7 +490,7 @@ class FramePipeline::Impl {
   std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> own_active_;
   std::vector<std::shared_ptr<MeshTable>> meshes_;
   tbb::enumerable_thread_specific<Worker> workers_;
-  visibility::AgentStatistics statistics_;
+  frame::AgentStatistics statistics_;
 };
 
 absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
@@ -524,6 +524,6 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->Ren
 std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
   return impl_->Encode(image);
 }
-const visibility::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
+const frame::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 
 }  // namespace isoscope::agent

@@ -15,10 +15,10 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
-#include "core/base/read_queue.h"
+#include "core/frame/agent_statistics.h"
 #include "core/image/frame_image.h"
+#include "core/io/read_queue.h"
 #include "core/render/renderer.h"
-#include "core/visibility/agent_statistics.h"
 #include "core/volume/block_layout.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/frame_request.h"
@@ -37,7 +37,7 @@ struct AgentResources {
   render::Renderer* renderer = nullptr;
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;
-  std::size_t max_read_bytes = base::ReadQueueOptions().max_bytes;  // of each step, under way
+  std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way
 };
 
 // Call the steps in order, each once, from one thread at a time; they block. After an error no
@@ -68,7 +68,7 @@ class FramePipeline {
   // What a step drew as bands (composite::EncodePixels), after that step.
   std::vector<std::string> Encode(const image::FrameImage& image);
 
-  [[nodiscard]] const visibility::AgentStatistics& statistics() const;
+  [[nodiscard]] const frame::AgentStatistics& statistics() const;
 
  private:
   class Impl;

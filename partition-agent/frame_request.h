@@ -5,9 +5,9 @@
 
 #include <cstdint>
 
+#include "core/frame/culling.h"
 #include "core/render/appearance.h"
 #include "core/view/camera.h"
-#include "core/visibility/culling.h"
 
 namespace isoscope::agent {
 
@@ -16,7 +16,7 @@ struct FrameRequest {
   double isovalue = 0;            // finite
   view::Camera camera;
   view::Viewport viewport;
-  visibility::Culling culling = visibility::Culling::kDepth;
+  frame::Culling culling = frame::Culling::kDepth;
   render::Appearance appearance;
   std::uint64_t ray_seed = 0;
   int agent_index = 0;  // its part of the rays: agent_index of agent_count

@@ -312,7 +312,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
                                         .cache = service_->memory_->cache(),
                                         .max_read_bytes = service_->memory_->read_bytes()},
                                        &cancellation_));
-    if (request_.culling == visibility::Culling::kNone) {
+    if (request_.culling == frame::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
       ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
       ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
@@ -355,7 +355,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   absl::Status SendLast(const image::FrameImage& image) {
     v1::RenderFrameResponse message;
     ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
-    const visibility::AgentStatistics& statistics = pipeline_->statistics();
+    const frame::AgentStatistics& statistics = pipeline_->statistics();
     isoscope::v1::AgentStatistics* proto = message.mutable_frame_done()->mutable_statistics();
     *proto = rpc::ToProto(statistics);
     for (const int index : shard_indices_) {

@@ -13,15 +13,15 @@
 
 namespace isoscope::agent {
 
-absl::Status ForEachArrival(base::ReadQueue* queue, tbb::task_arena* arena,
+absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
                             const base::Cancellation& cancellation,
-                            absl::FunctionRef<absl::Status(const base::ReadQueue::Arrival&)> work) {
+                            absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work) {
   std::atomic<bool> has_error{false};
   absl::Mutex mutex;
   absl::Status first_error;
   const auto work_off = [&](int /*thread*/) {
     while (!has_error.load(std::memory_order_relaxed)) {
-      const std::optional<base::ReadQueue::Arrival> arrival = queue->TryTake();
+      const std::optional<io::ReadQueue::Arrival> arrival = queue->TryTake();
       if (!arrival.has_value()) {
         return;
       }

@@ -8,16 +8,16 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
-#include "core/base/read_queue.h"
+#include "core/io/read_queue.h"
 
 namespace isoscope::agent {
 
 // Calls `work` in the arena, on several threads at once, for each read of `queue` that arrives, and
 // returns when all were worked on: the first error of `work` or `cancellation`, after which no
 // further read is taken. Threads of the arena never wait for a disk; the calling one does.
-absl::Status ForEachArrival(base::ReadQueue* queue, tbb::task_arena* arena,
+absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
                             const base::Cancellation& cancellation,
-                            absl::FunctionRef<absl::Status(const base::ReadQueue::Arrival&)> work);
+                            absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work);
 
 }  // namespace isoscope::agent
 

@@ -8,9 +8,9 @@
 
 #include "absl/strings/str_format.h"
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/file.h"
 #include "core/store/shard_format.h"
 #include "core/volume/scalar_span.h"
 
@@ -63,8 +63,8 @@ absl::StatusOr<std::shared_ptr<const Shard>> OpenShard(const std::string& direct
   ISOSCOPE_ASSIGN_OR_RETURN(shard->reader, store::ShardReader::Open(directory));
   shard->shapes = std::make_shared<const extract::BlockShapes>(shard->reader->layout());
   const std::string tree_path = directory + "/" + store::kIntervalTreeFileName;
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<base::RandomAccessFile> file,
-                            base::OpenRandomAccessFile(tree_path));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(tree_path));
   ISOSCOPE_ASSIGN_OR_RETURN(shard->tree,
                             index::IntervalTree::Open(std::move(file), kPageCacheBytes));
   if (shard->tree->interval_count() > shard->reader->block_count()) {

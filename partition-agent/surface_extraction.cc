@@ -10,10 +10,10 @@
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
 #include "core/base/check.h"
-#include "core/base/read_queue.h"
 #include "core/base/status_macros.h"
 #include "core/extract/block_extractor.h"
 #include "core/index/interval_tree.h"
+#include "core/io/read_queue.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/block_samples.h"
 #include "partition-agent/queued_reads.h"
@@ -106,16 +106,16 @@ class SurfaceExtraction::Impl {
       }
     }
 
-    std::vector<base::ReadQueue::Read> reads;
+    std::vector<io::ReadQueue::Read> reads;
     reads.reserve(tasks.size());
     for (const ReadTask& task : tasks) {
       reads.push_back(shards_[task.shard_slot]->reader->RequestFor(task.run));
     }
 
     std::vector<mesh::BlockMesh> meshes(batch.size());
-    base::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
-    ISOSCOPE_RETURN_IF_ERROR(ForEachArrival(
-        &queue, arena_, *cancellation_, [&](const base::ReadQueue::Arrival& arrival) {
+    io::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
+    ISOSCOPE_RETURN_IF_ERROR(
+        ForEachArrival(&queue, arena_, *cancellation_, [&](const io::ReadQueue::Arrival& arrival) {
           const ReadTask& task = tasks[arrival.index()];
           return ExtractRun(task, ordinals[task.shard_slot], arrival, batch, &meshes);
         }));
@@ -124,7 +124,7 @@ class SurfaceExtraction::Impl {
 
   // Puts the meshes of a run's blocks at their places in `meshes`.
   absl::Status ExtractRun(const ReadTask& task, absl::Span<const std::uint32_t> ordinals,
-                          const base::ReadQueue::Arrival& arrival,
+                          const io::ReadQueue::Arrival& arrival,
                           absl::Span<const ActiveBlock> batch,
                           std::vector<mesh::BlockMesh>* meshes) {
     extract::BlockExtractor& extractor = extractors_.local();

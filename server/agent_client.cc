@@ -189,7 +189,7 @@ class FrameStream final
         listener_->OnOccludersDone();
         return absl::OkStatus();
       case v1::RenderFrameResponse::kFrameDone: {
-        visibility::AgentStatistics statistics =
+        frame::AgentStatistics statistics =
             rpc::AgentStatisticsFromProto(message->frame_done().statistics());
         statistics.agent_address = agent_.address;
         statistics.shard_indices = agent_.shard_indices;

@@ -11,7 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "core/visibility/agent_statistics.h"
+#include "core/frame/agent_statistics.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::server {
@@ -26,7 +26,7 @@ class AgentListener {
                          std::vector<volume::BlockId> active) = 0;
   virtual void OnPixels(std::vector<std::string> bands) = 0;  // docs/format/wire.md
   virtual void OnOccludersDone() = 0;
-  virtual void OnFrameDone(visibility::AgentStatistics statistics) = 0;
+  virtual void OnFrameDone(frame::AgentStatistics statistics) = 0;
   // The last call. OK only after OnFrameDone. Errors name the agent and its shards.
   virtual void OnEnd(absl::Status status) = 0;
 };

@@ -43,7 +43,7 @@ struct Pixels {
 };
 struct OccludersDone {};
 struct FrameDone {
-  visibility::AgentStatistics statistics;
+  frame::AgentStatistics statistics;
 };
 struct End {
   absl::Status status;
@@ -86,7 +86,7 @@ class QueueingListener final : public AgentListener {
   }
   void OnPixels(std::vector<std::string> bands) override { Push(Pixels{std::move(bands)}); }
   void OnOccludersDone() override { Push(OccludersDone{}); }
-  void OnFrameDone(visibility::AgentStatistics statistics) override {
+  void OnFrameDone(frame::AgentStatistics statistics) override {
     Push(FrameDone{std::move(statistics)});
   }
   void OnEnd(absl::Status status) override { Push(End{std::move(status)}); }
@@ -129,7 +129,7 @@ class Frame {
     ISOSCOPE_RETURN_IF_ERROR(status);
     result_.composite_duration = absl::Now() - phase_start_;
     std::sort(result_.agents.begin(), result_.agents.end(),
-              [](const visibility::AgentStatistics& a, const visibility::AgentStatistics& b) {
+              [](const frame::AgentStatistics& a, const frame::AgentStatistics& b) {
                 return a.shard_indices < b.shard_indices;
               });
     return std::move(result_);
@@ -148,12 +148,12 @@ class Frame {
     for (int i = 0; i < setup_.agent_count; ++i) {
       Agent agent;
       agent.listener = std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
-      agent.stage = setup_.culling == visibility::Culling::kNone ? Stage::kRenderingVisible
-                                                                 : Stage::kSelecting;
+      agent.stage =
+          setup_.culling == frame::Culling::kNone ? Stage::kRenderingVisible : Stage::kSelecting;
       ISOSCOPE_ASSIGN_OR_RETURN(agent.link, begin(i, agent.listener.get()));
       agents_.push_back(std::move(agent));
     }
-    if (setup_.active != nullptr && setup_.culling != visibility::Culling::kNone) {
+    if (setup_.active != nullptr && setup_.culling != frame::Culling::kNone) {
       FindFootprints(*setup_.active);  // while the agents cast rays
     }
     while (!AllAt(Stage::kEnded)) {
@@ -344,7 +344,7 @@ class Frame {
   }
 
   void SendVisibleBlocks() {
-    const bool has_depth = setup_.culling == visibility::Culling::kDepth;
+    const bool has_depth = setup_.culling == frame::Culling::kDepth;
     const visibility::OcclusionMap map = setup_.arena->execute([&] {
       return visibility::OcclusionMap::FromImage(
           result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);

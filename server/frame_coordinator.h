@@ -19,9 +19,9 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/frame/culling.h"
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
-#include "core/visibility/culling.h"
 #include "core/volume/block_layout.h"
 #include "server/active_blocks.h"
 #include "server/agent_link.h"
@@ -32,7 +32,7 @@ namespace isoscope::server {
 struct FrameSetup {
   const view::View* view = nullptr;
   const volume::BlockLayout* layout = nullptr;
-  visibility::Culling culling = visibility::Culling::kDepth;
+  frame::Culling culling = frame::Culling::kDepth;
   int agent_count = 0;
   // What is active, if it is known: then agents are not to be asked to report it.
   std::shared_ptr<const ActiveBlocks> active;
@@ -50,7 +50,7 @@ struct FrameResult {
   absl::Duration occluder_rendering_duration;
   absl::Duration visibility_culling_duration;
   absl::Duration composite_duration;
-  std::vector<visibility::AgentStatistics> agents;  // in order of their first shard
+  std::vector<frame::AgentStatistics> agents;  // in order of their first shard
 };
 
 // Begins the frame on agent `agent_index` of all; `listener` outlives the link.

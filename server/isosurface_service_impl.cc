@@ -44,7 +44,7 @@ constexpr std::size_t kMaxUnusedImageBytes = 192 * base::kMiB;
 // What is right or wrong whatever the cluster holds: checked before a request may wait.
 struct CheckedRequest {
   view::Viewport viewport;
-  visibility::Culling culling = visibility::Culling::kDepth;
+  frame::Culling culling = frame::Culling::kDepth;
   image::Rgba8 background_color = kOpaqueBlack;
 };
 
@@ -87,7 +87,7 @@ absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
 // Sums over agents, and what the coordinator measured; without the PNG's size and time.
 isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
   isoscope::v1::RenderStatistics sum;
-  for (const visibility::AgentStatistics& agent : result.agents) {
+  for (const frame::AgentStatistics& agent : result.agents) {
     sum.set_active_block_count(sum.active_block_count() + agent.active_block_count);
     sum.set_occluding_block_count(sum.occluding_block_count() + agent.occluding_block_count);
     sum.set_visible_block_count(sum.visible_block_count() + agent.visible_block_count);

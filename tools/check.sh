@@ -13,7 +13,7 @@ python3 tools/check_layers.py
 cmake --preset clang --log-level=WARNING
 cmake --build --preset clang --target isoscope_proto
 # Debian's ITK headers refuse every compiler but GCC: the one file that includes them is left out.
-sources=('*.cc' ':!tests/fuzz' ':!core/ingest/itk_header.cc')
+sources=('*.cc' ':!tests/fuzz' ':!core/source/itk_header.cc')
 if [ "$base" = --all ]; then
   mapfile -d '' files < <(git ls-files -z --cached --others --exclude-standard -- "${sources[@]}")
 else

@@ -18,6 +18,7 @@ import sys
 # Module: floor. A module may include modules on lower floors.
 MODULES = {
     "core/base": 0,
+    "core/io": 1,
     "core/math": 1,
     "core/image": 1,
     "core/volume": 2,
@@ -28,12 +29,14 @@ MODULES = {
     "core/extract": 4,
     "core/visibility": 4,
     "core/composite": 4,
+    "core/source": 4,
+    "core/partition": 5,
     "core/render": 5,
-    "core/ingest": 5,
-    "core/rpc": 6,
-    "partition-agent": 7,
-    "server": 7,
-    "client-cli": 8,
+    "core/frame": 6,
+    "core/rpc": 7,
+    "partition-agent": 8,
+    "server": 8,
+    "client-cli": 9,
 }
 
 # Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
@@ -64,11 +67,11 @@ UNTESTED_HEADERS = {
     "core/extract/block_shape.h": "inside of block_extractor_test",
     "core/index/interval_tree_builder.h": "inside of interval_tree_test",
     "core/index/interval_tree_format.h": "constants; inside of interval_tree_test",
-    "core/ingest/file_source.h": "inside of volume_source_test",
-    "core/ingest/hdf5_handle.h": "inside of hdf5_source_test and hdf5_storage_test",
-    "core/ingest/inflate_reader.h": "inside of volume_source_test",
-    "core/ingest/itk_header.h": "inside of volume_source_test",
-    "core/ingest/sample_location.h": "inside of volume_source_test",
+    "core/source/file_source.h": "inside of volume_source_test",
+    "core/source/hdf5_handle.h": "inside of hdf5_source_test and hdf5_storage_test",
+    "core/source/inflate_reader.h": "inside of volume_source_test",
+    "core/source/itk_header.h": "inside of volume_source_test",
+    "core/source/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
     "core/render/appearance.h": "plain data",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
@@ -82,8 +85,8 @@ UNTESTED_HEADERS = {
     "core/visibility/ray_kernel.h": "inside of occluder_selection_test",
     "core/view/footprint_kernel.h": "inside of view_test",
     "core/store/shard_format.h": "constants; inside of shard_reader_test",
-    "core/visibility/agent_statistics.h": "plain data",
-    "core/visibility/culling.h": "an enumeration",
+    "core/frame/agent_statistics.h": "plain data",
+    "core/frame/culling.h": "an enumeration",
     "core/volume/block_samples.h": "plain data",
 }
 

@@ -12,7 +12,6 @@
 #include "absl/types/span.h"
 
 #include "core/base/cancellation.h"
-#include "core/base/external_sorter.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/index/in_memory_node_builder.h"
@@ -20,6 +19,7 @@
 #include "core/index/interval_tree_format.h"
 #include "core/index/node_slabs.h"
 #include "core/index/node_writer.h"
+#include "core/io/external_sorter.h"
 
 namespace isoscope::index {
 namespace {
@@ -35,8 +35,8 @@ class Buckets {
                                         const std::vector<std::int64_t>& sizes,
                                         std::int64_t buffer_bytes) {
     Buckets buckets;
-    ISOSCOPE_ASSIGN_OR_RETURN(buckets.file_, base::ScratchFile::Create(directory));
-    base::ScratchRange range;
+    ISOSCOPE_ASSIGN_OR_RETURN(buckets.file_, io::ScratchFile::Create(directory));
+    io::ScratchRange range;
     for (const std::int64_t size : sizes) {
       range.count = size;
       buckets.ranges_.push_back(range);
@@ -58,15 +58,13 @@ class Buckets {
     return absl::OkStatus();
   }
 
-  [[nodiscard]] const base::ScratchFile& file() const { return *file_; }
-  [[nodiscard]] const base::ScratchRange& range(std::size_t bucket) const {
-    return ranges_[bucket];
-  }
+  [[nodiscard]] const io::ScratchFile& file() const { return *file_; }
+  [[nodiscard]] const io::ScratchRange& range(std::size_t bucket) const { return ranges_[bucket]; }
 
  private:
-  std::unique_ptr<base::ScratchFile> file_;
-  std::vector<base::ScratchRange> ranges_;
-  std::vector<base::RecordWriter<BlockInterval>> writers_;
+  std::unique_ptr<io::ScratchFile> file_;
+  std::vector<io::ScratchRange> ranges_;
+  std::vector<io::RecordWriter<BlockInterval>> writers_;
 };
 
 // An interval of the right lists, and the slab whose list it is in.
@@ -86,11 +84,11 @@ struct RightLess {
 // Builds a subtree of intervals that lie, in canonical order, in a scratch file.
 class ExternalNodeBuilder {
  public:
-  ExternalNodeBuilder(const IntervalTreeBuilder::Options& options, base::PageFileWriter* pages)
+  ExternalNodeBuilder(const IntervalTreeBuilder::Options& options, io::PageFileWriter* pages)
       : options_(options), plan_(options.memory_bytes), pages_(pages) {}
 
-  absl::StatusOr<base::PageNumber> BuildNode(const base::ScratchFile& file,
-                                             const base::ScratchRange& range);
+  absl::StatusOr<io::PageNumber> BuildNode(const io::ScratchFile& file,
+                                           const io::ScratchRange& range);
 
  private:
   // What pass 2 learns of a node's intervals before it deals them out.
@@ -104,9 +102,9 @@ class ExternalNodeBuilder {
 
   // Calls visit(interval) for each of the range, in order, until it returns an error.
   template <typename Visit>  // absl::Status(const BlockInterval&)
-  absl::Status ForEach(const base::ScratchFile& file, const base::ScratchRange& range,
+  absl::Status ForEach(const io::ScratchFile& file, const io::ScratchRange& range,
                        const Visit& visit) const {
-    base::RecordReader<BlockInterval> reader(&file, range, plan_.sequence_bytes);
+    io::RecordReader<BlockInterval> reader(&file, range, plan_.sequence_bytes);
     while (true) {
       if (options_.cancellation != nullptr) {
         ISOSCOPE_RETURN_IF_ERROR(options_.cancellation->Check());
@@ -121,35 +119,35 @@ class ExternalNodeBuilder {
     }
   }
 
-  absl::StatusOr<base::PageNumber> BuildInMemory(const base::ScratchFile& file,
-                                                 const base::ScratchRange& range) const;
+  absl::StatusOr<io::PageNumber> BuildInMemory(const io::ScratchFile& file,
+                                               const io::ScratchRange& range) const;
   // Pass 1.
-  absl::StatusOr<std::vector<double>> ChooseSlabs(const base::ScratchFile& file,
-                                                  const base::ScratchRange& range) const;
+  absl::StatusOr<std::vector<double>> ChooseSlabs(const io::ScratchFile& file,
+                                                  const io::ScratchRange& range) const;
   // Pass 2: a bucket for each slab, and a last one of the intervals that stay.
-  absl::StatusOr<Buckets> Distribute(const base::ScratchFile& file, const base::ScratchRange& range,
+  absl::StatusOr<Buckets> Distribute(const io::ScratchFile& file, const io::ScratchRange& range,
                                      std::span<const double> lower, const Census& census) const;
   // Pass 3.
   absl::Status WriteRun(const Buckets& buckets, std::span<const double> lower, const Census& census,
                         NodeRecords* node) const;
-  absl::Status WriteLeftLists(const base::ScratchFile& file, const base::ScratchRange& kept,
+  absl::Status WriteLeftLists(const io::ScratchFile& file, const io::ScratchRange& kept,
                               std::span<const double> lower, NodeRecords* node,
                               RunWriter* run) const;
-  absl::Status WriteRightLists(const base::ScratchFile& file, const base::ScratchRange& kept,
+  absl::Status WriteRightLists(const io::ScratchFile& file, const io::ScratchRange& kept,
                                std::span<const double> lower, NodeRecords* node,
                                RunWriter* run) const;
-  absl::Status WriteWindowLists(const base::ScratchFile& file, const base::ScratchRange& kept,
+  absl::Status WriteWindowLists(const io::ScratchFile& file, const io::ScratchRange& kept,
                                 std::span<const double> lower, const Coverage& coverage,
                                 NodeRecords* node, RunWriter* run) const;
   absl::Status WriteLeafLists(const Buckets& buckets, NodeRecords* node, RunWriter* run) const;
 
   const IntervalTreeBuilder::Options& options_;
   const MemoryPlan plan_;
-  base::PageFileWriter* pages_;
+  io::PageFileWriter* pages_;
 };
 
-absl::StatusOr<base::PageNumber> ExternalNodeBuilder::BuildInMemory(
-    const base::ScratchFile& file, const base::ScratchRange& range) const {
+absl::StatusOr<io::PageNumber> ExternalNodeBuilder::BuildInMemory(
+    const io::ScratchFile& file, const io::ScratchRange& range) const {
   std::vector<BlockInterval> intervals;
   intervals.reserve(static_cast<std::size_t>(range.count));
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
@@ -160,9 +158,9 @@ absl::StatusOr<base::PageNumber> ExternalNodeBuilder::BuildInMemory(
 }
 
 absl::StatusOr<std::vector<double>> ExternalNodeBuilder::ChooseSlabs(
-    const base::ScratchFile& file, const base::ScratchRange& range) const {
+    const io::ScratchFile& file, const io::ScratchRange& range) const {
   // The lower ends are in order already.
-  base::ExternalSorter<double> upper(options_.scratch_directory, plan_.sorter_bytes);
+  io::ExternalSorter<double> upper(options_.scratch_directory, plan_.sorter_bytes);
   ISOSCOPE_RETURN_IF_ERROR(ForEach(
       file, range, [&](const BlockInterval& interval) { return upper.Add(interval.span.max); }));
   ISOSCOPE_RETURN_IF_ERROR(upper.Finish());
@@ -192,8 +190,8 @@ absl::StatusOr<std::vector<double>> ExternalNodeBuilder::ChooseSlabs(
   return lower;
 }
 
-absl::StatusOr<Buckets> ExternalNodeBuilder::Distribute(const base::ScratchFile& file,
-                                                        const base::ScratchRange& range,
+absl::StatusOr<Buckets> ExternalNodeBuilder::Distribute(const io::ScratchFile& file,
+                                                        const io::ScratchRange& range,
                                                         std::span<const double> lower,
                                                         const Census& census) const {
   std::vector<std::int64_t> sizes = census.down_counts;
@@ -208,8 +206,8 @@ absl::StatusOr<Buckets> ExternalNodeBuilder::Distribute(const base::ScratchFile&
   return buckets;
 }
 
-absl::Status ExternalNodeBuilder::WriteLeftLists(const base::ScratchFile& file,
-                                                 const base::ScratchRange& kept,
+absl::Status ExternalNodeBuilder::WriteLeftLists(const io::ScratchFile& file,
+                                                 const io::ScratchRange& kept,
                                                  std::span<const double> lower, NodeRecords* node,
                                                  RunWriter* run) const {
   // Canonical order is ascending by lo, and so by slab.
@@ -228,12 +226,11 @@ absl::Status ExternalNodeBuilder::WriteLeftLists(const base::ScratchFile& file,
   return absl::OkStatus();
 }
 
-absl::Status ExternalNodeBuilder::WriteRightLists(const base::ScratchFile& file,
-                                                  const base::ScratchRange& kept,
+absl::Status ExternalNodeBuilder::WriteRightLists(const io::ScratchFile& file,
+                                                  const io::ScratchRange& kept,
                                                   std::span<const double> lower, NodeRecords* node,
                                                   RunWriter* run) const {
-  base::ExternalSorter<RightEntry, RightLess> sorter(options_.scratch_directory,
-                                                     plan_.sorter_bytes);
+  io::ExternalSorter<RightEntry, RightLess> sorter(options_.scratch_directory, plan_.sorter_bytes);
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, kept, [&](const BlockInterval& interval) {
     const Part part = PartOf(interval, lower);
     return part.in_right_list() ? sorter.Add({interval, part.last_slab}) : absl::OkStatus();
@@ -250,8 +247,8 @@ absl::Status ExternalNodeBuilder::WriteRightLists(const base::ScratchFile& file,
   return absl::OkStatus();
 }
 
-absl::Status ExternalNodeBuilder::WriteWindowLists(const base::ScratchFile& file,
-                                                   const base::ScratchRange& kept,
+absl::Status ExternalNodeBuilder::WriteWindowLists(const io::ScratchFile& file,
+                                                   const io::ScratchRange& kept,
                                                    std::span<const double> lower,
                                                    const Coverage& coverage, NodeRecords* node,
                                                    RunWriter* run) const {
@@ -308,7 +305,7 @@ absl::Status ExternalNodeBuilder::WriteLeafLists(const Buckets& buckets, NodeRec
 
 absl::Status ExternalNodeBuilder::WriteRun(const Buckets& buckets, std::span<const double> lower,
                                            const Census& census, NodeRecords* node) const {
-  const base::ScratchRange& kept = buckets.range(lower.size());
+  const io::ScratchRange& kept = buckets.range(lower.size());
   RunWriter run(pages_);
   ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(buckets.file(), kept, lower, node, &run));
   ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(buckets.file(), kept, lower, node, &run));
@@ -318,12 +315,12 @@ absl::Status ExternalNodeBuilder::WriteRun(const Buckets& buckets, std::span<con
   return run.Finish();
 }
 
-absl::StatusOr<base::PageNumber> ExternalNodeBuilder::BuildNode(const base::ScratchFile& file,
-                                                                const base::ScratchRange& range) {
+absl::StatusOr<io::PageNumber> ExternalNodeBuilder::BuildNode(const io::ScratchFile& file,
+                                                              const io::ScratchRange& range) {
   if (range.count <= plan_.in_memory_count) {
     return BuildInMemory(file, range);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageNumber page, pages_->Append(""));
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::PageNumber page, pages_->Append(""));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> lower, ChooseSlabs(file, range));
   Census census(lower.size());
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
@@ -357,10 +354,10 @@ MemoryPlan::MemoryPlan(std::int64_t memory_bytes)
       sequence_bytes(std::min(memory_bytes / 8, base::kMiB)),
       in_memory_count(std::max(memory_bytes / kBytesPerInterval, kEntriesPerPage)) {}
 
-absl::StatusOr<base::PageNumber> BuildNodeExternally(const base::ScratchFile& file,
-                                                     const base::ScratchRange& range,
-                                                     const IntervalTreeBuilder::Options& options,
-                                                     base::PageFileWriter* pages) {
+absl::StatusOr<io::PageNumber> BuildNodeExternally(const io::ScratchFile& file,
+                                                   const io::ScratchRange& range,
+                                                   const IntervalTreeBuilder::Options& options,
+                                                   io::PageFileWriter* pages) {
   return ExternalNodeBuilder(options, pages).BuildNode(file, range);
 }
 

@@ -7,10 +7,10 @@
 
 #include "absl/status/statusor.h"
 
-#include "core/base/page_file.h"
-#include "core/base/scratch_file.h"
-#include "core/base/scratch_records.h"
 #include "core/index/interval_tree_builder.h"
+#include "core/io/page_file.h"
+#include "core/io/scratch_file.h"
+#include "core/io/scratch_records.h"
 
 namespace isoscope::index {
 
@@ -31,10 +31,10 @@ struct MemoryPlan {
 
 // Writes the subtree of the intervals of `range` in `file`, which lie there in canonical order, and
 // returns the page of its root. CANCELLED; otherwise the errors of scratch files and of `pages`.
-absl::StatusOr<base::PageNumber> BuildNodeExternally(const base::ScratchFile& file,
-                                                     const base::ScratchRange& range,
-                                                     const IntervalTreeBuilder::Options& options,
-                                                     base::PageFileWriter* pages);
+absl::StatusOr<io::PageNumber> BuildNodeExternally(const io::ScratchFile& file,
+                                                   const io::ScratchRange& range,
+                                                   const IntervalTreeBuilder::Options& options,
+                                                   io::PageFileWriter* pages);
 
 }  // namespace isoscope::index
 

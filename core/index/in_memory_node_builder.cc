@@ -46,13 +46,13 @@ struct KeptPart : Part {
 
 class InMemoryNodeBuilder {
  public:
-  InMemoryNodeBuilder(std::span<BlockInterval> intervals, base::PageFileWriter* pages)
+  InMemoryNodeBuilder(std::span<BlockInterval> intervals, io::PageFileWriter* pages)
       : pages_(pages) {
     scratch_.reserve(intervals.size());
   }
 
   // Writes the subtree of `intervals`, in canonical order on entry; reorders them.
-  absl::StatusOr<base::PageNumber> BuildNode(std::span<BlockInterval> intervals);
+  absl::StatusOr<io::PageNumber> BuildNode(std::span<BlockInterval> intervals);
 
  private:
   struct Node : NodeRecords {
@@ -76,7 +76,7 @@ class InMemoryNodeBuilder {
                                        std::span<const KeptPart> kept, Node* node, RunWriter* run);
   static absl::Status WriteLeafLists(Node* node, RunWriter* run);
 
-  base::PageFileWriter* pages_;
+  io::PageFileWriter* pages_;
   std::vector<BlockInterval> scratch_;
 };
 
@@ -213,9 +213,8 @@ absl::Status InMemoryNodeBuilder::WriteRun(std::span<const BlockInterval> interv
   return run.Finish();
 }
 
-absl::StatusOr<base::PageNumber> InMemoryNodeBuilder::BuildNode(
-    std::span<BlockInterval> intervals) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageNumber page, pages_->Append(""));
+absl::StatusOr<io::PageNumber> InMemoryNodeBuilder::BuildNode(std::span<BlockInterval> intervals) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::PageNumber page, pages_->Append(""));
   const std::vector<double> lower = ChooseSlabs(intervals);
   Node node(lower);
   {
@@ -234,8 +233,8 @@ absl::StatusOr<base::PageNumber> InMemoryNodeBuilder::BuildNode(
 
 }  // namespace
 
-absl::StatusOr<base::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
-                                                   base::PageFileWriter* pages) {
+absl::StatusOr<io::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
+                                                 io::PageFileWriter* pages) {
   return InMemoryNodeBuilder(intervals, pages).BuildNode(intervals);
 }
 

@@ -7,15 +7,15 @@
 
 #include "absl/status/statusor.h"
 
-#include "core/base/page_file.h"
 #include "core/index/interval_tree.h"
+#include "core/io/page_file.h"
 
 namespace isoscope::index {
 
 // Writes the subtree of `intervals`, in canonical order on entry, and returns the page of its root;
 // reorders them. Errors: those of `pages`.
-absl::StatusOr<base::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
-                                                   base::PageFileWriter* pages);
+absl::StatusOr<io::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
+                                                 io::PageFileWriter* pages);
 
 }  // namespace isoscope::index
 

@@ -11,9 +11,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
-#include "core/base/page_file.h"
 #include "core/base/status_macros.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/page_file.h"
 
 namespace isoscope::index {
 namespace {
@@ -70,7 +70,7 @@ std::int64_t MaxLevelCount(std::int64_t interval_count) {
 
 class IntervalTree::Impl {
  public:
-  explicit Impl(std::unique_ptr<base::PageFile> pages) : pages_(std::move(pages)) {}
+  explicit Impl(std::unique_ptr<io::PageFile> pages) : pages_(std::move(pages)) {}
 
   absl::Status ReadHeader();
   [[nodiscard]] absl::StatusOr<QueryResult> Query(double isovalue) const;
@@ -82,11 +82,11 @@ class IntervalTree::Impl {
   // What one query carries along.
   struct QueryState {
     double isovalue = 0.0;
-    base::PageReadCost cost;
+    io::PageReadCost cost;
     std::vector<BlockInterval> active;
     // The entry page read last: neighbouring lists share pages.
-    std::optional<base::PageFile::Page> page;
-    base::PageNumber page_number = 0;
+    std::optional<io::PageFile::Page> page;
+    io::PageNumber page_number = 0;
   };
 
   // Positions [begin, end) of a run.
@@ -97,14 +97,14 @@ class IntervalTree::Impl {
 
   // What a query does at one node.
   struct NodeVisit {
-    base::PageNumber run_page = 0;  // the first of its run
-    std::uint32_t run_size = 0;     // entries
-    volume::ScalarSpan slab;        // its bounds
+    io::PageNumber run_page = 0;  // the first of its run
+    std::uint32_t run_size = 0;   // entries
+    volume::ScalarSpan slab;      // its bounds
     Range left;
     Range right;
     Range window;
     Range leaf;
-    base::PageNumber child_page = 0;
+    io::PageNumber child_page = 0;
   };
 
   // What to make of a list's entries.
@@ -115,8 +115,8 @@ class IntervalTree::Impl {
   };
 
   // Reads a node and picks out the isovalue's slab. DATA_LOSS unless everything is in range.
-  [[nodiscard]] absl::StatusOr<NodeVisit> VisitNode(base::PageNumber page, QueryState* state) const;
-  [[nodiscard]] absl::Status CheckVisit(base::PageNumber page, const format::NodeHeader& header,
+  [[nodiscard]] absl::StatusOr<NodeVisit> VisitNode(io::PageNumber page, QueryState* state) const;
+  [[nodiscard]] absl::Status CheckVisit(io::PageNumber page, const format::NodeHeader& header,
                                         const NodeVisit& visit) const;
   // Reports the active intervals of a list, each exactly once in the lists of a slab.
   [[nodiscard]] absl::Status ReadList(const NodeVisit& visit, Range range, ListKind kind,
@@ -125,13 +125,13 @@ class IntervalTree::Impl {
   [[nodiscard]] absl::Status LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
                                            QueryState* state) const;
 
-  std::unique_ptr<base::PageFile> pages_;
+  std::unique_ptr<io::PageFile> pages_;
   format::Header header_;
 };
 
 absl::Status IntervalTree::Impl::ReadHeader() {
-  base::PageReadCost cost;
-  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageFile::Page page, pages_->Read(0, &cost));
+  io::PageReadCost cost;
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::PageFile::Page page, pages_->Read(0, &cost));
   const absl::string_view payload = page.payload();
   if (payload.substr(0, format::kMagicBytes) !=
       absl::string_view(format::kMagic, format::kMagicBytes)) {
@@ -144,11 +144,11 @@ absl::Status IntervalTree::Impl::ReadHeader() {
                      ", this program reads version ", format::kVersion,
                      "; partition the volume again or use the program that wrote it"));
   }
-  if (header_.page_bytes != base::kPageBytes || header_.entry_bytes != format::kEntryBytes ||
+  if (header_.page_bytes != io::kPageBytes || header_.entry_bytes != format::kEntryBytes ||
       header_.max_slabs != static_cast<std::uint32_t>(format::kMaxSlabs)) {
     return pages_->PageError(
         0, absl::StrCat("pages of ", header_.page_bytes, " bytes, entries of ", header_.entry_bytes,
-                        " and ", header_.max_slabs, " slabs, expected ", base::kPageBytes, ", ",
+                        " and ", header_.max_slabs, " slabs, expected ", io::kPageBytes, ", ",
                         format::kEntryBytes, " and ", format::kMaxSlabs));
   }
   if (static_cast<std::int64_t>(header_.page_count) != pages_->page_count()) {
@@ -174,7 +174,7 @@ absl::StatusOr<QueryResult> IntervalTree::Impl::Query(double isovalue) const {
   QueryState state;
   state.isovalue = isovalue;
   int level = 0;
-  for (base::PageNumber page = header_.root_page; page != 0; ++level) {
+  for (io::PageNumber page = header_.root_page; page != 0; ++level) {
     if (level == format::kMaxLevels) {
       return pages_->PageError(page,
                                absl::StrCat("is a node below ", level, " others, expected fewer"));
@@ -193,8 +193,8 @@ absl::StatusOr<QueryResult> IntervalTree::Impl::Query(double isovalue) const {
 }
 
 absl::StatusOr<IntervalTree::Impl::NodeVisit> IntervalTree::Impl::VisitNode(
-    base::PageNumber page, QueryState* state) const {
-  ISOSCOPE_ASSIGN_OR_RETURN(const base::PageFile::Page node, pages_->Read(page, &state->cost));
+    io::PageNumber page, QueryState* state) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::PageFile::Page node, pages_->Read(page, &state->cost));
   const char* payload = node.payload().data();
   const auto kind = base::LoadLittleEndian<std::uint16_t>(payload);
   const format::NodeHeader header = format::DecodeNodeHeader(payload);
@@ -233,7 +233,7 @@ absl::StatusOr<IntervalTree::Impl::NodeVisit> IntervalTree::Impl::VisitNode(
   return visit;
 }
 
-absl::Status IntervalTree::Impl::CheckVisit(base::PageNumber page, const format::NodeHeader& header,
+absl::Status IntervalTree::Impl::CheckVisit(io::PageNumber page, const format::NodeHeader& header,
                                             const NodeVisit& visit) const {
   const auto within = [](Range range, std::uint32_t begin, std::uint32_t end) {
     return begin <= range.begin && range.begin <= range.end && range.end <= end;
@@ -290,7 +290,7 @@ absl::Status IntervalTree::Impl::ReadList(const NodeVisit& visit, Range range, L
 
 absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
                                                QueryState* state) const {
-  const base::PageNumber number = visit.run_page + page_in_run;
+  const io::PageNumber number = visit.run_page + page_in_run;
   if (state->page.has_value() && state->page_number == number) {
     return absl::OkStatus();
   }
@@ -313,8 +313,8 @@ IntervalTree::IntervalTree(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) 
 IntervalTree::~IntervalTree() = default;
 
 absl::StatusOr<std::unique_ptr<IntervalTree>> IntervalTree::Open(
-    std::unique_ptr<base::RandomAccessFile> file, std::int64_t page_cache_bytes) {
-  ISOSCOPE_ASSIGN_OR_RETURN(auto pages, base::PageFile::Open(std::move(file), page_cache_bytes));
+    std::unique_ptr<io::RandomAccessFile> file, std::int64_t page_cache_bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(auto pages, io::PageFile::Open(std::move(file), page_cache_bytes));
   auto impl = std::make_unique<Impl>(std::move(pages));
   ISOSCOPE_RETURN_IF_ERROR(impl->ReadHeader());
   return std::unique_ptr<IntervalTree>(new IntervalTree(std::move(impl)));

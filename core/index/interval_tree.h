@@ -13,7 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/scalar_span.h"
 
@@ -41,7 +41,7 @@ class IntervalTree {
   // DATA_LOSS if the header is damaged or the file's size is not what it says,
   // FAILED_PRECONDITION if the file's version is another.
   static absl::StatusOr<std::unique_ptr<IntervalTree>> Open(
-      std::unique_ptr<base::RandomAccessFile> file, std::int64_t page_cache_bytes);
+      std::unique_ptr<io::RandomAccessFile> file, std::int64_t page_cache_bytes);
   ~IntervalTree();
 
   // All intervals with IsActive(span, isovalue), by reading at most

@@ -27,14 +27,14 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/crc32c.h"
-#include "core/base/external_sorter.h"
-#include "core/base/page_file.h"
-#include "core/base/scratch_file.h"
-#include "core/base/scratch_records.h"
 #include "core/base/status_macros.h"
 #include "core/index/external_node_builder.h"
 #include "core/index/in_memory_node_builder.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/external_sorter.h"
+#include "core/io/page_file.h"
+#include "core/io/scratch_file.h"
+#include "core/io/scratch_records.h"
 
 namespace isoscope::index {
 namespace {
@@ -55,17 +55,6 @@ void NormalizeZeros(BlockInterval* interval) {
   interval->span.max += 0.0;
 }
 
-// Drops intervals that are never active, makes negative zeros positive, and sorts.
-void Canonicalize(std::vector<BlockInterval>* intervals) {
-  intervals->erase(
-      std::remove_if(intervals->begin(), intervals->end(),
-                     [](const BlockInterval& interval) { return !IsEverActive(interval); }),
-      intervals->end());
-  std::for_each(intervals->begin(), intervals->end(),
-                [](BlockInterval& interval) { NormalizeZeros(&interval); });
-  std::sort(intervals->begin(), intervals->end(), CanonicalLess());
-}
-
 // The CRC-32C of all entries so far and `interval`.
 std::uint32_t ExtendFingerprint(std::uint32_t crc, const BlockInterval& interval) {
   char bytes[format::kEntryBytes];
@@ -84,8 +73,8 @@ std::uint32_t Fingerprint(std::span<const BlockInterval> intervals) {
 // Writes a whole tree file: `build_root(pages)` writes the nodes and returns the root's page.
 template <typename BuildRoot>
 absl::Status WriteTree(std::int64_t interval_count, std::uint32_t fingerprint,
-                       base::WritableFile* file, const BuildRoot& build_root) {
-  base::PageFileWriter pages(file, fingerprint);
+                       io::WritableFile* file, const BuildRoot& build_root) {
+  io::PageFileWriter pages(file, fingerprint);
   ISOSCOPE_RETURN_IF_ERROR(pages.Append("").status());
   format::Header header;
   header.interval_count = static_cast<std::uint64_t>(interval_count);
@@ -110,23 +99,16 @@ absl::Status CheckIntervalCount(std::int64_t count) {
 }
 
 // REQUIRES: in canonical order.
-absl::Status WriteTreeInMemory(std::vector<BlockInterval>* intervals, base::WritableFile* file) {
-  return WriteTree(
-      static_cast<std::int64_t>(intervals->size()), Fingerprint(*intervals), file,
-      [&](base::PageFileWriter* pages) { return BuildNodeInMemory(*intervals, pages); });
+absl::Status WriteTreeInMemory(std::vector<BlockInterval>* intervals, io::WritableFile* file) {
+  return WriteTree(static_cast<std::int64_t>(intervals->size()), Fingerprint(*intervals), file,
+                   [&](io::PageFileWriter* pages) { return BuildNodeInMemory(*intervals, pages); });
 }
 
 }  // namespace
 
-absl::Status BuildIntervalTree(std::vector<BlockInterval> intervals, base::WritableFile* file) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckIntervalCount(static_cast<std::int64_t>(intervals.size())));
-  Canonicalize(&intervals);
-  return WriteTreeInMemory(&intervals, file);
-}
-
 class IntervalTreeBuilder::Impl {
  public:
-  using Sorter = base::ExternalSorter<BlockInterval, CanonicalLess>;
+  using Sorter = io::ExternalSorter<BlockInterval, CanonicalLess>;
 
   explicit Impl(const Options& options)
       : options_(options),
@@ -144,7 +126,7 @@ class IntervalTreeBuilder::Impl {
     return sorter_->Add(interval);
   }
 
-  absl::Status Finish(base::WritableFile* file) {
+  absl::Status Finish(io::WritableFile* file) {
     const std::int64_t count = sorter_->count();
     ISOSCOPE_RETURN_IF_ERROR(CheckIntervalCount(count));
     ISOSCOPE_RETURN_IF_ERROR(sorter_->Finish());
@@ -157,16 +139,16 @@ class IntervalTreeBuilder::Impl {
       }));
       return WriteTreeInMemory(&intervals, file);
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<base::ScratchFile> sorted,
-                              base::ScratchFile::Create(options_.scratch_directory));
-    base::RecordWriter<BlockInterval> writer(sorted.get(), 0, plan_.sequence_bytes);
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::ScratchFile> sorted,
+                              io::ScratchFile::Create(options_.scratch_directory));
+    io::RecordWriter<BlockInterval> writer(sorted.get(), 0, plan_.sequence_bytes);
     std::uint32_t fingerprint = 0;
     ISOSCOPE_RETURN_IF_ERROR(ForEachSorted([&](const BlockInterval& interval) {
       fingerprint = ExtendFingerprint(fingerprint, interval);
       return writer.Append(interval);
     }));
     ISOSCOPE_RETURN_IF_ERROR(writer.Flush());
-    return WriteTree(count, fingerprint, file, [&](base::PageFileWriter* pages) {
+    return WriteTree(count, fingerprint, file, [&](io::PageFileWriter* pages) {
       return BuildNodeExternally(*sorted, {.offset = 0, .count = count}, options_, pages);
     });
   }
@@ -204,6 +186,6 @@ absl::Status IntervalTreeBuilder::Add(const BlockInterval& interval) {
   return impl_->Add(interval);
 }
 
-absl::Status IntervalTreeBuilder::Finish(base::WritableFile* file) { return impl_->Finish(file); }
+absl::Status IntervalTreeBuilder::Finish(io::WritableFile* file) { return impl_->Finish(file); }
 
 }  // namespace isoscope::index

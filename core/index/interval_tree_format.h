@@ -9,8 +9,8 @@
 #include <cstdint>
 
 #include "core/base/coding.h"
-#include "core/base/page_file.h"
 #include "core/index/interval_tree.h"
+#include "core/io/page_file.h"
 
 namespace isoscope::index::format {
 
@@ -27,13 +27,13 @@ inline constexpr std::size_t kEntryBytes = 24;
 inline constexpr std::size_t kEntryPageHeaderBytes = 4;
 // B: entries in a page.
 inline constexpr std::int64_t kEntriesPerPage =
-    (base::kPagePayloadBytes - kEntryPageHeaderBytes) / kEntryBytes;
+    (io::kPagePayloadBytes - kEntryPageHeaderBytes) / kEntryBytes;
 static_assert(kEntriesPerPage == 170);
 
 inline constexpr std::size_t kNodeHeaderBytes = 52;
 inline constexpr std::size_t kSlabRecordBytes = 32;
 inline constexpr std::int64_t kMaxSlabs =
-    (base::kPagePayloadBytes - kNodeHeaderBytes) / kSlabRecordBytes;
+    (io::kPagePayloadBytes - kNodeHeaderBytes) / kSlabRecordBytes;
 static_assert(kMaxSlabs == 126);
 
 // 2^32 intervals make at most 5 levels.
@@ -43,7 +43,7 @@ inline constexpr std::int64_t kMaxIntervalCount = std::int64_t{1} << 29;
 
 struct Header {
   std::uint32_t version = kVersion;
-  std::uint32_t page_bytes = base::kPageBytes;
+  std::uint32_t page_bytes = io::kPageBytes;
   std::uint64_t interval_count = 0;
   std::uint32_t page_count = 0;
   std::uint32_t root_page = 0;
@@ -66,7 +66,7 @@ struct SlabRecord {
   std::uint32_t leaf_begin = 0;
   std::uint32_t window_begin = 0;
   std::uint32_t window_size = 0;
-  base::PageNumber child_page = 0;
+  io::PageNumber child_page = 0;
 };
 
 // Each Encode writes all bytes of its record to `out`; each Decode reads them from `in`.
@@ -142,7 +142,7 @@ inline SlabRecord DecodeSlabRecord(const char* in) {
           .leaf_begin = base::LoadLittleEndian<std::uint32_t>(in + 16),
           .window_begin = base::LoadLittleEndian<std::uint32_t>(in + 20),
           .window_size = base::LoadLittleEndian<std::uint32_t>(in + 24),
-          .child_page = base::LoadLittleEndian<base::PageNumber>(in + 28)};
+          .child_page = base::LoadLittleEndian<io::PageNumber>(in + 28)};
 }
 
 // Where the record of slab `slab_index` begins in a node's payload.

@@ -10,9 +10,9 @@
 
 #include "absl/status/status.h"
 
-#include "core/base/page_file.h"
 #include "core/index/interval_tree.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/page_file.h"
 
 namespace isoscope::index {
 
@@ -20,7 +20,7 @@ namespace isoscope::index {
 class RunWriter {
  public:
   // `pages` outlives the writer; nothing else is appended to it before Finish.
-  explicit RunWriter(base::PageFileWriter* pages) : pages_(pages) { StartPage(); }
+  explicit RunWriter(io::PageFileWriter* pages) : pages_(pages) { StartPage(); }
 
   absl::Status Append(const BlockInterval& interval);
   // Writes the last page, if it has entries.
@@ -32,7 +32,7 @@ class RunWriter {
  private:
   void StartPage();
 
-  base::PageFileWriter* pages_;
+  io::PageFileWriter* pages_;
   std::string payload_;
   std::int64_t page_entry_count_ = 0;
   std::uint32_t entry_count_ = 0;

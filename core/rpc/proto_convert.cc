@@ -168,29 +168,29 @@ isoscope::v1::Viewport ToProto(const view::Viewport& viewport) {
   return proto;
 }
 
-absl::StatusOr<visibility::Culling> CullingFromProto(isoscope::v1::Culling proto,
-                                                     absl::string_view path) {
+absl::StatusOr<frame::Culling> CullingFromProto(isoscope::v1::Culling proto,
+                                                absl::string_view path) {
   switch (proto) {
     case isoscope::v1::CULLING_UNSPECIFIED:
     case isoscope::v1::CULLING_DEPTH:
-      return visibility::Culling::kDepth;
+      return frame::Culling::kDepth;
     case isoscope::v1::CULLING_MASK:
-      return visibility::Culling::kMask;
+      return frame::Culling::kMask;
     case isoscope::v1::CULLING_NONE:
-      return visibility::Culling::kNone;
+      return frame::Culling::kNone;
     default:
       return Invalid(path, static_cast<int>(proto),
                      "must be CULLING_DEPTH (1), CULLING_MASK (2) or CULLING_NONE (3)");
   }
 }
 
-isoscope::v1::Culling ToProto(visibility::Culling culling) {
+isoscope::v1::Culling ToProto(frame::Culling culling) {
   switch (culling) {
-    case visibility::Culling::kDepth:
+    case frame::Culling::kDepth:
       return isoscope::v1::CULLING_DEPTH;
-    case visibility::Culling::kMask:
+    case frame::Culling::kMask:
       return isoscope::v1::CULLING_MASK;
-    case visibility::Culling::kNone:
+    case frame::Culling::kNone:
       return isoscope::v1::CULLING_NONE;
   }
   return isoscope::v1::CULLING_UNSPECIFIED;
@@ -379,7 +379,7 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
   return indices;
 }
 
-isoscope::v1::AgentStatistics ToProto(const visibility::AgentStatistics& statistics) {
+isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics) {
   isoscope::v1::AgentStatistics proto;
   proto.set_agent_address(statistics.agent_address);
   for (const int index : statistics.shard_indices) {
@@ -398,7 +398,7 @@ isoscope::v1::AgentStatistics ToProto(const visibility::AgentStatistics& statist
   return proto;
 }
 
-visibility::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
+frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
   return {.agent_address = proto.agent_address(),
           .shard_indices = {proto.shard_indices().begin(), proto.shard_indices().end()},
           .active_block_count = proto.active_block_count(),

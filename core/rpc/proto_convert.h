@@ -17,12 +17,12 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
+#include "core/frame/agent_statistics.h"
+#include "core/frame/culling.h"
 #include "core/image/frame_image.h"
 #include "core/math/vec.h"
 #include "core/store/manifest.h"
 #include "core/view/camera.h"
-#include "core/visibility/agent_statistics.h"
-#include "core/visibility/culling.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
@@ -50,9 +50,9 @@ absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& p
 isoscope::v1::Viewport ToProto(const view::Viewport& viewport);
 
 // CULLING_UNSPECIFIED is kDepth.
-absl::StatusOr<visibility::Culling> CullingFromProto(isoscope::v1::Culling proto,
-                                                     absl::string_view path);
-isoscope::v1::Culling ToProto(visibility::Culling culling);
+absl::StatusOr<frame::Culling> CullingFromProto(isoscope::v1::Culling proto,
+                                                absl::string_view path);
+isoscope::v1::Culling ToProto(frame::Culling culling);
 
 // Each channel is rounded to 8 bits.
 absl::StatusOr<image::Rgba8> ColorFromProto(const isoscope::v1::Color& proto,
@@ -84,9 +84,9 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
     const google::protobuf::RepeatedField<std::int32_t>& proto, int shard_count,
     absl::string_view path);
 
-isoscope::v1::AgentStatistics ToProto(const visibility::AgentStatistics& statistics);
+isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics);
 // Numbers as they are, durations as DurationFromProto.
-visibility::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto);
+frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto);
 
 google::protobuf::Duration ToProto(absl::Duration duration);
 // Out-of-range messages are clamped to a range of +-10000 years: statistics only.

@@ -10,8 +10,8 @@
 
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/store/block_codec.h"
 
 namespace isoscope::store {
@@ -21,7 +21,7 @@ constexpr char kPartialSuffix[] = ".compressed";
 constexpr std::size_t kMaxBatchBlocks = 16384;
 
 absl::StatusOr<std::uint32_t> Crc32cOfFile(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, base::OpenRandomAccessFile(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(path));
   std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
   std::uint32_t crc32c = 0;
   for (std::int64_t offset = 0; offset < file->size_bytes();) {
@@ -44,9 +44,9 @@ class RawBlocks {
  public:
   static absl::StatusOr<RawBlocks> Open(const std::string& directory, const ShardSummary& raw) {
     RawBlocks blocks;
-    ISOSCOPE_ASSIGN_OR_RETURN(blocks.index_file_, base::OpenRandomAccessFile(absl::StrFormat(
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks.index_file_, io::OpenRandomAccessFile(absl::StrFormat(
                                                       "%s/%s", directory, kBlockIndexFileName)));
-    ISOSCOPE_ASSIGN_OR_RETURN(blocks.blocks_file_, base::OpenRandomAccessFile(absl::StrFormat(
+    ISOSCOPE_ASSIGN_OR_RETURN(blocks.blocks_file_, io::OpenRandomAccessFile(absl::StrFormat(
                                                        "%s/%s", directory, kBlocksFileName)));
     blocks.block_count_ = raw.block_count;
     const std::int64_t index_bytes =
@@ -96,8 +96,8 @@ class RawBlocks {
   }
 
  private:
-  std::unique_ptr<base::RandomAccessFile> index_file_;
-  std::unique_ptr<base::RandomAccessFile> blocks_file_;
+  std::unique_ptr<io::RandomAccessFile> index_file_;
+  std::unique_ptr<io::RandomAccessFile> blocks_file_;
   std::int64_t block_count_ = 0;
   std::int64_t next_ = 0;
   std::int64_t offset_ = 0;  // of block next_
@@ -163,8 +163,8 @@ absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume:
   ISOSCOPE_RETURN_IF_ERROR(index_file->WriteAt(0, header));
   ISOSCOPE_RETURN_IF_ERROR(blocks_file->Close());
   ISOSCOPE_RETURN_IF_ERROR(index_file->Close());
-  ISOSCOPE_RETURN_IF_ERROR(base::RenamePath(blocks_path + kPartialSuffix, blocks_path));
-  ISOSCOPE_RETURN_IF_ERROR(base::RenamePath(index_path + kPartialSuffix, index_path));
+  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(blocks_path + kPartialSuffix, blocks_path));
+  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(index_path + kPartialSuffix, index_path));
   ISOSCOPE_ASSIGN_OR_RETURN(summary.block_index_crc32c, Crc32cOfFile(index_path));
   return summary;
 }

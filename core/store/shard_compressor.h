@@ -25,7 +25,7 @@ struct CompressOptions {
   // much.
   std::size_t batch_bytes = 8 * static_cast<std::size_t>(base::kMiB);
   // Makes each file: tests inject faults.
-  ShardWriter::CreateFile create_file = base::CreateWritableFile;
+  ShardWriter::CreateFile create_file = io::CreateWritableFile;
 };
 
 // Calls task(i) for each i in [0, count), in any order and from any threads, and returns when all

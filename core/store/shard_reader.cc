@@ -27,7 +27,7 @@ std::string PathIn(const std::string& directory, absl::string_view name) {
 }
 
 // Opens a file that a finished directory must have.
-absl::StatusOr<std::unique_ptr<base::RandomAccessFile>> OpenPart(
+absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> OpenPart(
     const std::string& path, const ShardReader::OpenFile& open_file) {
   auto file = open_file(path);
   if (absl::IsNotFound(file.status())) {
@@ -45,7 +45,7 @@ absl::StatusOr<std::string> ReadPart(const std::string& path, std::int64_t size,
     return absl::DataLossError(
         absl::StrFormat("%s: %d bytes, expected %d", path, file->size_bytes(), size));
   }
-  return base::ReadWholeFile(*file, size);
+  return io::ReadWholeFile(*file, size);
 }
 
 // Reads a sealed JSON file of at most `max_size` bytes.
@@ -56,7 +56,7 @@ absl::StatusOr<std::string> ReadJsonPart(const std::string& path, std::int64_t m
     return absl::DataLossError(
         absl::StrFormat("%s: %d bytes, expected at most %d", path, file->size_bytes(), max_size));
   }
-  return base::ReadWholeFile(*file, max_size);
+  return io::ReadWholeFile(*file, max_size);
 }
 
 struct Descriptions {
@@ -107,7 +107,7 @@ absl::StatusOr<Descriptions> ReadDescriptions(const std::string& directory,
 }  // namespace
 
 absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory) {
-  if (!base::PathExists(PathIn(directory, kManifestFileName))) {
+  if (!io::PathExists(PathIn(directory, kManifestFileName))) {
     return absl::NotFoundError(absl::StrCat(
         directory, ": no ", kManifestFileName,
         " in it: no dataset, or one whose partitioning did not finish; run `isoscope partition`"));
@@ -117,12 +117,12 @@ absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory) {
         directory, ": is one shard of a dataset, expected the dataset directory that holds it"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions,
-                            ReadDescriptions(directory, base::OpenRandomAccessFile));
+                            ReadDescriptions(directory, io::OpenRandomAccessFile));
   DatasetDescription dataset;
   const auto shard_count = static_cast<int>(descriptions.manifest.shards.size());
   for (int shard = 0; shard < shard_count; ++shard) {
     std::string path = PathIn(directory, ShardDirectoryName(shard, shard_count));
-    dataset.shard_directories.push_back(base::IsDirectory(path) ? std::move(path) : "");
+    dataset.shard_directories.push_back(io::IsDirectory(path) ? std::move(path) : "");
   }
   dataset.manifest = std::move(descriptions.manifest);
   dataset.ranges = std::move(descriptions.ranges);
@@ -130,17 +130,17 @@ absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory) {
 }
 
 bool IsDatasetDirectory(const std::string& directory) {
-  return base::PathExists(PathIn(directory, kManifestFileName)) && !IsShardDirectory(directory);
+  return io::PathExists(PathIn(directory, kManifestFileName)) && !IsShardDirectory(directory);
 }
 
 bool IsShardDirectory(const std::string& directory) {
-  return base::PathExists(PathIn(directory, kShardFileName));
+  return io::PathExists(PathIn(directory, kShardFileName));
 }
 
 absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string& directory,
                                                                const OpenFile& open_file) {
-  const bool has_manifest = base::PathExists(PathIn(directory, kManifestFileName));
-  if (!has_manifest && base::PathExists(PathIn(directory, kBlocksFileName))) {
+  const bool has_manifest = io::PathExists(PathIn(directory, kManifestFileName));
+  if (!has_manifest && io::PathExists(PathIn(directory, kBlocksFileName))) {
     return absl::FailedPreconditionError(
         absl::StrCat(directory, ": a shard without ", kManifestFileName,
                      ": its partitioning or copying did not finish; do it again"));
@@ -149,7 +149,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
     return absl::NotFoundError(
         absl::StrCat(directory, ": no ", kManifestFileName, " in it, expected a shard directory"));
   }
-  if (!IsShardDirectory(directory) && !base::PathExists(PathIn(directory, kBlocksFileName))) {
+  if (!IsShardDirectory(directory) && !io::PathExists(PathIn(directory, kBlocksFileName))) {
     return absl::NotFoundError(absl::StrCat(
         directory, ": no ", kShardFileName,
         " in it, expected a shard directory (a dataset directory holds them as shard-*-of-*)"));
@@ -363,7 +363,7 @@ absl::Status ShardReader::ReadRun(
   return VisitRun(run, ordinals, blocks_file_->ReadAt(run.offset, size, buffer), buffer, visit);
 }
 
-base::ReadQueue::Read ShardReader::RequestFor(const Run& run) const {
+io::ReadQueue::Read ShardReader::RequestFor(const Run& run) const {
   return {
       .file = blocks_file_.get(), .offset = run.offset, .size = static_cast<std::size_t>(run.size)};
 }

@@ -14,9 +14,9 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 
-#include "core/base/file.h"
-#include "core/base/read_queue.h"
 #include "core/base/units.h"
+#include "core/io/file.h"
+#include "core/io/read_queue.h"
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
 #include "core/volume/block_layout.h"
@@ -47,10 +47,10 @@ class ShardReader {
   // NOT_FOUND: no shard there. FAILED_PRECONDITION: a shard that was never finished, or of a newer
   // format version. DATA_LOSS: damaged; the message names file and offset. `open_file` opens each
   // file: tests inject faults.
-  using OpenFile = std::function<absl::StatusOr<std::unique_ptr<base::RandomAccessFile>>(
-      const std::string& path)>;
+  using OpenFile =
+      std::function<absl::StatusOr<std::unique_ptr<io::RandomAccessFile>>(const std::string& path)>;
   static absl::StatusOr<std::unique_ptr<ShardReader>> Open(
-      const std::string& directory, const OpenFile& open_file = base::OpenRandomAccessFile);
+      const std::string& directory, const OpenFile& open_file = io::OpenRandomAccessFile);
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
@@ -82,9 +82,9 @@ class ShardReader {
   absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
                        absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
-  // The same in two steps: what to read, for a base::ReadQueue; and, with what that answered and
+  // The same in two steps: what to read, for a io::ReadQueue; and, with what that answered and
   // the bytes it read, the rest.
-  [[nodiscard]] base::ReadQueue::Read RequestFor(const Run& run) const;
+  [[nodiscard]] io::ReadQueue::Read RequestFor(const Run& run) const;
   absl::Status VisitRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
                         const absl::Status& read_status, const char* bytes,
                         absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
@@ -112,7 +112,7 @@ class ShardReader {
   volume::BlockLayout layout_;
   volume::RangeTable ranges_;
   std::vector<Entry> entries_;  // by ordinal
-  std::unique_ptr<base::RandomAccessFile> blocks_file_;
+  std::unique_ptr<io::RandomAccessFile> blocks_file_;
 };
 
 }  // namespace isoscope::store

@@ -43,7 +43,7 @@ struct FileSums {
 };
 
 absl::StatusOr<FileSums> SumUpFile(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, base::OpenRandomAccessFile(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::OpenRandomAccessFile(path));
   FileSums sums{.size = file->size_bytes()};
   std::string buffer(static_cast<std::size_t>(base::kMiB), '\0');
   for (std::int64_t offset = 0; offset < sums.size;) {
@@ -90,7 +90,7 @@ std::string EncodeRangeTableHeader(volume::ScalarType type, std::int64_t block_c
 }
 
 absl::Status CheckIsNotDescribed(const std::string& manifest_path) {
-  if (base::PathExists(manifest_path)) {
+  if (io::PathExists(manifest_path)) {
     return absl::AlreadyExistsError(
         absl::StrCat(manifest_path, ": exists, expected a directory without a manifest"));
   }
@@ -108,7 +108,7 @@ absl::StatusOr<std::unique_ptr<ShardWriter>> ShardWriter::Create(const std::stri
   writer->create_file_ = std::move(create_file);
   writer->layout_ = layout;
   writer->type_ = type;
-  ISOSCOPE_RETURN_IF_ERROR(base::CreateDirectory(directory));
+  ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(directory));
   ISOSCOPE_ASSIGN_OR_RETURN(writer->blocks_file_,
                             writer->create_file_(absl::StrCat(directory, "/", kBlocksFileName)));
   return writer;
@@ -272,7 +272,7 @@ absl::StatusOr<std::unique_ptr<RangeTableWriter>> RangeTableWriter::Create(
   auto writer = std::unique_ptr<RangeTableWriter>(new RangeTableWriter);
   writer->path_ = path;
   writer->type_ = type;
-  ISOSCOPE_ASSIGN_OR_RETURN(writer->file_, base::CreateWritableFile(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(writer->file_, io::CreateWritableFile(path));
   ISOSCOPE_RETURN_IF_ERROR(writer->file_->Append(std::string(kBinaryHeaderBytes, '\0')));
   return writer;
 }
@@ -297,7 +297,7 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
   const std::string prefix = directory + "/";
   const std::string manifest_path = prefix + kManifestFileName;
   ISOSCOPE_RETURN_IF_ERROR(CheckIsNotDescribed(manifest_path));
-  if (!base::PathExists(prefix + kRangeTableFileName)) {
+  if (!io::PathExists(prefix + kRangeTableFileName)) {
     return absl::NotFoundError(absl::StrCat(prefix, kRangeTableFileName,
                                             ": does not exist, expected before the manifest"));
   }
@@ -307,21 +307,21 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
     ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t manifest_crc32c,
                               VerifySeal(manifest_bytes, manifest_path));
     ISOSCOPE_ASSIGN_OR_RETURN(const FileSums tree, SumUpFile(prefix + kIntervalTreeFileName));
-    ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
         prefix + kShardFileName, EncodeShardFile(manifest, manifest_crc32c, shard_index, tree)));
   }
   // Everything else is on disk before the manifest appears, and it appears whole.
-  ISOSCOPE_RETURN_IF_ERROR(base::SyncDirectory(directory));
+  ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directory));
   const std::string partial_path = manifest_path + ".partial";
-  ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(partial_path, manifest_bytes));
-  return base::RenamePath(partial_path, manifest_path);
+  ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(partial_path, manifest_bytes));
+  return io::RenamePath(partial_path, manifest_path);
 }
 
 absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
                                absl::string_view range_table_bytes, int shard_index) {
   const std::string prefix = directory + "/";
   ISOSCOPE_RETURN_IF_ERROR(CheckIsNotDescribed(prefix + kManifestFileName));
-  ISOSCOPE_RETURN_IF_ERROR(base::WriteWholeFile(prefix + kRangeTableFileName, range_table_bytes));
+  ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(prefix + kRangeTableFileName, range_table_bytes));
   return WriteDescriptions(directory, manifest, shard_index);
 }
 

@@ -14,7 +14,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/range_table.h"
@@ -34,14 +34,14 @@ namespace isoscope::store {
 class ShardWriter {
  public:
   using CreateFile =
-      std::function<absl::StatusOr<std::unique_ptr<base::WritableFile>>(const std::string& path)>;
+      std::function<absl::StatusOr<std::unique_ptr<io::WritableFile>>(const std::string& path)>;
 
   // Creates `directory` (its parent must exist, it must not) and the block file in it.
   // `create_file` makes each file: tests inject faults. After an error of this or a later call the
   // directory is left for the caller to remove.
   static absl::StatusOr<std::unique_ptr<ShardWriter>> Create(
       const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
-      CreateFile create_file = base::CreateWritableFile);
+      CreateFile create_file = io::CreateWritableFile);
 
   // Writes a block at its offset and returns the CRC-32C of its samples, for the index.
   // `samples`: StoredSizeBytes(layout, id, type) bytes. INVALID_ARGUMENT if the id or the size is
@@ -63,11 +63,11 @@ class ShardWriter {
   CreateFile create_file_;
   volume::BlockLayout layout_;
   volume::ScalarType type_ = volume::ScalarType::kUint8;
-  std::unique_ptr<base::WritableFile> blocks_file_;
+  std::unique_ptr<io::WritableFile> blocks_file_;
   std::int64_t written_block_count_ = 0;
 
-  std::unique_ptr<base::WritableFile> index_file_;  // null before the first entry
-  std::int64_t block_count_ = 0;                    // in the index, as all below
+  std::unique_ptr<io::WritableFile> index_file_;  // null before the first entry
+  std::int64_t block_count_ = 0;                  // in the index, as all below
   std::int64_t block_bytes_ = 0;
   std::uint32_t entries_crc32c_ = 0;
   volume::BlockId last_id_ = 0;
@@ -106,7 +106,7 @@ class RangeTableWriter {
 
   std::string path_;
   volume::ScalarType type_ = volume::ScalarType::kUint8;
-  std::unique_ptr<base::WritableFile> file_;
+  std::unique_ptr<io::WritableFile> file_;
   std::int64_t block_count_ = 0;
   std::uint32_t entries_crc32c_ = 0;
 };

@@ -21,9 +21,9 @@
 #define HWY_WANT_AVX3_DL
 #include "core/base/random.h"
 #include "core/extract/block_extractor.h"
-#include "core/volume/synthetic_fields.h"
 #include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
+#include "tests/support/synthetic_fields.h"
 
 namespace isoscope::extract {
 namespace {
@@ -37,18 +37,18 @@ struct Scene {
 constexpr std::array<Scene, 4> kScenes{
     {{"sphere", 100.5}, {"gyroid", 100.5}, {"random", 100.5}, {"ct", 60.5}}};
 
-volume::Field FieldOf(const std::string& name) {
+testing::Field FieldOf(const std::string& name) {
   if (name == "sphere") {
-    return volume::SphereField(0.8);
+    return testing::SphereField(0.8);
   }
   if (name == "gyroid") {
-    return volume::GyroidField(4);
+    return testing::GyroidField(4);
   }
   if (name == "random") {
-    return volume::RandomField(1, 24, 12);
+    return testing::RandomField(1, 24, 12);
   }
   // Tissue at 1.4 with noise, air at 0: steep walls, speckle that crosses the isovalue.
-  return [smooth = volume::RandomField(2, 16, 5)](const math::Vec3d& p) {
+  return [smooth = testing::RandomField(2, 16, 5)](const math::Vec3d& p) {
     const auto cell =
         static_cast<std::uint64_t>((p.x + 1) * 1e3 + (p.y + 1) * 1e7 + (p.z + 1) * 1e11);
     const double noise = base::RandomUnit(3, cell) - 0.5;
@@ -61,7 +61,7 @@ const std::string& SamplesOf(const std::string& scene, volume::ScalarType type) 
   static std::map<std::pair<std::string, volume::ScalarType>, std::string> cache;
   std::string& bytes = cache[{scene, type}];
   if (bytes.empty()) {
-    bytes = volume::SampleField(FieldOf(scene), {kEdge, kEdge, kEdge}, type, 50, 100);
+    bytes = testing::SampleField(FieldOf(scene), {kEdge, kEdge, kEdge}, type, 50, 100);
   }
   return bytes;
 }

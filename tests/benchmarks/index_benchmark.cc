@@ -24,11 +24,11 @@
 #include "benchmark/benchmark.h"
 
 #include "core/base/check.h"
-#include "core/base/file.h"
 #include "core/base/random.h"
 #include "core/base/units.h"
 #include "core/index/interval_tree.h"
 #include "core/index/interval_tree_builder.h"
+#include "core/io/file.h"
 #include "core/volume/range_table.h"
 
 namespace isoscope::index {
@@ -46,7 +46,7 @@ class Folder {
     path_ = absl::StrCat(parent != nullptr ? parent : "/tmp", "/index_benchmark-XXXXXX");
     ISOSCOPE_CHECK(mkdtemp(path_.data()) != nullptr);
   }
-  ~Folder() { base::RemoveRecursively(path_).IgnoreError(); }  // nobody is left to tell
+  ~Folder() { io::RemoveRecursively(path_).IgnoreError(); }  // nobody is left to tell
   Folder(const Folder&) = delete;
   Folder& operator=(const Folder&) = delete;
 
@@ -74,8 +74,8 @@ struct Set {
   std::string tree_path;
 };
 
-std::unique_ptr<base::RandomAccessFile> OpenFile(const std::string& path) {
-  auto file = base::OpenRandomAccessFile(path);
+std::unique_ptr<io::RandomAccessFile> OpenFile(const std::string& path) {
+  auto file = io::OpenRandomAccessFile(path);
   ISOSCOPE_CHECK(file.ok());
   return *std::move(file);
 }
@@ -99,11 +99,11 @@ const Set& SetOf(std::int64_t block_count, double selectivity) {
       ISOSCOPE_CHECK(builder.Add({span, block, block}).ok());
     }
     set.tree_path = folder->Sub(absl::StrCat("tree-", name));
-    auto file = base::CreateWritableFile(set.tree_path);
+    auto file = io::CreateWritableFile(set.tree_path);
     ISOSCOPE_CHECK(file.ok());
     ISOSCOPE_CHECK(builder.Finish(file->get()).ok());
     set.range_path = folder->Sub(absl::StrCat("ranges-", name));
-    ISOSCOPE_CHECK(base::WriteWholeFile(set.range_path, set.ranges.bytes()).ok());
+    ISOSCOPE_CHECK(io::WriteWholeFile(set.range_path, set.ranges.bytes()).ok());
   }
   return set;
 }
@@ -165,7 +165,7 @@ void BM_TableScanFromFile(benchmark::State& state) {
   std::size_t active_count = 0;
   std::int64_t read_bytes = 0;
   for (auto _ : state) {
-    auto bytes = base::ReadWholeFile(set.range_path, base::kGiB);
+    auto bytes = io::ReadWholeFile(set.range_path, base::kGiB);
     ISOSCOPE_CHECK(bytes.ok());
     read_bytes = static_cast<std::int64_t>(bytes->size());
     const auto ranges = volume::RangeTable::FromBytes(volume::ScalarType::kUint16, state.range(0),
@@ -186,11 +186,11 @@ void BM_TreeBuild(benchmark::State& state) {
       ISOSCOPE_CHECK(builder.Add({SpanOf(id, 0.1), block, block}).ok());
     }
     const std::string path = folder.Sub("tree");
-    auto file = base::CreateWritableFile(path);
+    auto file = io::CreateWritableFile(path);
     ISOSCOPE_CHECK(file.ok());
     ISOSCOPE_CHECK(builder.Finish(file->get()).ok());
     state.counters["file_bytes"] = static_cast<double>((*file)->size_bytes());
-    ISOSCOPE_CHECK(base::RemoveRecursively(path).ok());
+    ISOSCOPE_CHECK(io::RemoveRecursively(path).ok());
   }
 }
 

@@ -26,9 +26,9 @@
 #include "core/render/cpu_renderer.h"
 #include "core/render/egl_renderer.h"
 #include "core/render/renderer.h"
-#include "core/volume/synthetic_fields.h"
 #include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
+#include "tests/support/synthetic_fields.h"
 
 namespace isoscope::render {
 namespace {
@@ -49,8 +49,8 @@ struct Blocks {
 const Blocks& BlocksOf(std::int64_t block_edge) {
   static std::map<std::int64_t, Blocks> cache;
   static const std::string bytes =
-      volume::SampleField(volume::RandomField(3, 6, 10), {kSamples, kSamples, kSamples},
-                          volume::ScalarType::kUint8, 50, 100);
+      testing::SampleField(testing::RandomField(3, 6, 10), {kSamples, kSamples, kSamples},
+                           volume::ScalarType::kUint8, 50, 100);
   const auto [entry, is_new] = cache.try_emplace(block_edge);
   Blocks& blocks = entry->second;
   if (is_new) {

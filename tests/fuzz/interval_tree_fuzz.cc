@@ -13,10 +13,11 @@
 #include <tuple>
 #include <vector>
 
-#include "core/base/page_file.h"
 #include "core/index/interval_tree.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/page_file.h"
+#include "tests/support/interval_tree.h"
 #include "tests/support/memory_file.h"
 
 namespace isoscope::index {
@@ -39,9 +40,9 @@ bool Less(const BlockInterval& a, const BlockInterval& b) {
 void QueryPayloads(absl::string_view payloads) {
   std::string bytes;
   MemoryWriteFile file(&bytes);
-  base::PageFileWriter pages(&file, 0);
+  io::PageFileWriter pages(&file, 0);
   while (!payloads.empty()) {
-    const absl::string_view payload = payloads.substr(0, base::kPagePayloadBytes);
+    const absl::string_view payload = payloads.substr(0, io::kPagePayloadBytes);
     Require(pages.Append(payload).ok());
     payloads.remove_prefix(payload.size());
   }
@@ -67,7 +68,7 @@ void CompareWithScan(absl::string_view entries) {
   }
   std::string bytes;
   MemoryWriteFile file(&bytes);
-  Require(BuildIntervalTree(intervals, &file).ok());
+  Require(testing::BuildIntervalTree(intervals, &file).ok());
   const auto tree = IntervalTree::Open(std::make_unique<MemoryReadFile>(bytes), 1 << 20);
   Require(tree.ok());
   for (std::size_t i = 0; i < std::min<std::size_t>(intervals.size(), 16); ++i) {

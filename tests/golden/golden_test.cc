@@ -21,16 +21,17 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
-#include "core/base/file.h"
 #include "core/base/units.h"
 #include "core/composite/depth_composite.h"
 #include "core/image/png_codec.h"
-#include "core/ingest/partitioner.h"
-#include "core/ingest/volume_source.h"
+#include "core/io/file.h"
+#include "core/partition/partitioner.h"
 #include "core/render/renderer_factory.h"
-#include "core/volume/synthetic_fields.h"
+#include "core/source/volume_source.h"
 #include "tests/support/local_cluster.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope {
@@ -70,7 +71,7 @@ Scene Gyroid() {
   const math::Index3 dims{65, 65, 65};
   Scene scene{.name = "gyroid"};
   scene.geometry.sample_dims = dims;
-  scene.samples = volume::SampleField(volume::GyroidField(2), dims, scene.type, 80, 128);
+  scene.samples = testing::SampleField(testing::GyroidField(2), dims, scene.type, 80, 128);
   scene.request = MakeRequest(scene.geometry, 128, 30, 20);
   return scene;
 }
@@ -80,7 +81,8 @@ Scene MarschnerLobb() {
   const math::Index3 dims{72, 72, 72};
   Scene scene{.name = "marschner_lobb", .type = volume::ScalarType::kFloat32};
   scene.geometry.sample_dims = dims;
-  scene.samples = volume::SampleField(volume::MarschnerLobbField(6, 0.25), dims, scene.type, 1, 0);
+  scene.samples =
+      testing::SampleField(testing::MarschnerLobbField(6, 0.25), dims, scene.type, 1, 0);
   scene.request = MakeRequest(scene.geometry, 0.5, 20, 40);
   scene.request.camera.fov_y_radians /= 1.3;
   return scene;
@@ -94,7 +96,7 @@ Scene Torus(view::Projection projection) {
   scene.geometry.sample_dims = dims;
   scene.geometry.spacing = {2.0 / 80, 2.0 / 60, 2.0 / 40};
   scene.geometry.origin = {-1, -1, -1};
-  scene.samples = volume::SampleField(volume::TorusField(0.6, 0.25), dims, scene.type, 300, 128);
+  scene.samples = testing::SampleField(testing::TorusField(0.6, 0.25), dims, scene.type, 300, 128);
   scene.request = MakeRequest(scene.geometry, 128, -35, 25);
   if (projection == view::Projection::kPerspective) {
     // From near: what is closer must look larger.
@@ -111,12 +113,12 @@ Scene Torus(view::Projection projection) {
 absl::StatusOr<image::RgbaImage> Render(const Scene& scene, render::RendererKind kind) {
   testing::TempDir directory;
   const auto source =
-      ingest::MakeMemorySource(scene.geometry, scene.type, scene.samples, scene.name);
-  ingest::PartitionOptions options;
+      testing::MakeMemorySource(scene.geometry, scene.type, scene.samples, scene.name);
+  partition::PartitionOptions options;
   options.output_directory = directory.Sub("d");
   options.shard_count = 3;
   absl::StatusOr<store::Manifest> manifest =
-      ingest::Partition(*source, options, base::Cancellation());
+      partition::Partition(*source, options, base::Cancellation());
   if (!manifest.ok()) {
     return manifest.status();
   }
@@ -173,8 +175,8 @@ Comparison Compare(const image::RgbaImage& a, const image::RgbaImage& b) {
 }
 
 void Replace(const std::string& path, const std::string& bytes) {
-  ISOSCOPE_ASSERT_OK(base::RemoveRecursively(path));
-  ISOSCOPE_ASSERT_OK(base::WriteWholeFile(path, bytes));
+  ISOSCOPE_ASSERT_OK(io::RemoveRecursively(path));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, bytes));
 }
 
 // Writes what was drawn and the difference beside a copy of what was expected.
@@ -202,7 +204,7 @@ void CheckScene(const Scene& scene, render::RendererKind kind) {
     }
     return;
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string png, base::ReadWholeFile(path, kMaxPngBytes));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string png, io::ReadWholeFile(path, kMaxPngBytes));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage expected, image::DecodePng(png));
   ASSERT_EQ(actual.width, expected.width);
   ASSERT_EQ(actual.height, expected.height);

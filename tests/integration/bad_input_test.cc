@@ -18,9 +18,9 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/file.h"
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
+#include "core/io/file.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -80,7 +80,7 @@ class BadInputTest : public ::testing::Test {
     return {.environment = {"XDG_CACHE_HOME=" + cache_.path()}};
   }
   void Write(const std::string& name, const std::string& bytes) const {
-    ISOSCOPE_ASSERT_OK(base::WriteWholeFile(Path(name), bytes));
+    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path(name), bytes));
   }
   // Everything in the test's folder, hidden names too.
   [[nodiscard]] std::vector<std::string> Entries() const {
@@ -163,7 +163,7 @@ TEST_F(BadInputTest, RawFilesWhoseFlagsAreWrong) {
     const CommandResult result = RunIsoscope(partition({"--dims", dims, "--type", "uint8"}));
     EXPECT_THAT(result.exit_code, AnyOf(kFailed, kWrongUsage)) << dims;
     EXPECT_THAT(result.err, AllOf(HasSubstr("1"), HasSubstr("2"))) << dims;
-    EXPECT_FALSE(base::PathExists(Path("out")));
+    EXPECT_FALSE(io::PathExists(Path("out")));
   }
   ExpectFailure(partition({"--dims", "0,10,10", "--type", "uint8"}), kWrongUsage, {"0,10,10"});
   ExpectFailure(partition({"--dims", "10,10", "--type", "uint8"}), kWrongUsage, {"10,10"});
@@ -290,14 +290,14 @@ TEST_F(BadInputTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
         RunIsoscope(RenderGood({"--isovalue", isovalue, "--width", "40", "--height", "30"}));
     EXPECT_EQ(result.exit_code, 0) << result.err;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string png,
-                                  base::ReadWholeFile(Path("p.png"), kMaxFileBytes));
+                                  io::ReadWholeFile(Path("p.png"), kMaxFileBytes));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage image, image::DecodePng(png));
     EXPECT_EQ(image.pixels, std::vector<image::Rgba8>(40 * 30, {0, 0, 0, 255}));
     const CommandResult mesh =
         RunIsoscope({"export", GoodDataset(), "--isovalue", isovalue, "--output", Path("m.ply")});
     EXPECT_EQ(mesh.exit_code, 0) << mesh.err;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string ply,
-                                  base::ReadWholeFile(Path("m.ply"), kMaxFileBytes));
+                                  io::ReadWholeFile(Path("m.ply"), kMaxFileBytes));
     EXPECT_THAT(ply, AllOf(HasSubstr("element vertex 0\n"), HasSubstr("element face 0\n")));
   }
 }
@@ -378,7 +378,7 @@ TEST_F(BadInputTest, DamagedShardIsAnErrorOrTheRightPictureNeverAnother) {
   const CommandResult sound = render();
   ASSERT_EQ(sound.exit_code, 0) << sound.err;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string right,
-                                base::ReadWholeFile(Path("p.png"), kMaxFileBytes));
+                                io::ReadWholeFile(Path("p.png"), kMaxFileBytes));
   int error_count = 0;
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(shard)) {
@@ -387,17 +387,16 @@ TEST_F(BadInputTest, DamagedShardIsAnErrorOrTheRightPictureNeverAnother) {
   std::sort(files.begin(), files.end());
   ASSERT_EQ(files.size(), 6U);
   for (const std::string& file : files) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes,
-                                  base::ReadWholeFile(file, kMaxFileBytes));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(file, kMaxFileBytes));
     ASSERT_FALSE(bytes.empty()) << file;
     const auto damage = [&](const std::string& what, const std::string& damaged) {
       SCOPED_TRACE(file + ": " + what);
       fs::remove(file);
-      ISOSCOPE_ASSERT_OK(base::WriteWholeFile(file, damaged));
+      ISOSCOPE_ASSERT_OK(io::WriteWholeFile(file, damaged));
       const CommandResult result = render();
       if (result.exit_code == 0) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string picture,
-                                      base::ReadWholeFile(Path("p.png"), kMaxFileBytes));
+                                      io::ReadWholeFile(Path("p.png"), kMaxFileBytes));
         EXPECT_TRUE(picture == right) << "another picture";
       } else {
         ++error_count;
@@ -405,7 +404,7 @@ TEST_F(BadInputTest, DamagedShardIsAnErrorOrTheRightPictureNeverAnother) {
         EXPECT_THAT(result.err, AnyOf(HasSubstr("DATA_LOSS"), HasSubstr("FAILED_PRECONDITION"),
                                       HasSubstr("NOT_FOUND")));
         EXPECT_THAT(result.err, HasSubstr("shard")) << "does not name the shard";
-        EXPECT_FALSE(base::PathExists(Path("p.png")));
+        EXPECT_FALSE(io::PathExists(Path("p.png")));
       }
     };
     // Both ends, and places spread over the rest; odd steps so that no field is always missed.
@@ -426,7 +425,7 @@ TEST_F(BadInputTest, DamagedShardIsAnErrorOrTheRightPictureNeverAnother) {
     damage("empty", "");
     damage("one byte too many", bytes + "x");
     fs::remove(file);
-    ISOSCOPE_ASSERT_OK(base::WriteWholeFile(file, bytes));
+    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(file, bytes));
     // A file that is gone.
     fs::rename(file, Path("away"));
     const CommandResult gone = render();
@@ -446,7 +445,7 @@ TEST_F(BadInputTest, ShardDamagedWhileServedIsDataLossThatNamesThePlace) {
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({25, 21, 17}), dataset, 2, 8));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, testing::ProcessCluster::Start(dataset, 2));
   const std::string file = testing::ShardDirectory(dataset, 1, 2) + "/blocks.bin";
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, base::ReadWholeFile(file, kMaxFileBytes));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(file, kMaxFileBytes));
   const auto overwrite = [&](const std::string& content) {
     // In place: the agent holds the file open.
     std::FILE* out = std::fopen(file.c_str(), "r+b");
@@ -521,7 +520,7 @@ class InterruptedPartitionTest : public BadInputTest {
     }
     process_->Stop();
     ASSERT_EQ(Entries().size(), 2U);
-    ASSERT_FALSE(base::PathExists(Path("out"))) << "it was done before it could be stopped";
+    ASSERT_FALSE(io::PathExists(Path("out"))) << "it was done before it could be stopped";
   }
   [[nodiscard]] std::vector<std::string> Arguments() const {
     return {"partition",     Path("v.raw"), "--output",       Path("out"),
@@ -546,7 +545,7 @@ TEST_F(InterruptedPartitionTest, CtrlCLeavesNothing) {
 TEST_F(InterruptedPartitionTest, KillLeavesNothingThatOpensAndTheNextRunSucceeds) {
   ASSERT_NO_FATAL_FAILURE(Start());
   process_->Kill();
-  EXPECT_FALSE(base::PathExists(Path("out")));
+  EXPECT_FALSE(io::PathExists(Path("out")));
   for (const std::string& name : Entries()) {
     if (name != "v.raw") {
       ExpectFailure({"info", Path(name)}, kFailed, {name});

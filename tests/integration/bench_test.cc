@@ -14,8 +14,8 @@
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
 
-#include "core/base/file.h"
 #include "core/base/units.h"
+#include "core/io/file.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -34,8 +34,8 @@ constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
 class BenchTest : public ::testing::Test {
  protected:
   BenchTest() : volume_(testing::GyroidVolume({25, 25, 25})) {
-    EXPECT_THAT(base::CreateDirectory(folder_.Sub("tmp")), testing::IsOk());
-    EXPECT_THAT(base::CreateDirectory(folder_.Sub("bin")), testing::IsOk());
+    EXPECT_THAT(io::CreateDirectory(folder_.Sub("tmp")), testing::IsOk());
+    EXPECT_THAT(io::CreateDirectory(folder_.Sub("bin")), testing::IsOk());
     EXPECT_THAT(testing::WriteRawFile(volume_, folder_.Sub("gyroid.raw")), testing::IsOk());
   }
 
@@ -62,7 +62,7 @@ class BenchTest : public ::testing::Test {
     chmod(path.c_str(), S_IRWXU);
   }
   [[nodiscard]] std::string ReadFile(const std::string& name) const {
-    absl::StatusOr<std::string> bytes = base::ReadWholeFile(folder_.Sub(name), kMaxFileBytes);
+    absl::StatusOr<std::string> bytes = io::ReadWholeFile(folder_.Sub(name), kMaxFileBytes);
     EXPECT_THAT(bytes, testing::IsOk());
     return bytes.value_or("");
   }
@@ -166,7 +166,7 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
           Arguments({"bench", "frame"}, {"--isovalue", "128", "--width", "64", "--height", "64",
                                          "--peer", folder_.Sub("yard.py")}),
           Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath))));
-  while (!base::PathExists(folder_.Sub("started")) &&
+  while (!io::PathExists(folder_.Sub("started")) &&
          absl::IsDeadlineExceeded(process->Wait(absl::Milliseconds(10)).status())) {
   }
   process->Signal(SIGINT);

@@ -21,9 +21,9 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
-#include "core/base/file.h"
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
+#include "core/io/file.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/reference_extractor.h"
@@ -47,7 +47,7 @@ std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std:
 }
 
 std::string ReadFile(const std::string& path) {
-  absl::StatusOr<std::string> bytes = base::ReadWholeFile(path, kMaxFileBytes);
+  absl::StatusOr<std::string> bytes = io::ReadWholeFile(path, kMaxFileBytes);
   EXPECT_THAT(bytes, testing::IsOk());
   return bytes.value_or("");
 }
@@ -152,7 +152,7 @@ class CliTest : public ::testing::Test {
   // Writes the volume and partitions it with the command line.
   void Partition(const testing::TestVolume& volume, const std::string& name, int shard_count) {
     const std::string raw = Path("volume.raw");
-    if (!base::PathExists(raw)) {
+    if (!io::PathExists(raw)) {
       ISOSCOPE_ASSERT_OK(testing::WriteRawFile(volume, raw));
     }
     MustRun(Join({"partition", raw, "--output", Path(name), "--shards", absl::StrCat(shard_count),
@@ -198,8 +198,8 @@ TEST_F(CliTest, RawFileWithHeaderAndBigEndianIsTheSameVolumeAsNrrd) {
       "space directions: (0.5,0,0) (0,0.75,0) (0,0,1.25)\nspace origin: (-3,4,10)\n"
       "endian: little\nencoding: raw\n\n" +
       little;
-  ISOSCOPE_ASSERT_OK(base::WriteWholeFile(Path("a.nrrd"), nrrd));
-  ISOSCOPE_ASSERT_OK(base::WriteWholeFile(Path("a.raw"), big));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("a.nrrd"), nrrd));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("a.raw"), big));
   const std::string said = MustRun({"partition", Path("a.nrrd"), "--output", Path("from_nrrd"),
                                     "--shards", "2", "--block-cells", "8x16x4"});
   EXPECT_TRUE(absl::StrContains(said, "43 x 37 x 29 samples of int16")) << said;

@@ -15,13 +15,14 @@
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
-#include "core/ingest/partitioner.h"
-#include "core/ingest/volume_source.h"
+#include "core/partition/partitioner.h"
 #include "core/render/renderer_factory.h"
-#include "core/volume/synthetic_fields.h"
+#include "core/source/volume_source.h"
 #include "tests/support/local_cluster.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/scenes.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope {
@@ -74,7 +75,7 @@ volume::GridGeometry ObliqueGeometry(const math::Index3& dims, const math::Vec3d
 Volume Gyroid() {
   const math::Index3 dims{49, 45, 41};
   return {"gyroid", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint8,
-          volume::SampleField(volume::GyroidField(3), dims, volume::ScalarType::kUint8, 80, 128),
+          testing::SampleField(testing::GyroidField(3), dims, volume::ScalarType::kUint8, 80, 128),
           128.0};
 }
 
@@ -83,20 +84,20 @@ Volume Gyroid() {
 Volume Ties() {
   const math::Index3 dims{26, 29, 31};
   return {"ties", ObliqueGeometry(dims, {1, 1, 1}), volume::ScalarType::kUint16,
-          volume::SampleNoise(7, dims, volume::ScalarType::kUint16, 4), 2.0};
+          testing::SampleNoise(7, dims, volume::ScalarType::kUint16, 4), 2.0};
 }
 
 Volume SmoothRandom() {
   const math::Index3 dims{65, 48, 56};
   return {"smooth_random", ObliqueGeometry(dims, {0.5, 0.75, 2.0}), volume::ScalarType::kFloat32,
-          volume::SampleField(volume::RandomField(3, 40, 9.0), dims, volume::ScalarType::kFloat32,
-                              1, 0),
+          testing::SampleField(testing::RandomField(3, 40, 9.0), dims, volume::ScalarType::kFloat32,
+                               1, 0),
           0.05};
 }
 
 std::int64_t ReadBytes(const server::FrameResult& result) {
   std::int64_t count = 0;
-  for (const visibility::AgentStatistics& agent : result.agents) {
+  for (const frame::AgentStatistics& agent : result.agents) {
     count += agent.read_bytes;
   }
   return count;
@@ -111,14 +112,14 @@ class DatasetDirectories {
     std::string& directory = directories_[{volume.name, edge, shard_count, distribution}];
     if (directory.empty()) {
       const auto source =
-          ingest::MakeMemorySource(volume.geometry, volume.type, volume.samples, volume.name);
-      ingest::PartitionOptions options;
+          testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, volume.name);
+      partition::PartitionOptions options;
       options.output_directory = temp_.Sub("d" + std::to_string(directories_.size()));
       options.shard_count = shard_count;
       options.block_cells = {edge, edge, edge};
       options.distribution = distribution;
       absl::StatusOr<store::Manifest> manifest =
-          ingest::Partition(*source, options, base::Cancellation());
+          partition::Partition(*source, options, base::Cancellation());
       if (!manifest.ok()) {
         return manifest.status();
       }
@@ -202,11 +203,11 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
 
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
                                     datasets.Get(edge, 1, distribution_of(1)));
-      request.culling = visibility::Culling::kNone;
+      request.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(request));
       covered_pixel_count += CoveredPixels(reference.image);
 
-      request.culling = visibility::Culling::kDepth;
+      request.culling = frame::Culling::kDepth;
       std::int64_t triangle_count_of_one = -1;
       for (const int shard_count : kShardCounts) {
         if (shard_count > datasets.BlockCount(edge)) {
@@ -258,8 +259,8 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
   if (!std::filesystem::exists(kHeadPath)) {
     GTEST_SKIP() << kHeadPath << " is absent: install Debian's mricron-data";
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<ingest::VolumeSource> source,
-                                ingest::OpenVolumeFile(kHeadPath));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<source::VolumeSource> source,
+                                source::OpenVolumeFile(kHeadPath));
   Volume head{"ch2", source->geometry(), source->scalar_type(), "", 60.0};
   head.samples.resize(static_cast<std::size_t>(math::Volume(head.geometry.sample_dims)) *
                       volume::SizeOf(head.type));
@@ -312,11 +313,11 @@ TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
   view::Elevation(0.2, &request.camera);
   view::OrthogonalizeUp(&request.camera);
 
-  request.culling = visibility::Culling::kNone;
+  request.culling = frame::Culling::kNone;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, cluster->Render(request));
-  request.culling = visibility::Culling::kMask;
+  request.culling = frame::Culling::kMask;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult masked, cluster->Render(request));
-  request.culling = visibility::Culling::kDepth;
+  request.culling = frame::Culling::kDepth;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult exact, cluster->Render(request));
 
   EXPECT_GT(Compare(reference.image, masked.image).depths, 0)
@@ -338,22 +339,22 @@ TEST_P(ExactPictureTest, NoPixelAndNoTriangleDependsOnWhatWasKept) {
   };
   const std::vector<Step> steps = {{1, 128}, {1, 128}, {2, 128}, {1, 150}, {2, 150},
                                    {1, 128}, {2, 150}, {2, 128}, {1, 150}};
-  constexpr visibility::Culling kCullings[] = {
-      visibility::Culling::kNone, visibility::Culling::kMask, visibility::Culling::kDepth};
+  constexpr frame::Culling kCullings[] = {frame::Culling::kNone, frame::Culling::kMask,
+                                          frame::Culling::kDepth};
   std::int64_t covered_pixel_count = 0;
-  std::map<std::tuple<std::size_t, visibility::Culling>, std::int64_t> triangle_counts;
+  std::map<std::tuple<std::size_t, frame::Culling>, std::int64_t> triangle_counts;
   for (const int shard_count : kShardCounts) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                   datasets.Get(8, shard_count, store::Distribution::kRandom));
     // Without any memory, step by step.
     std::vector<server::FrameResult> expected;
-    const auto request_of = [&](const Step& step, visibility::Culling culling) {
+    const auto request_of = [&](const Step& step, frame::Culling culling) {
       agent::FrameRequest request =
           RandomRequest(step.seed, volume.geometry.Bounds(), step.isovalue);
       request.culling = culling;
       return request;
     };
-    for (const visibility::Culling culling : kCullings) {
+    for (const frame::Culling culling : kCullings) {
       for (const Step& step : steps) {
         cluster->ForgetAll(0);
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result,
@@ -370,7 +371,7 @@ TEST_P(ExactPictureTest, NoPixelAndNoTriangleDependsOnWhatWasKept) {
     for (const std::size_t cache_bytes : kCacheSizes) {
       cluster->ForgetAll(cache_bytes);
       std::size_t next = 0;
-      for (const visibility::Culling culling : kCullings) {
+      for (const frame::Culling culling : kCullings) {
         for (std::size_t i = 0; i < steps.size(); ++i, ++next) {
           SCOPED_TRACE(::testing::Message()
                        << shard_count << " shards, cache of " << cache_bytes << " bytes, culling "

@@ -17,7 +17,7 @@
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -172,7 +172,7 @@ TEST_F(HeldFrameTest, InterruptedClientStopsTheFrameAndLeavesNoPicture) {
   EXPECT_EQ(exit_code, 1);
   EXPECT_THAT(client->err(), HasSubstr("CANCELLED"));
   ISOSCOPE_EXPECT_OK(holding_.process->WaitForErrLine("cancelled"));
-  EXPECT_FALSE(base::PathExists(output));
+  EXPECT_FALSE(io::PathExists(output));
 }
 
 TEST_F(HeldFrameTest, SigtermLetsTheCoordinatorFinishTheFrameInWork) {
@@ -249,7 +249,7 @@ TEST_F(FaultTest, TimeoutOfTheCommandLineEndsTheWait) {
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_THAT(result.err,
               AllOf(HasSubstr("DEADLINE_EXCEEDED"), HasSubstr(cluster->agent_address(1))));
-  EXPECT_FALSE(base::PathExists(directory_->Sub("late.png")));
+  EXPECT_FALSE(io::PathExists(directory_->Sub("late.png")));
 }
 
 // Agents die and return at any moment of a stream of frames: each frame is right or says why not.

@@ -25,13 +25,14 @@
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
-#include "core/ingest/partitioner.h"
-#include "core/ingest/volume_source.h"
+#include "core/partition/partitioner.h"
 #include "core/render/renderer_factory.h"
-#include "core/volume/synthetic_fields.h"
+#include "core/source/volume_source.h"
 #include "tests/support/local_cluster.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/scenes.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope {
@@ -106,15 +107,15 @@ Volume RandomVolume(Dice* dice) {
   // Samples on both sides of the isovalues, of any type: within [0, 127].
   if (dice->OneIn(4)) {
     const auto max_value = static_cast<double>(dice->Whole(1, 6));
-    volume.samples = volume::SampleNoise(dice->Bits(), dims, volume.type, max_value);
+    volume.samples = testing::SampleNoise(dice->Bits(), dims, volume.type, max_value);
     volume.isovalues = {1, max_value / 2};
   } else {
     const double scale = dice->OneIn(3) ? 3 : 50;  // few levels: ties
-    const std::array<volume::Field, 4> fields = {
-        volume::GyroidField(1 + 4 * dice->Unit()), volume::MarschnerLobbField(6, 0.25),
-        volume::RandomField(dice->Bits(), 30, 2 + 10 * dice->Unit()),
-        volume::SphereField(0.2 + dice->Unit())};
-    volume.samples = volume::SampleField(dice->OneOf(fields), dims, volume.type, scale, 60);
+    const std::array<testing::Field, 4> fields = {
+        testing::GyroidField(1 + 4 * dice->Unit()), testing::MarschnerLobbField(6, 0.25),
+        testing::RandomField(dice->Bits(), 30, 2 + 10 * dice->Unit()),
+        testing::SphereField(0.2 + dice->Unit())};
+    volume.samples = testing::SampleField(dice->OneOf(fields), dims, volume.type, scale, 60);
     volume.isovalues = {60, 60 + scale * (dice->Unit() - 0.5)};
   }
   if (dice->OneIn(3) && volume.type == volume::ScalarType::kFloat32) {
@@ -132,8 +133,8 @@ absl::StatusOr<std::unique_ptr<testing::LocalCluster>> Cut(const Volume& volume,
                                                            const std::string& directory,
                                                            render::Renderer* renderer) {
   const auto source =
-      ingest::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
-  ingest::PartitionOptions options;
+      testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
+  partition::PartitionOptions options;
   options.output_directory = directory;
   options.block_cells = block_cells;
   options.shard_count = shard_count;
@@ -142,7 +143,7 @@ absl::StatusOr<std::unique_ptr<testing::LocalCluster>> Cut(const Volume& volume,
   options.compression = dice->OneOf<store::BlockEncoding, 3>(
       {store::BlockEncoding::kRaw, store::BlockEncoding::kLz4, store::BlockEncoding::kZstd});
   options.seed = dice->Bits();
-  if (const auto manifest = ingest::Partition(*source, options, base::Cancellation());
+  if (const auto manifest = partition::Partition(*source, options, base::Cancellation());
       !manifest.ok()) {
     return manifest.status();
   }
@@ -184,10 +185,10 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       agent::FrameRequest request =
           testing::RandomRequest(dice.Bits(), volume.geometry.Bounds(),
                                  volume.isovalues[static_cast<std::size_t>(dice.Whole(0, 1))]);
-      request.culling = visibility::Culling::kNone;
+      request.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, one->Render(request));
       covered_pixel_count_ += testing::CoveredPixels(result.image);
-      request.culling = visibility::Culling::kDepth;
+      request.culling = frame::Culling::kDepth;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult culled, one->Render(request));
       EXPECT_EQ(testing::Compare(culled.image, result.image), testing::Difference())
           << "view " << view << ", one agent";

@@ -17,11 +17,11 @@
 #include "core/base/coding.h"
 #include "core/math/vec.h"
 #include "core/volume/scalar_type.h"
-#include "core/volume/synthetic_fields.h"
 #include "hdf5.h"
 #include "tests/support/dicom_file.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
 #include "tiffio.h"
@@ -196,9 +196,9 @@ TEST_P(SourceTest, GivesWhatItsSamplesGiveAndChangesWithThem) {
   const std::string input = folder + "/" + source.input;
   const std::string nrrd = directory_.Sub("reference.nrrd");
 
-  Samples samples{
-      .now = volume::SampleField(volume::GyroidField(2), kDims, volume::ScalarType::kInt16, 300, 0),
-      .before = ""};
+  Samples samples{.now = testing::SampleField(testing::GyroidField(2), kDims,
+                                              volume::ScalarType::kInt16, 300, 0),
+                  .before = ""};
   std::string first_picture;
   for (const std::size_t cached_count : {0U, 2U}) {
     ASSERT_NO_FATAL_FAILURE(source.write(folder, samples));

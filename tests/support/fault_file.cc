@@ -15,10 +15,9 @@
 namespace isoscope::testing {
 namespace {
 
-class FaultyFile : public base::RandomAccessFile {
+class FaultyFile : public io::RandomAccessFile {
  public:
-  FaultyFile(std::unique_ptr<base::RandomAccessFile> file, ReadFault fault,
-             std::int64_t fault_offset)
+  FaultyFile(std::unique_ptr<io::RandomAccessFile> file, ReadFault fault, std::int64_t fault_offset)
       : file_(std::move(file)), fault_(fault), fault_offset_(fault_offset) {}
 
   [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
@@ -26,7 +25,7 @@ class FaultyFile : public base::RandomAccessFile {
     const bool touches =
         offset <= fault_offset_ && fault_offset_ < offset + static_cast<std::int64_t>(size);
     if (touches && fault_ == ReadFault::kIoError) {
-      return base::ErrnoToStatus(EIO, "read", file_->path());
+      return io::ErrnoToStatus(EIO, "read", file_->path());
     }
     if (touches && fault_ == ReadFault::kShortRead) {
       return absl::DataLossError(
@@ -43,12 +42,12 @@ class FaultyFile : public base::RandomAccessFile {
   [[nodiscard]] const std::string& path() const override { return file_->path(); }
 
  private:
-  const std::unique_ptr<base::RandomAccessFile> file_;
+  const std::unique_ptr<io::RandomAccessFile> file_;
   const ReadFault fault_;
   const std::int64_t fault_offset_;
 };
 
-class DescriptorFile : public base::RandomAccessFile {
+class DescriptorFile : public io::RandomAccessFile {
  public:
   DescriptorFile(int descriptor, std::int64_t size_bytes, std::string path)
       : descriptor_(descriptor), size_bytes_(size_bytes), path_(std::move(path)) {}
@@ -62,10 +61,10 @@ class DescriptorFile : public base::RandomAccessFile {
       const std::int64_t place = offset + static_cast<std::int64_t>(done);
       const ssize_t count = pread(descriptor_, out + done, size - done, place);
       if (count < 0) {
-        return base::ReadFailed(errno, *this, offset, size);
+        return io::ReadFailed(errno, *this, offset, size);
       }
       if (count == 0) {
-        return base::FileTooShort(*this, offset, size, place);
+        return io::FileTooShort(*this, offset, size, place);
       }
       done += static_cast<std::size_t>(count);
     }
@@ -81,9 +80,9 @@ class DescriptorFile : public base::RandomAccessFile {
   const std::string path_;
 };
 
-class FullDiskFile : public base::WritableFile {
+class FullDiskFile : public io::WritableFile {
  public:
-  FullDiskFile(std::unique_ptr<base::WritableFile> file, std::int64_t capacity_bytes)
+  FullDiskFile(std::unique_ptr<io::WritableFile> file, std::int64_t capacity_bytes)
       : file_(std::move(file)), left_(capacity_bytes) {}
 
   [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
@@ -95,7 +94,7 @@ class FullDiskFile : public base::WritableFile {
     left_ -= static_cast<std::int64_t>(fits.size());
     ISOSCOPE_RETURN_IF_ERROR(file_->WriteAt(offset, fits));
     if (fits.size() < bytes.size()) {
-      status_ = base::ErrnoToStatus(ENOSPC, "write", "full disk of the test");
+      status_ = io::ErrnoToStatus(ENOSPC, "write", "full disk of the test");
     }
     return status_;
   }
@@ -106,25 +105,25 @@ class FullDiskFile : public base::WritableFile {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  const std::unique_ptr<base::WritableFile> file_;
+  const std::unique_ptr<io::WritableFile> file_;
   std::int64_t left_;
   absl::Status status_;
 };
 
 }  // namespace
 
-std::unique_ptr<base::RandomAccessFile> MakeFaultyFile(std::unique_ptr<base::RandomAccessFile> file,
-                                                       ReadFault fault, std::int64_t fault_offset) {
+std::unique_ptr<io::RandomAccessFile> MakeFaultyFile(std::unique_ptr<io::RandomAccessFile> file,
+                                                     ReadFault fault, std::int64_t fault_offset) {
   return std::make_unique<FaultyFile>(std::move(file), fault, fault_offset);
 }
 
-std::unique_ptr<base::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
-                                                           const std::string& path) {
+std::unique_ptr<io::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
+                                                         const std::string& path) {
   return std::make_unique<DescriptorFile>(descriptor, size_bytes, path);
 }
 
-std::unique_ptr<base::WritableFile> MakeFullDiskFile(std::unique_ptr<base::WritableFile> file,
-                                                     std::int64_t capacity_bytes) {
+std::unique_ptr<io::WritableFile> MakeFullDiskFile(std::unique_ptr<io::WritableFile> file,
+                                                   std::int64_t capacity_bytes) {
   return std::make_unique<FullDiskFile>(std::move(file), capacity_bytes);
 }
 

@@ -7,7 +7,7 @@
 #include <memory>
 #include <string>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 
 namespace isoscope::testing {
 
@@ -18,19 +18,19 @@ enum class ReadFault {
 };
 
 // Reads that touch byte `fault_offset` of `file` suffer `fault`.
-std::unique_ptr<base::RandomAccessFile> MakeFaultyFile(std::unique_ptr<base::RandomAccessFile> file,
-                                                       ReadFault fault, std::int64_t fault_offset);
+std::unique_ptr<io::RandomAccessFile> MakeFaultyFile(std::unique_ptr<io::RandomAccessFile> file,
+                                                     ReadFault fault, std::int64_t fault_offset);
 
 // What lies behind a descriptor, as a file that claims to have `size_bytes`; it closes it. The
 // system itself then fails: /proc/self/mem has holes that read as EIO, a pipe keeps readers
 // waiting.
-std::unique_ptr<base::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
-                                                           const std::string& path);
+std::unique_ptr<io::RandomAccessFile> MakeDescriptorFile(int descriptor, std::int64_t size_bytes,
+                                                         const std::string& path);
 
 // A disk that is full: writes that would bring the bytes written to more than `capacity_bytes`
 // write what fits and return RESOURCE_EXHAUSTED, as ENOSPC; so do all later calls, Close() too.
-std::unique_ptr<base::WritableFile> MakeFullDiskFile(std::unique_ptr<base::WritableFile> file,
-                                                     std::int64_t capacity_bytes);
+std::unique_ptr<io::WritableFile> MakeFullDiskFile(std::unique_ptr<io::WritableFile> file,
+                                                   std::int64_t capacity_bytes);
 
 }  // namespace isoscope::testing
 

@@ -66,7 +66,7 @@ class LocalAgentLink final : public server::AgentLink {
         const std::unique_ptr<agent::FramePipeline> pipeline,
         agent::FramePipeline::Make({shard_}, request_, resources_, &cancellation_));
     image::FrameImage image;
-    if (request_.culling == visibility::Culling::kNone) {
+    if (request_.culling == frame::Culling::kNone) {
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderAll());
     } else {
       ISOSCOPE_ASSIGN_OR_RETURN(agent::RaySelection selection, pipeline->SelectOccluders());
@@ -97,7 +97,7 @@ class LocalAgentLink final : public server::AgentLink {
     return **message;
   }
 
-  [[nodiscard]] visibility::AgentStatistics Statistics(visibility::AgentStatistics measured) const {
+  [[nodiscard]] frame::AgentStatistics Statistics(frame::AgentStatistics measured) const {
     measured.agent_address = name();
     measured.shard_indices = {shard_->reader->shard_index()};
     return measured;

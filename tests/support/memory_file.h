@@ -15,12 +15,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 
 namespace isoscope::testing {
 
 // Thread-safe.
-class MemoryReadFile : public base::RandomAccessFile {
+class MemoryReadFile : public io::RandomAccessFile {
  public:
   explicit MemoryReadFile(absl::string_view bytes) : bytes_(bytes.begin(), bytes.end()) {}
 
@@ -47,7 +47,7 @@ class MemoryReadFile : public base::RandomAccessFile {
 };
 
 // Writes to `*bytes`, which must outlive it. Thread-compatible.
-class MemoryWriteFile : public base::WritableFile {
+class MemoryWriteFile : public io::WritableFile {
  public:
   // The operation (Append, WriteAt or Close) number `failing_operation`, from 0, and all after it
   // are RESOURCE_EXHAUSTED; < 0: none.

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/scalar_type.h"
 
@@ -44,7 +44,7 @@ inline std::optional<std::string> GunzipAll(const std::string& compressed, std::
 
 inline std::optional<NrrdFile> ReadNrrd(const std::string& path) {
   constexpr std::int64_t kMaxFileBytes = std::int64_t{1} << 30;
-  const auto content = base::ReadWholeFile(path, kMaxFileBytes);
+  const auto content = io::ReadWholeFile(path, kMaxFileBytes);
   const std::size_t header_end = content.ok() ? content->find("\n\n") : std::string::npos;
   if (header_end == std::string::npos) {
     return std::nullopt;

@@ -8,14 +8,15 @@
 #include <grpcpp/client_context.h>
 
 #include "core/base/cancellation.h"
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
-#include "core/ingest/partitioner.h"
-#include "core/ingest/volume_source.h"
+#include "core/io/file.h"
+#include "core/partition/partitioner.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
-#include "core/volume/synthetic_fields.h"
+#include "core/source/volume_source.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "tests/support/memory_source.h"
+#include "tests/support/synthetic_fields.h"
 
 namespace isoscope::testing {
 namespace {
@@ -25,10 +26,10 @@ constexpr char kAgent[] = ISOSCOPE_TEST_AGENT;
 constexpr char kCoordinator[] = ISOSCOPE_TEST_COORDINATOR;
 constexpr char kHoldingAgent[] = ISOSCOPE_TEST_HOLDING_AGENT;
 
-TestVolume MakeVolume(const volume::Field& field, const math::Index3& dims, double scale) {
+TestVolume MakeVolume(const testing::Field& field, const math::Index3& dims, double scale) {
   TestVolume made;
   made.geometry.sample_dims = dims;
-  made.samples = volume::SampleField(field, dims, made.type, scale, 128);
+  made.samples = testing::SampleField(field, dims, made.type, scale, 128);
   return made;
 }
 
@@ -59,15 +60,15 @@ void Append(const std::vector<std::string>& more, std::vector<std::string>* all)
 }  // namespace
 
 TestVolume GyroidVolume(const math::Index3& dims) {
-  return MakeVolume(volume::GyroidField(2), dims, 80);
+  return MakeVolume(testing::GyroidField(2), dims, 80);
 }
 
 TestVolume BallVolume(const math::Index3& dims, double radius) {
-  return MakeVolume(volume::SphereField(radius), dims, 100);
+  return MakeVolume(testing::SphereField(radius), dims, 100);
 }
 
 absl::Status WriteRawFile(const TestVolume& volume, const std::string& path) {
-  return base::WriteWholeFile(path, volume.samples);
+  return io::WriteWholeFile(path, volume.samples);
 }
 
 std::vector<std::string> RawFlags(const TestVolume& volume) {
@@ -81,12 +82,12 @@ std::vector<std::string> RawFlags(const TestVolume& volume) {
 absl::Status MakeDataset(const TestVolume& volume, const std::string& directory, int shard_count,
                          int block_edge) {
   const auto source =
-      ingest::MakeMemorySource(volume.geometry, volume.type, volume.samples, "generated");
-  ingest::PartitionOptions options;
+      testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "generated");
+  partition::PartitionOptions options;
   options.output_directory = directory;
   options.shard_count = shard_count;
   options.block_cells = {block_edge, block_edge, block_edge};
-  return ingest::Partition(*source, options, base::Cancellation()).status();
+  return partition::Partition(*source, options, base::Cancellation()).status();
 }
 
 std::string ShardDirectory(const std::string& dataset_directory, int shard, int shard_count) {

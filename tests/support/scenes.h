@@ -78,7 +78,7 @@ inline std::int64_t CoveredPixels(const image::FrameImage& image) {
 
 inline std::int64_t TriangleCount(const server::FrameResult& result) {
   std::int64_t count = 0;
-  for (const visibility::AgentStatistics& agent : result.agents) {
+  for (const frame::AgentStatistics& agent : result.agents) {
     count += agent.triangle_count;
   }
   return count;

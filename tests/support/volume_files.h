@@ -13,8 +13,8 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
-#include "core/ingest/volume_source.h"
 #include "core/math/vec.h"
+#include "core/source/volume_source.h"
 #include "core/volume/scalar_type.h"
 #include "zlib.h"
 
@@ -175,7 +175,7 @@ inline std::string MetaHeader(const math::Index3& dims, const std::string& type,
 }
 
 // All samples, read in slabs of `planes`.
-inline absl::StatusOr<std::string> ReadAll(ingest::VolumeSource& source, std::int64_t planes) {
+inline absl::StatusOr<std::string> ReadAll(source::VolumeSource& source, std::int64_t planes) {
   const math::Index3& dims = source.geometry().sample_dims;
   const std::size_t plane =
       static_cast<std::size_t>(dims.x * dims.y) * volume::SizeOf(source.scalar_type());

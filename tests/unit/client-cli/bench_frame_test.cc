@@ -14,7 +14,7 @@
 #include "gtest/gtest.h"
 #include <sys/stat.h>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -177,7 +177,7 @@ printf ']}'
 
   [[nodiscard]] std::string path() const { return folder_.Sub("program"); }
   [[nodiscard]] std::vector<std::string> Calls() const {
-    const absl::StatusOr<std::string> text = base::ReadWholeFile(folder_.Sub("calls"), 1 << 20);
+    const absl::StatusOr<std::string> text = io::ReadWholeFile(folder_.Sub("calls"), 1 << 20);
     return absl::StrSplit(text.value_or(""), '\n', absl::SkipEmpty());
   }
 

@@ -15,13 +15,14 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/file.h"
 #include "core/image/png_codec.h"
-#include "core/ingest/partitioner.h"
-#include "core/ingest/volume_source.h"
+#include "core/io/file.h"
+#include "core/partition/partitioner.h"
 #include "core/render/renderer_factory.h"
-#include "core/volume/synthetic_fields.h"
+#include "core/source/volume_source.h"
+#include "tests/support/memory_source.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope::cli {
@@ -38,7 +39,7 @@ constexpr int kSidePx = 96;
 
 // A gyroid around 128.
 std::string GyroidSamples() {
-  return volume::SampleField(volume::GyroidField(2), kDims, volume::ScalarType::kUint8, 80, 128);
+  return testing::SampleField(testing::GyroidField(2), kDims, volume::ScalarType::kUint8, 80, 128);
 }
 
 // Partitions volumes in memory, each into a folder of its own.
@@ -50,13 +51,14 @@ class Volumes {
     volume::GridGeometry geometry;
     geometry.sample_dims = kDims;
     const auto source =
-        ingest::MakeMemorySource(geometry, volume::ScalarType::kUint8, samples_, "gyroid");
-    ingest::PartitionOptions options;
+        testing::MakeMemorySource(geometry, volume::ScalarType::kUint8, samples_, "gyroid");
+    partition::PartitionOptions options;
     options.output_directory = folder_.Sub(absl::StrCat("dataset-", next_++));
     options.shard_count = shard_count;
     options.distribution = distribution;
     options.block_cells = kBlockCells;
-    const absl::Status status = ingest::Partition(*source, options, base::Cancellation()).status();
+    const absl::Status status =
+        partition::Partition(*source, options, base::Cancellation()).status();
     if (!status.ok()) {
       return status;
     }
@@ -108,7 +110,7 @@ const PaperBenchResult& SmallResult() {
 // Triangles of the whole isosurface.
 std::int64_t WholeTriangles(double isovalue) {
   for (const SweepRow& row : SmallResult().sweep) {
-    if (row.isovalue == isovalue && row.culling == visibility::Culling::kNone) {
+    if (row.isovalue == isovalue && row.culling == frame::Culling::kNone) {
       return row.triangle_count;
     }
   }
@@ -340,11 +342,11 @@ TEST(BenchPaperPlotsTest, GnuplotTakesEveryScript) {
   ASSERT_EQ(scripts.size(), 2 + 5) << "two numbers of agents, the bound, figures 6 to 9";
   for (const std::vector<OutputFile>& files : {scripts, PaperTables(SmallResult())}) {
     for (const OutputFile& file : files) {
-      ASSERT_THAT(base::WriteWholeFile(folder.Sub(file.name), file.bytes), testing::IsOk());
+      ASSERT_THAT(io::WriteWholeFile(folder.Sub(file.name), file.bytes), testing::IsOk());
     }
   }
   for (const PaperPicture& picture : SmallResult().pictures) {
-    ASSERT_THAT(base::WriteWholeFile(folder.Sub(picture.name + ".png"), picture.png),
+    ASSERT_THAT(io::WriteWholeFile(folder.Sub(picture.name + ".png"), picture.png),
                 testing::IsOk());
   }
   Interrupt interrupt;
@@ -356,17 +358,17 @@ TEST(BenchPaperPlotsTest, GnuplotTakesEveryScript) {
   for (const OutputFile& script : scripts) {
     const std::string stem = script.name.substr(0, script.name.size() - 3);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string png,
-                                  base::ReadWholeFile(folder.Sub(stem + ".png"), 1 << 24));
+                                  io::ReadWholeFile(folder.Sub(stem + ".png"), 1 << 24));
     EXPECT_THAT(image::DecodePng(png), testing::IsOk()) << stem;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string svg,
-                                  base::ReadWholeFile(folder.Sub(stem + ".svg"), 1 << 24));
+                                  io::ReadWholeFile(folder.Sub(stem + ".svg"), 1 << 24));
     EXPECT_THAT(svg, HasSubstr("</svg>")) << stem;
   }
 }
 
 TEST(BenchPaperPlotsTest, AScriptThatGnuplotRefusesIsNamed) {
   const TempDir folder;
-  ASSERT_THAT(base::WriteWholeFile(folder.Sub("bad.gp"), "plot 'absent.csv' using\n"),
+  ASSERT_THAT(io::WriteWholeFile(folder.Sub("bad.gp"), "plot 'absent.csv' using\n"),
               testing::IsOk());
   Interrupt interrupt;
   const absl::Status status = DrawPlots(folder.path(), {{"bad.gp", ""}}, &interrupt);

@@ -10,7 +10,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -67,7 +67,7 @@ TEST(ChildProcessTest, AnInterruptEndsTheWholeGroup) {
   const TempDir folder;
   Interrupt interrupt;
   std::thread presser([&] {
-    while (!base::PathExists(folder.Sub("started"))) {
+    while (!io::PathExists(folder.Sub("started"))) {
       absl::SleepFor(absl::Milliseconds(5));
     }
     interrupt.Trigger();

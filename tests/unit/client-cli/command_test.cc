@@ -15,9 +15,9 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/file.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
+#include "core/io/file.h"
 #include "core/math/vec.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/scalar_type.h"
@@ -334,7 +334,7 @@ class GenerateTest : public ::testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     const Outcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return base::ReadWholeFile(folder_.Sub("bytes.raw"), base::kMiB).value_or("");
+    return io::ReadWholeFile(folder_.Sub("bytes.raw"), base::kMiB).value_or("");
   }
 
   TempDir folder_;

@@ -18,7 +18,7 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -43,12 +43,12 @@ std::vector<std::string> Entries(const std::string& directory) {
 
 // A dataset for these tests is a folder with a file "whole".
 absl::Status Make(const std::string& directory) {
-  ISOSCOPE_EXPECT_OK(base::CreateDirectory(directory));
+  ISOSCOPE_EXPECT_OK(io::CreateDirectory(directory));
   WriteText(directory + "/whole", "");
   return absl::OkStatus();
 }
 absl::Status Verify(const std::string& directory) {
-  return base::PathExists(directory + "/whole") ? absl::OkStatus() : absl::DataLossError("damaged");
+  return io::PathExists(directory + "/whole") ? absl::OkStatus() : absl::DataLossError("damaged");
 }
 
 TEST(CacheKeyTest, ChangesWithEverythingTheDatasetDependsOn) {

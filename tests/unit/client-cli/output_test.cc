@@ -11,7 +11,7 @@
 #include "gtest/gtest.h"
 #include <sys/stat.h>
 
-#include "core/base/file.h"
+#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -87,7 +87,7 @@ TEST(OutputTest, AtomicWriteReplacesAndLeavesNothingElse) {
   const std::string path = folder.Sub("a.png");
   ISOSCOPE_ASSERT_OK(WriteFileAtomically(path, "old"));
   ISOSCOPE_ASSERT_OK(WriteFileAtomically(path, "new"));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, base::ReadWholeFile(path, 100));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 100));
   EXPECT_EQ(content, "new");
   EXPECT_EQ(EntryCount(folder.path()), 1U);
 }

@@ -61,7 +61,7 @@ TEST(PlyWriterTest, TwoChunksGiveExactlyTheseBytes) {
   expected += one + one + zero + zero + one + zero;
   expected += std::string("\x03\x00\x00\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00", 13);
   expected += std::string("\x03\x01\x00\x00\x00\x03\x00\x00\x00\x02\x00\x00\x00", 13);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, base::ReadWholeFile(path, 10'000));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 10'000));
   EXPECT_EQ(content, expected);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()),
                           std::filesystem::directory_iterator()),
@@ -73,7 +73,7 @@ TEST(PlyWriterTest, EmptySurfaceIsAValidFile) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, PlyWriter::Create(folder.Sub("mesh.ply")));
   ISOSCOPE_ASSERT_OK(writer->Finish());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content,
-                                base::ReadWholeFile(folder.Sub("mesh.ply"), 10'000));
+                                io::ReadWholeFile(folder.Sub("mesh.ply"), 10'000));
   EXPECT_EQ(content, MakePlyHeader(0, 0));
 }
 

@@ -32,7 +32,7 @@ TEST(RenderRequestTest, EveryFlagReachesItsField) {
       MakeRequest({.isovalue = 1,
                    .width = 640,
                    .height = 480,
-                   .culling = visibility::Culling::kMask,
+                   .culling = frame::Culling::kMask,
                    .base_color = Color{.red = 0.25F, .green = 0.5F, .blue = 1},
                    .background_color = Color{.red = 1, .alpha = 0.5F}},
                   "", SampleCamera());

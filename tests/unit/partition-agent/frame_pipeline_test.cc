@@ -45,8 +45,8 @@ struct Frame {
   std::vector<volume::BlockId> visible_blocks;
   image::FrameImage occluders;
   image::FrameImage image;
-  visibility::AgentStatistics after_selection;
-  visibility::AgentStatistics statistics;
+  frame::AgentStatistics after_selection;
+  frame::AgentStatistics statistics;
 };
 
 // What is the same however many threads work and whatever was kept.
@@ -132,7 +132,7 @@ class FramePipelineTest : public ::testing::Test {
   }
 
   image::FrameImage RenderAll(const Shards& shards, const FrameRequest& request,
-                              visibility::AgentStatistics* statistics = nullptr) {
+                              frame::AgentStatistics* statistics = nullptr) {
     const auto pipeline = Make(shards, request);
     EXPECT_THAT(pipeline, isoscope::testing::IsOk());
     auto image = (*pipeline)->RenderAll();
@@ -163,7 +163,7 @@ TEST_F(FramePipelineTest, RenderAllDrawsEveryTriangleOfTheReference) {
   std::int64_t vertices = 0;
   std::int64_t blocks = 0;
   for (const auto& shard : dataset.OpenShards()) {
-    visibility::AgentStatistics statistics;
+    frame::AgentStatistics statistics;
     RenderAll({shard}, dataset.Request(), &statistics);
     triangles += statistics.triangle_count;
     vertices += statistics.unique_vertex_count;
@@ -231,7 +231,7 @@ TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
   const FrameRequest request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
-  visibility::AgentStatistics all;
+  frame::AgentStatistics all;
   EXPECT_TRUE(frame.image == RenderAll(shards, request, &all));
   EXPECT_LT(frame.statistics.triangle_count, all.triangle_count);
 }
@@ -420,16 +420,16 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   // Another level: its index is read, and blocks that were not; then it is kept, and the first one
   // still is.
   RenderAll(shards, request);
-  visibility::AgentStatistics of_other;
+  frame::AgentStatistics of_other;
   const image::FrameImage other_image = RenderAll(shards, other, &of_other);
   EXPECT_GT(of_other.index_page_read_count, 0);
   for (const FrameRequest& known : {request, other, turned}) {
-    visibility::AgentStatistics statistics;
+    frame::AgentStatistics statistics;
     const image::FrameImage image = RenderAll(shards, known, &statistics);
     EXPECT_EQ(statistics.read_bytes, 0);
     // The same from nothing.
     std::unique_ptr<BlockCache> kept = std::exchange(cache_, std::make_unique<BlockCache>(0));
-    visibility::AgentStatistics cold_statistics;
+    frame::AgentStatistics cold_statistics;
     EXPECT_TRUE(image == RenderAll(shards, known, &cold_statistics));
     EXPECT_EQ(statistics.triangle_count, cold_statistics.triangle_count);
     EXPECT_GT(cold_statistics.read_bytes, 0);
@@ -493,7 +493,7 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   }
   EXPECT_GT(cache_->size_bytes(), kSmallCacheBytes / 4) << "the room is not used";
   // The last one is there.
-  visibility::AgentStatistics statistics;
+  frame::AgentStatistics statistics;
   RenderAll(shards, request_of(kIsovalueCount - 1), &statistics);
   EXPECT_EQ(statistics.read_bytes, 0);
 }
@@ -582,10 +582,10 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
   const FrameRequest request = dataset.Request();
-  visibility::AgentStatistics both;
+  frame::AgentStatistics both;
   const image::FrameImage expected = RenderAll(shards, request, &both);
-  visibility::AgentStatistics first;
-  visibility::AgentStatistics second;
+  frame::AgentStatistics first;
+  frame::AgentStatistics second;
   image::FrameImage image = RenderAll({shards[0]}, request, &first);
   EXPECT_FALSE(image == expected) << "the second shard shows nothing";
   composite::CompositeInto(RenderAll({shards[1]}, request, &second), &image);

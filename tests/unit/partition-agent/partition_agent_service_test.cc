@@ -141,7 +141,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
                                : rpc::MakeChannel(absl::StrCat("127.0.0.1:", server_->port())));
   }
 
-  v1::RenderFrameRequest Begin(visibility::Culling culling = visibility::Culling::kDepth) const {
+  v1::RenderFrameRequest Begin(frame::Culling culling = frame::Culling::kDepth) const {
     const FrameRequest request = dataset_.Request();
     v1::RenderFrameRequest message;
     v1::BeginFrame* begin = message.mutable_begin();
@@ -258,7 +258,7 @@ TEST_F(PartitionAgentServiceTest, DescribesItsShards) {
 
 TEST_F(PartitionAgentServiceTest, ASmallPictureComesWithTheMessageThatEndsTheStep) {
   FrameCall call(stub_.get());
-  ASSERT_TRUE(call.Send(Begin(visibility::Culling::kNone)));
+  ASSERT_TRUE(call.Send(Begin(frame::Culling::kNone)));
   v1::RenderFrameResponse message;
   ASSERT_TRUE(call.Read(&message));
   EXPECT_GT(message.bands_size(), 0);
@@ -267,7 +267,7 @@ TEST_F(PartitionAgentServiceTest, ASmallPictureComesWithTheMessageThatEndsTheSte
 
 TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebibyte) {
   FrameCall call(stub_.get());
-  v1::RenderFrameRequest begin = Begin(visibility::Culling::kNone);
+  v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
   begin.mutable_begin()->mutable_viewport()->set_width_px(2500);
   begin.mutable_begin()->mutable_viewport()->set_height_px(2000);
   ASSERT_TRUE(call.Send(begin));
@@ -310,7 +310,7 @@ TEST_F(PartitionAgentServiceTest, FrameIsThatOfThePipeline) {
 
 TEST_F(PartitionAgentServiceTest, FrameWithoutCullingComesAtOnce) {
   FrameCall call(stub_.get());
-  ASSERT_TRUE(call.Send(Begin(visibility::Culling::kNone)));
+  ASSERT_TRUE(call.Send(Begin(frame::Culling::kNone)));
   image::FrameImage image = EmptyImage();
   EXPECT_TRUE(call.ReadPixels(&image).has_frame_done());
   EXPECT_EQ(CodeOf(call.Finish()), "OK");

@@ -17,10 +17,10 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/file.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/image/frame_image.h"
+#include "core/io/file.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_format.h"
 #include "partition-agent/frame_pipeline.h"
@@ -70,14 +70,14 @@ class QueuedReadsTest : public ::testing::Test {
 };
 
 TEST_F(QueuedReadsTest, EveryReadIsWorkedOnOnceAndAnErrorStopsTheRest) {
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, base::OpenRandomAccessFile(BlocksPath()));
-  const std::vector<base::ReadQueue::Read> reads(500, {file.get(), 7, 100});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, io::OpenRandomAccessFile(BlocksPath()));
+  const std::vector<io::ReadQueue::Read> reads(500, {file.get(), 7, 100});
   {
-    base::ReadQueue queue(reads);
+    io::ReadQueue queue(reads);
     absl::Mutex mutex;
     std::multiset<std::size_t> seen;
     ISOSCOPE_ASSERT_OK(
-        ForEachArrival(&queue, &arena_, never_, [&](const base::ReadQueue::Arrival& arrival) {
+        ForEachArrival(&queue, &arena_, never_, [&](const io::ReadQueue::Arrival& arrival) {
           absl::MutexLock lock(&mutex);
           seen.insert(arrival.index());
           return arrival.status();
@@ -87,10 +87,10 @@ TEST_F(QueuedReadsTest, EveryReadIsWorkedOnOnceAndAnErrorStopsTheRest) {
   }
   // One thread: another could work on any number before this one has said that it failed.
   tbb::task_arena alone(1);
-  base::ReadQueue queue(reads);
+  io::ReadQueue queue(reads);
   std::atomic<int> count{0};
   EXPECT_THAT(ForEachArrival(&queue, &alone, never_,
-                             [&](const base::ReadQueue::Arrival&) {
+                             [&](const io::ReadQueue::Arrival&) {
                                return ++count == 3 ? absl::DataLossError("the third")
                                                    : absl::OkStatus();
                              }),
@@ -98,10 +98,10 @@ TEST_F(QueuedReadsTest, EveryReadIsWorkedOnOnceAndAnErrorStopsTheRest) {
   EXPECT_LT(count, 10);
 
   base::Cancellation cancellation;
-  base::ReadQueue cancelled(reads);
+  io::ReadQueue cancelled(reads);
   count = 0;
   EXPECT_THAT(ForEachArrival(&cancelled, &alone, cancellation,
-                             [&](const base::ReadQueue::Arrival&) {
+                             [&](const io::ReadQueue::Arrival&) {
                                if (++count == 3) {
                                  cancellation.Cancel();
                                }
@@ -129,10 +129,10 @@ TEST_F(QueuedReadsTest, ShardReplacedByAnotherLeavesOpenOnesTheirPicture) {
   const auto shards = dataset_.OpenShards();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage expected, RenderAll(shards));
   // As a careful copy does: a new file in the place of the old one.
-  const std::string bytes = base::ReadWholeFile(BlocksPath(), base::kGiB).value();
+  const std::string bytes = io::ReadWholeFile(BlocksPath(), base::kGiB).value();
   const std::string copy = BlocksPath() + ".new";
-  ISOSCOPE_ASSERT_OK(base::WriteWholeFile(copy, std::string(bytes.size(), 'z')));
-  ISOSCOPE_ASSERT_OK(base::RenamePath(copy, BlocksPath()));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(copy, std::string(bytes.size(), 'z')));
+  ISOSCOPE_ASSERT_OK(io::RenamePath(copy, BlocksPath()));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage after_replacement, RenderAll(shards));
   EXPECT_TRUE(after_replacement == expected);
   std::filesystem::remove_all(dataset_.directory());
@@ -143,7 +143,7 @@ TEST_F(QueuedReadsTest, ShardReplacedByAnotherLeavesOpenOnesTheirPicture) {
 TEST_F(QueuedReadsTest, ShardOverwrittenInPlaceIsDataLossAndNeverAnotherPicture) {
   const auto shards = dataset_.OpenShards();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage expected, RenderAll(shards));
-  const std::string bytes = base::ReadWholeFile(BlocksPath(), base::kGiB).value();
+  const std::string bytes = io::ReadWholeFile(BlocksPath(), base::kGiB).value();
   const auto overwrite = [&](const std::string& with) {
     std::ofstream(BlocksPath(), std::ios::binary | std::ios::trunc) << with;
   };

@@ -12,12 +12,13 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/check.h"
-#include "core/ingest/partitioner.h"
-#include "core/ingest/volume_source.h"
+#include "core/partition/partitioner.h"
+#include "core/source/volume_source.h"
 #include "core/store/shard_format.h"
-#include "core/volume/synthetic_fields.h"
 #include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
+#include "tests/support/memory_source.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope::testing {
@@ -31,14 +32,14 @@ class SmallDataset {
       : shard_count_(shard_count) {
     geometry_.sample_dims = dims;
     samples_ =
-        volume::SampleField(volume::GyroidField(2), dims, volume::ScalarType::kUint8, 80, 128);
+        testing::SampleField(testing::GyroidField(2), dims, volume::ScalarType::kUint8, 80, 128);
     const auto source =
-        ingest::MakeMemorySource(geometry_, volume::ScalarType::kUint8, samples_, "gyroid");
-    ingest::PartitionOptions options;
+        testing::MakeMemorySource(geometry_, volume::ScalarType::kUint8, samples_, "gyroid");
+    partition::PartitionOptions options;
     options.output_directory = directory();
     options.shard_count = shard_count;
     options.block_cells = {8, 8, 8};
-    auto manifest = ingest::Partition(*source, options, base::Cancellation());
+    auto manifest = partition::Partition(*source, options, base::Cancellation());
     ISOSCOPE_CHECK(manifest.ok());
     manifest_ = *std::move(manifest);
   }

@@ -199,9 +199,8 @@ class Agent {
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
-visibility::AgentStatistics MakeStatistics(const Agent& agent,
-                                           const std::vector<int>& shard_indices) {
-  visibility::AgentStatistics statistics;
+frame::AgentStatistics MakeStatistics(const Agent& agent, const std::vector<int>& shard_indices) {
+  frame::AgentStatistics statistics;
   statistics.agent_address = agent.name();
   statistics.shard_indices = shard_indices;
   statistics.active_block_count = 100 + shard_indices.front();
@@ -251,7 +250,7 @@ class FrameCoordinatorTest : public ::testing::Test {
     std::thread thread_;  // last: it uses what is above
   };
 
-  absl::StatusOr<FrameResult> Run(visibility::Culling culling, const std::vector<Script>& scripts) {
+  absl::StatusOr<FrameResult> Run(frame::Culling culling, const std::vector<Script>& scripts) {
     agents_.clear();
     const auto begin = [&](int index,
                            AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
@@ -324,8 +323,7 @@ TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
   for (std::size_t i = 0; i < active.size(); ++i) {
     scripts.push_back(Behave(hits[i], active[i], none, none));
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
-                                Run(visibility::Culling::kDepth, scripts));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
   EXPECT_EQ(result.ray_hit_block_count, 4);
   ASSERT_NE(result.active, nullptr);
   for (std::size_t i = 0; i < active.size(); ++i) {
@@ -367,8 +365,8 @@ TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
 TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
   const std::vector<Blocks> active = {Every(3, 0), Every(3, 1), Every(3, 2)};
   const image::FrameImage none(kWidth, kHeight);
-  for (const auto culling : {visibility::Culling::kDepth, visibility::Culling::kMask}) {
-    const bool is_depth = culling == visibility::Culling::kDepth;
+  for (const auto culling : {frame::Culling::kDepth, frame::Culling::kMask}) {
+    const bool is_depth = culling == frame::Culling::kDepth;
     SCOPED_TRACE(is_depth ? "depth" : "mask");
     ISOSCOPE_ASSERT_OK(
         Run(culling, {Behave({21}, active[0], Wall(), none), Behave({}, active[1], none, none),
@@ -416,9 +414,8 @@ TEST_F(FrameCoordinatorTest, KnownActiveBlocksReplaceTheReportAndGiveTheSameFram
   const image::FrameImage rest = RandomImage(4, 0.3);
   const auto run = [&](bool reports) {
     const Blocks none;
-    return Run(visibility::Culling::kDepth,
-               {Behave({9, 30}, reports ? active[0] : none, Wall(), rest),
-                Behave({8}, reports ? active[1] : none, rest, Wall())});
+    return Run(frame::Culling::kDepth, {Behave({9, 30}, reports ? active[0] : none, Wall(), rest),
+                                        Behave({8}, reports ? active[1] : none, rest, Wall())});
   };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult first, run(true));
   const auto first_agents = agents_;
@@ -463,13 +460,13 @@ TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
     return absl::OkStatus();
   };
   ISOSCOPE_EXPECT_OK(
-      Run(visibility::Culling::kDepth, std::vector<Script>(kAgentCount, script)).status());
+      Run(frame::Culling::kDepth, std::vector<Script>(kAgentCount, script)).status());
 }
 
 TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
   for (std::uint64_t seed = 0; seed < 12; ++seed) {
     SCOPED_TRACE(seed);
-    const auto culling = seed % 2 == 0 ? visibility::Culling::kDepth : visibility::Culling::kMask;
+    const auto culling = seed % 2 == 0 ? frame::Culling::kDepth : frame::Culling::kMask;
     image::FrameImage occluders(kWidth, kHeight);
     std::vector<Script> scripts;
     std::vector<image::FrameImage> rest;
@@ -502,7 +499,7 @@ TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
       return absl::OkStatus();
     });
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(visibility::Culling::kNone, scripts));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kNone, scripts));
   EXPECT_TRUE(result.image == expected);
   EXPECT_EQ(result.ray_hit_block_count, 0);
   EXPECT_EQ(result.active, nullptr) << "would be kept as if no block were active";
@@ -523,10 +520,10 @@ TEST_F(FrameCoordinatorTest, StatisticsAreSortedAndBytesSummed) {
       return absl::OkStatus();
     });
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(visibility::Culling::kNone, scripts));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kNone, scripts));
   ASSERT_EQ(result.agents.size(), 4U);
   std::vector<std::string> names;
-  for (const visibility::AgentStatistics& agent : result.agents) {
+  for (const frame::AgentStatistics& agent : result.agents) {
     names.push_back(agent.agent_address);
     EXPECT_EQ(agent.active_block_count, 100 + agent.shard_indices.front());
   }
@@ -579,18 +576,16 @@ TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
   const std::vector<Say> done = {kHits,         kAwaitOccluders, kPixels,   kOccludersDone,
                                  kAwaitVisible, kPixels,         kFrameDone};
   const struct {
-    visibility::Culling culling;
+    frame::Culling culling;
     std::vector<Say> before;
     std::vector<Say> wrong;
   } cases[] = {
-      {visibility::Culling::kDepth, step1, {kPixels, kOccludersDone, kFrameDone, kEnd}},
-      {visibility::Culling::kDepth, step2, {kHits, kFrameDone, kEnd}},
-      {visibility::Culling::kDepth, step3, {kHits, kOccludersDone, kEnd}},
-      {visibility::Culling::kDepth, done, {kHits, kPixels, kOccludersDone, kFrameDone}},
-      {visibility::Culling::kNone, {}, {kHits, kOccludersDone, kEnd}},
-      {visibility::Culling::kNone,
-       {kPixels, kFrameDone},
-       {kHits, kPixels, kOccludersDone, kFrameDone}},
+      {frame::Culling::kDepth, step1, {kPixels, kOccludersDone, kFrameDone, kEnd}},
+      {frame::Culling::kDepth, step2, {kHits, kFrameDone, kEnd}},
+      {frame::Culling::kDepth, step3, {kHits, kOccludersDone, kEnd}},
+      {frame::Culling::kDepth, done, {kHits, kPixels, kOccludersDone, kFrameDone}},
+      {frame::Culling::kNone, {}, {kHits, kOccludersDone, kEnd}},
+      {frame::Culling::kNone, {kPixels, kFrameDone}, {kHits, kPixels, kOccludersDone, kFrameDone}},
   };
   for (const auto& [culling, before, wrong] : cases) {
     for (const Say word : wrong) {
@@ -599,7 +594,7 @@ TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
       std::vector<Say> words = before;
       words.push_back(word);
       const Script other =
-          culling == visibility::Culling::kNone
+          culling == frame::Culling::kNone
               ? SayInOrder({kPixels})
               : SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
       EXPECT_THAT(Run(culling, {other, SayInOrder(words)}),
@@ -613,14 +608,14 @@ TEST_F(FrameCoordinatorTest, AgentThatDoesNotWaitForTheOthersIsOutOfOrder) {
   using enum Say;
   // The other agent holds the step open.
   for (const Say word : {kPixels, kOccludersDone}) {
-    EXPECT_THAT(Run(visibility::Culling::kDepth, {Wait(), SayInOrder({kHits, word})}),
+    EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), SayInOrder({kHits, word})}),
                 StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
   }
   for (const Say word : {kPixels, kFrameDone}) {
-    EXPECT_THAT(Run(visibility::Culling::kDepth,
-                    {SayInOrder({kHits, kAwaitOccluders}),
-                     SayInOrder({kHits, kAwaitOccluders, kOccludersDone, word})}),
-                StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
+    EXPECT_THAT(
+        Run(frame::Culling::kDepth, {SayInOrder({kHits, kAwaitOccluders}),
+                                     SayInOrder({kHits, kAwaitOccluders, kOccludersDone, word})}),
+        StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
   }
 }
 
@@ -631,7 +626,7 @@ TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
     self.coordinator().OnPixels({band});
     return self.AwaitCancel();
   };
-  EXPECT_THAT(Run(visibility::Culling::kNone, {Wait(), damaged, Wait()}),
+  EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), damaged, Wait()}),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-1")));
   const Script truncated = [](Agent& self) {
     std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
@@ -639,7 +634,7 @@ TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
     self.coordinator().OnPixels({band});
     return self.AwaitCancel();
   };
-  EXPECT_THAT(Run(visibility::Culling::kNone, {Wait(), Wait(), truncated}),
+  EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), Wait(), truncated}),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-2")));
 }
 
@@ -663,7 +658,7 @@ TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
     // The others have done all they are asked for and wait for the end, or for the next step.
     using enum Say;
     const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
-    const auto result = Run(visibility::Culling::kDepth, {other, script, other});
+    const auto result = Run(frame::Culling::kDepth, {other, script, other});
     EXPECT_EQ(result.status(), error);
     EXPECT_TRUE(agents_[0]->is_cancelled());
     EXPECT_TRUE(agents_[2]->is_cancelled());
@@ -672,7 +667,7 @@ TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
 
 TEST_F(FrameCoordinatorTest, FailingToBeginOneAgentCancelsThoseThatBegan) {
   failing_begin_ = 1;
-  EXPECT_THAT(Run(visibility::Culling::kDepth, {Wait(), Wait(), Wait()}),
+  EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), Wait(), Wait()}),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("another dataset")));
   ASSERT_EQ(agents_.size(), 1U) << "agents after the failing one were begun";
   EXPECT_TRUE(agents_[0]->is_cancelled());
@@ -714,7 +709,7 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
 TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
   cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(30));
   EXPECT_THAT(
-      Run(visibility::Culling::kDepth, {Wait(), Wait()}),
+      Run(frame::Culling::kDepth, {Wait(), Wait()}),
       StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-0, agent-1")));
   EXPECT_TRUE(agents_[0]->is_cancelled());
   EXPECT_TRUE(agents_[1]->is_cancelled());
@@ -737,7 +732,7 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
     return self.AwaitCancel();
   };
   EXPECT_THAT(
-      Run(visibility::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
+      Run(frame::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
       StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-1, agent-3")));
 
   answered = 0;
@@ -756,7 +751,7 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
     ++answered;
     return self.AwaitCancel();
   };
-  EXPECT_THAT(Run(visibility::Culling::kDepth, {draws, draws, draws}),
+  EXPECT_THAT(Run(frame::Culling::kDepth, {draws, draws, draws}),
               StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-2")));
 }
 
@@ -787,7 +782,7 @@ TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
       }
       return cancels(self);
     };
-    const auto result = Run(visibility::Culling::kDepth, {SayInOrder(step), then_cancels});
+    const auto result = Run(frame::Culling::kDepth, {SayInOrder(step), then_cancels});
     EXPECT_THAT(result, StatusIs(absl::StatusCode::kCancelled, Not(HasSubstr("agent-"))));
     EXPECT_TRUE(agents_[0]->is_cancelled());
   }
@@ -795,8 +790,7 @@ TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
 
 TEST_F(FrameCoordinatorTest, ManyAgentsAtOnceGiveOneFrame) {
   const std::vector<Script> scripts(32, BehaveWithoutPixels());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
-                                Run(visibility::Culling::kDepth, scripts));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
   ASSERT_EQ(result.agents.size(), 32U);
   for (int i = 0; i < 32; ++i) {
     EXPECT_THAT(result.agents[static_cast<std::size_t>(i)].shard_indices, ElementsAre(i));

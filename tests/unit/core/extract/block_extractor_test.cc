@@ -24,13 +24,13 @@
 #define HWY_WANT_AVX3_DL
 #include "core/base/coding.h"
 #include "core/base/random.h"
-#include "core/mesh/mesh_metrics.h"
 #include "core/volume/scalar_span.h"
-#include "core/volume/synthetic_fields.h"
 #include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
+#include "tests/support/mesh_metrics.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
 
 namespace isoscope::extract {
 namespace {
@@ -39,7 +39,7 @@ using math::Index3;
 using math::Vec3d;
 using math::Vec3f;
 using mesh::BlockMesh;
-using mesh::MeshMetrics;
+using testing::MeshMetrics;
 using volume::BlockLayout;
 using volume::GridGeometry;
 using volume::ScalarType;
@@ -83,7 +83,7 @@ std::vector<BlockMesh> ExtractBlocks(const Volume& volume, const Index3& block_c
 MeshMetrics MeasureBlocks(const Volume& volume, const Index3& block_cells, double isovalue) {
   const BlockLayout layout = MakeLayout(volume.geometry, block_cells);
   const std::vector<BlockMesh> blocks = ExtractBlocks(volume, block_cells, isovalue);
-  return mesh::Measure(mesh::Weld(layout, blocks), volume.geometry);
+  return testing::Measure(testing::Weld(layout, blocks), volume.geometry);
 }
 
 std::array<std::uint32_t, 3> BitsOf(const Vec3f& v) {
@@ -145,7 +145,7 @@ constexpr std::array<Index3, 8> kBlockSizes{
 TEST(BlockExtractorTest, EqualsReferenceOnNoiseForEveryTypeAndBlockSize) {
   const Index3 dims{17, 12, 10};
   for (const ScalarType type : kAllTypes) {
-    Volume volume = MakeVolume(dims, type, volume::SampleNoise(7, dims, type, 9));
+    Volume volume = MakeVolume(dims, type, testing::SampleNoise(7, dims, type, 9));
     UseObliqueFrame(&volume.geometry);
     for (const Index3& block_cells : kBlockSizes) {
       ExpectEqualsReference(volume, block_cells, 5);
@@ -157,7 +157,7 @@ TEST(BlockExtractorTest, EqualsReferenceOnSmoothFieldAtManyIsovalues) {
   const Index3 dims{35, 20, 34};
   Volume volume = MakeVolume(
       dims, ScalarType::kInt16,
-      volume::SampleField(volume::RandomField(3, 20, 6), dims, ScalarType::kInt16, 1000, -20));
+      testing::SampleField(testing::RandomField(3, 20, 6), dims, ScalarType::kInt16, 1000, -20));
   for (const double isovalue : {-1500.0, -20.0, 0.0, 333.3, 2000.0}) {
     ExpectEqualsReference(volume, {8, 8, 8}, isovalue);
     ExpectEqualsReference(volume, {32, 32, 32}, isovalue);
@@ -169,7 +169,7 @@ TEST(BlockExtractorTest, EqualsReferenceInInteriorBlocksOfEveryType) {
   const Index3 dims{21, 21, 21};
   for (const ScalarType type : kAllTypes) {
     const Volume volume =
-        MakeVolume(dims, type, volume::SampleField(volume::GyroidField(2), dims, type, 40, 60));
+        MakeVolume(dims, type, testing::SampleField(testing::GyroidField(2), dims, type, 40, 60));
     ExpectEqualsReference(volume, {4, 4, 4}, 60.5);
   }
 }
@@ -196,7 +196,7 @@ TEST(BlockExtractorTest, EqualsReferenceAtExtremesOfIntegerTypes) {
 TEST(BlockExtractorTest, NothingOutsideTheRangeOfValues) {
   const Index3 dims{10, 10, 10};
   for (const ScalarType type : kAllTypes) {
-    const Volume volume = MakeVolume(dims, type, volume::SampleNoise(5, dims, type, 100));
+    const Volume volume = MakeVolume(dims, type, testing::SampleNoise(5, dims, type, 100));
     for (const double isovalue : {-1e300, -1.0, 101.0, 1e300}) {
       for (const BlockMesh& block : ExtractBlocks(volume, {4, 4, 4}, isovalue)) {
         ADD_FAILURE() << "block " << block.block_id << " has a surface at " << isovalue;
@@ -207,9 +207,9 @@ TEST(BlockExtractorTest, NothingOutsideTheRangeOfValues) {
 
 TEST(BlockExtractorTest, OldContentOfTheMeshIsReplaced) {
   const Index3 dims{9, 9, 9};
-  const Volume volume =
-      MakeVolume(dims, ScalarType::kUint8,
-                 volume::SampleField(volume::SphereField(0.7), dims, ScalarType::kUint8, 100, 100));
+  const Volume volume = MakeVolume(
+      dims, ScalarType::kUint8,
+      testing::SampleField(testing::SphereField(0.7), dims, ScalarType::kUint8, 100, 100));
   const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
   BlockExtractor extractor(volume.geometry, layout);
   BlockMesh mesh;
@@ -230,7 +230,7 @@ TEST(BlockExtractorTest, OldContentOfTheMeshIsReplaced) {
 TEST(BlockExtractorTest, WithAndWithoutEdgeKeysItIsTheSameMesh) {
   const Index3 dims{19, 14, 11};
   const Volume volume =
-      MakeVolume(dims, ScalarType::kInt16, volume::SampleNoise(3, dims, ScalarType::kInt16, 100));
+      MakeVolume(dims, ScalarType::kInt16, testing::SampleNoise(3, dims, ScalarType::kInt16, 100));
   const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
   BlockExtractor extractor(volume.geometry, layout);
   BlockMesh mesh;
@@ -252,7 +252,7 @@ TEST(BlockExtractorTest, WithAndWithoutEdgeKeysItIsTheSameMesh) {
 TEST(BlockExtractorTest, SamplesMayStartAtAnyAddress) {
   const Index3 dims{9, 9, 9};
   for (const ScalarType type : kAllTypes) {
-    const Volume volume = MakeVolume(dims, type, volume::SampleNoise(5, dims, type, 100));
+    const Volume volume = MakeVolume(dims, type, testing::SampleNoise(5, dims, type, 100));
     const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
     BlockExtractor extractor(volume.geometry, layout);
     BlockMesh aligned;
@@ -275,7 +275,7 @@ TEST(BlockExtractorTest, NoiseIsWatertightWhenTheBorderIsOutside) {
   const Index3 dims{24, 20, 22};
   for (const double max_value : {3.0, 200.0}) {
     Volume volume = MakeVolume(dims, ScalarType::kUint8,
-                               volume::SampleNoise(11, dims, ScalarType::kUint8, max_value));
+                               testing::SampleNoise(11, dims, ScalarType::kUint8, max_value));
     for (std::int64_t z = 0; z < dims.z; ++z) {
       for (std::int64_t y = 0; y < dims.y; ++y) {
         for (std::int64_t x = 0; x < dims.x; ++x) {
@@ -300,10 +300,10 @@ TEST(BlockExtractorTest, NoiseIsWatertightWhenTheBorderIsOutside) {
 TEST(BlockExtractorTest, OpenEdgesLieOnTheVolumesBorderOnly) {
   const Index3 dims{20, 20, 20};
   const Volume volume =
-      MakeVolume(dims, ScalarType::kUint8, volume::SampleNoise(2, dims, ScalarType::kUint8, 10));
+      MakeVolume(dims, ScalarType::kUint8, testing::SampleNoise(2, dims, ScalarType::kUint8, 10));
   const BlockLayout layout = MakeLayout(volume.geometry, {4, 4, 4});
-  const mesh::WeldedMesh mesh = mesh::Weld(layout, ExtractBlocks(volume, {4, 4, 4}, 5));
-  ExpectSound(mesh::Measure(mesh, volume.geometry));
+  const testing::WeldedMesh mesh = testing::Weld(layout, ExtractBlocks(volume, {4, 4, 4}, 5));
+  ExpectSound(testing::Measure(mesh, volume.geometry));
   std::map<std::pair<std::int64_t, std::int64_t>, int> sides;
   for (std::size_t i = 0; i < mesh.triangles.size(); i += 3) {
     for (std::size_t k = 0; k < 3; ++k) {
@@ -332,7 +332,7 @@ MeshMetrics MeasureSphere(std::int64_t n) {
   const Index3 dims{n, n, n};
   Volume volume =
       MakeVolume(dims, ScalarType::kFloat64,
-                 volume::SampleField(volume::SphereField(0.7), dims, ScalarType::kFloat64, 1, 0));
+                 testing::SampleField(testing::SphereField(0.7), dims, ScalarType::kFloat64, 1, 0));
   const double spacing = 2.0 / static_cast<double>(n - 1);
   volume.geometry.spacing = {spacing, spacing, spacing};
   volume.geometry.origin = {-1, -1, -1};
@@ -361,7 +361,7 @@ TEST(BlockExtractorTest, TorusHasEulerCharacteristicZero) {
   const Index3 dims{50, 50, 30};
   const Volume volume = MakeVolume(
       dims, ScalarType::kFloat32,
-      volume::SampleField(volume::TorusField(0.6, 0.25), dims, ScalarType::kFloat32, 1, 0));
+      testing::SampleField(testing::TorusField(0.6, 0.25), dims, ScalarType::kFloat32, 1, 0));
   const MeshMetrics metrics = MeasureBlocks(volume, {8, 8, 8}, 0);
   ExpectSound(metrics);
   EXPECT_EQ(metrics.boundary_edge_count, 0);
@@ -372,7 +372,7 @@ TEST(BlockExtractorTest, NormalsAreUnitPointOutwardsAndAgreeWithTheWinding) {
   const Index3 dims{40, 40, 40};
   Volume volume =
       MakeVolume(dims, ScalarType::kFloat32,
-                 volume::SampleField(volume::SphereField(0.7), dims, ScalarType::kFloat32, 1, 0));
+                 testing::SampleField(testing::SphereField(0.7), dims, ScalarType::kFloat32, 1, 0));
   UseObliqueFrame(&volume.geometry);
   volume.geometry.spacing = {0.5, 0.5, 0.5};
   const math::Mat4d to_world = volume.geometry.world_from_index();
@@ -452,7 +452,7 @@ TEST(BlockExtractorTest, TieIsInsideAndItsVertexLiesOnTheSample) {
 TEST(BlockExtractorTest, CellsThatTouchNanHaveNoTrianglesAndTheRestIsAsInTheReference) {
   const Index3 dims{21, 19, 17};
   std::string bytes =
-      volume::SampleField(volume::GyroidField(1.5), dims, ScalarType::kFloat32, 1, 0);
+      testing::SampleField(testing::GyroidField(1.5), dims, ScalarType::kFloat32, 1, 0);
   for (std::uint64_t i = 0; i < 60; ++i) {
     const std::size_t sample = base::RandomBits(9, i) % (bytes.size() / 4);
     base::StoreLittleEndian(kNan, bytes.data() + 4 * sample);
@@ -475,7 +475,7 @@ TEST(BlockExtractorTest, AllNanHasNoSurface) {
 TEST(BlockExtractorTest, InfinitiesGiveFiniteVerticesOnTheirEdges) {
   const Index3 dims{13, 13, 13};
   std::string bytes =
-      volume::SampleField(volume::GyroidField(1.5), dims, ScalarType::kFloat32, 1, 0);
+      testing::SampleField(testing::GyroidField(1.5), dims, ScalarType::kFloat32, 1, 0);
   for (std::uint64_t i = 0; i < 150; ++i) {
     const std::size_t sample = base::RandomBits(4, i) % (bytes.size() / 4);
     base::StoreLittleEndian(i % 2 == 0 ? kInf : -kInf, bytes.data() + 4 * sample);
@@ -525,7 +525,7 @@ TEST(BlockExtractorTest, TinyValuesKeepTheirNormals) {
   const Index3 dims{8, 8, 8};
   const Volume volume = MakeVolume(
       dims, ScalarType::kFloat64,
-      volume::SampleField(volume::SphereField(0.7), dims, ScalarType::kFloat64, 1e-200, 0));
+      testing::SampleField(testing::SphereField(0.7), dims, ScalarType::kFloat64, 1e-200, 0));
   std::size_t vertices = 0;
   for (const BlockMesh& block : ExtractBlocks(volume, {8, 8, 8}, 0)) {
     for (const Vec3f& normal : block.normals) {
@@ -540,7 +540,7 @@ TEST(BlockExtractorTest, BlocksHaveTrianglesExactlyWhenTheirSpanIsActive) {
   const Index3 dims{17, 17, 17};
   const ScalarType type = ScalarType::kUint8;
   const Volume volume = MakeVolume(
-      dims, type, volume::SampleField(volume::RandomField(8, 12, 3), dims, type, 30, 100));
+      dims, type, testing::SampleField(testing::RandomField(8, 12, 3), dims, type, 30, 100));
   const BlockLayout layout = MakeLayout(volume.geometry, {2, 2, 2});
   for (const double isovalue : {80.0, 100.0, 100.5, 130.0}) {
     std::set<volume::BlockId> with_triangles;
@@ -580,7 +580,7 @@ void ExpectSameBytes(const std::vector<T>& expected, const std::vector<T>& actua
 // Smooth sheets with noise on them, and for floats every kind of special sample in one corner.
 Volume MixedVolume(const Index3& dims, ScalarType type) {
   Volume volume = MakeVolume(
-      dims, type, volume::SampleField(volume::RandomField(5, 16, 8), dims, type, 30, 60));
+      dims, type, testing::SampleField(testing::RandomField(5, 16, 8), dims, type, 30, 60));
   volume::VisitScalarType(type, [&]<typename T>() {
     const std::size_t count = volume.bytes.size() / sizeof(T);
     for (std::uint64_t i = 0; i < count / 20; ++i) {
@@ -659,7 +659,7 @@ TEST(BlockExtractorTest, ReadsNothingOutsideTheBlock) {
   // the least room behind an interior sample.
   const Index3 dims{7, 7, 7};
   for (const ScalarType type : kAllTypes) {
-    const Volume volume = MakeVolume(dims, type, volume::SampleNoise(5, dims, type, 100));
+    const Volume volume = MakeVolume(dims, type, testing::SampleNoise(5, dims, type, 100));
     for (const std::int64_t edge : {1, 2, 3, 4}) {
       const BlockLayout layout = MakeLayout(volume.geometry, {edge, edge, edge});
       BlockExtractor extractor(volume.geometry, layout);

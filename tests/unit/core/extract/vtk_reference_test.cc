@@ -11,9 +11,9 @@
 #include "gtest/gtest.h"
 #include "nlohmann/json.hpp"
 
-#include "core/base/file.h"
-#include "core/mesh/mesh_metrics.h"
+#include "core/io/file.h"
 #include "tests/support/block_cutter.h"
+#include "tests/support/mesh_metrics.h"
 #include "tests/support/nrrd_file.h"
 
 namespace isoscope::extract {
@@ -30,14 +30,14 @@ class VtkReferenceTest : public ::testing::TestWithParam<const char*> {};
 TEST_P(VtkReferenceTest, VertexAndTriangleCountsAreEqualAndAreaIsClose) {
   const std::string volume_path = DataDir() + "/" + GetParam() + ".nrrd";
   const std::string reference_path = DataDir() + "/../reference/vtk_isosurfaces.json";
-  if (!base::PathExists(volume_path) || !base::PathExists(reference_path)) {
+  if (!io::PathExists(volume_path) || !io::PathExists(reference_path)) {
     GTEST_SKIP() << "no " << volume_path << " or " << reference_path
                  << "; set ISOSCOPE_DATA_DIR to compare with real volumes";
   }
   const std::optional<testing::NrrdFile> file = testing::ReadNrrd(volume_path);
   ASSERT_TRUE(file.has_value()) << volume_path;
   const nlohmann::json reference =
-      nlohmann::json::parse(base::ReadWholeFile(reference_path, std::int64_t{1} << 24).value());
+      nlohmann::json::parse(io::ReadWholeFile(reference_path, std::int64_t{1} << 24).value());
   const nlohmann::json& entry = reference.at("volumes").at(GetParam());
 
   volume::GridGeometry geometry;
@@ -53,7 +53,7 @@ TEST_P(VtkReferenceTest, VertexAndTriangleCountsAreEqualAndAreaIsClose) {
     for (const mesh::BlockMesh& block : blocks) {
       owned += block.owned_vertex_count;
     }
-    const mesh::MeshMetrics metrics = mesh::Measure(mesh::Weld(layout, blocks), geometry);
+    const testing::MeshMetrics metrics = testing::Measure(testing::Weld(layout, blocks), geometry);
     const auto vertices = surface.at("vertices").get<std::int64_t>();
     const auto triangles = surface.at("triangles").get<std::int64_t>();
     const double area = surface.value("area", 0.0);

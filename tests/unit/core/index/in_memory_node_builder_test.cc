@@ -13,9 +13,9 @@
 
 #include "gtest/gtest.h"
 
-#include "core/base/page_file.h"
 #include "core/index/interval_tree.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/page_file.h"
 #include "tests/support/memory_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/core/index/interval_sets.h"
@@ -148,11 +148,10 @@ Lists ExpectedLists(const Intervals& intervals, const std::vector<double>& bound
 }
 
 // Reads the subtree at `*page` and sets `*page` to what comes behind it.
-void ExpectSubtree(const base::PageFile& pages, const Intervals& intervals,
-                   base::PageNumber* page) {
+void ExpectSubtree(const io::PageFile& pages, const Intervals& intervals, io::PageNumber* page) {
   const std::vector<double> bounds = ExpectedBounds(intervals);
   const Lists lists = ExpectedLists(intervals, bounds);
-  base::PageReadCost cost;
+  io::PageReadCost cost;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto node, pages.Read((*page)++, &cost));
   const char* payload = node.payload().data();
   const format::NodeHeader header = format::DecodeNodeHeader(payload);
@@ -219,13 +218,13 @@ TEST_P(InMemoryNodeBuilderTest, SubtreeIsTheDocumentedOne) {
     const Intervals intervals = CanonicalIntervals(GetParam(), count);
     std::string bytes;
     MemoryWriteFile file(&bytes);
-    base::PageFileWriter writer(&file, 0);
+    io::PageFileWriter writer(&file, 0);
     ISOSCOPE_ASSERT_OK(writer.Append(""));
     Intervals input = intervals;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(base::PageNumber page, BuildNodeInMemory(input, &writer));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(io::PageNumber page, BuildNodeInMemory(input, &writer));
     EXPECT_EQ(page, 1u);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages,
-                                  base::PageFile::Open(std::make_unique<MemoryReadFile>(bytes), 0));
+                                  io::PageFile::Open(std::make_unique<MemoryReadFile>(bytes), 0));
     ASSERT_NO_FATAL_FAILURE(ExpectSubtree(*pages, intervals, &page));
     EXPECT_EQ(page, writer.page_count());
   }

@@ -15,8 +15,9 @@
 #include <sys/resource.h>
 
 #include "core/base/cancellation.h"
-#include "core/base/file.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/file.h"
+#include "tests/support/interval_tree.h"
 #include "tests/support/memory_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -40,13 +41,12 @@ constexpr std::int64_t kLeastMemory = 170 * 128;
 std::string BuildInMemory(const std::vector<BlockInterval>& intervals) {
   std::string bytes;
   MemoryWriteFile file(&bytes);
-  EXPECT_THAT(BuildIntervalTree(intervals, &file), IsOk());
+  EXPECT_THAT(testing::BuildIntervalTree(intervals, &file), IsOk());
   return bytes;
 }
 
 absl::Status BuildExternally(const std::vector<BlockInterval>& intervals,
-                             const IntervalTreeBuilder::Options& options,
-                             base::WritableFile* file) {
+                             const IntervalTreeBuilder::Options& options, io::WritableFile* file) {
   IntervalTreeBuilder builder(options);
   for (const BlockInterval& interval : intervals) {
     const absl::Status added = builder.Add(interval);
@@ -207,9 +207,9 @@ TEST_F(IntervalTreeBuilderTest, FullDiskWhileSpoolingIsReportedAndLeavesNothing)
 }
 
 // Cancels when the tree's n-th page is written.
-class CancellingFile : public base::WritableFile {
+class CancellingFile : public io::WritableFile {
  public:
-  CancellingFile(base::WritableFile* file, base::Cancellation* cancellation, int at)
+  CancellingFile(io::WritableFile* file, base::Cancellation* cancellation, int at)
       : file_(file), cancellation_(cancellation), left_(at) {}
 
   [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
@@ -225,7 +225,7 @@ class CancellingFile : public base::WritableFile {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  base::WritableFile* file_;
+  io::WritableFile* file_;
   base::Cancellation* cancellation_;
   int left_;
 };

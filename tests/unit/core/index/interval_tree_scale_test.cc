@@ -19,14 +19,14 @@
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
-#include "core/base/file.h"
-#include "core/base/page_file.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/index/interval_tree.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/file.h"
+#include "core/io/page_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -104,7 +104,7 @@ struct BuildCost {
 };
 
 absl::StatusOr<BuildCost> Build(const TempDir& dir, std::int64_t count, std::int64_t memory_bytes) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, base::CreateWritableFile(dir.Sub("tree")));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, io::CreateWritableFile(dir.Sub("tree")));
   const std::int64_t before = allocated_bytes.load();
   peak_bytes.store(before);
   IntervalTreeBuilder builder({.scratch_directory = dir.path(), .memory_bytes = memory_bytes});
@@ -116,8 +116,8 @@ absl::StatusOr<BuildCost> Build(const TempDir& dir, std::int64_t count, std::int
 }
 
 // Nodes on the longest path below and with `page`.
-int DepthOf(const base::PageFile& pages, base::PageNumber page) {
-  base::PageReadCost cost;
+int DepthOf(const io::PageFile& pages, io::PageNumber page) {
+  io::PageReadCost cost;
   const auto node = pages.Read(page, &cost);
   EXPECT_TRUE(node.ok());
   if (!node.ok()) {
@@ -143,11 +143,11 @@ TEST(IntervalTreeScaleTest, ThreeLevelsBuiltInTheStatedMemoryEqualAScanWithinThe
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BuildCost cost, Build(dir, kCount, memory_bytes));
   EXPECT_LE(cost.peak_bytes, memory_bytes);
   {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto file, base::OpenRandomAccessFile(dir.Sub("tree")));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages, base::PageFile::Open(std::move(file), 0));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto file, io::OpenRandomAccessFile(dir.Sub("tree")));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages, io::PageFile::Open(std::move(file), 0));
     EXPECT_EQ(DepthOf(*pages, 1), 3);
   }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto file, base::OpenRandomAccessFile(dir.Sub("tree")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto file, io::OpenRandomAccessFile(dir.Sub("tree")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tree,
                                 IntervalTree::Open(std::move(file), 256 * base::kKiB));
   const std::int64_t stored_count = tree->interval_count();

@@ -14,10 +14,11 @@
 
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
-#include "core/base/page_file.h"
 #include "core/base/random.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/page_file.h"
+#include "tests/support/interval_tree.h"
 #include "tests/support/memory_file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/core/index/interval_sets.h"
@@ -41,7 +42,7 @@ constexpr std::int64_t kLargeCache = 64 << 20;
 std::string Build(std::vector<BlockInterval> intervals) {
   std::string bytes;
   MemoryWriteFile file(&bytes);
-  EXPECT_THAT(BuildIntervalTree(std::move(intervals), &file), IsOk());
+  EXPECT_THAT(testing::BuildIntervalTree(std::move(intervals), &file), IsOk());
   EXPECT_TRUE(file.is_closed());
   return bytes;
 }
@@ -82,7 +83,7 @@ void ExpectTreeEqualsScan(const std::vector<BlockInterval>& intervals, std::size
   const std::int64_t count = tree->interval_count();
   ASSERT_LE(count, static_cast<std::int64_t>(intervals.size()));
   // Space: docs/format/interval_tree.md.
-  ASSERT_LE(static_cast<std::int64_t>(bytes.size() / base::kPageBytes),
+  ASSERT_LE(static_cast<std::int64_t>(bytes.size() / io::kPageBytes),
             10 * count / format::kEntriesPerPage + 3);
   for (const double isovalue : QueryPoints(intervals, stride)) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const QueryResult result, tree->Query(isovalue));
@@ -97,7 +98,7 @@ void ExpectTreeEqualsScan(const std::vector<BlockInterval>& intervals, std::size
 
 TEST(IntervalTreeTest, EmptyTreeReportsNothingAndReadsNothing) {
   const std::string bytes = Build({});
-  EXPECT_EQ(bytes.size(), base::kPageBytes);
+  EXPECT_EQ(bytes.size(), io::kPageBytes);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tree, OpenBytes(bytes, kNoCache));
   EXPECT_EQ(tree->interval_count(), 0);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const QueryResult result, tree->Query(1.0));
@@ -427,15 +428,15 @@ TEST(IntervalTreeHostileTest, HeaderFieldsAreChecked) {
 
 // A file of nodes without entries; `child_of` gives each page's child.
 template <typename ChildOf>
-std::string MakeChain(base::PageNumber node_count, ChildOf child_of) {
+std::string MakeChain(io::PageNumber node_count, ChildOf child_of) {
   std::string bytes;
   MemoryWriteFile file(&bytes);
-  base::PageFileWriter pages(&file, 0);
+  io::PageFileWriter pages(&file, 0);
   std::string header(format::kHeaderBytes, '\0');
   format::EncodeHeader({.interval_count = 1, .page_count = node_count + 1, .root_page = 1},
                        header.data());
   EXPECT_THAT(pages.Append(header), IsOk());
-  for (base::PageNumber page = 1; page <= node_count; ++page) {
+  for (io::PageNumber page = 1; page <= node_count; ++page) {
     std::string node(format::SlabRecordOffset(1), '\0');
     format::EncodeNodeHeader({.slab_count = 1}, node.data());
     format::EncodeSlabRecord({.lower = -kInfinity, .child_page = child_of(page)},
@@ -446,16 +447,16 @@ std::string MakeChain(base::PageNumber node_count, ChildOf child_of) {
 }
 
 TEST(IntervalTreeHostileTest, ChainOfNodesEndsAtTheLimitOfLevels) {
-  const std::string bytes = MakeChain(20, [](base::PageNumber page) { return page + 1; });
+  const std::string bytes = MakeChain(20, [](io::PageNumber page) { return page + 1; });
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tree, OpenBytes(bytes, kNoCache));
   EXPECT_THAT(tree->Query(0), StatusIs(absl::StatusCode::kDataLoss,
                                        HasSubstr("page 9 (offset 36864): is a node below 8")));
 }
 
 TEST(IntervalTreeHostileTest, CycleOfNodesIsRefused) {
-  for (const base::PageNumber target : {1u, 2u}) {
+  for (const io::PageNumber target : {1u, 2u}) {
     const std::string bytes =
-        MakeChain(2, [target](base::PageNumber page) { return page == 1 ? 2u : target; });
+        MakeChain(2, [target](io::PageNumber page) { return page == 1 ? 2u : target; });
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tree, OpenBytes(bytes, kNoCache));
     EXPECT_THAT(tree->Query(0), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("in this order")));
   }
@@ -465,11 +466,11 @@ TEST(IntervalTreeHostileTest, EveryFailedWriteFailsTheBuild) {
   const std::vector<BlockInterval> intervals = MakeIntervals(Shape::kUniform, 400, 1);
   std::string bytes;
   MemoryWriteFile complete(&bytes);
-  ISOSCOPE_ASSERT_OK(BuildIntervalTree(intervals, &complete));
+  ISOSCOPE_ASSERT_OK(testing::BuildIntervalTree(intervals, &complete));
   for (std::int64_t failing = 0; failing < complete.operation_count(); ++failing) {
     std::string cut;
     MemoryWriteFile file(&cut, failing);
-    EXPECT_THAT(BuildIntervalTree(intervals, &file),
+    EXPECT_THAT(testing::BuildIntervalTree(intervals, &file),
                 StatusIs(absl::StatusCode::kResourceExhausted, _));
     EXPECT_FALSE(file.is_closed());
     // The header is written last: until then the file is no tree.

@@ -11,9 +11,9 @@
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
-#include "core/base/page_file.h"
 #include "core/index/interval_tree.h"
 #include "core/index/interval_tree_format.h"
+#include "core/io/page_file.h"
 #include "tests/support/memory_file.h"
 #include "tests/support/status_matchers.h"
 
@@ -32,7 +32,7 @@ TEST(NodeWriterTest, RunFillsItsPagesAndHasNoEmptyOne) {
     SCOPED_TRACE(count);
     std::string bytes;
     MemoryWriteFile file(&bytes);
-    base::PageFileWriter writer(&file, 0);
+    io::PageFileWriter writer(&file, 0);
     ISOSCOPE_ASSERT_OK(writer.Append(""));
     RunWriter run(&writer);
     for (std::uint32_t i = 0; i < count; ++i) {
@@ -44,8 +44,8 @@ TEST(NodeWriterTest, RunFillsItsPagesAndHasNoEmptyOne) {
     ASSERT_EQ(writer.page_count(), 1 + (count + 169) / 170);
 
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages,
-                                  base::PageFile::Open(std::make_unique<MemoryReadFile>(bytes), 0));
-    base::PageReadCost cost;
+                                  io::PageFile::Open(std::make_unique<MemoryReadFile>(bytes), 0));
+    io::PageReadCost cost;
     for (std::uint32_t begin = 0; begin < count; begin += 170) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto page, pages->Read(1 + begin / 170, &cost));
       const char* payload = page.payload().data();
@@ -82,7 +82,7 @@ TEST(NodeWriterTest, LargestNodeFitsIntoItsPageAndKeepsEveryField) {
   }
 
   const std::string payload = node.Encode();
-  ASSERT_LE(payload.size(), base::kPagePayloadBytes);
+  ASSERT_LE(payload.size(), io::kPagePayloadBytes);
   EXPECT_EQ(base::LoadLittleEndian<std::uint16_t>(payload.data()), format::kNodeKind);
   const format::NodeHeader header = format::DecodeNodeHeader(payload.data());
   EXPECT_EQ(header.slab_count, format::kMaxSlabs);

@@ -6,7 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/mesh/mesh_metrics.h"
+#include "tests/support/mesh_metrics.h"
 
 namespace isoscope::mesh {
 namespace {
@@ -74,7 +74,7 @@ TEST(MeshWelderTest, WeldJoinsBlocksToOneMesh) {
   const std::vector<BlockMesh> blocks{
       MakeBlock(0, {Key(1, 0, 0, 1), Key(2, 0, 0, 1), Key(2, 1, 0, 2)}, {0, 1, 2}),
       MakeBlock(1, {Key(2, 1, 0, 2), Key(3, 0, 0, 1), Key(2, 0, 0, 1)}, {2, 1, 0})};
-  const WeldedMesh mesh = Weld(MakeLayout(), blocks);
+  const testing::WeldedMesh mesh = testing::Weld(MakeLayout(), blocks);
   EXPECT_EQ(mesh.positions.size(), 4U);
   EXPECT_EQ(mesh.normals.size(), 4U);
   EXPECT_THAT(mesh.triangles, ElementsAre(0, 1, 2, 1, 3, 2));

@@ -117,9 +117,9 @@ TEST(ProtoConvertTest, ViewportOutsideItsRangeIsRefused) {
 
 TEST(ProtoConvertTest, CullingOfANewerClientIsRefusedAndUnsetIsDepth) {
   EXPECT_EQ(*CullingFromProto(isoscope::v1::CULLING_UNSPECIFIED, "culling"),
-            visibility::Culling::kDepth);
+            frame::Culling::kDepth);
   for (const auto culling :
-       {visibility::Culling::kDepth, visibility::Culling::kMask, visibility::Culling::kNone}) {
+       {frame::Culling::kDepth, frame::Culling::kMask, frame::Culling::kNone}) {
     EXPECT_EQ(*CullingFromProto(ToProto(culling), "culling"), culling);
   }
   EXPECT_THAT(CullingFromProto(static_cast<isoscope::v1::Culling>(17), "culling"),

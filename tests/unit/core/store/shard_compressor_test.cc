@@ -27,7 +27,7 @@ using ::testing::_;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-std::string Slurp(const std::string& path) { return base::ReadWholeFile(path, base::kGiB).value(); }
+std::string Slurp(const std::string& path) { return io::ReadWholeFile(path, base::kGiB).value(); }
 
 void OneByOne(std::size_t count, absl::FunctionRef<void(std::size_t)> task) {
   for (std::size_t i = count; i-- > 0;) {
@@ -74,8 +74,8 @@ class ShardCompressorTest : public ::testing::Test {
     const std::string range_bytes = EncodeRangeTable(dataset_.ranges);
     dataset_.manifest.range_table_crc32c = base::Crc32c(range_bytes);
     dataset_.manifest.dataset_id = ComputeDatasetId(dataset_.manifest);
-    ISOSCOPE_ASSERT_OK(base::WriteWholeFile(directory_ + "/" + kIntervalTreeFileName,
-                                            "stands for an interval tree"));
+    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(directory_ + "/" + kIntervalTreeFileName,
+                                          "stands for an interval tree"));
     ISOSCOPE_ASSERT_OK(WriteDescriptions(directory_, dataset_.manifest, range_bytes, 0));
   }
   [[nodiscard]] std::string BlocksPath() const { return directory_ + "/" + kBlocksFileName; }
@@ -168,7 +168,7 @@ TEST_F(ShardCompressorTest, ShardThatIsNotRawOrNotWholeIsRefused) {
     std::ofstream(IndexPath(), std::ios::binary | std::ios::trunc) << damaged;
     EXPECT_THAT(Compress({}), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("next raw block")));
     for (const std::string& path : {BlocksPath(), IndexPath()}) {
-      ISOSCOPE_ASSERT_OK(base::RemoveRecursively(path + ".compressed"));
+      ISOSCOPE_ASSERT_OK(io::RemoveRecursively(path + ".compressed"));
     }
   }
 }
@@ -178,13 +178,13 @@ TEST_F(ShardCompressorTest, FullDiskIsReportedAtEveryByte) {
   for (std::int64_t capacity = 0; capacity < 6000; capacity += 499) {
     CompressOptions options{.encoding = BlockEncoding::kZstd};
     options.create_file =
-        [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<base::WritableFile>> {
-      ISOSCOPE_ASSIGN_OR_RETURN(auto file, base::CreateWritableFile(path));
+        [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::WritableFile>> {
+      ISOSCOPE_ASSIGN_OR_RETURN(auto file, io::CreateWritableFile(path));
       return MakeFullDiskFile(std::move(file), capacity);
     };
     EXPECT_THAT(Compress(options), StatusIs(absl::StatusCode::kResourceExhausted, _)) << capacity;
     for (const std::string& path : {BlocksPath(), IndexPath()}) {
-      ISOSCOPE_ASSERT_OK(base::RemoveRecursively(path + ".compressed"));
+      ISOSCOPE_ASSERT_OK(io::RemoveRecursively(path + ".compressed"));
     }
   }
 }

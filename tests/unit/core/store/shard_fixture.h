@@ -11,9 +11,9 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/crc32c.h"
-#include "core/base/file.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
+#include "core/io/file.h"
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
@@ -39,7 +39,7 @@ inline std::string SamplesOf(const volume::BlockLayout& layout, volume::BlockId 
 inline absl::StatusOr<ShardSummary> WriteBlocks(
     const std::string& path, const volume::BlockLayout& layout, volume::ScalarType type,
     const std::vector<volume::BlockId>& ids,
-    const ShardWriter::CreateFile& create_file = base::CreateWritableFile) {
+    const ShardWriter::CreateFile& create_file = io::CreateWritableFile) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto writer,
                             ShardWriter::Create(path, layout, type, create_file));
   std::int64_t offset = 0;
@@ -84,7 +84,7 @@ struct TestDataset {
 
   // Writes the dataset into the new directory `directory`.
   absl::Status Write(const std::string& directory) {
-    ISOSCOPE_RETURN_IF_ERROR(base::CreateDirectory(directory));
+    ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(directory));
     manifest.shards.clear();
     const auto shard_count = static_cast<int>(blocks.size());
     for (int shard = 0; shard < shard_count; ++shard) {
@@ -94,7 +94,7 @@ struct TestDataset {
                                 WriteBlocks(path, layout, manifest.scalar_type, ids));
       manifest.shards.push_back(summary);
       ISOSCOPE_RETURN_IF_ERROR(
-          base::WriteWholeFile(path + "/" + kIntervalTreeFileName, "stands for an interval tree"));
+          io::WriteWholeFile(path + "/" + kIntervalTreeFileName, "stands for an interval tree"));
     }
     const std::string range_bytes = EncodeRangeTable(ranges);
     manifest.range_table_crc32c = base::Crc32c(range_bytes);
@@ -116,7 +116,7 @@ struct TestDataset {
 // Opens a shard and reads all of it: the ids and bytes of its blocks in order.
 inline absl::StatusOr<std::vector<std::pair<volume::BlockId, std::string>>> ReadShard(
     const std::string& directory,
-    const ShardReader::OpenFile& open_file = base::OpenRandomAccessFile) {
+    const ShardReader::OpenFile& open_file = io::OpenRandomAccessFile) {
   ISOSCOPE_ASSIGN_OR_RETURN(const auto reader, ShardReader::Open(directory, open_file));
   std::vector<std::uint32_t> ordinals(static_cast<std::size_t>(reader->block_count()));
   for (std::size_t i = 0; i < ordinals.size(); ++i) {

@@ -36,14 +36,14 @@ constexpr const char* kShardFiles[] = {kManifestFileName, kRangeTableFileName,
                                        kShardFileName,    kBlockIndexFileName,
                                        kBlocksFileName,   kIntervalTreeFileName};
 
-std::string Slurp(const std::string& path) { return base::ReadWholeFile(path, base::kGiB).value(); }
+std::string Slurp(const std::string& path) { return io::ReadWholeFile(path, base::kGiB).value(); }
 
 void Overwrite(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
 }
 
 // Stands for a file of these bytes: thousands of damaged versions need no disk.
-class MemoryFile : public base::RandomAccessFile {
+class MemoryFile : public io::RandomAccessFile {
  public:
   MemoryFile(std::string path, std::string bytes)
       : path_(std::move(path)), bytes_(std::move(bytes)) {}
@@ -94,7 +94,7 @@ class ShardReaderTest : public ::testing::Test {
   // Opens the shard and reads all of it from memory.
   [[nodiscard]] absl::Status ReadFrom(const std::map<std::string, std::string>& files) const {
     const auto open_file =
-        [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<base::RandomAccessFile>> {
+        [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> {
       return std::make_unique<MemoryFile>(path, files.at(path.substr(path.rfind('/') + 1)));
     };
     return ReadShard(shard_directory_, open_file).status();
@@ -122,7 +122,7 @@ class ShardReaderTest : public ::testing::Test {
     Manifest manifest = dataset.manifest;
     manifest.shards[0].block_index_crc32c = base::Crc32c(index);
     for (const char* name : {kManifestFileName, kShardFileName, kRangeTableFileName}) {
-      ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(name)));
+      ISOSCOPE_ASSERT_OK(io::RemoveRecursively(ShardFile(name)));
     }
     ISOSCOPE_ASSERT_OK(
         WriteDescriptions(shard_directory_, manifest, EncodeRangeTable(dataset.ranges), 0));
@@ -232,11 +232,11 @@ TEST_F(ShardReaderTest, MissingFileIsNamed) {
   for (const char* name : {kRangeTableFileName, kShardFileName, kBlockIndexFileName,
                            kBlocksFileName, kIntervalTreeFileName}) {
     const std::string aside = temp_.Sub("aside");
-    ISOSCOPE_ASSERT_OK(base::RenamePath(ShardFile(name), aside));
+    ISOSCOPE_ASSERT_OK(io::RenamePath(ShardFile(name), aside));
     EXPECT_THAT(
         ReadShard(shard_directory_),
         StatusIs(absl::StatusCode::kDataLoss, AllOf(HasSubstr(name), HasSubstr("is missing"))));
-    ISOSCOPE_ASSERT_OK(base::RenamePath(aside, ShardFile(name)));
+    ISOSCOPE_ASSERT_OK(io::RenamePath(aside, ShardFile(name)));
   }
 }
 
@@ -253,10 +253,10 @@ TEST_F(ShardReaderTest, UnfinishedDirectoriesAreRefused) {
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("shard-*-of-*")));
   EXPECT_THAT(OpenDataset(shard_directory_), StatusIs(absl::StatusCode::kFailedPrecondition, _));
 
-  ISOSCOPE_ASSERT_OK(base::RemoveRecursively(ShardFile(kManifestFileName)));
+  ISOSCOPE_ASSERT_OK(io::RemoveRecursively(ShardFile(kManifestFileName)));
   EXPECT_THAT(ShardReader::Open(shard_directory_),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("did not finish")));
-  ISOSCOPE_ASSERT_OK(base::RemoveRecursively(dataset_directory_ + "/" + kManifestFileName));
+  ISOSCOPE_ASSERT_OK(io::RemoveRecursively(dataset_directory_ + "/" + kManifestFileName));
   EXPECT_THAT(OpenDataset(dataset_directory_),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("isoscope partition")));
 }
@@ -372,8 +372,8 @@ TEST_F(ShardReaderTest, ReadErrorsNameDatasetAndShard) {
        {ReadFault::kIoError, ReadFault::kShortRead, ReadFault::kFlippedBit}) {
     for (std::int64_t offset = 0; offset < size; offset += 37) {
       const auto open_file =
-          [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<base::RandomAccessFile>> {
-        ISOSCOPE_ASSIGN_OR_RETURN(auto file, base::OpenRandomAccessFile(path));
+          [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> {
+        ISOSCOPE_ASSIGN_OR_RETURN(auto file, io::OpenRandomAccessFile(path));
         if (path != ShardFile(kBlocksFileName)) {
           return file;
         }

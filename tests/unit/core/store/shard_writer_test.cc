@@ -43,10 +43,10 @@ TEST(ShardWriterTest, BytesStayAsDocumented) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ShardSummary summary, writer->Finish());
 
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string blocks,
-                                base::ReadWholeFile(temp.Sub("shard/blocks.bin"), 1000));
+                                io::ReadWholeFile(temp.Sub("shard/blocks.bin"), 1000));
   EXPECT_EQ(blocks, first + second);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string index,
-                                base::ReadWholeFile(temp.Sub("shard/block_index.bin"), 1000));
+                                io::ReadWholeFile(temp.Sub("shard/block_index.bin"), 1000));
   EXPECT_EQ(HexOf(index.substr(0, 64)),
             "49534f424c4b4958"  // "ISOBLKIX"
             "01000000"          // version 1
@@ -251,7 +251,7 @@ TEST(ShardWriterTest, RangeTableInPiecesIsTheSameFile) {
     ISOSCOPE_ASSERT_OK(writer->Append(part));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::uint32_t crc, writer->Finish());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, base::ReadWholeFile(path, 1000));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 1000));
   EXPECT_EQ(bytes, expected);
   EXPECT_EQ(crc, base::Crc32c(expected));
   EXPECT_THAT(RangeTableWriter::Create(path, volume::ScalarType::kInt16),
@@ -268,8 +268,8 @@ TEST(ShardWriterTest, FullDiskIsReportedWhereverItStrikes) {
     ASSERT_LT(capacity, 1000);
     const std::string directory = temp.Sub(std::to_string(capacity));
     const auto create_file =
-        [capacity](const std::string& path) -> absl::StatusOr<std::unique_ptr<base::WritableFile>> {
-      ISOSCOPE_ASSIGN_OR_RETURN(auto file, base::CreateWritableFile(path));
+        [capacity](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::WritableFile>> {
+      ISOSCOPE_ASSIGN_OR_RETURN(auto file, io::CreateWritableFile(path));
       return testing::MakeFullDiskFile(std::move(file), capacity);
     };
     const absl::Status status =
@@ -292,13 +292,13 @@ TEST(ShardWriterTest, DescriptionsNeedTheIntervalTreeAndComeOnce) {
   const std::string ranges = EncodeRangeTable(dataset.ranges);
   EXPECT_THAT(WriteDescriptions(shard, dataset.manifest, ranges, 0),
               StatusIs(absl::StatusCode::kAlreadyExists, _));
-  ISOSCOPE_ASSERT_OK(base::CreateDirectory(temp.Sub("bare")));
+  ISOSCOPE_ASSERT_OK(io::CreateDirectory(temp.Sub("bare")));
   EXPECT_THAT(WriteDescriptions(temp.Sub("bare"), dataset.manifest, ranges, 0),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr(kIntervalTreeFileName)));
-  ISOSCOPE_ASSERT_OK(base::CreateDirectory(temp.Sub("empty")));
+  ISOSCOPE_ASSERT_OK(io::CreateDirectory(temp.Sub("empty")));
   EXPECT_THAT(WriteDescriptions(temp.Sub("empty"), dataset.manifest, -1),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr(kRangeTableFileName)));
-  EXPECT_FALSE(base::PathExists(temp.Sub("bare/") + kManifestFileName));
+  EXPECT_FALSE(io::PathExists(temp.Sub("bare/") + kManifestFileName));
 }
 
 TEST(ShardWriterTest, BlocksOfAShardAreInTheOrderOfBlocks) {

@@ -1,0 +1,34 @@
+// What one agent's part in a frame took: measured by the agent, summed up by the coordinator.
+
+#ifndef ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_
+#define ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/time/time.h"
+
+namespace isoscope::frame {
+
+// The units and meanings of isoscope.v1.AgentStatistics.
+struct AgentStatistics {
+  // Who it was. The coordinator knows it: agents leave both empty.
+  std::string agent_address;
+  std::vector<int> shard_indices;
+
+  std::int64_t active_block_count = 0;
+  std::int64_t occluding_block_count = 0;
+  std::int64_t visible_block_count = 0;
+  std::int64_t triangle_count = 0;
+  std::int64_t unique_vertex_count = 0;
+  std::int64_t read_bytes = 0;
+  std::int64_t index_page_read_count = 0;
+  absl::Duration extract_duration;
+  absl::Duration render_duration;
+  absl::Duration busy_duration;
+};
+
+}  // namespace isoscope::frame
+
+#endif  // ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_

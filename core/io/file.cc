@@ -1,0 +1,409 @@
+#include "core/io/file.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include <sys/stat.h>
+#include <sys/uio.h>
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+
+namespace isoscope::io {
+namespace {
+
+// Large enough that a write costs more than its system call.
+constexpr std::size_t kWriteBufferBytes = 256 * static_cast<std::size_t>(base::kKiB);
+
+// Linux moves at most 2^31 - 4096 bytes in one call.
+constexpr std::size_t kMaxTransferBytes = static_cast<std::size_t>(base::kGiB);
+
+// An open file descriptor, closed at the end.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd) : fd_(fd) {}
+  ~Descriptor() {
+    if (fd_ >= 0) {
+      close(fd_);
+    }
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Descriptor& operator=(Descriptor&&) = delete;
+
+  [[nodiscard]] int get() const { return fd_; }
+  // Closes and returns 0 or the errno. The descriptor is gone even after an error.
+  int Close() { return close(std::exchange(fd_, -1)) == 0 ? 0 : errno; }
+
+ private:
+  int fd_;
+};
+
+absl::StatusOr<Descriptor> OpenDescriptor(const std::string& path, int flags, mode_t mode,
+                                          absl::string_view what) {
+  int fd = -1;
+  do {
+    fd = open(path.c_str(), flags | O_CLOEXEC, mode);
+  } while (fd < 0 && errno == EINTR);
+  if (fd < 0) {
+    return ErrnoToStatus(errno, what, path);
+  }
+  return Descriptor(fd);
+}
+
+absl::Status Sync(int fd, const std::string& path) {
+  int result = 0;
+  do {
+    result = fsync(fd);
+  } while (result != 0 && errno == EINTR);
+  return result == 0 ? absl::OkStatus() : ErrnoToStatus(errno, "flush", path);
+}
+
+std::string ParentOf(const std::string& path) {
+  std::filesystem::path trimmed(path);
+  if (!trimmed.has_filename()) {
+    trimmed = trimmed.parent_path();
+  }
+  const std::filesystem::path parent = trimmed.parent_path();
+  return parent.empty() ? "." : parent.string();
+}
+
+class PosixRandomAccessFile : public RandomAccessFile {
+ public:
+  PosixRandomAccessFile(Descriptor descriptor, std::int64_t size_bytes, std::string path)
+      : descriptor_(std::move(descriptor)), size_bytes_(size_bytes), path_(std::move(path)) {}
+
+  [[nodiscard]] absl::Status ReadAt(std::int64_t offset, std::size_t size,
+                                    char* out) const override {
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(*this, offset, size));
+    std::size_t done = 0;
+    while (done < size) {
+      const ssize_t count =
+          pread(descriptor_.get(), out + done, std::min(size - done, kMaxTransferBytes),
+                offset + static_cast<std::int64_t>(done));
+      if (count < 0) {
+        if (errno == EINTR) {
+          continue;
+        }
+        return ReadFailed(errno, *this, offset, size);
+      }
+      if (count == 0) {  // it was cut since it was opened
+        return FileTooShort(*this, offset, size, offset + static_cast<std::int64_t>(done));
+      }
+      done += static_cast<std::size_t>(count);
+    }
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] std::size_t ReadCached(std::int64_t offset, std::size_t size,
+                                       char* out) const override {
+    const iovec part = {.iov_base = out, .iov_len = std::min(size, kMaxTransferBytes)};
+    const ssize_t count = preadv2(descriptor_.get(), &part, 1, offset, RWF_NOWAIT);
+    return count < 0 ? 0 : static_cast<std::size_t>(count);
+  }
+
+  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
+  [[nodiscard]] const std::string& path() const override { return path_; }
+  void ExpectScatteredReads() const override {
+    // Advice: what the system makes of it changes no byte.
+    static_cast<void>(posix_fadvise(descriptor_.get(), 0, 0, POSIX_FADV_RANDOM));
+  }
+  [[nodiscard]] int descriptor() const override { return descriptor_.get(); }
+
+ private:
+  const Descriptor descriptor_;
+  const std::int64_t size_bytes_;
+  const std::string path_;
+};
+
+// Holds one stretch of bytes back: those of [buffer_offset_, buffer_offset_ + buffer_.size()) that
+// are not in the file yet. Writes that continue the stretch join it; any other flushes it first.
+class PosixWritableFile : public WritableFile {
+ public:
+  PosixWritableFile(Descriptor descriptor, std::string path, std::size_t buffer_bytes)
+      : descriptor_(std::move(descriptor)), path_(std::move(path)), buffer_bytes_(buffer_bytes) {
+    ISOSCOPE_CHECK(std::has_single_bit(buffer_bytes));
+    buffer_.reserve(buffer_bytes);
+  }
+
+  [[nodiscard]] absl::Status Append(absl::string_view bytes) override {
+    return WriteAt(size_bytes_, bytes);
+  }
+
+  [[nodiscard]] absl::Status WriteAt(std::int64_t offset, absl::string_view bytes) override {
+    ISOSCOPE_CHECK_GE(offset, 0);
+    if (is_closed_) {
+      return absl::FailedPreconditionError(absl::StrCat("write ", path_, ": already closed"));
+    }
+    ISOSCOPE_RETURN_IF_ERROR(status_);
+    if (bytes.empty()) {
+      return absl::OkStatus();
+    }
+    const std::int64_t end = offset + static_cast<std::int64_t>(bytes.size());
+    if (offset != buffer_offset_ + static_cast<std::int64_t>(buffer_.size())) {
+      ISOSCOPE_RETURN_IF_ERROR(Flush());
+      buffer_offset_ = offset;
+    }
+    while (!bytes.empty()) {
+      const std::size_t to_boundary =
+          buffer_bytes_ -
+          ((static_cast<std::size_t>(buffer_offset_) + buffer_.size()) & (buffer_bytes_ - 1));
+      if (buffer_.empty() && bytes.size() >= to_boundary) {
+        // All up to the last boundary at once.
+        const std::size_t size =
+            to_boundary + ((bytes.size() - to_boundary) & ~(buffer_bytes_ - 1));
+        ISOSCOPE_RETURN_IF_ERROR(WriteThrough(buffer_offset_, bytes.substr(0, size)));
+        buffer_offset_ += static_cast<std::int64_t>(size);
+        bytes.remove_prefix(size);
+        continue;
+      }
+      const std::size_t size = std::min(bytes.size(), to_boundary);
+      buffer_.append(bytes.data(), size);
+      bytes.remove_prefix(size);
+      if (size == to_boundary) {
+        ISOSCOPE_RETURN_IF_ERROR(Flush());
+      }
+    }
+    size_bytes_ = std::max(size_bytes_, end);
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] absl::Status Close() override {
+    if (is_closed_) {
+      return status_;
+    }
+    if (status_.ok()) {
+      status_ = Flush();
+    }
+    if (status_.ok()) {
+      status_ = Sync(descriptor_.get(), path_);
+    }
+    const int error_number = descriptor_.Close();
+    is_closed_ = true;
+    if (status_.ok() && error_number != 0) {
+      status_ = ErrnoToStatus(error_number, "close", path_);
+    }
+    return status_;
+  }
+
+  [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
+
+ private:
+  absl::Status Flush() {
+    ISOSCOPE_RETURN_IF_ERROR(WriteThrough(buffer_offset_, buffer_));
+    buffer_offset_ += static_cast<std::int64_t>(buffer_.size());
+    buffer_.clear();
+    return absl::OkStatus();
+  }
+
+  absl::Status WriteThrough(std::int64_t offset, absl::string_view bytes) {
+    while (!bytes.empty()) {
+      const ssize_t count = pwrite(descriptor_.get(), bytes.data(),
+                                   std::min(bytes.size(), kMaxTransferBytes), offset);
+      if (count < 0) {
+        if (errno == EINTR) {
+          continue;
+        }
+        status_ = ErrnoToStatus(
+            errno, absl::StrFormat("write %d bytes at offset %d of", bytes.size(), offset), path_);
+        return status_;
+      }
+      bytes.remove_prefix(static_cast<std::size_t>(count));
+      offset += count;
+    }
+    return absl::OkStatus();
+  }
+
+  Descriptor descriptor_;
+  const std::string path_;
+  const std::size_t buffer_bytes_;
+  std::string buffer_;
+  std::int64_t buffer_offset_ = 0;
+  std::int64_t size_bytes_ = 0;
+  absl::Status status_;  // the first error
+  bool is_closed_ = false;
+};
+
+}  // namespace
+
+absl::Status CheckRange(const RandomAccessFile& file, std::int64_t offset, std::size_t size) {
+  ISOSCOPE_CHECK_GE(offset, 0);
+  const std::int64_t end = file.size_bytes();
+  if (offset > end || size > static_cast<std::size_t>(end - offset)) {
+    return FileTooShort(file, offset, size, end);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status FileTooShort(const RandomAccessFile& file, std::int64_t offset, std::size_t size,
+                          std::int64_t end) {
+  return absl::DataLossError(absl::StrFormat(
+      "%s: ends after %d bytes, expected %d bytes at offset %d", file.path(), end, size, offset));
+}
+
+absl::Status ReadFailed(int error_number, const RandomAccessFile& file, std::int64_t offset,
+                        std::size_t size) {
+  return ErrnoToStatus(error_number, absl::StrFormat("read %d bytes at offset %d of", size, offset),
+                       file.path());
+}
+
+absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {
+  // O_NONBLOCK: opening a FIFO would wait for its writer. Regular files ignore it.
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
+                            OpenDescriptor(path, O_RDONLY | O_NONBLOCK, 0, "open"));
+  struct stat info {};
+  if (fstat(descriptor.get(), &info) != 0) {
+    return ErrnoToStatus(errno, "stat", path);
+  }
+  if (!S_ISREG(info.st_mode)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": is a ", S_ISDIR(info.st_mode) ? "directory" : "special file",
+                     ", expected a regular file"));
+  }
+  if (fcntl(descriptor.get(), F_SETFL, 0) != 0) {  // some kernels' io_uring heeds O_NONBLOCK
+    return ErrnoToStatus(errno, "set up", path);
+  }
+  return std::make_unique<PosixRandomAccessFile>(std::move(descriptor), info.st_size, path);
+}
+
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::string& path,
+                                                                 std::size_t buffer_bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(Descriptor descriptor,
+                            OpenDescriptor(path, O_WRONLY | O_CREAT | O_EXCL, 0666, "create"));
+  return std::make_unique<PosixWritableFile>(std::move(descriptor), path, buffer_bytes);
+}
+
+absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path) {
+  return CreateBufferedFile(path, kWriteBufferBytes);
+}
+
+absl::StatusOr<std::string> ReadWholeFile(const std::string& path, std::int64_t max_size_bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenRandomAccessFile(path));
+  return ReadWholeFile(*file, max_size_bytes);
+}
+
+absl::StatusOr<std::string> ReadWholeFile(const RandomAccessFile& file,
+                                          std::int64_t max_size_bytes) {
+  if (file.size_bytes() > max_size_bytes) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d bytes, expected at most %d", file.path(), file.size_bytes(), max_size_bytes));
+  }
+  std::string bytes(static_cast<std::size_t>(file.size_bytes()), '\0');
+  ISOSCOPE_RETURN_IF_ERROR(file.ReadAt(0, bytes.size(), bytes.data()));
+  return bytes;
+}
+
+absl::Status WriteWholeFile(const std::string& path, absl::string_view bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, CreateWritableFile(path));
+  absl::Status status = file->Append(bytes);
+  if (status.ok()) {
+    status = file->Close();
+  }
+  if (!status.ok()) {
+    unlink(path.c_str());
+  }
+  return status;
+}
+
+absl::Status CreateDirectory(const std::string& path) {
+  if (mkdir(path.c_str(), 0777) != 0) {
+    return ErrnoToStatus(errno, "create directory", path);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status RenamePath(const std::string& from, const std::string& to) {
+  struct stat from_info {};
+  if (lstat(from.c_str(), &from_info) != 0) {
+    return ErrnoToStatus(errno, "rename", from);
+  }
+  struct stat to_info {};
+  const bool to_exists = lstat(to.c_str(), &to_info) == 0;
+  if (to_exists && (S_ISDIR(from_info.st_mode) || S_ISDIR(to_info.st_mode))) {
+    return absl::AlreadyExistsError(
+        absl::StrCat("rename ", from, " to ", to, ": the target exists"));
+  }
+  int result = 0;
+  if (S_ISDIR(from_info.st_mode)) {
+    // rename(2) would replace an empty directory that someone made since the check above.
+    result = renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE);
+    if (result != 0 && (errno == EINVAL || errno == ENOSYS)) {  // not on every file system
+      result = rename(from.c_str(), to.c_str());
+    }
+  } else {
+    result = rename(from.c_str(), to.c_str());
+  }
+  if (result != 0) {
+    return ErrnoToStatus(errno, absl::StrCat("rename ", from, " to"), to);
+  }
+  const std::string from_parent = ParentOf(from);
+  const std::string to_parent = ParentOf(to);
+  ISOSCOPE_RETURN_IF_ERROR(SyncDirectory(to_parent));
+  return from_parent == to_parent ? absl::OkStatus() : SyncDirectory(from_parent);
+}
+
+absl::Status SyncDirectory(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Descriptor descriptor,
+                            OpenDescriptor(path, O_RDONLY | O_DIRECTORY, 0, "open directory"));
+  return Sync(descriptor.get(), path);
+}
+
+absl::Status RemoveRecursively(const std::string& path) {
+  std::error_code error;
+  std::filesystem::remove_all(path, error);
+  return error ? ErrnoToStatus(error.value(), "remove", path) : absl::OkStatus();
+}
+
+bool PathExists(const std::string& path) {
+  struct stat info {};
+  return stat(path.c_str(), &info) == 0;
+}
+
+bool IsDirectory(const std::string& path) {
+  struct stat info {};
+  return stat(path.c_str(), &info) == 0 && S_ISDIR(info.st_mode);
+}
+
+absl::Status ErrnoToStatus(int error_number, absl::string_view what, absl::string_view path) {
+  // std::generic_category, because strerror is not thread-safe.
+  const std::string message =
+      absl::StrCat(what, " ", path, ": ", std::generic_category().message(error_number));
+  switch (error_number) {
+    case ENOENT:
+    case ENOTDIR:
+      return absl::NotFoundError(message);
+    case EACCES:
+    case EPERM:
+    case EROFS:
+      return absl::PermissionDeniedError(message);
+    case EEXIST:
+    case ENOTEMPTY:
+      return absl::AlreadyExistsError(message);
+    case ENOSPC:
+    case EDQUOT:
+    case EFBIG:
+    case EMFILE:
+    case ENFILE:
+    case ENOMEM:
+      return absl::ResourceExhaustedError(message);
+    case EIO:
+      return absl::DataLossError(message);
+    default:
+      return absl::InternalError(message);
+  }
+}
+
+}  // namespace isoscope::io

@@ -1,0 +1,477 @@
+#include "core/io/read_queue.h"
+
+#include <liburing.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include <sys/eventfd.h>
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::io {
+namespace {
+
+// Threads that block in pread: enough to keep a disk busy with merged reads.
+constexpr std::size_t kMaxThreads = 8;
+// Buffers are of multiples of it, so that runs of similar sizes can share them.
+constexpr std::size_t kBufferStepBytes = 64 * static_cast<std::size_t>(base::kKiB);
+constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
+// So many reads in a row that were not in memory, and the files are taken to be cold: asking for
+// each costs more than it finds, and one by one they are submitted one by one.
+constexpr std::size_t kColdReads = 8;
+
+ReadBackend Resolve(ReadBackend backend) {
+  if (backend != ReadBackend::kAutomatic) {
+    return backend;
+  }
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): the programs never change their environment
+  const char* const text = std::getenv("ISOSCOPE_READ_BACKEND");
+  return text != nullptr && absl::string_view(text) == "threads" ? ReadBackend::kThreads
+                                                                 : ReadBackend::kIoUring;
+}
+
+}  // namespace
+
+struct ReadQueue::Slot {
+  std::size_t index = 0;
+  std::size_t done = 0;  // bytes read
+  absl::Status status;
+  std::unique_ptr<char[]> buffer;
+  std::size_t capacity = 0;
+};
+
+// The ring of one queue, and the event that wakes its thread.
+class ReadQueue::Ring {
+ public:
+  // Null where the kernel or its rules refuse.
+  static std::unique_ptr<Ring> Make(std::size_t max_requests) {
+    std::unique_ptr<Ring> ring(new Ring);
+    // A cancellation for each request, and the event.
+    const auto entries = static_cast<unsigned>(2 * max_requests + 1);
+    if (ring->event_ < 0 || io_uring_queue_init(entries, &ring->uring_, 0) != 0) {
+      return nullptr;
+    }
+    ring->has_uring_ = true;
+    io_uring_probe* const probe = io_uring_get_probe_ring(&ring->uring_);
+    const bool can_read = probe != nullptr &&
+                          io_uring_opcode_supported(probe, IORING_OP_READ) != 0 &&
+                          io_uring_opcode_supported(probe, IORING_OP_ASYNC_CANCEL) != 0;
+    io_uring_free_probe(probe);
+    return can_read ? std::move(ring) : nullptr;
+  }
+
+  ~Ring() {
+    if (has_uring_) {
+      io_uring_queue_exit(&uring_);
+    }
+    if (event_ >= 0) {
+      close(event_);
+    }
+  }
+  Ring(const Ring&) = delete;
+  Ring& operator=(const Ring&) = delete;
+
+  // Thread-safe.
+  void Wake() const {
+    const std::uint64_t one = 1;
+    ISOSCOPE_CHECK_EQ(write(event_, &one, sizeof(one)), static_cast<ssize_t>(sizeof(one)));
+  }
+
+  // Only the ring's thread calls these. What was queued starts with the next SubmitAndWait.
+  void QueueWait() {
+    io_uring_sqe* const sqe = NextEntry();
+    io_uring_prep_read(sqe, event_, &event_count_, sizeof(event_count_), 0);
+    io_uring_sqe_set_data(sqe, &event_count_);
+  }
+  void QueueRead(int descriptor, std::int64_t offset, std::size_t size, char* out, Slot* slot) {
+    io_uring_sqe* const sqe = NextEntry();
+    io_uring_prep_read(sqe, descriptor, out, static_cast<unsigned>(size),
+                       static_cast<std::uint64_t>(offset));
+    io_uring_sqe_set_data(sqe, slot);
+  }
+  void QueueCancel(Slot* slot) {
+    io_uring_sqe* const sqe = NextEntry();
+    io_uring_prep_cancel(sqe, slot, 0);
+    io_uring_sqe_set_data(sqe, nullptr);
+  }
+  [[nodiscard]] bool IsWait(const void* data) const { return data == &event_count_; }
+
+  // Calls visit(data, result) for each that ended: at least one.
+  template <typename Visit>
+  void SubmitAndWait(Visit visit) {
+    int result = 0;
+    do {
+      result = io_uring_submit_and_wait(&uring_, 1);
+    } while (result == -EINTR || result == -EAGAIN || result == -EBUSY);
+    ISOSCOPE_CHECK_GE(result, 0);
+    unsigned head = 0;
+    unsigned count = 0;
+    io_uring_cqe* cqe = nullptr;
+    io_uring_for_each_cqe(&uring_, head, cqe) {
+      visit(io_uring_cqe_get_data(cqe), cqe->res);
+      ++count;
+    }
+    io_uring_cq_advance(&uring_, count);
+  }
+
+ private:
+  Ring() : event_(eventfd(0, EFD_CLOEXEC)) {}
+
+  io_uring_sqe* NextEntry() {
+    io_uring_sqe* sqe = io_uring_get_sqe(&uring_);
+    if (sqe == nullptr) {  // retries of many short reads at once
+      io_uring_submit(&uring_);
+      sqe = io_uring_get_sqe(&uring_);
+    }
+    ISOSCOPE_CHECK(sqe != nullptr);
+    return sqe;
+  }
+
+  const int event_;
+  std::uint64_t event_count_ = 0;
+  io_uring uring_ = {};
+  bool has_uring_ = false;
+};
+
+bool IoUringIsAvailable() {
+  io_uring uring = {};
+  if (io_uring_queue_init(1, &uring, 0) != 0) {
+    return false;
+  }
+  io_uring_queue_exit(&uring);
+  return true;
+}
+
+ReadQueue::Arrival::Arrival(ReadQueue* queue, std::unique_ptr<Slot> slot)
+    : queue_(queue), slot_(std::move(slot)) {}
+
+ReadQueue::Arrival::Arrival(Arrival&& other) noexcept = default;
+
+ReadQueue::Arrival::~Arrival() {
+  if (slot_ != nullptr) {
+    queue_->Release(std::move(slot_));
+  }
+}
+
+std::size_t ReadQueue::Arrival::index() const { return slot_->index; }
+const absl::Status& ReadQueue::Arrival::status() const { return slot_->status; }
+const char* ReadQueue::Arrival::data() const { return slot_->buffer.get(); }
+
+ReadQueue::ReadQueue(std::vector<Read> reads, const ReadQueueOptions& options)
+    : reads_(std::move(reads)), options_(options) {
+  ISOSCOPE_CHECK_GE(options_.max_requests, 1U);
+  ISOSCOPE_CHECK_GE(options_.max_transfer_bytes, 1U);
+}
+
+ReadQueue::~ReadQueue() {
+  std::vector<std::thread> threads;
+  {
+    absl::MutexLock lock(&mutex_);
+    stopping_ = true;
+    threads = std::move(threads_);
+    if (ring_ != nullptr) {
+      ring_->Wake();
+    }
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+}
+
+std::size_t ReadQueue::peak_bytes() const {
+  absl::MutexLock lock(&mutex_);
+  return peak_bytes_;
+}
+
+ReadBackend ReadQueue::backend_in_use() const {
+  absl::MutexLock lock(&mutex_);
+  return backend_;
+}
+
+bool ReadQueue::HasRoom(std::size_t size) const {
+  return used_count_ == 0 || (used_count_ < options_.max_requests && size <= options_.max_bytes &&
+                              used_bytes_ <= options_.max_bytes - size);
+}
+
+std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
+  const std::size_t capacity =
+      (std::max<std::size_t>(size, 1) + kBufferStepBytes - 1) / kBufferStepBytes * kBufferStepBytes;
+  if (!HasRoom(capacity)) {
+    return nullptr;
+  }
+  std::unique_ptr<Slot> slot;
+  // The buffer used last is the likeliest to be in the processor's cache.
+  const auto fits = std::find_if(free_.rbegin(), free_.rend(), [&](const auto& candidate) {
+    return candidate->capacity >= capacity && HasRoom(candidate->capacity);
+  });
+  if (fits != free_.rend()) {
+    slot = std::move(*fits);
+    free_.erase(std::next(fits).base());
+  } else {
+    while (!free_.empty() && held_bytes_ + capacity > options_.max_bytes) {
+      held_bytes_ -= free_.front()->capacity;
+      free_.erase(free_.begin());
+    }
+    slot = std::make_unique<Slot>();
+    slot->buffer = std::make_unique_for_overwrite<char[]>(capacity);
+    slot->capacity = capacity;
+    held_bytes_ += capacity;
+    peak_bytes_ = std::max(peak_bytes_, held_bytes_);
+  }
+  ++used_count_;
+  used_bytes_ += slot->capacity;
+  slot->done = 0;
+  slot->status = absl::OkStatus();
+  return slot;
+}
+
+void ReadQueue::Release(std::unique_ptr<Slot> slot) {
+  absl::MutexLock lock(&mutex_);
+  --used_count_;
+  used_bytes_ -= slot->capacity;
+  free_.push_back(std::move(slot));
+}
+
+std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
+  while (true) {
+    std::unique_ptr<Slot> slot;
+    {
+      absl::MutexLock lock(&mutex_);
+      if (MayBegin()) {
+        slot = Claim(reads_[next_].size);
+      }
+      if (slot == nullptr) {
+        if (arrived_.empty()) {
+          return std::nullopt;
+        }
+        slot = std::move(arrived_.front());
+        arrived_.pop_front();
+        return Arrival(this, std::move(slot));
+      }
+      slot->index = next_++;
+    }
+    const Read& read = reads_[slot->index];
+    slot->status = CheckRange(*read.file, read.offset, read.size);
+    if (slot->status.ok()) {
+      slot->done = read.file->ReadCached(read.offset, read.size, slot->buffer.get());
+    }
+    if (!slot->status.ok() || slot->done == read.size) {
+      missed_.store(0, std::memory_order_relaxed);
+      return Arrival(this, std::move(slot));
+    }
+    missed_.fetch_add(1, std::memory_order_relaxed);
+    slot = Start(std::move(slot));
+    if (slot != nullptr) {
+      ReadRest(slot.get());
+      return Arrival(this, std::move(slot));
+    }
+  }
+}
+
+bool ReadQueue::MayBegin() const {
+  // From cold files a quarter of the slots at a time.
+  return next_ < reads_.size() && (missed_.load(std::memory_order_relaxed) < kColdReads ||
+                                   ring_ == nullptr || used_count_ <= last_fill_ - last_fill_ / 4);
+}
+
+bool ReadQueue::HasMore() const {
+  return !arrived_.empty() || used_count_ == 0 ||
+         (MayBegin() && HasRoom(reads_[next_].size + kBufferStepBytes));
+}
+
+absl::StatusOr<bool> ReadQueue::WaitForMore(const base::Cancellation& cancellation) {
+  absl::MutexLock lock(&mutex_);
+  while (true) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    if (mutex_.AwaitWithTimeout(absl::Condition(this, &ReadQueue::HasMore), kCancellationPoll)) {
+      return !arrived_.empty() || next_ < reads_.size();
+    }
+  }
+}
+
+std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
+  absl::MutexLock lock(&mutex_);
+  if (backend_ == ReadBackend::kAutomatic) {
+    PrepareBackend();
+  }
+  const bool wants_thread = ring_ == nullptr
+                                ? waiting_threads_ <= started_.size() &&
+                                      threads_.size() < std::min(kMaxThreads, options_.max_requests)
+                                : threads_.empty();
+  if (wants_thread) {
+    try {
+      threads_.emplace_back(ring_ == nullptr ? &ReadQueue::RunThread : &ReadQueue::RunRing, this);
+    } catch (const std::system_error&) {  // too many threads in the system
+      if (threads_.empty()) {
+        return slot;
+      }
+    }
+  }
+  const bool ring_waits = started_.empty();
+  started_.push_back(std::move(slot));
+  if (ring_ != nullptr) {
+    if (missed_.load(std::memory_order_relaxed) >= kColdReads) {
+      FillRing();
+    }
+    if (ring_waits) {
+      ring_->Wake();
+    }
+  }
+  return nullptr;
+}
+
+void ReadQueue::FillRing() {
+  while (next_ < reads_.size()) {
+    const Read& read = reads_[next_];
+    std::unique_ptr<Slot> slot = Claim(read.size);
+    if (slot == nullptr) {
+      break;
+    }
+    slot->index = next_++;
+    slot->status = CheckRange(*read.file, read.offset, read.size);
+    if (slot->status.ok() && read.size > 0) {
+      started_.push_back(std::move(slot));
+    } else {
+      arrived_.push_back(std::move(slot));
+    }
+  }
+  last_fill_ = used_count_;
+}
+
+void ReadQueue::PrepareBackend() {
+  backend_ = ReadBackend::kThreads;
+  if (Resolve(options_.backend) == ReadBackend::kIoUring) {
+    ring_ = Ring::Make(options_.max_requests);
+    if (ring_ != nullptr) {
+      backend_ = ReadBackend::kIoUring;
+    }
+  }
+}
+
+void ReadQueue::ReadRest(Slot* slot) const {
+  const Read& read = reads_[slot->index];
+  const int descriptor = read.file->descriptor();
+  if (descriptor < 0) {
+    slot->status = read.file->ReadAt(read.offset, read.size, slot->buffer.get());
+    return;
+  }
+  while (slot->done < read.size) {
+    const ssize_t count = pread(descriptor, slot->buffer.get() + slot->done,
+                                std::min(read.size - slot->done, options_.max_transfer_bytes),
+                                read.offset + static_cast<std::int64_t>(slot->done));
+    if (count > 0) {
+      slot->done += static_cast<std::size_t>(count);
+    } else if (count == 0 || errno != EINTR) {
+      slot->status = count == 0 ? FileTooShort(*read.file, read.offset, read.size,
+                                               read.offset + static_cast<std::int64_t>(slot->done))
+                                : ReadFailed(errno, *read.file, read.offset, read.size);
+      return;
+    }
+  }
+}
+
+void ReadQueue::RunThread() {
+  const auto has_work = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    return stopping_ || !started_.empty();
+  };
+  absl::MutexLock lock(&mutex_);
+  while (true) {
+    ++waiting_threads_;
+    mutex_.Await(absl::Condition(&has_work));
+    --waiting_threads_;
+    if (stopping_) {
+      return;
+    }
+    std::unique_ptr<Slot> slot = std::move(started_.front());
+    started_.pop_front();
+    mutex_.Unlock();
+    ReadRest(slot.get());
+    mutex_.Lock();
+    arrived_.push_back(std::move(slot));
+  }
+}
+
+void ReadQueue::RunRing() {
+  std::vector<std::unique_ptr<Slot>> under_way;
+  std::deque<std::unique_ptr<Slot>> fresh;
+  std::deque<std::unique_ptr<Slot>> ended;
+  bool is_stopping = false;
+  const auto queue_read = [&](Slot* slot) {
+    const Read& read = reads_[slot->index];
+    ring_->QueueRead(read.file->descriptor(), read.offset + static_cast<std::int64_t>(slot->done),
+                     std::min(read.size - slot->done, options_.max_transfer_bytes),
+                     slot->buffer.get() + slot->done, slot);
+  };
+  // True if the read ended; else its rest is queued.
+  const auto take_result = [&](Slot* slot, int result) {
+    const Read& read = reads_[slot->index];
+    if (result > 0) {
+      slot->done += static_cast<std::size_t>(result);
+    } else if (result == 0) {
+      slot->status = FileTooShort(*read.file, read.offset, read.size,
+                                  read.offset + static_cast<std::int64_t>(slot->done));
+    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't do it without blocking
+      ReadRest(slot);
+      return true;
+    } else if (result != -EINTR || is_stopping) {
+      slot->status = ReadFailed(-result, *read.file, read.offset, read.size);
+    }
+    if (!slot->status.ok() || slot->done == read.size) {
+      return true;
+    }
+    queue_read(slot);
+    return false;
+  };
+
+  ring_->QueueWait();
+  while (!is_stopping || !under_way.empty()) {
+    ring_->SubmitAndWait([&](void* data, int result) {
+      if (ring_->IsWait(data)) {
+        ring_->QueueWait();
+      } else if (data != nullptr && take_result(static_cast<Slot*>(data), result)) {
+        const auto place =
+            std::find_if(under_way.begin(), under_way.end(),
+                         [&](const auto& candidate) { return candidate.get() == data; });
+        ended.push_back(std::move(*place));
+        under_way.erase(place);
+      }
+    });
+    bool stops_now = false;
+    {
+      absl::MutexLock lock(&mutex_);
+      std::move(ended.begin(), ended.end(), std::back_inserter(arrived_));
+      ended.clear();
+      stops_now = stopping_ && !is_stopping;
+      is_stopping = stopping_;
+      if (!is_stopping) {
+        fresh.swap(started_);
+      }
+    }
+    if (stops_now) {
+      for (const auto& slot : under_way) {
+        ring_->QueueCancel(slot.get());
+      }
+    }
+    for (auto& slot : fresh) {
+      if (reads_[slot->index].file->descriptor() >= 0) {
+        queue_read(slot.get());
+        under_way.push_back(std::move(slot));
+      } else {
+        ReadRest(slot.get());
+        absl::MutexLock lock(&mutex_);
+        arrived_.push_back(std::move(slot));
+      }
+    }
+    fresh.clear();
+  }
+}
+
+}  // namespace isoscope::io

@@ -1,0 +1,40 @@
+// A file without a name for what does not fit into memory: gone when it is closed, whatever
+// happens to the process.
+
+#ifndef ISOSCOPE_CORE_IO_SCRATCH_FILE_H_
+#define ISOSCOPE_CORE_IO_SCRATCH_FILE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+namespace isoscope::io {
+
+// Stretches that do not overlap may be written and read at the same time. Errors as in file.h.
+class ScratchFile {
+ public:
+  // On the file system of `directory`, which exists.
+  static absl::StatusOr<std::unique_ptr<ScratchFile>> Create(const std::string& directory);
+  ~ScratchFile();
+  ScratchFile(const ScratchFile&) = delete;
+  ScratchFile& operator=(const ScratchFile&) = delete;
+
+  absl::Status WriteAt(std::int64_t offset, const char* bytes, std::size_t size);
+  // DATA_LOSS if the file ends before.
+  absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) const;
+
+ private:
+  ScratchFile(int fd, std::string path) : fd_(fd), path_(std::move(path)) {}
+
+  const int fd_;
+  const std::string path_;  // that it had, for messages
+};
+
+}  // namespace isoscope::io
+
+#endif  // ISOSCOPE_CORE_IO_SCRATCH_FILE_H_

@@ -1,0 +1,220 @@
+#include "core/partition/distribution.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <queue>
+#include <tuple>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/base/random.h"
+#include "core/volume/scalar_span.h"
+
+namespace isoscope::partition {
+namespace {
+
+void CheckShardCount(std::int64_t block_count, int shard_count) {
+  ISOSCOPE_CHECK_GE(shard_count, 1);
+  ISOSCOPE_CHECK_LE(shard_count, 65536);
+  ISOSCOPE_CHECK_LE(shard_count, block_count);
+}
+
+// Maps isovalues to bins over the finite part of a span.
+class Bins {
+ public:
+  Bins(const volume::ScalarSpan& total, int count)
+      : count_(count), low_(Half(total.min)), high_(Half(total.max)) {}
+
+  [[nodiscard]] int count() const { return count_; }
+  [[nodiscard]] int Of(double value) const {
+    if (!(high_ > low_)) {
+      return 0;
+    }
+    const double place = (Half(value) - low_) / (high_ - low_) * count_;
+    return std::clamp(static_cast<int>(place), 0, count_ - 1);
+  }
+
+ private:
+  // Halved, so that a difference of two does not overflow.
+  static double Half(double value) {
+    constexpr double kMax = std::numeric_limits<double>::max();
+    return std::clamp(value, -kMax, kMax) / 2;
+  }
+
+  int count_;
+  double low_;
+  double high_;
+};
+
+// The blocks each shard has been dealt, and how many of them cover each bin.
+class Loads {
+ public:
+  Loads(int shard_count, int bin_count)
+      : bin_count_(static_cast<std::size_t>(bin_count)),
+        block_counts_(static_cast<std::size_t>(shard_count)),
+        histograms_(block_counts_.size() * bin_count_) {}
+
+  [[nodiscard]] std::size_t shard_count() const { return block_counts_.size(); }
+  [[nodiscard]] std::int64_t block_count(std::size_t shard) const { return block_counts_[shard]; }
+  [[nodiscard]] std::int64_t Peak(std::size_t shard, std::size_t first, std::size_t last) const {
+    const std::int64_t* histogram = histograms_.data() + shard * bin_count_;
+    return *std::max_element(histogram + first, histogram + last + 1);
+  }
+  void Add(std::size_t shard, std::size_t first, std::size_t last, std::int64_t count) {
+    std::int64_t* histogram = histograms_.data() + shard * bin_count_;
+    for (std::size_t bin = first; bin <= last; ++bin) {
+      histogram[bin] += count;
+    }
+    AddInactive(shard, count);
+  }
+  void AddInactive(std::size_t shard, std::int64_t count) { block_counts_[shard] += count; }
+
+ private:
+  std::size_t bin_count_;
+  std::vector<std::int64_t> block_counts_;
+  std::vector<std::int64_t> histograms_;  // [shard][bin]
+};
+
+// The `count` shards that take one more block over bins [first, last] best, best first.
+std::vector<std::size_t> LeastLoaded(const Loads& loads, std::size_t first, std::size_t last,
+                                     std::size_t count) {
+  std::vector<std::tuple<std::int64_t, std::int64_t, std::size_t>> order;
+  order.reserve(loads.shard_count());
+  for (std::size_t shard = 0; shard < loads.shard_count(); ++shard) {
+    order.emplace_back(loads.Peak(shard, first, last), loads.block_count(shard), shard);
+  }
+  const auto end = order.begin() + static_cast<std::ptrdiff_t>(count);
+  std::partial_sort(order.begin(), end, order.end());
+  std::vector<std::size_t> shards;
+  shards.reserve(count);
+  for (auto entry = order.begin(); entry != end; ++entry) {
+    shards.push_back(std::get<2>(*entry));
+  }
+  return shards;
+}
+
+// Deals blocks that are never active to whichever shard has fewest blocks.
+void DealInactive(const std::vector<volume::BlockId>& blocks, Loads* loads,
+                  std::vector<std::uint16_t>* shard_of_block) {
+  using Entry = std::pair<std::int64_t, std::size_t>;
+  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> fewest;
+  for (std::size_t shard = 0; shard < loads->shard_count(); ++shard) {
+    fewest.emplace(loads->block_count(shard), shard);
+  }
+  for (const volume::BlockId id : blocks) {
+    const auto [count, shard] = fewest.top();
+    fewest.pop();
+    (*shard_of_block)[id] = static_cast<std::uint16_t>(shard);
+    loads->AddInactive(shard, 1);
+    fewest.emplace(count + 1, shard);
+  }
+}
+
+}  // namespace
+
+ShardMap ShardMap::Random(std::int64_t block_count, int shard_count, std::uint64_t seed) {
+  CheckShardCount(block_count, shard_count);
+  ShardMap map(shard_count);
+  map.seed_ = seed;
+  if (shard_count == 1) {
+    return map;
+  }
+  std::vector<std::int64_t> counts(static_cast<std::size_t>(shard_count));
+  for (std::int64_t id = 0; id < block_count; ++id) {
+    ++counts[map.Draw(static_cast<volume::BlockId>(id))];
+  }
+  volume::BlockId id = 0;
+  for (std::size_t shard = 0; shard < counts.size(); ++shard) {
+    if (counts[shard] > 0) {
+      continue;
+    }
+    while (counts[map.Draw(id)] < 2) {
+      ++id;
+    }
+    --counts[map.Draw(id)];
+    counts[shard] = 1;
+    map.moved_.emplace_back(id++, static_cast<std::uint16_t>(shard));
+  }
+  return map;
+}
+
+ShardMap ShardMap::Greedy(const volume::RangeTable& ranges, int shard_count) {
+  ShardMap map(shard_count);
+  map.table_ = DistributeGreedily(ranges, shard_count);
+  return map;
+}
+
+std::uint16_t ShardMap::Draw(volume::BlockId id) const {
+  // Multiply and shift: uniform up to 2^-16 even for the most shards.
+  return static_cast<std::uint16_t>(
+      (base::RandomBits(seed_, id) >> 32) * static_cast<std::uint64_t>(shard_count_) >> 32);
+}
+
+std::uint16_t ShardMap::ShardOf(volume::BlockId id) const {
+  if (!table_.empty()) {
+    return table_[id];
+  }
+  if (shard_count_ == 1) {
+    return 0;
+  }
+  const auto moved =
+      std::lower_bound(moved_.begin(), moved_.end(), std::pair(id, std::uint16_t{0}));
+  return moved != moved_.end() && moved->first == id ? moved->second : Draw(id);
+}
+
+std::vector<std::uint16_t> DistributeRandomly(std::int64_t block_count, int shard_count,
+                                              std::uint64_t seed) {
+  const ShardMap map = ShardMap::Random(block_count, shard_count, seed);
+  std::vector<std::uint16_t> shard_of_block(static_cast<std::size_t>(block_count));
+  for (std::size_t id = 0; id < shard_of_block.size(); ++id) {
+    shard_of_block[id] = map.ShardOf(static_cast<volume::BlockId>(id));
+  }
+  return shard_of_block;
+}
+
+std::vector<std::uint16_t> DistributeGreedily(const volume::RangeTable& ranges, int shard_count) {
+  CheckShardCount(ranges.block_count(), shard_count);
+  const Bins bins(ranges.Total(), shard_count > 1024 ? 32 : 128);
+  const auto bin_count = static_cast<std::size_t>(bins.count());
+  std::vector<std::vector<volume::BlockId>> classes(bin_count * bin_count);  // [first][last]
+  std::vector<volume::BlockId> inactive;
+  for (std::int64_t i = 0; i < ranges.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    const volume::ScalarSpan span = ranges.Get(id);
+    if (span.min < span.max) {
+      const auto first = static_cast<std::size_t>(bins.Of(span.min));
+      classes[first * bin_count + static_cast<std::size_t>(bins.Of(span.max))].push_back(id);
+    } else {
+      inactive.push_back(id);
+    }
+  }
+  std::vector<std::uint16_t> shard_of_block(static_cast<std::size_t>(ranges.block_count()));
+  Loads loads(shard_count, bins.count());
+  const std::size_t shards = loads.shard_count();
+  for (std::size_t width = bin_count; width >= 1; --width) {
+    for (std::size_t first = 0; first + width <= bin_count; ++first) {
+      const std::size_t last = first + width - 1;
+      const std::vector<volume::BlockId>& blocks = classes[first * bin_count + last];
+      if (blocks.empty()) {
+        continue;
+      }
+      const std::size_t rounds = blocks.size() / shards;
+      for (std::size_t shard = 0; rounds > 0 && shard < shards; ++shard) {
+        loads.Add(shard, first, last, static_cast<std::int64_t>(rounds));
+      }
+      for (std::size_t i = 0; i < rounds * shards; ++i) {
+        shard_of_block[blocks[i]] = static_cast<std::uint16_t>(i % shards);
+      }
+      std::size_t next = rounds * shards;
+      for (const std::size_t shard : LeastLoaded(loads, first, last, blocks.size() - next)) {
+        shard_of_block[blocks[next++]] = static_cast<std::uint16_t>(shard);
+        loads.Add(shard, first, last, 1);
+      }
+    }
+  }
+  DealInactive(inactive, &loads, &shard_of_block);
+  return shard_of_block;
+}
+
+}  // namespace isoscope::partition

@@ -1,0 +1,114 @@
+#include "core/partition/portion_reader.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+
+namespace isoscope::partition {
+namespace {
+
+// Between two looks at the cancellation.
+constexpr std::int64_t kReadBytes = 8 * base::kMiB;
+// Taken through memory at a time on the way to the scratch file.
+constexpr std::int64_t kStageBytes = base::kMiB;
+
+}  // namespace
+
+PortionReader::PortionReader(source::VolumeSource* source, const volume::BlockLayout& layout,
+                             const PartitionPlan& plan, std::string directory,
+                             const base::Cancellation* cancellation)
+    : source_(*source),
+      layout_(layout),
+      plan_(plan),
+      directory_(std::move(directory)),
+      cancellation_(*cancellation),
+      row_bytes_(layout.sample_dims().x *
+                 static_cast<std::int64_t>(volume::SizeOf(source->scalar_type()))) {}
+
+std::int64_t PortionReader::StagingBytes(const source::VolumeSource& source) {
+  const math::Index3& dims = source.geometry().sample_dims;
+  const std::int64_t row_bytes =
+      dims.x * static_cast<std::int64_t>(volume::SizeOf(source.scalar_type()));
+  return std::min(std::max(kStageBytes, row_bytes), row_bytes * dims.y);
+}
+
+absl::Status PortionReader::Read(std::int64_t i, const char* previous, char* out) {
+  const math::IndexBox box = SamplesOfPortion(layout_, PortionAt(layout_, plan_, i));
+  if (!plan_.has_whole_planes(layout_)) {
+    return ReadBand(box, out);
+  }
+  const std::int64_t plane_bytes = row_bytes_ * layout_.sample_dims().y;
+  std::int64_t begin = box.begin.z;
+  if (i > 0) {
+    const math::IndexBox before = SamplesOfPortion(layout_, PortionAt(layout_, plan_, i - 1));
+    const std::int64_t kept = std::max<std::int64_t>(before.end.z - begin, 0);
+    std::memmove(out, previous + (before.end.z - kept - before.begin.z) * plane_bytes,
+                 static_cast<std::size_t>(kept * plane_bytes));
+    begin += kept;
+  }
+  return ReadPlanes(begin, box.end.z, out + (begin - box.begin.z) * plane_bytes);
+}
+
+absl::Status PortionReader::ReadPlanes(std::int64_t begin, std::int64_t end, char* out) {
+  const std::int64_t rows = layout_.sample_dims().y;
+  const std::int64_t step = std::max<std::int64_t>(kReadBytes / (row_bytes_ * rows), 1);
+  for (std::int64_t z = begin; z < end; z += step) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    const std::int64_t count = std::min(step, end - z);
+    ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows, (z + count) * rows, out));
+    out += count * rows * row_bytes_;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PortionReader::ReadBand(const math::IndexBox& box, char* out) {
+  const std::int64_t rows = layout_.sample_dims().y;
+  const std::int64_t band_bytes = (box.end.y - box.begin.y) * row_bytes_;
+  const bool is_staged = !source_.is_seekable();
+  if (is_staged) {
+    ISOSCOPE_RETURN_IF_ERROR(StageUpTo(box.end.z));
+  }
+  for (std::int64_t z = box.begin.z; z < box.end.z; ++z, out += band_bytes) {
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    if (is_staged) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          scratch_->ReadAt((z % ring_planes_ * rows + box.begin.y) * row_bytes_,
+                           static_cast<std::size_t>(band_bytes), out));
+    } else {
+      ISOSCOPE_RETURN_IF_ERROR(source_.ReadRows(z * rows + box.begin.y, z * rows + box.end.y, out));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PortionReader::StageUpTo(std::int64_t end_plane) {
+  if (scratch_ == nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(scratch_, io::ScratchFile::Create(directory_));
+    ring_planes_ = plan_.layers_per_portion * layout_.block_cells().z + 3;
+  }
+  if (staged_end_ > end_plane) {
+    staged_end_ = 0;  // another pass
+  }
+  const std::int64_t rows = layout_.sample_dims().y;
+  const std::int64_t step = std::max<std::int64_t>(kStageBytes / row_bytes_, 1);
+  std::vector<char> bytes;
+  for (; staged_end_ < end_plane; ++staged_end_) {
+    for (std::int64_t y = 0; y < rows; y += step) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      const std::int64_t count = std::min(step, rows - y);
+      bytes.resize(static_cast<std::size_t>(count * row_bytes_));
+      ISOSCOPE_RETURN_IF_ERROR(
+          source_.ReadRows(staged_end_ * rows + y, staged_end_ * rows + y + count, bytes.data()));
+      ISOSCOPE_RETURN_IF_ERROR(scratch_->WriteAt(
+          (staged_end_ % ring_planes_ * rows + y) * row_bytes_, bytes.data(), bytes.size()));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::partition

@@ -1,0 +1,35 @@
+// A DICOM series as a source.
+
+#ifndef ISOSCOPE_CORE_SOURCE_DICOM_SOURCE_H_
+#define ISOSCOPE_CORE_SOURCE_DICOM_SOURCE_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_source.h"
+
+namespace isoscope::source {
+
+// True if the file carries the DICOM mark.
+bool IsDicomFile(const std::string& path);
+
+// The files of a folder that carry it, by name; no DICOMDIR.
+std::vector<std::string> DicomFilesIn(const std::string& folder);
+// Where the slices of the series that `path` names lie: `path` itself, or the folder of a file.
+std::string DicomFolder(const std::string& path);
+
+// Opens the series in a folder, or the series that a file belongs to (in the file's folder), by ITK
+// and GDCM: one file a slice, sorted by position along the normal of the slices, not by name.
+// Memory of one slice. World coordinates are DICOM's, LPS. NOT_FOUND: no DICOM files.
+// INVALID_ARGUMENT: several series in a folder (lists them); slices of different size, type or
+// orientation; a distance between slices that is not the same everywhere (beyond 1 %: one is
+// missing, or there twice); slices not stacked along their normal (a tilted gantry); files of many
+// frames; colour. DATA_LOSS: damaged. Not thread-safe (the libraries keep globals).
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_DICOM_SOURCE_H_

@@ -1,0 +1,27 @@
+// A source that streams samples from one file.
+
+#ifndef ISOSCOPE_CORE_SOURCE_FILE_SOURCE_H_
+#define ISOSCOPE_CORE_SOURCE_FILE_SOURCE_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/sample_location.h"
+#include "core/source/volume_source.h"
+
+namespace isoscope::source {
+
+// Opens the samples at `location` as a volume of `geometry`; `name` is for messages. With a slope
+// or an intercept the samples become float32, those of 32-bit integers and float64 become float64.
+// INVALID_ARGUMENT if an uncompressed file is too short (names both sizes); a longer one is
+// accepted with a warning in the log. A compressed file shows its length only as it is read.
+// Memory: a third of a MiB.
+absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(const volume::GridGeometry& geometry,
+                                                             const SampleLocation& location,
+                                                             const std::string& name);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_FILE_SOURCE_H_

@@ -1,0 +1,44 @@
+// A dataset of an HDF5 file as a source, read in hyperslabs.
+
+#ifndef ISOSCOPE_CORE_SOURCE_HDF5_SOURCE_H_
+#define ISOSCOPE_CORE_SOURCE_HDF5_SOURCE_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/source/volume_source.h"
+
+namespace isoscope::source {
+
+// "file.h5:/path/to/dataset" in its two parts; `dataset` is empty if none is named.
+struct Hdf5Path {
+  std::string file;
+  std::string dataset;
+
+  [[nodiscard]] std::string name() const { return file + ":" + dataset; }
+};
+// True, with the parts, if the name is that of an HDF5 file (.h5 .hdf5 .he5 .hdf), with or without
+// a dataset.
+bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
+
+// Opens a three-dimensional dataset [z][y][x] of integers of 8 to 32 bits or floats of 32 or 64
+// bits, of either byte order, contiguous, chunked or compressed with the filters that the library
+// has; further axes of one element are left out. Without a name the file must hold exactly one such
+// dataset. The spacing is the attribute "element_size_um" (z, y, x) if there is one, else 1.
+//
+// Chunks are kept while neighbouring rows are read, at most 32 MiB of them; where a layer of chunks
+// is larger, chunks are decompressed more than once.
+// NOT_FOUND: no such file or dataset (lists those there are). INVALID_ARGUMENT: no HDF5 file; not
+// such a dataset. DATA_LOSS: damaged. Of a dataset in several files (external storage, virtual
+// datasets, links) all must be there: NOT_FOUND or DATA_LOSS names the one that is not. Not
+// thread-safe across sources (the library keeps globals).
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path);
+// The files that it is read from (hdf5_storage.h). Errors as above.
+absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_HDF5_SOURCE_H_

@@ -1,0 +1,256 @@
+#include "core/source/hdf5_storage.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include <sys/types.h>
+
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/hdf5_handle.h"
+
+namespace isoscope::source {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string Environment(const char* name) {
+  const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nobody sets any
+  return value == nullptr ? "" : value;
+}
+
+// What a function of the library gives that takes a buffer and its size and returns the length.
+template <typename Call>
+std::string TextOf(const Call& call) {
+  const ssize_t length = call(nullptr, 0);
+  if (length <= 0) {
+    return "";
+  }
+  std::string text(static_cast<std::size_t>(length) + 1, '\0');
+  call(text.data(), text.size());
+  text.resize(static_cast<std::size_t>(length));
+  return text;
+}
+
+std::string FileOf(hid_t object) {
+  return TextOf([&](char* out, std::size_t size) { return H5Fget_name(object, out, size); });
+}
+
+// "${ORIGIN}" at the beginning of a prefix means the folder of the file that names others.
+std::string WithOrigin(const std::string& prefix, const std::string& origin) {
+  absl::string_view rest = prefix;
+  return absl::ConsumePrefix(&rest, "${ORIGIN}") ? absl::StrCat(origin, rest) : prefix;
+}
+
+// The folder of a file, "." if it is named without one.
+std::string FolderOf(const std::string& file) {
+  const std::string folder = fs::path(file).parent_path().string();
+  return folder.empty() ? "." : folder;
+}
+
+std::string Joined(const std::string& folder, const std::string& file) {
+  return (fs::path(folder) / file).lexically_normal().string();
+}
+
+// Where a raw file of external storage lies: H5D__efl_read.
+std::string ExternalPath(const std::string& file, const std::string& owner) {
+  const std::string prefix = Environment("HDF5_EXTFILE_PREFIX");
+  if (file.starts_with('/') || prefix.empty() || prefix == ".") {
+    return file;
+  }
+  return Joined(WithOrigin(prefix, FolderOf(owner)), file);
+}
+
+// Where the library looks for the source file of a virtual dataset, in its order:
+// H5F_prefix_open_file.
+std::vector<std::string> VirtualPaths(const std::string& file, const std::string& owner) {
+  std::vector<std::string> paths;
+  std::string relative = file;
+  if (file.starts_with('/')) {
+    paths.push_back(file);
+    relative = fs::path(file).filename().string();
+  }
+  for (const absl::string_view prefix :
+       absl::StrSplit(Environment("HDF5_VDS_PREFIX"), ':', absl::SkipEmpty())) {
+    paths.push_back(Joined(WithOrigin(std::string(prefix), FolderOf(owner)), relative));
+  }
+  paths.push_back(Joined(FolderOf(owner), relative));
+  paths.push_back(relative);
+  std::error_code error;
+  const fs::path actual = fs::canonical(owner, error);  // the owner may be a symbolic link
+  if (!error) {
+    paths.push_back(Joined(actual.parent_path().string(), relative));
+  }
+  return paths;
+}
+
+// The name of the `i`-th source: "%b" is where sources are counted, "%%" is "%" (H5Pset_virtual).
+std::string NumberedName(absl::string_view name, std::int64_t i, bool* is_numbered) {
+  const std::string numbered = absl::StrReplaceAll(name, {{"%b", absl::StrCat(i)}, {"%%", "%"}});
+  *is_numbered |= numbered != absl::StrReplaceAll(name, {{"%b", ""}, {"%%", "%"}});
+  return numbered;
+}
+
+class FileFinder {
+ public:
+  explicit FileFinder(const std::string& name) : name_(name) {}
+
+  absl::Status Visit(hid_t dataset) {
+    H5O_info_t info{};
+    const Hdf5Handle properties(H5Dget_create_plist(dataset), H5Pclose);
+    if (!properties.is_valid() || H5Oget_info2(dataset, &info, H5O_INFO_BASIC) < 0) {
+      return absl::DataLossError(
+          absl::StrCat(name_, ": how it is stored can't be read: ", LastHdf5Error()));
+    }
+    const std::string owner = FileOf(dataset);
+    const Address address(info.fileno, info.addr);
+    // The library would follow such a circle until its stack ends.
+    if (open_.contains(address)) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(name_, ": a virtual dataset in '", owner, "' that is made of itself"));
+    }
+    if (!visited_.insert(address).second) {
+      return absl::OkStatus();
+    }
+    Add(owner);
+    if (H5Pget_layout(properties.get()) != H5D_VIRTUAL) {
+      return CheckExternalFiles(dataset, properties.get(), owner);
+    }
+    open_.insert(address);
+    absl::Status status = VisitSources(properties.get(), owner);
+    open_.erase(address);
+    return status;
+  }
+
+  std::vector<std::string> TakeFiles() { return std::move(files_); }
+
+ private:
+  void Add(const std::string& file) {
+    if (std::find(files_.begin(), files_.end(), file) == files_.end()) {
+      files_.push_back(file);
+    }
+  }
+
+  absl::Status CheckExternalFiles(hid_t dataset, hid_t properties, const std::string& owner) {
+    const int count = H5Pget_external_count(properties);
+    if (count <= 0) {
+      return absl::OkStatus();
+    }
+    const Hdf5Handle space(H5Dget_space(dataset), H5Sclose);
+    const Hdf5Handle type(H5Dget_type(dataset), H5Tclose);
+    double missing_bytes = static_cast<double>(H5Sget_simple_extent_npoints(space.get())) *
+                           static_cast<double>(H5Tget_size(type.get()));
+    for (int i = 0; i < count; ++i) {
+      // No function tells the length of the name.
+      std::array<char, 4096> file_name{};
+      off_t offset = 0;
+      hsize_t size = 0;
+      if (H5Pget_external(properties, static_cast<unsigned>(i), file_name.size() - 1,
+                          file_name.data(), &offset, &size) < 0) {
+        return absl::DataLossError(
+            absl::StrCat(name_, ": its external files can't be read: ", LastHdf5Error()));
+      }
+      const std::string path = ExternalPath(file_name.data(), owner);
+      if (!io::PathExists(path)) {
+        return absl::NotFoundError(absl::StrCat(
+            name_, ": its samples lie in '", path,
+            "', which does not exist; HDF5_EXTFILE_PREFIX can name the folder it is in"));
+      }
+      const double wanted_bytes = std::min(static_cast<double>(size), missing_bytes);
+      std::error_code error;
+      const std::uintmax_t file_bytes = fs::file_size(path, error);
+      if (error) {
+        return io::ErrnoToStatus(error.value(), "can't look at", path);
+      }
+      if (static_cast<double>(file_bytes) < static_cast<double>(offset) + wanted_bytes) {
+        return absl::DataLossError(absl::StrFormat(
+            "%s: its samples lie in '%s', which has %d bytes; expected at least %.0f: it is cut",
+            name_, path, file_bytes, static_cast<double>(offset) + wanted_bytes));
+      }
+      missing_bytes -= wanted_bytes;
+      Add(path);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status VisitSources(hid_t properties, const std::string& owner) {
+    std::size_t count = 0;
+    H5Pget_virtual_count(properties, &count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::string file = TextOf([&](char* out, std::size_t size) {
+        return H5Pget_virtual_filename(properties, i, out, size);
+      });
+      const std::string dataset = TextOf([&](char* out, std::size_t size) {
+        return H5Pget_virtual_dsetname(properties, i, out, size);
+      });
+      bool is_numbered = false;
+      // A numbered series ends where the first one is missing; it has at least one.
+      for (std::int64_t number = 0; number == 0 || is_numbered; ++number) {
+        const std::string source_file = NumberedName(file, number, &is_numbered);
+        const std::string source = NumberedName(dataset, number, &is_numbered);
+        bool is_there = false;
+        const absl::Status status = VisitSource(source_file, source, owner, &is_there);
+        if (number > 0 && !is_there && absl::IsNotFound(status)) {
+          break;
+        }
+        ISOSCOPE_RETURN_IF_ERROR(status);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  // `is_there` is set if the source exists, whatever else is wrong.
+  absl::Status VisitSource(const std::string& file_name, const std::string& dataset_name,
+                           const std::string& owner, bool* is_there) {
+    const std::vector<std::string> paths =
+        file_name == "." ? std::vector<std::string>{owner} : VirtualPaths(file_name, owner);
+    const auto path = std::find_if(paths.begin(), paths.end(), io::PathExists);
+    if (path == paths.end()) {
+      return absl::NotFoundError(absl::StrCat(name_, ": part of its samples lies in '", file_name,
+                                              "', which was not found; looked for ",
+                                              absl::StrJoin(paths, ", ")));
+    }
+    const Hdf5Handle file(H5Fopen(path->c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+    if (!file.is_valid()) {
+      return absl::DataLossError(absl::StrCat(name_, ": part of its samples lies in '", *path,
+                                              "', which can't be opened: ", LastHdf5Error()));
+    }
+    const Hdf5Handle dataset(H5Dopen2(file.get(), dataset_name.c_str(), H5P_DEFAULT), H5Dclose);
+    if (!dataset.is_valid()) {
+      return absl::NotFoundError(absl::StrCat(name_, ": part of its samples lies in dataset ",
+                                              dataset_name, " of '", *path,
+                                              "', which does not have it"));
+    }
+    *is_there = true;
+    return Visit(dataset.get());
+  }
+
+  using Address = std::pair<unsigned long, haddr_t>;  // of a file and of an object in it
+
+  const std::string& name_;
+  std::vector<std::string> files_;
+  std::set<Address> visited_;
+  std::set<Address> open_;  // what led to the dataset that is visited now
+};
+
+}  // namespace
+
+absl::StatusOr<std::vector<std::string>> FindHdf5Files(hid_t dataset, const std::string& name) {
+  FileFinder finder(name);
+  ISOSCOPE_RETURN_IF_ERROR(finder.Visit(dataset));
+  return finder.TakeFiles();
+}
+
+}  // namespace isoscope::source

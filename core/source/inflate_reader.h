@@ -1,0 +1,58 @@
+// Reads a gzip or zlib stream inside a file front to back, in constant memory.
+
+#ifndef ISOSCOPE_CORE_SOURCE_INFLATE_READER_H_
+#define ISOSCOPE_CORE_SOURCE_INFLATE_READER_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/io/file.h"
+
+namespace isoscope::source {
+
+// Thread-compatible. Holds about 300 KiB.
+class InflateReader {
+ public:
+  // The stream starts at `offset` of `file`, which must outlive the reader.
+  InflateReader(const io::RandomAccessFile* file, std::int64_t offset);
+  ~InflateReader();
+  InflateReader(const InflateReader&) = delete;
+  InflateReader& operator=(const InflateReader&) = delete;
+
+  // Decodes the next `size` bytes into `out` and returns how many there were: fewer only at the end
+  // of the stream, or where the file is cut. Concatenated gzip members are one stream.
+  // DATA_LOSS: damaged, as far as the format can tell.
+  absl::StatusOr<std::size_t> Read(std::size_t size, char* out);
+  // Decodes and drops.
+  absl::StatusOr<std::int64_t> Skip(std::int64_t size);
+
+  // Reads on to the end of the current member, whose checksum lies there. INVALID_ARGUMENT if the
+  // file ends before; DATA_LOSS if the checksum is wrong. Gives up silently, with OK, after
+  // 1 MiB of decoded bytes.
+  absl::Status VerifyEnd();
+
+  // Starts over.
+  void Rewind();
+
+  // Decoded bytes so far.
+  [[nodiscard]] std::int64_t position() const { return position_; }
+
+ private:
+  class Stream;
+
+  const io::RandomAccessFile* file_;
+  std::int64_t start_;
+  std::int64_t next_input_ = 0;  // offset in the file of the next bytes to feed
+  std::int64_t position_ = 0;
+  std::string input_;
+  std::unique_ptr<Stream> stream_;
+};
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_INFLATE_READER_H_

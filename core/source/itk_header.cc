@@ -1,0 +1,138 @@
+#include "core/source/itk_header.h"
+
+#include <cstddef>
+#include <exception>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "itkMetaImageIO.h"
+#include "itkNiftiImageIO.h"
+#include "itkNrrdImageIO.h"
+#include "itkObject.h"
+
+#include "core/base/status_macros.h"
+#include "core/source/itk_types.h"
+
+namespace isoscope::source {
+namespace {
+
+absl::string_view NameOf(FileFormat format) {
+  switch (format) {
+    case FileFormat::kNifti:
+      return "NIfTI";
+    case FileFormat::kNrrd:
+      return "NRRD";
+    case FileFormat::kMetaImage:
+      return "MetaImage";
+  }
+  return "";
+}
+
+itk::ImageIOBase::Pointer MakeImageIo(FileFormat format) {
+  switch (format) {
+    case FileFormat::kNifti: {
+      auto io = itk::NiftiImageIO::New();
+      // ANALYZE 7.5 has no agreed orientation.
+      io->SetLegacyAnalyze75Mode(itk::NiftiImageIOEnums::Analyze75Flavor::AnalyzeReject);
+      return io.GetPointer();
+    }
+    case FileFormat::kNrrd:
+      return itk::NrrdImageIO::New().GetPointer();
+    case FileFormat::kMetaImage:
+      return itk::MetaImageIO::New().GetPointer();
+  }
+  return nullptr;
+}
+
+absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, const std::string& path) {
+  const unsigned int dimension_count = io.GetNumberOfDimensions();
+  std::vector<std::size_t> dims;
+  std::size_t extra_samples = 1;
+  for (unsigned int axis = 0; axis < dimension_count; ++axis) {
+    dims.push_back(io.GetDimensions(axis));
+    if (axis >= 3) {
+      extra_samples *= dims.back();
+    }
+  }
+  if (dimension_count < 3 || extra_samples != 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": ", dimension_count, "-dimensional, ", absl::StrJoin(dims, " x "),
+                     " samples; expected one three-dimensional volume: extract one (time step, "
+                     "channel) into a file of its own"));
+  }
+  if (io.GetNumberOfComponents() != 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": ", io.GetNumberOfComponents(),
+                     " components a sample (a colour or vector volume); expected 1: extract one "
+                     "component into a file of its own"));
+  }
+  ImageHeader header;
+  ISOSCOPE_ASSIGN_OR_RETURN(header.type, ScalarTypeOf(io.GetComponentType(), path));
+  for (unsigned int axis = 0; axis < 3; ++axis) {
+    const int index = static_cast<int>(axis);
+    header.geometry.sample_dims[index] = static_cast<std::int64_t>(dims[axis]);
+    header.geometry.spacing[index] = io.GetSpacing(axis);
+    header.geometry.origin[index] = io.GetOrigin(axis);
+    const std::vector<double> direction = io.GetDirection(axis);
+    header.geometry.direction.columns[axis] = {direction[0], direction[1], direction[2]};
+  }
+  const absl::Status valid = volume::Validate(header.geometry);
+  if (!valid.ok()) {
+    return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
+  }
+  return header;
+}
+
+}  // namespace
+
+absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnum component,
+                                                const std::string& path) {
+  using Component = itk::ImageIOBase::IOComponentEnum;
+  switch (component) {
+    case Component::UCHAR:
+      return volume::ScalarType::kUint8;
+    case Component::CHAR:
+      return volume::ScalarType::kInt8;
+    case Component::USHORT:
+      return volume::ScalarType::kUint16;
+    case Component::SHORT:
+      return volume::ScalarType::kInt16;
+    case Component::UINT:
+      return volume::ScalarType::kUint32;
+    case Component::INT:
+      return volume::ScalarType::kInt32;
+    case Component::FLOAT:
+      return volume::ScalarType::kFloat32;
+    case Component::DOUBLE:
+      return volume::ScalarType::kFloat64;
+    default:
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ": samples of type ", itk::ImageIOBase::GetComponentTypeAsString(component),
+          "; expected (u)int8, (u)int16, (u)int32, float32 or float64: convert the file to one of "
+          "them"));
+  }
+}
+
+absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path) {
+  try {
+    itk::Object::GlobalWarningDisplayOff();
+    const itk::ImageIOBase::Pointer io = MakeImageIo(format);
+    io->SetFileName(path);
+    if (!io->CanReadFile(path.c_str())) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
+    }
+    io->ReadImageInformation();
+    return Convert(*io, path);
+  } catch (const itk::ExceptionObject& error) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: can't be read as %s: %s", path,
+                                                      NameOf(format), error.GetDescription()));
+  } catch (const std::exception& error) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: can't be read as %s: %s", path, NameOf(format), error.what()));
+  }
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,33 @@
+// Where a volume file's samples lie in the world and of what type they are, as ITK reads its
+// header.
+
+#ifndef ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
+#define ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
+
+#include <string>
+
+#include "absl/status/statusor.h"
+
+#include "core/volume/grid_geometry.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::source {
+
+enum class FileFormat { kNifti, kNrrd, kMetaImage };
+
+struct ImageHeader {
+  // In ITK's world, LPS: x to the patient's left, y to the back, z up. Files that say RAS (NIfTI
+  // always, NRRD by its "space") are turned by ITK: x and y change their signs.
+  volume::GridGeometry geometry;
+  volume::ScalarType type = volume::ScalarType::kUint8;  // after a NIfTI slope and intercept
+};
+
+// Reads the header only, no sample. Everything ITK throws becomes a status.
+// INVALID_ARGUMENT: not of that format; not three-dimensional (more axes are accepted if each has
+// one sample); more than one component a sample; 64-bit integers; a geometry that can't be used.
+// Not thread-safe (ITK's file libraries keep globals).
+absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_

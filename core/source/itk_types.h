@@ -1,0 +1,21 @@
+// ITK's sample types as ours. Includes ITK, which is slow to compile: for source files only.
+
+#ifndef ISOSCOPE_CORE_SOURCE_ITK_TYPES_H_
+#define ISOSCOPE_CORE_SOURCE_ITK_TYPES_H_
+
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "itkImageIOBase.h"
+
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::source {
+
+// INVALID_ARGUMENT, naming `path`, for 64-bit integers and anything that is no number.
+absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnum component,
+                                                const std::string& path);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_ITK_TYPES_H_

@@ -1,0 +1,218 @@
+#include "core/source/volume_source.h"
+
+#include <glob.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/dicom_source.h"
+#include "core/source/file_source.h"
+#include "core/source/hdf5_source.h"
+#include "core/source/itk_header.h"
+#include "core/source/sample_location.h"
+#include "core/source/tiff_source.h"
+#include "core/source/vti_source.h"
+
+namespace isoscope::source {
+namespace {
+
+struct Suffix {
+  const char* text;
+  FileFormat format;
+};
+constexpr std::array<Suffix, 9> kSuffixes{{{".nii", FileFormat::kNifti},
+                                           {".nii.gz", FileFormat::kNifti},
+                                           {".hdr", FileFormat::kNifti},
+                                           {".img", FileFormat::kNifti},
+                                           {".img.gz", FileFormat::kNifti},
+                                           {".nrrd", FileFormat::kNrrd},
+                                           {".nhdr", FileFormat::kNrrd},
+                                           {".mha", FileFormat::kMetaImage},
+                                           {".mhd", FileFormat::kMetaImage}}};
+
+absl::Status CheckIsFile(const std::string& path) {
+  if (!io::PathExists(path)) {
+    return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+  }
+  if (io::IsDirectory(path)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": a folder; expected a file"));
+  }
+  return absl::OkStatus();
+}
+
+bool IsTiffName(const std::string& path) {
+  return absl::EndsWithIgnoreCase(path, ".tif") || absl::EndsWithIgnoreCase(path, ".tiff");
+}
+
+// The TIFF files in a folder, "slice9" before "slice10".
+std::vector<std::string> TiffFilesIn(const std::string& folder) {
+  std::vector<std::string> files;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const std::string path = entry->path().string();
+    if (IsTiffName(path) && !io::IsDirectory(path)) {
+      files.push_back(path);
+    }
+  }
+  std::sort(files.begin(), files.end(), NaturalLess);
+  return files;
+}
+
+// The files that a pattern with '*' or '?' in it names.
+std::vector<std::string> FilesLike(const std::string& pattern) {
+  std::vector<std::string> files;
+  glob_t found{};
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): the programs never change their environment
+  if (glob(pattern.c_str(), 0, nullptr, &found) == 0) {
+    files.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+  }
+  globfree(&found);
+  std::sort(files.begin(), files.end(), NaturalLess);
+  return files;
+}
+
+enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
+
+// What a path names.
+struct FoundVolume {
+  SourceKind kind = SourceKind::kSampleFile;
+  std::vector<std::string>
+      files;  // TIFF slices from the lowest up; of a kSampleFile header, samples
+  // Of a kSampleFile:
+  FileFormat format = FileFormat::kNifti;
+  SampleLocation location{};
+};
+
+absl::StatusOr<FoundVolume> FindInFolder(const std::string& path) {
+  std::vector<std::string> tiff_files = TiffFilesIn(path);
+  if (!tiff_files.empty()) {
+    return FoundVolume{.kind = SourceKind::kTiff, .files = std::move(tiff_files)};
+  }
+  std::vector<std::string> dicom_files = DicomFilesIn(path);
+  if (dicom_files.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": a folder with neither TIFF files (.tif .tiff) nor a DICOM series in it"));
+  }
+  return FoundVolume{.kind = SourceKind::kDicom, .files = std::move(dicom_files)};
+}
+
+absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
+  const auto* suffix = std::find_if(kSuffixes.begin(), kSuffixes.end(), [&](const Suffix& known) {
+    return absl::EndsWithIgnoreCase(path, known.text);
+  });
+  if (suffix == kSuffixes.end()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
+        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (.vti), HDF5 (file.h5:/dataset), DICOM (a "
+        "series' folder or a file of it) and TIFF (a folder, a pattern in quotation marks, or a "
+        "file of many pages); anything else is read as raw samples with --dims X,Y,Z "
+        "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
+  }
+  std::string header_path = path;
+  if (suffix->format == FileFormat::kNifti) {
+    header_path = NiftiHeaderPath(path);
+    if (!io::PathExists(header_path)) {
+      return absl::NotFoundError(
+          absl::StrFormat("%s: its NIfTI header %s does not exist; to read it as raw samples give "
+                          "--dims and --type",
+                          path, header_path));
+    }
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(suffix->format, header_path));
+  std::vector<std::string> files{header_path};
+  if (location.path != header_path) {
+    files.push_back(location.path);
+  }
+  return FoundVolume{
+      .files = std::move(files), .format = suffix->format, .location = std::move(location)};
+}
+
+absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
+  Hdf5Path hdf5;
+  if (!io::PathExists(path) && IsTiffName(path) && path.find_first_of("*?") != path.npos) {
+    return FoundVolume{.kind = SourceKind::kTiff, .files = FilesLike(path)};
+  }
+  if (SplitHdf5Path(path, &hdf5)) {
+    return FoundVolume{.kind = SourceKind::kHdf5, .files = {hdf5.file}};
+  }
+  if (io::IsDirectory(path)) {
+    return FindInFolder(path);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
+  if (IsTiffName(path)) {
+    return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
+  }
+  if (absl::EndsWithIgnoreCase(path, ".vti")) {
+    return FoundVolume{.kind = SourceKind::kVti, .files = {path}};
+  }
+  if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
+    return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
+  }
+  return FindSampleFile(path);
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+  switch (found.kind) {
+    case SourceKind::kTiff:
+      return OpenTiffStack(found.files, path);
+    case SourceKind::kHdf5:
+      return OpenHdf5Dataset(path);
+    case SourceKind::kDicom:
+      return OpenDicomSeries(path);
+    case SourceKind::kVti:
+      return OpenVtiFile(path);
+    case SourceKind::kSampleFile:
+      break;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const ImageHeader header,
+                            ReadImageHeader(found.format, found.files.front()));
+  if (found.format != FileFormat::kNifti) {
+    found.location.stored_type = header.type;
+  }
+  return MakeFileSource(header.geometry, found.location, path);
+}
+
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(FoundVolume found, FindVolume(path));
+  if (found.kind == SourceKind::kHdf5) {
+    return FilesOfHdf5Dataset(path);
+  }
+  return std::move(found.files);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,
+                                                          const RawFormat& format) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
+  if (format.header_bytes < 0) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: --header-bytes %d: expected 0 or more", path, format.header_bytes));
+  }
+  const volume::GridGeometry geometry{.sample_dims = format.dims,
+                                      .spacing = format.spacing,
+                                      .origin = format.origin,
+                                      .direction = {}};
+  return MakeFileSource(geometry,
+                        {.path = path,
+                         .offset = format.header_bytes,
+                         .is_big_endian = format.is_big_endian,
+                         .stored_type = format.type},
+                        path);
+}
+
+}  // namespace isoscope::source

@@ -1,0 +1,78 @@
+// A source volume, read in z-slabs.
+
+#ifndef ISOSCOPE_CORE_SOURCE_VOLUME_SOURCE_H_
+#define ISOSCOPE_CORE_SOURCE_VOLUME_SOURCE_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/volume/grid_geometry.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::source {
+
+// Thread-compatible.
+class VolumeSource {
+ public:
+  virtual ~VolumeSource() = default;
+
+  [[nodiscard]] virtual const volume::GridGeometry& geometry() const = 0;
+  [[nodiscard]] virtual volume::ScalarType scalar_type() const = 0;
+  // Path or name, for messages.
+  [[nodiscard]] virtual const std::string& name() const = 0;
+
+  // Reads rows [begin_row, end_row), row = z * ny + y, as [row][x], x fastest, little-endian, into
+  // `out`, which holds (end_row - begin_row) * nx * SizeOf(type) bytes. Runs of rows may overlap;
+  // they are asked for in ascending order of begin_row within a pass, unless is_seekable(); a pass
+  // may start over at 0. Memory beside `out`: memory_bytes(), however many rows.
+  // INVALID_ARGUMENT if the file ends early (names bytes expected and found), DATA_LOSS if it is
+  // damaged or can't be decoded.
+  // REQUIRES: 0 <= begin_row < end_row <= ny * nz.
+  virtual absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) = 0;
+
+  // True if rows in any order cost no more than in ascending order.
+  [[nodiscard]] virtual bool is_seekable() const { return true; }
+  // What it holds while it is read, for the memory limit.
+  [[nodiscard]] virtual std::int64_t memory_bytes() const { return 0; }
+
+  // Reads planes [begin_z, end_z).
+  absl::Status ReadSlab(std::int64_t begin_z, std::int64_t end_z, char* out) {
+    const std::int64_t rows = geometry().sample_dims.y;
+    return ReadRows(begin_z * rows, end_z * rows, out);
+  }
+};
+
+// What the command line says about a raw file; ignored for formats that carry it themselves, except
+// that a flag given for those is an error (the caller checks is_raw).
+struct RawFormat {
+  math::Index3 dims;
+  volume::ScalarType type = volume::ScalarType::kUint8;
+  bool is_big_endian = false;
+  std::int64_t header_bytes = 0;
+  math::Vec3d spacing{1, 1, 1};
+  math::Vec3d origin;
+};
+
+// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), VTK ImageData
+// (.vti), a dataset of an HDF5 file ("file.h5:/dataset"), a DICOM series (its folder or a file of
+// it), a TIFF stack (a folder, a pattern with '*' or '?', a file of many pages).
+// NOT_FOUND, INVALID_ARGUMENT (unknown format: lists those known, and says how to read it as raw;
+// not three-dimensional; more than one component), DATA_LOSS.
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);
+// The files that such a volume is read from: as long as none of them changes and none is added, it
+// stays as it is. Of a DICOM series that is all DICOM files of its folder, whatever their series.
+// Reads names and headers only. Errors as OpenVolumeFile where these show them; files that are
+// named but missing are left to the caller.
+absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path);
+// Opens a raw file. INVALID_ARGUMENT if it is smaller than the flags promise (names both sizes).
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& path,
+                                                          const RawFormat& format);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_VOLUME_SOURCE_H_

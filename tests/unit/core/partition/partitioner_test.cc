@@ -1,0 +1,738 @@
+#include "core/partition/partitioner.h"
+
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <sys/resource.h>
+
+#include "core/base/coding.h"
+#include "core/index/interval_tree.h"
+#include "core/io/file.h"
+#include "core/store/block_codec.h"
+#include "core/store/shard_format.h"
+#include "core/store/shard_reader.h"
+#include "tests/support/memory_source.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+
+namespace isoscope::partition {
+namespace {
+
+using ::isoscope::testing::Noise;
+using ::isoscope::testing::ReadFile;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::TempDir;
+using ::testing::_;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using volume::ScalarType;
+
+struct Volume {
+  math::Index3 dims;
+  ScalarType type;
+  std::string samples;
+};
+
+volume::GridGeometry GeometryOf(const Volume& v) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = v.dims;
+  geometry.spacing = {0.5, 1, 2};
+  geometry.origin = {-1, -2, -3};
+  return geometry;
+}
+
+std::unique_ptr<source::VolumeSource> SourceOf(const Volume& v) {
+  return testing::MakeMemorySource(GeometryOf(v), v.type, v.samples, "/data/noise.raw");
+}
+
+double SampleAt(const Volume& v, const math::Index3& at) {
+  return volume::VisitScalarType(v.type, [&]<typename T>() {
+    const auto i = static_cast<std::size_t>((at.z * v.dims.y + at.y) * v.dims.x + at.x);
+    return static_cast<double>(base::LoadLittleEndian<T>(v.samples.data() + i * sizeof(T)));
+  });
+}
+
+volume::ScalarSpan BruteForceSpan(const Volume& v, const math::IndexBox& box) {
+  volume::ScalarSpan span;
+  for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+    for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
+      for (std::int64_t x = box.begin.x; x < box.end.x; ++x) {
+        const double value = SampleAt(v, {x, y, z});
+        if (!std::isnan(value)) {
+          span.min = std::min(span.min, value);
+          span.max = std::max(span.max, value);
+        }
+      }
+    }
+  }
+  return span;
+}
+
+// The stored samples of a block, cut out of the whole volume.
+std::string ExpectedBlock(const Volume& v, const math::IndexBox& box) {
+  const std::size_t size = volume::SizeOf(v.type);
+  std::string bytes;
+  for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+    for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
+      const auto first = static_cast<std::size_t>((z * v.dims.y + y) * v.dims.x + box.begin.x);
+      bytes.append(v.samples, first * size,
+                   static_cast<std::size_t>(box.end.x - box.begin.x) * size);
+    }
+  }
+  return bytes;
+}
+
+// Opens every shard, compares every block, span and interval tree with brute force.
+void ExpectDatasetMatches(const std::string& directory, const Volume& v,
+                          const PartitionOptions& options) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto dataset, store::OpenDataset(directory));
+  const store::Manifest& manifest = dataset.manifest;
+  EXPECT_EQ(manifest.geometry, GeometryOf(v));
+  EXPECT_EQ(manifest.scalar_type, v.type);
+  EXPECT_EQ(manifest.block_cells, options.block_cells.value_or(volume::DefaultBlockCells(v.dims)));
+  EXPECT_EQ(manifest.source, "noise.raw");
+  EXPECT_EQ(manifest.value_range, BruteForceSpan(v, {{0, 0, 0}, v.dims}));
+  ASSERT_EQ(manifest.shards.size(), static_cast<std::size_t>(options.shard_count));
+  std::set<volume::BlockId> seen;
+  for (int shard = 0; shard < options.shard_count; ++shard) {
+    const std::string shard_directory =
+        absl::StrCat(directory, "/", store::ShardDirectoryName(shard, options.shard_count));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, store::ShardReader::Open(shard_directory));
+    EXPECT_EQ(reader->shard_index(), shard);
+    EXPECT_EQ(reader->manifest(), manifest);
+    EXPECT_GT(reader->block_count(), 0);
+    EXPECT_EQ(reader->ranges().bytes(), dataset.ranges.bytes());
+    const volume::BlockLayout& layout = reader->layout();
+    std::vector<std::uint32_t> ordinals(static_cast<std::size_t>(reader->block_count()));
+    for (std::size_t i = 0; i < ordinals.size(); ++i) {
+      ordinals[i] = static_cast<std::uint32_t>(i);
+    }
+    std::string buffer;
+    std::vector<volume::BlockId> id_of_ordinal;
+    for (const auto& run : reader->PlanRuns(ordinals)) {
+      buffer.resize(static_cast<std::size_t>(run.size));
+      ISOSCOPE_ASSERT_OK(
+          reader->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
+            EXPECT_TRUE(seen.insert(block.block_id).second) << "twice: " << block.block_id;
+            id_of_ordinal.push_back(block.block_id);
+            const std::string expected = ExpectedBlock(v, layout.StoredSamplesOf(block.block_id));
+            EXPECT_TRUE(absl::string_view(block.bytes, expected.size()) == expected)
+                << "block " << block.block_id;
+            EXPECT_EQ(reader->ranges().Get(block.block_id),
+                      BruteForceSpan(v, layout.OwnSamplesOf(block.block_id)))
+                << "block " << block.block_id;
+            return absl::OkStatus();
+          }));
+    }
+    ASSERT_EQ(id_of_ordinal.size(), ordinals.size());
+
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        auto file,
+        io::OpenRandomAccessFile(absl::StrCat(shard_directory, "/", store::kIntervalTreeFileName)));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto tree,
+                                  index::IntervalTree::Open(std::move(file), 64 * base::kKiB));
+    for (const double part : {0.0, 0.01, 0.5, 0.9, 1.0}) {
+      const double isovalue =
+          manifest.value_range.min + part * (manifest.value_range.max - manifest.value_range.min);
+      if (!std::isfinite(isovalue)) {
+        continue;
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto result, tree->Query(isovalue));
+      std::vector<std::uint32_t> found;
+      for (const index::BlockInterval& interval : result.active) {
+        found.push_back(interval.ordinal);
+        EXPECT_EQ(interval.block_id, id_of_ordinal.at(interval.ordinal));
+      }
+      std::vector<std::uint32_t> expected;
+      for (const std::uint32_t ordinal : ordinals) {
+        if (volume::IsActive(reader->ranges().Get(id_of_ordinal[ordinal]), isovalue)) {
+          expected.push_back(ordinal);
+        }
+      }
+      EXPECT_EQ(found, expected) << isovalue;
+    }
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout,
+                                volume::BlockLayout::Make(v.dims, manifest.block_cells));
+  EXPECT_EQ(static_cast<std::int64_t>(seen.size()), layout.block_count());
+}
+
+// Relative path -> content of every file below.
+std::map<std::string, std::string> FilesBelow(const std::string& directory) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(directory)) {
+    if (entry.is_regular_file()) {
+      files[std::filesystem::relative(entry.path(), directory).string()] =
+          ReadFile(entry.path().string());
+    }
+  }
+  return files;
+}
+
+std::vector<std::string> EntriesOf(const std::string& directory) {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(directory)) {
+    names.push_back(entry.path().filename().string());
+  }
+  return names;
+}
+
+// Fails, cancels or counts at the n-th read; checks the order if it says that it can't seek.
+class ScriptedSource final : public source::VolumeSource {
+ public:
+  ScriptedSource(std::unique_ptr<source::VolumeSource> source,
+                 std::function<absl::Status(int)> before_read, bool is_seekable = true)
+      : source_(std::move(source)),
+        before_read_(std::move(before_read)),
+        is_seekable_(is_seekable) {}
+  [[nodiscard]] const volume::GridGeometry& geometry() const override {
+    return source_->geometry();
+  }
+  [[nodiscard]] ScalarType scalar_type() const override { return source_->scalar_type(); }
+  [[nodiscard]] const std::string& name() const override { return source_->name(); }
+  [[nodiscard]] bool is_seekable() const override { return is_seekable_; }
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const absl::Status status = before_read_(read_count_++);
+    rows_read_ += end_row - begin_row;
+    if (!is_seekable_) {
+      EXPECT_TRUE(begin_row == next_row_ || begin_row == 0) << begin_row << " " << next_row_;
+      next_row_ = end_row;
+    }
+    return status.ok() ? source_->ReadRows(begin_row, end_row, out) : status;
+  }
+  [[nodiscard]] int read_count() const { return read_count_; }
+  [[nodiscard]] std::int64_t planes_read() const {
+    return rows_read_ / source_->geometry().sample_dims.y;
+  }
+
+ private:
+  std::unique_ptr<source::VolumeSource> source_;
+  std::function<absl::Status(int)> before_read_;
+  const bool is_seekable_;
+  int read_count_ = 0;
+  std::int64_t rows_read_ = 0;
+  std::int64_t next_row_ = 0;
+};
+
+absl::Status Proceed(int /*read*/) { return absl::OkStatus(); }
+
+class PartitionerTest : public ::testing::Test {
+ protected:
+  PartitionOptions Options(const std::string& name) const {
+    PartitionOptions options;
+    options.output_directory = dir_.Sub(name);
+    return options;
+  }
+  absl::Status Run(const Volume& v, const PartitionOptions& options) {
+    const auto source = SourceOf(v);
+    return Partition(*source, options, never_).status();
+  }
+  // The least limit that is accepted, as the message says it: bands of one row of blocks.
+  std::int64_t LeastLimit(source::VolumeSource& source, PartitionOptions options) {
+    options.memory_limit_bytes = 1;
+    const std::string message(Partition(source, options, never_).status().message());
+    const std::size_t at = message.find("needs ");
+    EXPECT_NE(at, std::string::npos) << message;
+    return at == std::string::npos ? 0 : std::stoll(message.substr(at + 6));
+  }
+  TempDir dir_;
+  base::Cancellation never_;
+};
+
+TEST_F(PartitionerTest, EveryBlockOfEveryTypeComesBackFromARawFile) {
+  const math::Index3 dims{23, 18, 21};
+  for (const ScalarType type :
+       {ScalarType::kUint8, ScalarType::kInt8, ScalarType::kUint16, ScalarType::kInt16,
+        ScalarType::kUint32, ScalarType::kInt32, ScalarType::kFloat32, ScalarType::kFloat64}) {
+    const std::string name(volume::NameOf(type));
+    SCOPED_TRACE(name);
+    const Volume v{dims, type, Noise(dims, type)};
+    testing::WriteFile(dir_.Sub("noise.raw"), v.samples);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto source,
+        source::OpenRawFile(
+            dir_.Sub("noise.raw"),
+            {.dims = dims, .type = type, .spacing = {0.5, 1, 2}, .origin = {-1, -2, -3}}));
+    PartitionOptions options = Options(name);
+    options.shard_count = 3;
+    options.block_cells = {8, 8, 8};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto manifest, Partition(*source, options, never_));
+    EXPECT_EQ(manifest.name, name);
+    ExpectDatasetMatches(options.output_directory, v, options);
+  }
+}
+
+TEST_F(PartitionerTest, EveryBlockSizeAndDistributionComesBack) {
+  const math::Index3 dims{37, 21, 34};
+  const Volume v{dims, ScalarType::kInt16, Noise(dims, ScalarType::kInt16)};
+  int number = 0;
+  for (const math::Index3& cells :
+       {math::Index3{4, 4, 4}, math::Index3{8, 8, 8}, math::Index3{16, 16, 16},
+        math::Index3{32, 32, 32}, math::Index3{5, 32, 3}, math::Index3{36, 20, 1}}) {
+    for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+      PartitionOptions options = Options(absl::StrCat("d", number++));
+      SCOPED_TRACE(options.output_directory);
+      options.shard_count = 2;
+      options.block_cells = cells;
+      options.distribution = distribution;
+      ISOSCOPE_ASSERT_OK(Run(v, options));
+      ExpectDatasetMatches(options.output_directory, v, options);
+    }
+  }
+}
+
+TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
+  const math::Index3 dims{37, 21, 34};
+  const Volume smooth{
+      dims, ScalarType::kInt16,
+      testing::SampleField(testing::GyroidField(2), dims, ScalarType::kInt16, 1000, 0)};
+  const Volume noise{dims, ScalarType::kInt16, Noise(dims, ScalarType::kInt16)};
+  for (const Volume* v : {&smooth, &noise}) {
+    std::map<std::string, std::size_t> size_of_blocks;
+    std::map<std::string, std::string> trees;
+    for (const char* compression : {"none", "lz4", "zstd"}) {
+      SCOPED_TRACE(compression);
+      PartitionOptions options = Options(absl::StrCat(compression, v == &smooth ? "-s" : "-n"));
+      options.shard_count = 2;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(options.compression, store::ParseBlockEncoding(compression));
+      ISOSCOPE_ASSERT_OK(Run(*v, options));
+      ExpectDatasetMatches(options.output_directory, *v, options);
+      for (const auto& [path, content] : FilesBelow(options.output_directory)) {
+        if (absl::EndsWith(path, store::kBlocksFileName)) {
+          size_of_blocks[compression] += content.size();
+        } else if (absl::EndsWith(path, store::kIntervalTreeFileName)) {
+          EXPECT_EQ(trees.emplace(path, content).first->second, content) << path;
+        }
+      }
+    }
+    if (v == &smooth) {
+      EXPECT_LT(size_of_blocks["lz4"], size_of_blocks["none"] * 9 / 10);
+      EXPECT_LT(size_of_blocks["zstd"], size_of_blocks["lz4"]);
+    } else {
+      EXPECT_LE(size_of_blocks["lz4"], size_of_blocks["none"]) << "what grows is stored as it is";
+      EXPECT_LE(size_of_blocks["zstd"], size_of_blocks["none"]);
+    }
+  }
+}
+
+TEST_F(PartitionerTest, SmallestVolumeIsOneBlock) {
+  const Volume v{{2, 2, 2}, ScalarType::kUint8, std::string("\x00\x01\x02\x03\x04\x05\x06\x07", 8)};
+  ISOSCOPE_ASSERT_OK(Run(v, Options("one")));
+  ExpectDatasetMatches(dir_.Sub("one"), v, Options("one"));
+}
+
+TEST_F(PartitionerTest, NanIsLeftOutOfSpansAndAllNanBlocksAreNeverActive) {
+  const math::Index3 dims{20, 12, 12};
+  Volume v{dims, ScalarType::kFloat32, Noise(dims, ScalarType::kFloat32)};
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  for (std::size_t i = 0; i < v.samples.size() / 4; ++i) {
+    if (i % 20 > 9 || i % 7 == 0) {
+      base::StoreLittleEndian(nan, v.samples.data() + 4 * i);
+    }
+  }
+  for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+    PartitionOptions options =
+        Options(absl::StrCat("nan-", std::string(store::NameOf(distribution))));
+    options.shard_count = 2;
+    options.block_cells = {4, 4, 4};
+    options.distribution = distribution;
+    ISOSCOPE_ASSERT_OK(Run(v, options));
+    ExpectDatasetMatches(options.output_directory, v, options);
+  }
+  for (std::size_t i = 0; i < v.samples.size() / 4; ++i) {
+    base::StoreLittleEndian(nan, v.samples.data() + 4 * i);
+  }
+  ISOSCOPE_ASSERT_OK(Run(v, Options("all-nan")));
+  ExpectDatasetMatches(dir_.Sub("all-nan"), v, Options("all-nan"));
+}
+
+TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfReading) {
+  // From bands of one row of blocks, by layers, to 4 layers a portion; 8 layers and 12 rows in all.
+  const math::Index3 dims{96, 91, 60};
+  const Volume v{dims, ScalarType::kFloat32,
+                 testing::SampleField(testing::GyroidField(3), dims, ScalarType::kFloat32, 1, 0)};
+  for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+    std::map<std::string, std::string> first;
+    PartitionOptions options = Options("same");
+    options.shard_count = 3;
+    options.distribution = distribution;
+    for (const bool is_seekable : {true, false}) {
+      ScriptedSource probe(SourceOf(v), Proceed, is_seekable);
+      const std::int64_t least = LeastLimit(probe, options);
+      for (const std::int64_t more : {0, 60000, 300000, 1 << 30}) {
+        SCOPED_TRACE(absl::StrCat("seekable ", is_seekable, " limit ", least + more));
+        options.memory_limit_bytes = least + more;
+        ScriptedSource source(SourceOf(v), Proceed, is_seekable);
+        ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
+        if (!is_seekable) {  // bands come from the scratch file
+          EXPECT_EQ(source.planes_read(), distribution == store::Distribution::kGreedy ? 120 : 60);
+        }
+        const auto files = FilesBelow(options.output_directory);
+        EXPECT_EQ(files.size(), 3u * 6u + 2u);
+        if (first.empty()) {
+          ExpectDatasetMatches(options.output_directory, v, options);
+          first = files;
+        }
+        EXPECT_TRUE(files == first);
+        std::filesystem::remove_all(options.output_directory);
+      }
+    }
+  }
+}
+
+TEST_F(PartitionerTest, DatasetIdDependsOnContentAndParametersNotOnTheName) {
+  const math::Index3 dims{17, 17, 17};
+  Volume v{dims, ScalarType::kUint8, Noise(dims, ScalarType::kUint8)};
+  const auto id_of = [&](const PartitionOptions& options) {
+    const auto source = SourceOf(v);
+    const auto manifest = Partition(*source, options, never_);
+    EXPECT_THAT(manifest.status(), testing::IsOk());
+    return manifest.ok() ? manifest->dataset_id : "";
+  };
+  PartitionOptions options = Options("a");
+  options.block_cells = {4, 4, 4};
+  options.shard_count = 2;
+  const std::string id = id_of(options);
+  EXPECT_EQ(id.size(), 32u);
+  options.output_directory = dir_.Sub("b");
+  EXPECT_EQ(id_of(options), id);
+  options.output_directory = dir_.Sub("c");
+  options.seed = 2;
+  EXPECT_NE(id_of(options), id);
+  options.seed = 1;
+  v.samples[100] = static_cast<char>(v.samples[100] ^ 1);
+  options.output_directory = dir_.Sub("d");
+  EXPECT_NE(id_of(options), id);
+}
+
+TEST_F(PartitionerTest, BadOptionsSayWhatIsAllowed) {
+  const math::Index3 dims{17, 17, 33};
+  const Volume v{dims, ScalarType::kUint16, Noise(dims, ScalarType::kUint16)};
+  const auto expect = [&](auto change, absl::StatusCode code, const char* what) {
+    PartitionOptions options = Options("bad");
+    change(&options);
+    EXPECT_THAT(Run(v, options), StatusIs(code, HasSubstr(what)));
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << what;
+  };
+  constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+  expect([](auto* o) { o->shard_count = 0; }, kInvalid, "expected 1 to 16");
+  expect([](auto* o) { o->shard_count = -5; }, kInvalid, "-5 shards");
+  expect([](auto* o) { o->shard_count = 17; }, kInvalid, "17 shards for 16 blocks");
+  expect([](auto* o) { o->block_cells = {0, 8, 8}; }, kInvalid, "0 x 8 x 8");
+  expect([](auto* o) { o->block_cells = {8, 8, 129}; }, kInvalid, "1 to 128");
+  expect([](auto* o) { o->memory_limit_bytes = 1000; }, kInvalid, "raise --memory-limit");
+  expect([](auto* o) { o->memory_limit_bytes = -1; }, kInvalid, "-1 bytes");
+  expect([](auto* o) { o->output_directory = ""; }, kInvalid, "letters");
+  expect([](auto* o) { o->output_directory = "/"; }, kInvalid, "letters");
+  expect([](auto* o) { o->output_directory += "/.."; }, kInvalid, "\"..\"");
+  expect([](auto* o) { o->output_directory += " x"; }, kInvalid, "bad x");
+  expect([](auto* o) { o->output_directory += std::string(300, 'x'); }, kInvalid, "1 to 200");
+  expect([](auto* o) { o->output_directory += "/deeper/still"; }, absl::StatusCode::kNotFound,
+         "mkdir -p");
+  PartitionOptions options = Options("there");
+  std::filesystem::create_directory(options.output_directory);
+  EXPECT_THAT(Run(v, options), StatusIs(absl::StatusCode::kAlreadyExists, HasSubstr("there")));
+  EXPECT_THAT(EntriesOf(dir_.path()), ::testing::ElementsAre("there"));
+}
+
+TEST_F(PartitionerTest, MemoryLimitThatTheMessageAsksForIsEnough) {
+  const math::Index3 dims{100, 100, 60};
+  const Volume v{dims, ScalarType::kFloat64, Noise(dims, ScalarType::kFloat64)};
+  PartitionOptions options = Options("tight");
+  options.memory_limit_bytes = base::kMiB;
+  const absl::Status status = Run(v, options);
+  ASSERT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("needs ")));
+  const std::string message(status.message());
+  options.memory_limit_bytes = std::stoll(message.substr(message.find("needs ") + 6));
+  ISOSCOPE_ASSERT_OK(Run(v, options));
+  ExpectDatasetMatches(options.output_directory, v, options);
+  options.output_directory = dir_.Sub("tighter");
+  --options.memory_limit_bytes;
+  EXPECT_THAT(Run(v, options), StatusIs(absl::StatusCode::kInvalidArgument, _));
+}
+
+TEST_F(PartitionerTest, TrailingSlashAndRelativeOutputWork) {
+  const Volume v{{3, 3, 3}, ScalarType::kUint8, Noise({3, 3, 3}, ScalarType::kUint8)};
+  PartitionOptions options = Options("slash//");
+  ISOSCOPE_ASSERT_OK(Run(v, options));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto dataset, store::OpenDataset(dir_.Sub("slash")));
+  EXPECT_EQ(dataset.manifest.name, "slash");
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::current_path(dir_.path());
+  options.output_directory = "relative";
+  const absl::Status status = Run(v, options);
+  std::filesystem::current_path(before);
+  ISOSCOPE_ASSERT_OK(status);
+  EXPECT_TRUE(store::IsDatasetDirectory(dir_.Sub("relative")));
+}
+
+// 8 layers of blocks.
+Volume LayeredVolume() {
+  const math::Index3 dims{64, 64, 65};
+  return {dims, ScalarType::kUint8, Noise(dims, ScalarType::kUint8)};
+}
+
+TEST_F(PartitionerTest, EveryPlaneIsReadOnceAPass) {
+  for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+    ScriptedSource source(SourceOf(LayeredVolume()), Proceed);
+    PartitionOptions options = Options(std::string(store::NameOf(distribution)));
+    options.shard_count = 2;
+    options.distribution = distribution;
+    std::vector<std::string> phases;
+    PartitionProgress last;
+    options.progress = [&](const PartitionProgress& progress) {
+      if (phases.empty() || phases.back() != progress.phase) {
+        phases.emplace_back(progress.phase);
+      }
+      EXPECT_GE(progress.done_bytes, last.done_bytes);
+      last = progress;
+    };
+    ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
+    const bool is_greedy = distribution == store::Distribution::kGreedy;
+    EXPECT_EQ(source.planes_read(), is_greedy ? 130 : 65);
+    EXPECT_EQ(last.total_bytes, source.planes_read() * 64 * 64);
+    EXPECT_EQ(last.done_bytes, last.total_bytes);
+    EXPECT_EQ(phases.front(), is_greedy ? "reading ranges" : "writing blocks");
+    EXPECT_EQ(phases.back(), "building index");
+  }
+}
+
+PartitionOptions TwoShards(PartitionOptions options) {
+  options.shard_count = 2;
+  return options;
+}
+
+// Ways through the partitioner, and reads in the run to interrupt it at.
+struct Interruption {
+  PartitionOptions options;
+  bool is_seekable;
+  int at_read;
+};
+
+class InterruptionTest : public PartitionerTest {
+ protected:
+  std::vector<Interruption> Interruptions() {
+    std::vector<Interruption> interruptions;
+    for (const auto distribution : {store::Distribution::kRandom, store::Distribution::kGreedy}) {
+      for (const bool is_seekable : {true, false}) {
+        for (const std::int64_t more : {0, 1 << 30}) {
+          PartitionOptions options = Options("interrupted");
+          options.shard_count = 2;
+          options.distribution = distribution;
+          ScriptedSource source(SourceOf(LayeredVolume()), Proceed, is_seekable);
+          options.memory_limit_bytes = LeastLimit(source, options) + more;
+          EXPECT_THAT(Partition(source, options, never_).status(), testing::IsOk());
+          std::filesystem::remove_all(options.output_directory);
+          const int reads = source.read_count();
+          for (int part = 0; part <= 4; ++part) {
+            interruptions.push_back({options, is_seekable, (reads - 1) * part / 4});
+          }
+        }
+      }
+    }
+    return interruptions;
+  }
+};
+
+TEST_F(InterruptionTest, CancellationAtAnyReadLeavesNothing) {
+  for (const Interruption& interruption : Interruptions()) {
+    base::Cancellation cancellation;
+    ScriptedSource source(
+        SourceOf(LayeredVolume()),
+        [&](int read) {
+          if (read == interruption.at_read) {
+            cancellation.Cancel();
+          }
+          return absl::OkStatus();
+        },
+        interruption.is_seekable);
+    EXPECT_THAT(Partition(source, interruption.options, cancellation).status(),
+                StatusIs(absl::StatusCode::kCancelled, _));
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << interruption.at_read;
+  }
+}
+
+TEST_F(InterruptionTest, SourceErrorAtAnyReadIsReturnedAndLeavesNothing) {
+  for (const Interruption& interruption : Interruptions()) {
+    ScriptedSource source(
+        SourceOf(LayeredVolume()),
+        [&](int read) {
+          return read == interruption.at_read ? absl::DataLossError("source broke")
+                                              : absl::OkStatus();
+        },
+        interruption.is_seekable);
+    EXPECT_THAT(Partition(source, interruption.options, never_).status(),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("source broke")));
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << interruption.at_read;
+  }
+}
+
+TEST_F(PartitionerTest, WriteThatFailsLeavesNothing) {
+  // A file size limit stands in for a full disk: writes beyond it fail.
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
+  for (const rlim_t limit : {rlim_t{1}, rlim_t{20000}, rlim_t{300000}}) {
+    rlimit small = before;
+    small.rlim_cur = limit;
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const absl::Status status = Run(LayeredVolume(), TwoShards(Options("full")));
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    EXPECT_FALSE(status.ok()) << limit;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("full.partial-")) << limit;
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << limit;
+  }
+  std::signal(SIGXFSZ, old_handler);
+}
+
+// 59319 blocks of one cell: more than the sorters of a small limit hold.
+Volume VolumeOfManyBlocks() {
+  const math::Index3 dims{40, 40, 40};
+  return {dims, ScalarType::kUint8, Noise(dims, ScalarType::kUint8)};
+}
+
+TEST_F(PartitionerTest, BlocksBeyondTheLimitAreSortedOnDiskIntoTheSameBytes) {
+  const Volume v = VolumeOfManyBlocks();
+  PartitionOptions options = Options("many");
+  options.block_cells = {1, 1, 1};
+  for (const int shard_count : {1, 5}) {
+    options.shard_count = shard_count;
+    options.memory_limit_bytes = base::kGiB;
+    ISOSCOPE_ASSERT_OK(Run(v, options));
+    const auto expected = FilesBelow(options.output_directory);
+    std::filesystem::remove_all(options.output_directory);
+    options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
+    EXPECT_LT(options.memory_limit_bytes, 59319 * 150);
+    ISOSCOPE_ASSERT_OK(Run(v, options));
+    EXPECT_TRUE(FilesBelow(options.output_directory) == expected);
+    std::filesystem::remove_all(options.output_directory);
+  }
+}
+
+TEST_F(PartitionerTest, DiskThatIsFullWhileSortingLeavesNothing) {
+  const Volume v = VolumeOfManyBlocks();
+  PartitionOptions options = TwoShards(Options("full"));
+  options.block_cells = {1, 1, 1};
+  options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
+  // The first run of the blocks' places (24 bytes each), the third, and the samples or what is kept
+  // of each block do not fit.
+  for (const rlim_t limit : {rlim_t{100000}, rlim_t{1200000}, rlim_t{1500000}}) {
+    rlimit small = before;
+    small.rlim_cur = limit;
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const absl::Status status = Run(v, options);
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("full.partial-")))
+        << limit;
+    EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty()) << limit;
+  }
+  std::signal(SIGXFSZ, old_handler);
+}
+
+TEST_F(PartitionerTest, CancellationWhileIndexesAreBuiltLeavesNothing) {
+  const Volume v = VolumeOfManyBlocks();
+  PartitionOptions options = TwoShards(Options("cancelled"));
+  options.block_cells = {1, 1, 1};
+  base::Cancellation cancellation;
+  options.progress = [&](const PartitionProgress& progress) {
+    if (progress.phase == std::string("building index")) {
+      cancellation.Cancel();
+    }
+  };
+  EXPECT_THAT(Partition(*SourceOf(v), options, cancellation).status(),
+              StatusIs(absl::StatusCode::kCancelled, _));
+  EXPECT_THAT(EntriesOf(dir_.path()), ::testing::IsEmpty());
+}
+
+TEST_F(PartitionerTest, LeftoverOfAKilledRunDoesNotStopTheNextAndIsNoDataset) {
+  const Volume v = LayeredVolume();
+  PartitionOptions options = TwoShards(Options("set"));
+  const std::string partial = absl::StrCat(options.output_directory, ".partial-", getpid());
+  // The state in the middle of a run, copied while the run is in its last read.
+  options.memory_limit_bytes = LeastLimit(*SourceOf(v), options);
+  ScriptedSource counted(SourceOf(v), Proceed);
+  ISOSCOPE_ASSERT_OK(Partition(counted, options, never_).status());
+  std::filesystem::remove_all(options.output_directory);
+  ScriptedSource source(SourceOf(v), [&](int read) {
+    if (read == counted.read_count() - 1) {
+      std::filesystem::copy(partial, dir_.Sub("leftover"),
+                            std::filesystem::copy_options::recursive);
+    }
+    return absl::OkStatus();
+  });
+  ISOSCOPE_ASSERT_OK(Partition(source, options, never_).status());
+  std::filesystem::remove_all(options.output_directory);
+  std::filesystem::rename(dir_.Sub("leftover"), partial);
+  EXPECT_FALSE(store::IsDatasetDirectory(partial));
+  EXPECT_FALSE(store::OpenDataset(partial).ok());
+  for (int shard = 0; shard < 2; ++shard) {
+    EXPECT_FALSE(
+        store::ShardReader::Open(absl::StrCat(partial, "/", store::ShardDirectoryName(shard, 2)))
+            .ok());
+  }
+  ISOSCOPE_ASSERT_OK(Run(v, options));
+  ExpectDatasetMatches(options.output_directory, v, options);
+  EXPECT_THAT(EntriesOf(dir_.path()), ::testing::ElementsAre("set"));
+}
+
+TEST_F(PartitionerTest, ShardCanBeCopiedAndOpenedAlone) {
+  const Volume v = LayeredVolume();
+  ISOSCOPE_ASSERT_OK(Run(v, TwoShards(Options("set"))));
+  std::filesystem::rename(dir_.Sub("set") + "/" + store::ShardDirectoryName(1, 2),
+                          dir_.Sub("elsewhere"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, store::ShardReader::Open(dir_.Sub("elsewhere")));
+  EXPECT_EQ(reader->shard_index(), 1);
+  EXPECT_EQ(reader->manifest().name, "set");
+}
+
+std::string DataDirectory() {
+  const char* from_environment = std::getenv("ISOSCOPE_DATA_DIR");
+  return from_environment != nullptr ? from_environment : ISOSCOPE_DEFAULT_DATA_DIR;
+}
+
+TEST_F(PartitionerTest, RealVolumesMatchWhatTheirReadMeSays) {
+  const struct {
+    const char* name;
+    math::Index3 dims;
+    ScalarType type;
+    volume::ScalarSpan values;
+  } volumes[] = {{"ironprot", {68, 68, 68}, ScalarType::kUint8, {0, 255}},
+                 {"headsq_quarter", {64, 64, 93}, ScalarType::kUint16, {0, 3926}},
+                 {"ct_pitch", {175, 248, 58}, ScalarType::kUint8, {0, 255}}};
+  for (const auto& real : volumes) {
+    const std::string path = absl::StrCat(DataDirectory(), "/", real.name, ".nrrd");
+    if (!io::PathExists(path)) {
+      GTEST_SKIP() << path << " is absent; set ISOSCOPE_DATA_DIR";
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, source::OpenVolumeFile(path));
+    EXPECT_EQ(source->geometry().sample_dims, real.dims);
+    EXPECT_EQ(source->scalar_type(), real.type);
+    PartitionOptions options = Options(real.name);
+    options.shard_count = 4;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto manifest, Partition(*source, options, never_));
+    EXPECT_EQ(manifest.value_range, real.values);
+    EXPECT_EQ(manifest.source, absl::StrCat(real.name, ".nrrd"));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::partition

@@ -1,0 +1,219 @@
+#include "core/source/tiff_source.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+#include "tiffio.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::isoscope::testing::Noise;
+using ::isoscope::testing::ReadAll;
+using ::isoscope::testing::ReadFile;
+using ::isoscope::testing::StatusIs;
+using ::isoscope::testing::TempDir;
+using ::isoscope::testing::WriteFile;
+using ::testing::_;
+using ::testing::HasSubstr;
+using volume::ScalarType;
+
+constexpr math::Index3 kDims{37, 21, 6};
+
+struct Page {
+  ScalarType type = ScalarType::kUint16;
+  std::uint16_t compression = COMPRESSION_NONE;
+  bool is_tiled = false;
+  std::uint16_t samples_per_pixel = 1;
+};
+
+// Adds a page of width x height to an open file.
+void AddPage(TIFF* tiff, const Page& page, std::uint32_t width, std::uint32_t height,
+             const char* samples) {
+  const bool is_float = page.type == ScalarType::kFloat32 || page.type == ScalarType::kFloat64;
+  const bool is_signed = page.type == ScalarType::kInt8 || page.type == ScalarType::kInt16 ||
+                         page.type == ScalarType::kInt32;
+  const std::size_t size = volume::SizeOf(page.type);
+  TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, width);
+  TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, height);
+  TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, static_cast<int>(8 * size));
+  TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, static_cast<int>(page.samples_per_pixel));
+  TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG);
+  TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC,
+               page.samples_per_pixel == 1 ? PHOTOMETRIC_MINISBLACK : PHOTOMETRIC_RGB);
+  TIFFSetField(tiff, TIFFTAG_COMPRESSION, static_cast<int>(page.compression));
+  TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT,
+               is_float    ? SAMPLEFORMAT_IEEEFP
+               : is_signed ? SAMPLEFORMAT_INT
+                           : SAMPLEFORMAT_UINT);
+  const std::size_t row_bytes = width * size * page.samples_per_pixel;
+  if (page.is_tiled) {
+    constexpr std::uint32_t kTile = 16;
+    TIFFSetField(tiff, TIFFTAG_TILEWIDTH, kTile);
+    TIFFSetField(tiff, TIFFTAG_TILELENGTH, kTile);
+    for (std::uint32_t y = 0; y < height; y += kTile) {
+      for (std::uint32_t x = 0; x < width; x += kTile) {
+        std::string tile(kTile * kTile * size, '\0');
+        for (std::uint32_t row = 0; row < std::min(kTile, height - y); ++row) {
+          std::copy_n(samples + (y + row) * row_bytes + x * size, std::min(kTile, width - x) * size,
+                      tile.data() + row * kTile * size);
+        }
+        ASSERT_GE(TIFFWriteTile(tiff, tile.data(), x, y, 0, 0), 0);
+      }
+    }
+  } else {
+    TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 5);
+    for (std::uint32_t y = 0; y < height; ++y) {
+      std::string row(samples + y * row_bytes, row_bytes);
+      ASSERT_GE(TIFFWriteScanline(tiff, row.data(), y, 0), 0);
+    }
+  }
+  ASSERT_NE(TIFFWriteDirectory(tiff), 0);
+}
+
+// A file of kDims.z pages. `mode`: "wl" little-endian, "wb" big-endian, "w8" BigTIFF.
+void WritePages(const std::string& path, const char* mode, const Page& page,
+                const std::string& samples) {
+  TIFF* const tiff = TIFFOpen(path.c_str(), mode);
+  ASSERT_NE(tiff, nullptr);
+  const std::size_t plane = samples.size() / static_cast<std::size_t>(kDims.z);
+  for (std::size_t z = 0; z < static_cast<std::size_t>(kDims.z); ++z) {
+    AddPage(tiff, page, 37, 21, samples.data() + z * plane);
+  }
+  TIFFClose(tiff);
+}
+
+void WriteSlice(const std::string& path, const Page& page, std::uint32_t width,
+                std::uint32_t height, const char* samples) {
+  TIFF* const tiff = TIFFOpen(path.c_str(), "w");
+  ASSERT_NE(tiff, nullptr);
+  AddPage(tiff, page, width, height, samples);
+  TIFFClose(tiff);
+}
+
+TEST(TiffSourceTest, PagesOfEveryTypeOrderCompressionAndShapeComeBackExactly) {
+  const TempDir dir;
+  const std::string path = dir.Sub("v.tif");
+  for (const ScalarType type :
+       {ScalarType::kUint8, ScalarType::kInt8, ScalarType::kUint16, ScalarType::kInt16,
+        ScalarType::kUint32, ScalarType::kInt32, ScalarType::kFloat32, ScalarType::kFloat64}) {
+    const std::string samples = Noise(kDims, type);
+    for (const char* mode : {"wl", "wb", "w8"}) {
+      for (const std::uint16_t compression :
+           {std::uint16_t{COMPRESSION_NONE}, std::uint16_t{COMPRESSION_LZW}}) {
+        for (const bool is_tiled : {false, true}) {
+          SCOPED_TRACE(
+              absl::StrCat(std::string(volume::NameOf(type)), mode, compression, is_tiled));
+          WritePages(path, mode, {.type = type, .compression = compression, .is_tiled = is_tiled},
+                     samples);
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+          EXPECT_EQ(source->geometry().sample_dims, kDims);
+          EXPECT_EQ(source->scalar_type(), type);
+          for (const std::int64_t planes : {1, 4}) {  // twice: back to the first page
+            ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, planes));
+            EXPECT_TRUE(read == samples);
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(TiffSourceTest, PartsOfSlicesAreCutOutOfThem) {
+  const TempDir dir;
+  const std::string samples = Noise(kDims, ScalarType::kUint16);
+  WritePages(dir.Sub("v.tiff"), "w", {}, samples);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir.Sub("v.tiff")));
+  EXPECT_FALSE(source->is_seekable());
+  for (std::int64_t begin = 0; begin + 50 < 21 * 6; begin += 5) {
+    std::string rows(50 * 74, '\0');
+    ISOSCOPE_ASSERT_OK(source->ReadRows(begin, begin + 50, rows.data()));
+    EXPECT_TRUE(rows == samples.substr(static_cast<std::size_t>(begin) * 74, 50 * 74));
+  }
+}
+
+TEST(TiffSourceTest, FolderAndPatternAreStackedByTheNumbersInTheirNames) {
+  const TempDir dir;
+  const std::string samples = Noise({37, 21, 12}, ScalarType::kUint8);
+  for (std::size_t z = 0; z < 12; ++z) {
+    WriteSlice(dir.Sub(absl::StrCat("slice", z, z % 2 == 0 ? ".tif" : ".TIFF")),
+               {.type = ScalarType::kUint8}, 37, 21, samples.data() + z * 37 * 21);
+  }
+  WriteFile(dir.Sub("notes.txt"), "no slice");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto folder, OpenVolumeFile(dir.path()));
+  EXPECT_EQ(folder->geometry().sample_dims, (math::Index3{37, 21, 12}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*folder, 5));
+  EXPECT_TRUE(read == samples);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pattern, OpenVolumeFile(dir.Sub("slice?.tif")));
+  EXPECT_EQ(pattern->geometry().sample_dims.z, 5);  // 0, 2, 4, 6, 8
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string second, ReadAll(*pattern, 5));
+  EXPECT_TRUE(second.substr(37 * 21, 37 * 21) == samples.substr(2 * 37 * 21, 37 * 21));
+}
+
+TEST(TiffSourceTest, MixedSlicesColourAndCutFilesAreRefused) {
+  const TempDir dir;
+  const std::string samples = Noise({64, 64, 3}, ScalarType::kFloat64);
+  constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+  WriteSlice(dir.Sub("a1.tif"), {}, 20, 20, samples.data());
+  WriteSlice(dir.Sub("a2.tif"), {}, 20, 21, samples.data());
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("a*.tif")).status(),
+              StatusIs(kInvalid, HasSubstr("20 x 21 samples of uint16, but")));
+  WriteSlice(dir.Sub("a2.tif"), {.type = ScalarType::kInt16}, 20, 20, samples.data());
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("a*.tif")).status(), StatusIs(kInvalid, HasSubstr("int16")));
+  WriteSlice(dir.Sub("c.tif"), {.type = ScalarType::kUint8, .samples_per_pixel = 3}, 20, 20,
+             samples.data());
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("c.tif")).status(), StatusIs(kInvalid, HasSubstr("colour")));
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("a1.tif")).status(), StatusIs(kInvalid, _));  // one slice
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("absent*.tif")).status(),
+              StatusIs(kInvalid, HasSubstr("no TIFF files")));
+  WriteFile(dir.Sub("text.tif"), "no TIFF");
+  EXPECT_THAT(OpenVolumeFile(dir.Sub("text.tif")).status(), StatusIs(kInvalid, HasSubstr("TIFF")));
+
+  WritePages(dir.Sub("v.tif"), "w", {.compression = COMPRESSION_LZW},
+             Noise(kDims, ScalarType::kUint16));
+  const std::string whole = ReadFile(dir.Sub("v.tif"));
+  for (std::size_t size = 0; size < whole.size(); size += 61) {
+    WriteFile(dir.Sub("cut.tif"), whole.substr(0, size));
+    const auto source = OpenVolumeFile(dir.Sub("cut.tif"));
+    if (source.ok()) {  // the pages that are whole look like a smaller stack
+      EXPECT_LT((*source)->geometry().sample_dims.z, kDims.z) << size;
+    }
+  }
+  for (std::size_t at = 0; at < whole.size(); at += 7) {
+    std::string flipped = whole;
+    flipped[at] = static_cast<char>(flipped[at] ^ 0x81);
+    WriteFile(dir.Sub("cut.tif"), flipped);
+    const auto source = OpenVolumeFile(dir.Sub("cut.tif"));
+    if (source.ok() &&
+        math::Volume((*source)->geometry().sample_dims) <= 10 * math::Volume(kDims)) {
+      ReadAll(**source, 1).status().IgnoreError();
+    }
+  }
+}
+
+TEST(NaturalLessTest, NumbersCountAsNumbersAndTheOrderIsStrict) {
+  const std::vector<std::string> sorted = {
+      "", "a", "a1", "a01", "a2", "a09", "a9b", "a10", "a99999999999999999999", "b"};
+  for (std::size_t i = 0; i < sorted.size(); ++i) {
+    for (std::size_t j = 0; j < sorted.size(); ++j) {
+      if (sorted[i] == "a1" || sorted[i] == "a01" || sorted[j] == "a1" || sorted[j] == "a01") {
+        continue;  // equal numbers: below
+      }
+      EXPECT_EQ(NaturalLess(sorted[i], sorted[j]), i < j) << sorted[i] << " " << sorted[j];
+    }
+  }
+  EXPECT_NE(NaturalLess("a1", "a01"), NaturalLess("a01", "a1"));
+}
+
+}  // namespace
+}  // namespace isoscope::source
