@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/mesh/block_mesh.h"
+#include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
@@ -20,15 +20,15 @@ namespace isoscope::agent {
 // Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of
 // a batch are read and extracted in parallel in the arena, the next one only when it is asked for.
 // Memory is that of one batch: of its samples, at most kMaxBatchSampleBytes (or one block), those
-// that are under way, at most `max_read_bytes` (or one run); and the meshes of all.
+// that are under way, at most resources.max_read_bytes (or one disk run); and the meshes of all.
 // Thread-compatible. What it is given must outlive it.
 class SurfaceExtraction {
  public:
   // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.
   // REQUIRES: isovalue is finite.
   static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
-      std::vector<std::shared_ptr<const Shard>> shards, double isovalue, tbb::task_arena* arena,
-      std::size_t max_read_bytes, const base::Cancellation* cancellation);
+      std::vector<std::shared_ptr<const Shard>> shards, double isovalue,
+      const AgentResources& resources, const base::Cancellation* cancellation);
   ~SurfaceExtraction();
 
   // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left

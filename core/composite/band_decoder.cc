@@ -131,8 +131,8 @@ class BandDecoder {
       return Damaged("the tiles do not have as many pixels, entries, labels as the header states");
     }
     for (const std::uint32_t id : side_.dictionaries) {
-      if (id == image::kNoBlock) {
-        return Damaged("a covered pixel belongs to no block");
+      if (id == image::kNoOwner) {
+        return Damaged("a covered pixel has no owner");
       }
     }
     // Reading 8 bytes from the byte of any bit stays inside, because of the padding.

@@ -53,7 +53,7 @@ struct BandSideInfo {
   std::vector<std::uint64_t> present;  // a bit a tile; a row of tiles begins at a word
   std::vector<TileMask> masks;         // of tiles with a covered pixel
   std::vector<std::uint8_t> dictionary_sizes;
-  std::vector<std::uint32_t> dictionaries;  // block ids
+  std::vector<std::uint32_t> dictionaries;  // owners
   std::vector<std::uint8_t> labels;
 };
 
@@ -97,17 +97,13 @@ void PrefetchRows(const base::LargePageVector<T>& plane, const TileArea& area, c
   }
 }
 
-// A colour as a number whose order groups similar ones: red first.
-constexpr std::uint32_t NumberOf(image::Rgba8 color) {
-  return std::uint32_t{color.r} << 24 | std::uint32_t{color.g} << 16 | std::uint32_t{color.b} << 8 |
-         color.a;
-}
-constexpr image::Rgba8 ColorOf(std::uint32_t number) {
-  return {static_cast<std::uint8_t>(number >> 24), static_cast<std::uint8_t>(number >> 16),
-          static_cast<std::uint8_t>(number >> 8), static_cast<std::uint8_t>(number)};
+// The colour that image::PackedColor packs.
+constexpr image::Rgba8 ColorOf(std::uint32_t packed) {
+  return {static_cast<std::uint8_t>(packed >> 24), static_cast<std::uint8_t>(packed >> 16),
+          static_cast<std::uint8_t>(packed >> 8), static_cast<std::uint8_t>(packed)};
 }
 
-// Appends block ids or a palette: the difference of each to the one before, in 4 planes, the lowest
+// Appends owners or a palette: the difference of each to the one before, in 4 planes, the lowest
 // bytes of all first.
 void AppendNumbers(const std::vector<std::uint32_t>& numbers, std::string* out);
 // Its inverse. REQUIRES: planes.size() == 4 * count.

@@ -7,10 +7,11 @@
 
 namespace isoscope::composite {
 
-// Keeps, in each pixel of `into`, the fragment with the smaller FragmentKey. Associative,
+// Keeps, in each pixel of `into`, the fragment that comes first in `order`. Associative,
 // commutative and idempotent: the order of arrival and the number of agents do not matter.
 // O(pixels of the tiles touched in `from`). REQUIRES: same size.
-void CompositeInto(const image::FrameImage& from, image::FrameImage* into);
+void CompositeInto(const image::FrameImage& from, const image::FragmentOrder& order,
+                   image::FrameImage* into);
 
 // Makes `image` the final picture, over the background colour (straight alpha), in place:
 // image->colors is then what to show. All pixels count as covered, unless the background is

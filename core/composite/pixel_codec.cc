@@ -81,14 +81,19 @@ std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t
 
 // The covered pixels of one tile.
 void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
-                   const image::Rgba8* color, image::FrameImage* into) {
+                   const image::Rgba8* color, const image::FragmentOrder& order,
+                   image::FrameImage* into) {
   const int tile_column = area.x / kTilePx;
   const int tile_row = area.y / kTilePx;
   into->touched.Insert(tile_column, tile_row);
   image::UniteInto(mask, &into->CoveredOf(tile_column, tile_row));
   const std::size_t first = into->IndexOf(area.x, area.y);
-  UnpackNearer(mask, key, color, static_cast<std::size_t>(into->width), into->keys.data() + first,
-               into->colors.data() + first);
+  const auto stride = static_cast<std::size_t>(into->width);
+  std::uint64_t* const into_keys = into->keys.data() + first;
+  image::Rgba8* const into_colors = into->colors.data() + first;
+  if (UnpackNearer(mask, key, color, stride, into_keys, into_colors)) [[unlikely]] {
+    SettleTies(mask, key, color, stride, order, into_keys, into_colors);
+  }
 }
 
 }  // namespace
@@ -112,7 +117,8 @@ RowLocks::RowLocks(int height_px)
     : mutexes_(std::make_unique<absl::Mutex[]>(
           static_cast<std::size_t>((height_px + kTilePx - 1) / kTilePx))) {}
 
-absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into, RowLocks* locks) {
+absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
+                              image::FrameImage* into, RowLocks* locks) {
   ISOSCOPE_ASSIGN_OR_RETURN(const BandPixels pixels, DecodeBand(band, *into));
   const std::uint64_t* key = pixels.keys.get();
   const image::Rgba8* color = pixels.colors.get();
@@ -125,7 +131,7 @@ absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into, R
         PrefetchRows(into->colors, pixels.areas[later], pixels.masks[later], into->width);
       }
       const std::size_t count = PixelCount(pixels.masks[tile]);
-      CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, into);
+      CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, order, into);
       key += count;
       color += count;
     }

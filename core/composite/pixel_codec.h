@@ -41,8 +41,8 @@ class RowLocks {
 // `into->touched`. DATA_LOSS if the bytes are damaged or don't fit the image; then `into` is
 // unchanged. Thread-safe if all callers pass the same locks, of that image's height; with none,
 // thread-compatible.
-absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into,
-                              RowLocks* locks = nullptr);
+absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
+                              image::FrameImage* into, RowLocks* locks = nullptr);
 
 }  // namespace isoscope::composite
 

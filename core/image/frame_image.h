@@ -1,13 +1,11 @@
-// The image of a frame on its way from the agents to the coordinator: colour, depth and the block
-// that owns each pixel. Row 0 is the top.
+// The image of a frame on its way from the agents to the coordinator: colour, depth and owner of
+// each pixel. Row 0 is the top.
 
 #ifndef ISOSCOPE_CORE_IMAGE_FRAME_IMAGE_H_
 #define ISOSCOPE_CORE_IMAGE_FRAME_IMAGE_H_
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <vector>
 
@@ -15,38 +13,10 @@
 #include "absl/synchronization/mutex.h"
 
 #include "core/base/large_pages.h"
+#include "core/image/fragment.h"
 #include "core/image/tile_set.h"
 
 namespace isoscope::image {
-
-// 8-bit sRGB with straight alpha.
-struct Rgba8 {
-  std::uint8_t r = 0;
-  std::uint8_t g = 0;
-  std::uint8_t b = 0;
-  std::uint8_t a = 0;
-
-  friend constexpr bool operator==(const Rgba8&, const Rgba8&) = default;
-};
-
-// What owns a pixel that nothing is drawn on.
-inline constexpr std::uint32_t kNoBlock = std::numeric_limits<std::uint32_t>::max();
-// The depth of such a pixel.
-inline constexpr float kFarDepth = 1.0F;
-
-// What decides which of two fragments a pixel shows: the smaller key. Depth first, then the block
-// id: a total order over blocks that depends neither on drawing order nor on who draws
-// (docs/numerics.md). REQUIRES: 0 <= depth <= 1, where IEEE bits order as the values do.
-constexpr std::uint64_t FragmentKey(float depth, std::uint32_t block_id) {
-  // + 0.0F turns -0 into +0, whose bits are the smallest.
-  return std::uint64_t{std::bit_cast<std::uint32_t>(depth + 0.0F)} << 32 | block_id;
-}
-inline constexpr std::uint64_t kBackgroundKey = FragmentKey(kFarDepth, kNoBlock);
-
-constexpr float DepthOf(std::uint64_t key) {
-  return std::bit_cast<float>(static_cast<std::uint32_t>(key >> 32));
-}
-constexpr std::uint32_t BlockOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
 
 class FrameImagePool;
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
@@ -37,18 +38,23 @@ void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
 
 class CpuPass final : public RenderPass {
  public:
-  CpuPass(const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance,
+  CpuPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
           const CpuRendererOptions& options, std::shared_ptr<PassResources> resources)
       : view_(view),
         layout_(layout),
+        order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
+               .ties = frame::TieRuleOf(frame::BackEnd::kCpu)},
         options_(options),
         rays_(MakePixelRays(view)),
         width_(view.viewport().width_px),
         height_(view.viewport().height_px),
         resources_(std::move(resources)),
-        shade_table_(resources_->ShadeTableOf(appearance)),
         image_(resources_->TakeImage(width_, height_)),
-        buffers_(resources_->TakeBuffers(width_, height_)) {}
+        buffers_(resources_->TakeBuffers(width_, height_)) {
+    for (const frame::Surface& surface : spec.surfaces) {
+      shade_tables_.push_back(resources_->ShadeTableOf(surface.appearance));
+    }
+  }
 
   CpuPass(const CpuPass&) = delete;
   CpuPass& operator=(const CpuPass&) = delete;
@@ -68,13 +74,14 @@ class CpuPass final : public RenderPass {
             "block %d: the layout has %d blocks", item.mesh->block_id, layout_.block_count()));
       }
       ISOSCOPE_CHECK_EQ(item.mesh->positions.size(), item.mesh->normals.size());
+      ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
     }
     bool must_shade = false;
     {
       // Shared: many meshes are drawn at a time; exclusive: kept meshes are shaded and dropped.
       const absl::ReaderMutexLock drawing(&shading_mutex_);
       PassResources::Scratch& scratch = resources_->LocalScratch();
-      scratch.first_numbers.clear();
+      scratch.first_primitive_ids.clear();
       scratch.block_ids.clear();
       for (const MeshToDraw& item : meshes) {
         scratch.block_ids.push_back(item.mesh->block_id);
@@ -84,7 +91,7 @@ class CpuPass final : public RenderPass {
       {
         const absl::MutexLock lock(&meshes_mutex_);
         for (const MeshToDraw& item : meshes) {
-          scratch.first_numbers.push_back(Keep(item.mesh));
+          scratch.first_primitive_ids.push_back(Keep(item));
         }
         must_shade = IsFull();
       }
@@ -96,7 +103,7 @@ class CpuPass final : public RenderPass {
         }
         scratch.rasterizer.Rasterize(
             drawn, view_, footprint, meshes[i].open,
-            [&](const FragmentBatch& batch) { Merge(batch, drawn, scratch.first_numbers[i]); });
+            [&](const FragmentBatch& batch) { Merge(batch, scratch.first_primitive_ids[i]); });
       }
     }
     if (must_shade) {
@@ -108,7 +115,7 @@ class CpuPass final : public RenderPass {
         is_still_full = IsFull();
       }
       if (is_still_full) {
-        ShadeKept(/*is_last=*/false);
+        ShadeKept(/*is_last=*/false, nullptr);
       }
     }
     return absl::OkStatus();
@@ -118,10 +125,10 @@ class CpuPass final : public RenderPass {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     {
       const absl::MutexLock exclusive(&shading_mutex_);
-      ShadeKept(/*is_last=*/true);
+      ShadeKept(/*is_last=*/true, &cancellation);
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
       is_clean_ = true;
     }
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     return std::move(image_);
   }
 
@@ -134,29 +141,31 @@ class CpuPass final : public RenderPass {
   };
 
   [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
-    return kept_bytes_ > options_.max_kept_bytes || next_number_ > options_.max_kept_numbers;
+    return kept_bytes_ > options_.max_kept_bytes ||
+           next_primitive_id_ > options_.max_kept_primitives;
   }
 
-  // Keeps a mesh until it is shaded; the number of its first triangle.
-  std::uint32_t Keep(std::shared_ptr<const mesh::CompactMesh> mesh)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+  // Keeps a mesh until it is shaded. Returns the primitive id of its first triangle.
+  std::uint32_t Keep(const MeshToDraw& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+    const mesh::CompactMesh& mesh = *item.mesh;
     const auto units =
-        static_cast<std::uint32_t>((mesh->triangles.size() + kNumberUnit - 1) / kNumberUnit);
-    const auto first_number = static_cast<std::uint32_t>(next_number_);
-    next_number_ += std::uint64_t{units} * kNumberUnit;
-    // Meshes of all threads that passed the test below at a time still find room.
-    ISOSCOPE_CHECK_LT(next_number_, std::uint64_t{kShaded});
-    kept_bytes_ += mesh->size_bytes();
+        static_cast<std::uint32_t>((mesh.triangles.size() + kPrimitiveUnit - 1) / kPrimitiveUnit);
+    const auto first_primitive_id = static_cast<std::uint32_t>(next_primitive_id_);
+    next_primitive_id_ += std::uint64_t{units} * kPrimitiveUnit;
+    // Several threads may find the pass not full and add meshes: there is still room for theirs.
+    ISOSCOPE_CHECK_LT(next_primitive_id_, std::uint64_t{kShaded});
+    kept_bytes_ += mesh.size_bytes();
     buffers_->mesh_of_unit.insert(buffers_->mesh_of_unit.end(), units,
                                   static_cast<std::uint32_t>(buffers_->meshes.size()));
     KeptMesh& kept = buffers_->meshes.emplace_back();
-    kept.positions = mesh->positions.data();
-    kept.normals = mesh->normals.data();
-    kept.triangles = mesh->triangles;
-    kept.first_number = first_number;
-    kept.block_id = mesh->block_id;
-    kept.mesh = std::move(mesh);
-    return first_number;
+    kept.positions = mesh.positions.data();
+    kept.normals = mesh.normals.data();
+    kept.triangles = mesh.triangles;
+    kept.first_primitive_id = first_primitive_id;
+    kept.owner = order_.OwnerOf(item.surface_index, mesh.block_id);
+    kept.shade_table = shade_tables_[item.surface_index]->data();
+    kept.mesh = item.mesh;
+    return first_primitive_id;
   }
 
   template <typename Fn>
@@ -196,9 +205,10 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Puts fragments of a block into the picture. Locks are taken in one order, row by row.
-  void Merge(const FragmentBatch& batch, const mesh::CompactMesh& mesh,
-             std::uint32_t first_number) ABSL_NO_THREAD_SAFETY_ANALYSIS {
+  // Puts the fragments of one mesh into the picture. Every thread takes the locks row by row, so
+  // that none waits for another in a circle.
+  void Merge(const FragmentBatch& batch,
+             std::uint32_t first_primitive_id) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     ForEachLockTile(batch.bounds, [&](int row, int column, LockTile& tile) {
       tile.Lock();
       Touch(batch.bounds, row, column, &tile);
@@ -209,38 +219,57 @@ class CpuPass final : public RenderPass {
       const std::uint32_t pixel = batch.pixels[i];
       Fragment& old = fragments[std::size_t{(pixel >> 16) * width + (pixel & 0xffff)}];
       const Fragment fragment =
-          Fragment{batch.depths[i]} << 32 | (first_number + batch.triangles[i]);
+          Fragment{batch.depths[i]} << 32 | (first_primitive_id + batch.triangles[i]);
       if ((old ^ fragment) >> 32 != 0) [[likely]] {
         old = std::min(old, fragment);
-      } else if (WinsTie(fragment, old, pixel, mesh, first_number)) {
+      } else if (WinsTie(fragment, old, pixel)) {
         old = fragment;
       }
     }
     ForEachLockTile(batch.bounds, [](int, int, LockTile& tile) { tile.Unlock(); });
   }
 
-  // Of two fragments with one depth, the one of the lower block stays, and in one block the one of
-  // the lower triangle. `fragment` is of `mesh`.
-  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel, const mesh::CompactMesh& mesh,
-               std::uint32_t first_number) {
-    const std::uint32_t old_number = NumberOf(old);
-    if (old_number == kShaded) {
-      const std::size_t index =
-          image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
-      return mesh.block_id < image::BlockOf(image_.keys[index]);
-    }
-    if (old_number >= first_number && old_number - first_number < mesh.triangles.size()) {
-      return NumberOf(fragment) < old_number;
-    }
+  // Whether `fragment` comes before `old`, which has the same depth. Their colours decide, so both
+  // are shaded now, by the kernel that shades pixels at the end: the same bits.
+  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel) {
+    const std::size_t index =
+        image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
+    PassResources::Scratch& scratch = resources_->LocalScratch();
+    ISOSCOPE_CHECK_EQ(scratch.batch.count, 0U);
     const absl::MutexLock lock(&meshes_mutex_);
-    return mesh.block_id <
-           buffers_->meshes[buffers_->mesh_of_unit[old_number / kNumberUnit]].block_id;
+    AddToBatch(static_cast<std::uint32_t>(index), fragment, &scratch);
+    const bool is_old_shaded = PrimitiveIdOf(old) == kShaded;
+    if (!is_old_shaded) {
+      AddToBatch(static_cast<std::uint32_t>(index), old, &scratch);
+    }
+    ComputeColors(&scratch);
+    scratch.batch.count = 0;
+    return order_.IsBefore(KeyOf(fragment), scratch.colors[0],
+                           is_old_shaded ? image_.keys[index] : KeyOf(old),
+                           is_old_shaded ? image_.colors[index] : scratch.colors[1]);
+  }
+
+  [[nodiscard]] std::uint64_t KeyOf(Fragment fragment) const {
+    return (fragment >> 32 << 32) | std::uint64_t{MeshOf(PrimitiveIdOf(fragment)).owner};
+  }
+
+  // Adds a pixel and its fragment to those to shade.
+  void AddToBatch(std::uint32_t pixel_index, Fragment fragment,
+                  PassResources::Scratch* scratch) const {
+    const std::uint32_t width = static_cast<std::uint32_t>(width_);
+    ShadeBatch& batch = scratch->batch;
+    scratch->pixels[batch.count] = pixel_index;
+    scratch->fragments[batch.count] = fragment;
+    batch.x[batch.count] = static_cast<float>(pixel_index % width) + 0.5F;
+    batch.y[batch.count] = static_cast<float>(pixel_index / width) + 0.5F;
+    ++batch.count;
   }
 
   // Shades every pixel whose triangle is kept and drops the meshes. Which pixels are shaded early
   // does not change the picture: a later, nearer fragment replaces them. The last time also takes
-  // the fragments out of the buffers.
-  void ShadeKept(bool is_last) ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
+  // the fragments out of the buffers; a cancelled one stops between tiles and leaves the rest.
+  void ShadeKept(bool is_last, const base::Cancellation* cancellation)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
     const absl::MutexLock lock(&meshes_mutex_);
     std::vector<TileIndex> tiles;
     for (std::size_t i = 0; i < buffers_->lock_tiles.size(); ++i) {
@@ -250,6 +279,9 @@ class CpuPass final : public RenderPass {
       }
     }
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
+      if (cancellation != nullptr && cancellation->is_cancelled()) {
+        return;
+      }
       PassResources::Scratch& scratch = resources_->LocalScratch();
       LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(tiles[i].lock_tile)];
       const int first_column = tiles[i].lock_tile % buffers_->lock_columns * kImageTileColumns;
@@ -290,7 +322,7 @@ class CpuPass final : public RenderPass {
     buffers_->meshes.clear();
     buffers_->mesh_of_unit.clear();
     kept_bytes_ = 0;
-    next_number_ = 0;
+    next_primitive_id_ = 0;
   }
 
   // Asks for the fragments of an image tile in these rows of pixels, which are too far apart for
@@ -368,16 +400,29 @@ class CpuPass final : public RenderPass {
     if (batch.count == 0) {
       return;
     }
+    ComputeColors(scratch);
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      image_.keys[scratch->pixels[i]] =
+          (scratch->fragments[i] >> 32 << 32) | std::uint64_t{scratch->meshes[i]->owner};
+      image_.colors[scratch->pixels[i]] = scratch->colors[i];
+    }
+    batch.count = 0;
+  }
+
+  // Fills `colors` for the pixels and fragments of the batch. meshes_mutex_ is held.
+  void ComputeColors(PassResources::Scratch* scratch) const {
+    ShadeBatch& batch = scratch->batch;
     // Meshes have left the cache since they were drawn: ask for all that is needed before it is.
     for (std::size_t i = 0; i < batch.count; ++i) {
-      const std::uint32_t number = NumberOf(scratch->fragments[i]);
-      const KeptMesh& mesh = MeshOf(number);
+      const std::uint32_t primitive_id = PrimitiveIdOf(scratch->fragments[i]);
+      const KeptMesh& mesh = MeshOf(primitive_id);
       scratch->meshes[i] = &mesh;
-      Prefetch(mesh.triangles, number - mesh.first_number);
+      Prefetch(mesh.triangles, primitive_id - mesh.first_primitive_id);
     }
     for (std::size_t i = 0; i < batch.count; ++i) {
       const KeptMesh& mesh = *scratch->meshes[i];
-      scratch->corners[i] = mesh.triangles[NumberOf(scratch->fragments[i]) - mesh.first_number];
+      scratch->corners[i] =
+          mesh.triangles[PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id];
       for (const std::uint32_t vertex : scratch->corners[i]) {
         __builtin_prefetch(&mesh.positions[vertex]);
         __builtin_prefetch(&mesh.normals[vertex]);
@@ -396,29 +441,24 @@ class CpuPass final : public RenderPass {
         batch.normal[3 * c + 1][i] = normal.y;
         batch.normal[3 * c + 2][i] = normal.z;
       }
-      image_.keys[scratch->pixels[i]] =
-          (scratch->fragments[i] >> 32 << 32) | std::uint64_t{mesh.block_id};
     }
     ComputeShadeSteps(rays_, &batch);
     for (std::size_t k = 0; k < batch.inexact_count; ++k) {
       const std::uint32_t i = batch.inexact[k];
-      const std::uint32_t number = NumberOf(scratch->fragments[i]);
-      const KeptMesh& mesh = MeshOf(number);
+      const KeptMesh& mesh = *scratch->meshes[i];
       batch.step[i] =
-          ShadeStep(*mesh.mesh, number - mesh.first_number,
+          ShadeStep(*mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
                     static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
                     static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
     }
-    const image::Rgba8* table = shade_table_->data();
     for (std::size_t i = 0; i < batch.count; ++i) {
-      image_.colors[scratch->pixels[i]] = table[batch.step[i]];
+      scratch->colors[i] = scratch->meshes[i]->shade_table[batch.step[i]];
     }
-    batch.count = 0;
   }
 
-  // meshes_mutex_ is held by whoever shades.
-  [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t number) const {
-    return buffers_->meshes[buffers_->mesh_of_unit[number / kNumberUnit]];
+  // meshes_mutex_ is held.
+  [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t primitive_id) const {
+    return buffers_->meshes[buffers_->mesh_of_unit[primitive_id / kPrimitiveUnit]];
   }
 
   // What ComputeShadeSteps computes, in doubles.
@@ -477,12 +517,13 @@ class CpuPass final : public RenderPass {
 
   const view::View view_;
   const volume::BlockLayout layout_;
+  const image::FragmentOrder order_;
   const CpuRendererOptions options_;
   const PixelRays rays_;
   const int width_;
   const int height_;
   const std::shared_ptr<PassResources> resources_;
-  const std::shared_ptr<const std::vector<image::Rgba8>> shade_table_;
+  std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
   absl::Mutex shading_mutex_;
   absl::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
   // Written while shading only. Keys and colours of the pixels whose fragment is kShaded.
@@ -492,7 +533,7 @@ class CpuPass final : public RenderPass {
   std::unique_ptr<PassBuffers> buffers_;
   bool is_clean_ = false;
   bool has_shaded_ = false;  // guarded by shading_mutex_
-  std::uint64_t next_number_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
+  std::uint64_t next_primitive_id_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
   std::size_t kept_bytes_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
 };
 
@@ -503,9 +544,9 @@ class CpuRenderer final : public Renderer {
 
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
-                                                        const Appearance& appearance) override {
+                                                        const frame::FrameSpec& spec) override {
     try {
-      return std::make_unique<CpuPass>(view, layout, appearance, options_, resources_);
+      return std::make_unique<CpuPass>(view, layout, spec, options_, resources_);
     } catch (const std::bad_alloc&) {
       return NoMemoryFor(view.viewport());
     }
@@ -522,7 +563,13 @@ class CpuRenderer final : public Renderer {
     });
   }
 
-  [[nodiscard]] std::string description() const override { return "cpu: portable rasterizer"; }
+  [[nodiscard]] frame::PictureRevision picture_revision() const override {
+    return {.back_end = frame::BackEnd::kCpu, .driver = ""};
+  }
+
+  [[nodiscard]] std::string description() const override {
+    return absl::StrCat("cpu: software rasterizer, ", RasterInstructionSet());
+  }
 
  private:
   const CpuRendererOptions options_;
@@ -532,7 +579,7 @@ class CpuRenderer final : public Renderer {
 }  // namespace
 
 std::unique_ptr<Renderer> MakeCpuRenderer(const CpuRendererOptions& options) {
-  ISOSCOPE_CHECK_LE(options.max_kept_numbers, std::uint64_t{1} << 31);
+  ISOSCOPE_CHECK_LE(options.max_kept_primitives, std::uint64_t{1} << 31);
   return std::make_unique<CpuRenderer>(options);
 }
 

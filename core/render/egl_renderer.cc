@@ -32,12 +32,16 @@ constexpr absl::Duration kPollInterval = absl::Milliseconds(5);
 // What a pass hands to the GL thread. Shared by both, so that neither has to wait for the other
 // when a frame is given up.
 struct Batch {
-  Batch(const view::View& batch_view, const Appearance& batch_appearance,
-        std::vector<DrawItem> batch_items)
-      : view(batch_view), appearance(batch_appearance), items(std::move(batch_items)) {}
+  Batch(const view::View& batch_view, std::vector<frame::Surface> batch_surfaces,
+        const image::FragmentOrder& batch_order, std::vector<DrawItem> batch_items)
+      : view(batch_view),
+        surfaces(std::move(batch_surfaces)),
+        order(batch_order),
+        items(std::move(batch_items)) {}
 
   const view::View view;
-  const Appearance appearance;
+  const std::vector<frame::Surface> surfaces;
+  const image::FragmentOrder order;
   std::vector<DrawItem> items;  // taken by the GL thread
   std::atomic<bool> abandoned{false};
   // Written by the GL thread before `done`.
@@ -45,24 +49,25 @@ struct Batch {
   absl::Notification done;
 };
 
-absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, const view::View& view,
-                                          const Appearance& appearance, std::vector<DrawItem> items,
+absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, Batch* batch,
                                           absl::FunctionRef<absl::Status()> poll) {
   try {
-    return drawer->Draw(view, appearance, std::move(items), poll);
+    return drawer->Draw(batch->view, batch->surfaces, batch->order, std::move(batch->items), poll);
   } catch (const std::bad_alloc&) {
-    return NoMemoryFor(view.viewport());
+    return NoMemoryFor(batch->view.viewport());
   }
 }
 
 class EglRenderPass : public RenderPass {
  public:
   EglRenderPass(const view::View& view, const volume::BlockLayout& layout,
-                const Appearance& appearance, std::size_t batch_bytes, GlThread* thread,
+                const frame::FrameSpec& spec, std::size_t batch_bytes, GlThread* thread,
                 GlMeshDrawer* drawer)
       : view_(view),
         layout_(layout),
-        appearance_(appearance),
+        surfaces_(spec.surfaces),
+        order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
+               .ties = frame::TieRuleOf(frame::BackEnd::kEgl)},
         batch_bytes_(batch_bytes),
         thread_(*thread),
         drawer_(*drawer) {}
@@ -79,7 +84,7 @@ class EglRenderPass : public RenderPass {
   using RenderPass::Add;
   absl::Status Add(std::span<const MeshToDraw> meshes) override {
     for (const MeshToDraw& item : meshes) {
-      ISOSCOPE_RETURN_IF_ERROR(AddOne(item.mesh, item.open));
+      ISOSCOPE_RETURN_IF_ERROR(AddOne(item));
     }
     return absl::OkStatus();
   }
@@ -98,8 +103,10 @@ class EglRenderPass : public RenderPass {
   }
 
  private:
-  absl::Status AddOne(std::shared_ptr<const mesh::CompactMesh> mesh, const image::PixelMask* open) {
+  absl::Status AddOne(const MeshToDraw& item) {
+    const std::shared_ptr<const mesh::CompactMesh>& mesh = item.mesh;
     ISOSCOPE_CHECK(mesh != nullptr);
+    ISOSCOPE_CHECK_LT(item.surface_index, surfaces_.size());
     ISOSCOPE_CHECK_EQ(mesh->positions.size(), mesh->normals.size());
     if (mesh->block_id >= layout_.block_count()) {
       return absl::InvalidArgumentError(absl::StrCat("a mesh of block ", mesh->block_id,
@@ -117,9 +124,11 @@ class EglRenderPass : public RenderPass {
       const absl::MutexLock lock(&mutex_);
       collected_bytes_ += mesh->size_bytes();
       // The mask is copied: the GL thread may still draw after a pass that was given up is gone.
-      collected_.push_back({.mesh = std::move(mesh),
-                            .footprint = footprint,
-                            .open = open == nullptr ? std::nullopt : std::optional(*open)});
+      collected_.push_back(
+          {.mesh = mesh,
+           .surface_index = item.surface_index,
+           .footprint = footprint,
+           .open = item.open == nullptr ? std::nullopt : std::optional(*item.open)});
       if (collected_bytes_ < batch_bytes_) {
         return absl::OkStatus();
       }
@@ -150,15 +159,14 @@ class EglRenderPass : public RenderPass {
       items = std::exchange(collected_, {});
       collected_bytes_ = 0;
     }
-    in_flight_ = std::make_shared<Batch>(view_, appearance_, std::move(items));
+    in_flight_ = std::make_shared<Batch>(view_, surfaces_, order_, std::move(items));
     thread_.Submit([batch = in_flight_, &drawer = drawer_]() {
       const auto poll = [&batch]() {
         return batch->abandoned.load(std::memory_order_acquire)
                    ? absl::CancelledError("the frame was given up")
                    : absl::OkStatus();
       };
-      batch->result =
-          TryDraw(&drawer, batch->view, batch->appearance, std::move(batch->items), poll);
+      batch->result = TryDraw(&drawer, batch.get(), poll);
       batch->done.Notify();
     });
   }
@@ -185,7 +193,7 @@ class EglRenderPass : public RenderPass {
     status_ = batch->result.status();
     ISOSCOPE_RETURN_IF_ERROR(status_);
     if (image_.has_value()) {
-      composite::CompositeInto(*batch->result, &*image_);
+      composite::CompositeInto(*batch->result, order_, &*image_);
     } else {
       image_ = *std::move(batch->result);
     }
@@ -194,7 +202,8 @@ class EglRenderPass : public RenderPass {
 
   const view::View view_;
   const volume::BlockLayout layout_;
-  const Appearance appearance_;
+  const std::vector<frame::Surface> surfaces_;
+  const image::FragmentOrder order_;
   const std::size_t batch_bytes_;
   GlThread& thread_;
   GlMeshDrawer& drawer_;
@@ -259,13 +268,13 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
   triangle.normals.assign(3, {0, 0, 1});
   triangle.indices = {0, 1, 2};
   DrawItem item{.mesh = mesh::Compact(triangle),
+                .surface_index = 0,
                 .footprint = view->FootprintOf({0, 0, 0}, {1, 1, 1}),
                 .open = std::nullopt};
+  Batch batch(*view, {frame::Surface()}, {}, {std::move(item)});
   absl::Notification done;
   thread_->Submit([&]() {
-    TryDraw(drawer_.get(), *view, {}, {std::move(item)}, []() {
-      return absl::OkStatus();
-    }).IgnoreError();
+    TryDraw(drawer_.get(), &batch, []() { return absl::OkStatus(); }).IgnoreError();
     done.Notify();
   });
   done.WaitForNotification();
@@ -279,9 +288,13 @@ EglRenderer::~EglRenderer() {
 }
 
 absl::StatusOr<std::unique_ptr<RenderPass>> EglRenderer::BeginPass(
-    const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance) {
-  return std::make_unique<EglRenderPass>(view, layout, appearance, batch_bytes_, thread_.get(),
+    const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec) {
+  return std::make_unique<EglRenderPass>(view, layout, spec, batch_bytes_, thread_.get(),
                                          drawer_.get());
+}
+
+frame::PictureRevision EglRenderer::picture_revision() const {
+  return {.back_end = frame::BackEnd::kEgl, .driver = thread_->driver()};
 }
 
 }  // namespace isoscope::render

@@ -39,9 +39,10 @@ class EglRenderer : public Renderer {
 
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
-                                                        const Appearance& appearance) override;
+                                                        const frame::FrameSpec& spec) override;
   // Also draws a triangle, so that the driver compiles its programs for pictures of this size.
   void Prepare(const view::Viewport& viewport, int pass_count) override;
+  [[nodiscard]] frame::PictureRevision picture_revision() const override;
   [[nodiscard]] std::string description() const override { return thread_->description(); }
   // Whether a GPU draws.
   [[nodiscard]] bool is_hardware() const { return thread_->is_hardware(); }

@@ -45,7 +45,7 @@ void main() {
 constexpr const char* kFragmentShader = R"(#version 330 core
 in vec3 fragment_normal;
 flat in uint fragment_slot;
-// For each slot two texels: block id, bits of the nearest depth, first pixel (x | y << 16), end
+// For each slot two texels: owner, bits of the nearest depth, first pixel (x | y << 16), end
 // pixel; and of its mask: first word, shift, first cell (column | row << 16), columns and rows.
 uniform usamplerBuffer blocks;
 uniform usamplerBuffer masks;
@@ -57,7 +57,7 @@ uniform vec3 ray_y;
 uniform vec4 base_color;
 uniform vec3 shading;  // ambient, specular, shininess
 layout(location = 0) out vec4 color;
-layout(location = 1) out uint block_id;
+layout(location = 1) out uint owner;
 void main() {
   uvec4 block = texelFetch(blocks, int(2u * fragment_slot));
   uvec4 mask = texelFetch(blocks, int(2u * fragment_slot + 1u));
@@ -81,7 +81,7 @@ void main() {
     }
   }
   gl_FragDepth = clamp(gl_FragCoord.z, uintBitsToFloat(block.y), 1.0);
-  block_id = block.x;
+  owner = block.x;
   vec3 ray = ray_origin + ray_x * gl_FragCoord.x + ray_y * gl_FragCoord.y;
   float normal_squared = dot(fragment_normal, fragment_normal);
   float facing = 1.0;
@@ -99,7 +99,7 @@ constexpr std::uint32_t kNoMask = 0xffffffff;
 
 // What the fragment shader reads of a block.
 struct BlockTexel {
-  std::uint32_t block_id = 0;
+  std::uint32_t owner = 0;
   std::uint32_t nearest_depth_bits = 0;
   std::uint32_t first_pixel = 0;
   std::uint32_t end_pixel = 0;
@@ -183,7 +183,7 @@ GlMeshDrawer::~GlMeshDrawer() {
   glDeleteVertexArrays(1, &vertex_array_);
 }
 
-void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appearance) {
+void GlMeshDrawer::SetView(const view::View& view) {
   // Positions are taken relative to the volume's centre, near which cameras look: the matrix then
   // has no large translation that cancels in floats. Whole numbers, so the subtraction is exact for
   // all but the vertices near index 0.
@@ -216,23 +216,28 @@ void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appeara
           view.forward() - view.right() * half_x + view.up() * half_y);
   SetVec3(program_->Uniform("ray_x"), view.right() * (2 * half_x / width));
   SetVec3(program_->Uniform("ray_y"), view.up() * (-2 * half_y / height));
+  glUniform1i(program_->Uniform("blocks"), 0);
+  glUniform1i(program_->Uniform("masks"), 1);
+}
+
+void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {
   const image::Rgba8& base = appearance.base_color;
   glUniform4f(program_->Uniform("base_color"), static_cast<float>(base.r) / 255.0F,
               static_cast<float>(base.g) / 255.0F, static_cast<float>(base.b) / 255.0F,
               static_cast<float>(base.a) / 255.0F);
   glUniform3f(program_->Uniform("shading"), appearance.ambient, appearance.specular,
               appearance.shininess);
-  glUniform1i(program_->Uniform("blocks"), 0);
-  glUniform1i(program_->Uniform("masks"), 1);
 }
 
 absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
-                                                     const Appearance& appearance,
+                                                     std::span<const frame::Surface> surfaces,
+                                                     const image::FragmentOrder& order,
                                                      std::vector<DrawItem> items,
                                                      absl::FunctionRef<absl::Status()> poll) {
   ISOSCOPE_RETURN_IF_ERROR(poll());
   std::sort(items.begin(), items.end(), [](const DrawItem& a, const DrawItem& b) {
-    return a.mesh->block_id > b.mesh->block_id;
+    return std::pair(a.surface_index, a.mesh->block_id) >
+           std::pair(b.surface_index, b.mesh->block_id);
   });
   const int width = view.viewport().width_px;
   const int height = view.viewport().height_px;
@@ -242,11 +247,13 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     ISOSCOPE_ASSIGN_OR_RETURN(framebuffer_, GlFramebuffer::Make(width, height));
   }
   framebuffer_->BindAndClear();
-  SetUniforms(view, appearance);
+  SetView(view);
 
   std::size_t begin = 0;
   while (begin < items.size()) {
     ISOSCOPE_RETURN_IF_ERROR(poll());
+    const std::uint32_t surface_index = items[begin].surface_index;
+    SetAppearance(surfaces[surface_index].appearance);
     std::size_t end = begin;
     std::size_t vertices = 0;
     std::size_t indices = 0;
@@ -257,7 +264,8 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
       indices += 3 * items[end].mesh->triangles.size();
       mask_words += MaskWordsOf(items[end]);
       ++end;
-    } while (end < items.size() && 2 * (end - begin + 1) <= max_texels_ &&
+    } while (end < items.size() && items[end].surface_index == surface_index &&
+             2 * (end - begin + 1) <= max_texels_ &&
              mask_words + MaskWordsOf(items[end]) <= max_texels_ &&
              vertices + items[end].mesh->positions.size() <= kMaxChunkVertices &&
              indices + 3 * items[end].mesh->triangles.size() <= kMaxChunkIndices);
@@ -266,7 +274,7 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
           absl::StrCat("the mask of block ", items[begin].mesh->block_id, " has ", mask_words,
                        " words; this OpenGL takes at most ", max_texels_));
     }
-    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin)));
+    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin), order));
     begin = end;
   }
   ISOSCOPE_RETURN_IF_ERROR(poll());
@@ -275,7 +283,8 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
   return image;
 }
 
-absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
+absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items,
+                                     const image::FragmentOrder& order) {
   std::size_t vertex_count = 0;
   std::size_t index_count = 0;
   std::size_t mask_word_count = 0;
@@ -306,7 +315,7 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
     const mesh::CompactMesh& mesh = *item.mesh;
     const view::PixelRect& rect = item.footprint.rect;
     BlockTexel texel{
-        .block_id = mesh.block_id,
+        .owner = order.OwnerOf(item.surface_index, mesh.block_id),
         .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
         .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
         .end_pixel = PackPixel(rect.end_x, rect.end_y)};

@@ -65,11 +65,11 @@ class GlProgram {
 // Where the planes of a GlFramebuffer are read to, reused from picture to picture.
 struct GlReadback {
   std::vector<image::Rgba8> colors;
-  std::vector<std::uint32_t> block_ids;
+  std::vector<std::uint32_t> owners;
   std::vector<float> depths;
 };
 
-// Colour (RGBA8), block id (R32UI) and depth (32-bit float) of one size.
+// Colour (RGBA8), owner (R32UI) and depth (32-bit float) of one size.
 class GlFramebuffer {
  public:
   // RESOURCE_EXHAUSTED if the driver can't have one so large; the message has its limit.
@@ -95,7 +95,7 @@ class GlFramebuffer {
   int height_ = 0;
   GLuint framebuffer_ = 0;
   GLuint color_ = 0;
-  GLuint block_id_ = 0;
+  GLuint owner_ = 0;
   GLuint depth_ = 0;
 };
 

@@ -40,8 +40,8 @@ void GlThread::Submit(Job job) {
 void GlThread::Run(int egl_device) {
   absl::StatusOr<std::unique_ptr<EglContext>> context = EglContext::Make(egl_device);
   if (context.ok()) {
-    description_ = absl::StrCat("egl: ", (*context)->gl_renderer(), ", OpenGL ",
-                                (*context)->gl_version(), ", ", (*context)->origin());
+    driver_ = absl::StrCat((*context)->gl_renderer(), ", OpenGL ", (*context)->gl_version());
+    description_ = absl::StrCat("egl: ", driver_, ", ", (*context)->origin());
     is_hardware_ = (*context)->is_hardware();
   }
   {

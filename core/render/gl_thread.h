@@ -33,6 +33,9 @@ class GlThread {
 
   // "egl: llvmpipe (...), OpenGL 4.5 (Core Profile) Mesa 22.3.6, device 0 (software)".
   [[nodiscard]] const std::string& description() const { return description_; }
+  // What decides the pixels: "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa
+  // ...".
+  [[nodiscard]] const std::string& driver() const { return driver_; }
   [[nodiscard]] bool is_hardware() const { return is_hardware_; }
 
  private:
@@ -40,6 +43,7 @@ class GlThread {
   void Run(int egl_device);
 
   // Written by the thread before started_ is set, constant after.
+  std::string driver_;
   std::string description_;
   bool is_hardware_ = false;
 

@@ -8,7 +8,10 @@
 namespace isoscope::render {
 namespace {
 
-std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
+// Of 16 KiB each: those of two frames with as many surfaces as there can be.
+constexpr std::size_t kMaxShadeTables = 2 * frame::kMaxSurfaces;
+
+std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
   std::vector<image::Rgba8> table(kShadeSteps + 1);
   for (std::size_t i = 0; i <= kShadeSteps; ++i) {
     const double c = static_cast<double>(i) / kShadeSteps;
@@ -74,13 +77,20 @@ void PassResources::Prepare(int width, int height) {
 }
 
 std::shared_ptr<const std::vector<image::Rgba8>> PassResources::ShadeTableOf(
-    const Appearance& appearance) {
+    const frame::Appearance& appearance) {
   const absl::MutexLock lock(&mutex_);
-  if (shade_table_ == nullptr || !(table_appearance_ == appearance)) {
-    shade_table_ = std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance));
-    table_appearance_ = appearance;
+  const auto found =
+      std::find_if(shade_tables_.begin(), shade_tables_.end(),
+                   [&](const ShadeTable& table) { return table.appearance == appearance; });
+  if (found != shade_tables_.end()) {
+    return found->colors;
   }
-  return shade_table_;
+  if (shade_tables_.size() == kMaxShadeTables) {
+    shade_tables_.erase(shade_tables_.begin());
+  }
+  shade_tables_.push_back(
+      {appearance, std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance))});
+  return shade_tables_.back().colors;
 }
 
 }  // namespace isoscope::render

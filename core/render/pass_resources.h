@@ -17,10 +17,10 @@
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
 #include "core/base/large_pages.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/math/vec.h"
 #include "core/mesh/compact_mesh.h"
-#include "core/render/appearance.h"
 #include "core/render/cpu_rasterizer.h"
 #include "core/render/shade_kernel.h"
 #include "core/view/view.h"
@@ -34,16 +34,18 @@ inline constexpr int kLockTilePx = 64;
 inline constexpr int kImageTileColumns = kLockTilePx / image::TileSet::kTilePx;
 
 // What a pass knows of a pixel while it draws, in one word, so that the nearer of two fragments is
-// the smaller word: depth bits << 32 | the number of its triangle. Triangles are numbered over all
-// kept meshes.
+// the smaller word: depth bits << 32 | primitive id. Primitive ids count the triangles of all kept
+// meshes, in the order in which the meshes came.
 using Fragment = std::uint64_t;
 inline constexpr Fragment kNoFragment = std::numeric_limits<Fragment>::max();
-// The number of a fragment that is in the image already, with its block and colour.
+// The primitive id of a fragment that is in the image already, with its owner and colour.
 inline constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
-// A mesh's numbers begin at a multiple of this, so that a table finds the mesh of a number.
-inline constexpr std::uint32_t kNumberUnit = 64;
+// A mesh's primitive ids begin at a multiple of this, so that a table finds the mesh of an id.
+inline constexpr std::uint32_t kPrimitiveUnit = 64;
 
-constexpr std::uint32_t NumberOf(Fragment fragment) { return static_cast<std::uint32_t>(fragment); }
+constexpr std::uint32_t PrimitiveIdOf(Fragment fragment) {
+  return static_cast<std::uint32_t>(fragment);
+}
 
 // A square of pixels that one thread at a time draws into. Held for well under a microsecond at a
 // time, so waiting is spinning; yields in case the holder lost its core.
@@ -72,8 +74,9 @@ struct KeptMesh {
   const math::Vec3f* positions = nullptr;
   const mesh::CompactNormal* normals = nullptr;
   mesh::TriangleVertices triangles;
-  std::uint32_t first_number = 0;
-  volume::BlockId block_id = 0;
+  std::uint32_t first_primitive_id = 0;
+  std::uint32_t owner = 0;                    // image::FragmentOrder::OwnerOf
+  const image::Rgba8* shade_table = nullptr;  // of its surface
   std::shared_ptr<const mesh::CompactMesh> mesh;
 };
 
@@ -99,7 +102,8 @@ struct PassBuffers {
   base::LargePageVector<Fragment> fragments;
   std::vector<LockTile> lock_tiles;
   std::vector<KeptMesh> meshes;
-  std::vector<std::uint32_t> mesh_of_unit;  // by number / kNumberUnit, an index of `meshes`
+  std::vector<std::uint32_t>
+      mesh_of_unit;  // by primitive id / kPrimitiveUnit, an index of `meshes`
 };
 
 // What the passes of a CPU renderer share: what they have no more use for goes to the next one, so
@@ -110,7 +114,7 @@ class PassResources {
   struct Scratch {
     CpuRasterizer rasterizer;
     // Of the meshes at hand.
-    std::vector<std::uint32_t> first_numbers;
+    std::vector<std::uint32_t> first_primitive_ids;
     std::vector<volume::BlockId> block_ids;
     std::vector<view::Footprint> footprints;
     ShadeBatch batch;
@@ -118,6 +122,7 @@ class PassResources {
     std::array<Fragment, ShadeBatch::kCapacity> fragments{};
     std::array<const KeptMesh*, ShadeBatch::kCapacity> meshes{};
     std::array<std::array<std::uint32_t, 3>, ShadeBatch::kCapacity> corners{};
+    std::array<image::Rgba8, ShadeBatch::kCapacity> colors{};
   };
 
   // An image takes 12 bytes a pixel, its buffers 8.
@@ -135,8 +140,9 @@ class PassResources {
   // keep.
   void Prepare(int width, int height);
 
-  // The colour of each shade step.
-  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(const Appearance& appearance);
+  // The colour of each shade step. The tables of the last few appearances are kept.
+  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(
+      const frame::Appearance& appearance);
   // Of the calling thread.
   Scratch& LocalScratch() { return scratch_.local(); }
 
@@ -149,8 +155,11 @@ class PassResources {
   absl::Mutex mutex_;
   std::vector<std::unique_ptr<PassBuffers>> unused_ ABSL_GUARDED_BY(mutex_);
   std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  Appearance table_appearance_ ABSL_GUARDED_BY(mutex_);  // of the last table
-  std::shared_ptr<const std::vector<image::Rgba8>> shade_table_ ABSL_GUARDED_BY(mutex_);
+  struct ShadeTable {
+    frame::Appearance appearance;
+    std::shared_ptr<const std::vector<image::Rgba8>> colors;
+  };
+  std::vector<ShadeTable> shade_tables_ ABSL_GUARDED_BY(mutex_);  // the last made is the last
 };
 
 }  // namespace isoscope::render

@@ -553,6 +553,8 @@ void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
   }
 }
 
+std::int64_t Target() { return HWY_TARGET; }
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace isoscope::render
@@ -565,6 +567,7 @@ namespace {
 HWY_EXPORT(TransformVertices);
 HWY_EXPORT(FillTinyTriangles);
 HWY_EXPORT(FillSmallTriangle);
+HWY_EXPORT(Target);
 
 // The arithmetic of FillSmallTriangle with 64-bit edge functions, pixel by pixel.
 void FillLargeTriangle(const ScreenTriangle& triangle, float nearest_depth, FragmentBuffer* buffer,
@@ -653,6 +656,12 @@ void FragmentBuffer::Extend(const view::PixelRect& rect) {
 ScreenBounds TransformVertices(const Projection& projection, std::span<const math::Vec3f> positions,
                                ScreenVertices* vertices) {
   return HWY_DYNAMIC_DISPATCH(TransformVertices)(projection, positions, vertices);
+}
+
+const char* RasterInstructionSet() {
+  const std::int64_t target = HWY_DYNAMIC_DISPATCH(Target)();
+  // Highway calls AVX-512 the third AVX.
+  return target == HWY_AVX3 || target == HWY_AVX3_DL ? "AVX-512" : hwy::TargetName(target);
 }
 
 void FillTinyTriangles(const TinyTriangleTask& task, FragmentBuffer* buffer,

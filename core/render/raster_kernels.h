@@ -117,6 +117,9 @@ constexpr std::int32_t kMaxTinyExtentPx = 254;
 void FillTinyTriangles(const TinyTriangleTask& task, FragmentBuffer* buffer,
                        std::vector<std::uint32_t>* larger, absl::FunctionRef<void()> flush);
 
+// The instruction set that the kernels use on this machine: "AVX-512", "AVX2", "SSE4", ...
+const char* RasterInstructionSet();
+
 // Appends the fragments of one triangle of any size.
 void FillTriangle(const ScreenTriangle& triangle, float nearest_depth, FragmentBuffer* buffer,
                   absl::FunctionRef<void()> flush);

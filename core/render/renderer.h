@@ -1,16 +1,17 @@
 // Drawing block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and
 // CPU (docs/architecture.md).
 //
-// The promise that makes culling exact: a pixel shows the fragment with the smallest FragmentKey
-// (depth, then block id; within a block, the triangle with the lowest index), and neither depth nor
-// colour of a fragment depends on what else is drawn, on the order, or on how meshes are spread
-// over passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1], and
-// fragments outside Footprint::rect are dropped, so that rounding can't break what culling
+// The promise that makes culling exact: a pixel shows the fragment that comes first in the frame's
+// image::FragmentOrder, whose tie rule is that of the back end (frame::TieRuleOf), and neither
+// depth nor colour of a fragment depends on what else is drawn, on the order, or on how meshes are
+// spread over passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1],
+// and fragments outside Footprint::rect are dropped, so that rounding can't break what culling
 // concludes from the footprint. Even a fragment of depth 1 wins over the background.
 
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_H_
 
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -21,10 +22,11 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/cancellation.h"
+#include "core/frame/frame_spec.h"
+#include "core/frame/picture_revision.h"
 #include "core/image/frame_image.h"
 #include "core/image/pixel_mask.h"
 #include "core/mesh/compact_mesh.h"
-#include "core/render/appearance.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 
@@ -33,6 +35,8 @@ namespace isoscope::render {
 struct MeshToDraw {
   // Not null; no longer changes; one normal a position.
   std::shared_ptr<const mesh::CompactMesh> mesh;
+  // Of the frame's surfaces, the one that the mesh is part of.
+  std::uint32_t surface_index = 0;
   // Fragments at other pixels are dropped; null: none is. Outlives the pass.
   const image::PixelMask* open = nullptr;
 };
@@ -48,14 +52,14 @@ class RenderPass {
  public:
   virtual ~RenderPass() = default;
 
-  // Draws meshes, now or by Finish(). Thread-safe; any order. Each block at most once in a pass; an
+  // Draws meshes, now or by Finish(). Thread-safe; any order. Each block at most once a surface; an
   // empty mesh is fine. May wait for earlier meshes to be drawn, so that memory stays bounded.
   // INVALID_ARGUMENT if the layout has no such block. An error of earlier drawing is returned here
   // or by Finish().
   virtual absl::Status Add(std::span<const MeshToDraw> meshes) = 0;
   absl::Status Add(std::shared_ptr<const mesh::CompactMesh> mesh,
                    const image::PixelMask* open = nullptr) {
-    const MeshToDraw one{std::move(mesh), open};
+    const MeshToDraw one{.mesh = std::move(mesh), .open = open};
     return Add(std::span(&one, 1));
   }
 
@@ -70,16 +74,22 @@ class Renderer {
  public:
   virtual ~Renderer() = default;
 
-  // `view` is copied; `layout` must be that of the blocks to come and is copied too.
+  // A pass of the frame `spec`. Everything is copied; `view` is the spec's, `layout` that of the
+  // blocks to come. RESOURCE_EXHAUSTED if there is no memory for the picture.
+  // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
   virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                                 const volume::BlockLayout& layout,
-                                                                const Appearance& appearance) = 0;
+                                                                const frame::FrameSpec& spec) = 0;
 
   // Takes the memory of `pass_count` passes of this size, as far as it may keep it unused, so that
   // the first frames find it touched. May do nothing.
   virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/) {}
 
-  // For people: "egl: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa 22.3.6".
+  // What decides the pixels it draws.
+  [[nodiscard]] virtual frame::PictureRevision picture_revision() const = 0;
+
+  // For people: "cpu: software rasterizer, AVX2", "egl: llvmpipe (LLVM 15.0.6, 256 bits),
+  // OpenGL 4.5 (Core Profile) Mesa 22.3.6".
   [[nodiscard]] virtual std::string description() const = 0;
 };
 

@@ -701,7 +701,7 @@ class CancellingRenderer final : public render::Renderer {
       : renderer_(renderer), cancellation_(cancellation) {}
   absl::StatusOr<std::unique_ptr<render::RenderPass>> BeginPass(
       const view::View& view, const volume::BlockLayout& layout,
-      const render::Appearance& appearance) override {
+      const frame::Appearance& appearance) override {
     auto pass = renderer_->BeginPass(view, layout, appearance);
     if (!pass.ok()) {
       return pass.status();

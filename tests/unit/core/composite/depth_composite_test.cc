@@ -118,8 +118,8 @@ TEST(DepthCompositeTest, TheOrderOfArrivalDoesNotMatter) {
 TEST(DepthCompositeTest, ASurfaceAtTheFarPlaneBeatsTheBackground) {
   image::FrameImage surface(1, 1);
   surface.Set(0, 0, image::FragmentKey(1.0F, 9), {1, 2, 3, 255});
-  EXPECT_EQ(image::BlockOf(Composite(image::FrameImage(1, 1), surface).keys[0]), 9U);
-  EXPECT_EQ(image::BlockOf(Composite(surface, image::FrameImage(1, 1)).keys[0]), 9U);
+  EXPECT_EQ(image::OwnerOf(Composite(image::FrameImage(1, 1), surface).keys[0]), 9U);
+  EXPECT_EQ(image::OwnerOf(Composite(surface, image::FrameImage(1, 1)).keys[0]), 9U);
 }
 
 TEST(FlattenOverTest, OnlyWhatNoBlockCoversShowsTheBackground) {

@@ -39,7 +39,7 @@ image::FrameImage MakeNoise(int width, int height, double coverage, std::uint64_
     const auto depth = static_cast<float>(base::RandomUnit(seed, 4 * i + 1));
     const std::uint64_t bits = base::RandomBits(seed, 4 * i + 2);
     image.Set(static_cast<int>(i) % width, static_cast<int>(i) / width,
-              image::FragmentKey(depth, static_cast<std::uint32_t>(bits) % image::kNoBlock),
+              image::FragmentKey(depth, static_cast<std::uint32_t>(bits) % image::kNoOwner),
               {static_cast<std::uint8_t>(bits >> 32), static_cast<std::uint8_t>(bits >> 40),
                static_cast<std::uint8_t>(bits >> 48), 255});
   }
@@ -90,7 +90,7 @@ TEST(PixelCodecTest, EveryPixelComesBack) {
 TEST(PixelCodecTest, ExtremeValuesComeBack) {
   image::FrameImage image(3, 1);
   image.Set(0, 0, image::FragmentKey(0.0F, 0), {0, 255, 0, 255});
-  image.Set(1, 0, image::FragmentKey(1.0F, image::kNoBlock - 1), {255, 0, 255, 255});
+  image.Set(1, 0, image::FragmentKey(1.0F, image::kNoOwner - 1), {255, 0, 255, 255});
   image.Set(2, 0, image::FragmentKey(0x1.fffffep-1F, 0), {0, 0, 0, 255});
   ExpectRoundTrip(image);
 }

@@ -1,11 +1,11 @@
-// How the surface looks.
+// How a surface looks.
 
-#ifndef ISOSCOPE_CORE_RENDER_APPEARANCE_H_
-#define ISOSCOPE_CORE_RENDER_APPEARANCE_H_
+#ifndef ISOSCOPE_CORE_FRAME_APPEARANCE_H_
+#define ISOSCOPE_CORE_FRAME_APPEARANCE_H_
 
-#include "core/image/frame_image.h"
+#include "core/image/fragment.h"
 
-namespace isoscope::render {
+namespace isoscope::frame {
 
 // Two-sided smooth shading under a head light: with c = |n . v| (n the unit normal, v the unit
 // direction to the eye), colour = base * (ambient + (1 - ambient) * c) + specular * c^shininess,
@@ -19,6 +19,6 @@ struct Appearance {
   friend bool operator==(const Appearance&, const Appearance&) = default;
 };
 
-}  // namespace isoscope::render
+}  // namespace isoscope::frame
 
-#endif  // ISOSCOPE_CORE_RENDER_APPEARANCE_H_
+#endif  // ISOSCOPE_CORE_FRAME_APPEARANCE_H_
