@@ -6,22 +6,25 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
 #include "partition-agent/frame_pipeline.h"
+#include "partition-agent/frame_task.h"
 #include "partition-agent/surface_extraction.h"
 
 namespace isoscope::agent {
@@ -41,6 +44,7 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
   v1::DescribeShardsResponse description;
   description.set_version(std::string(base::Version()));
   description.set_renderer(renderer.description());
+  *description.mutable_picture_revision() = rpc::ToProto(renderer.picture_revision());
   std::vector<const store::ShardReader*> readers;
   readers.reserve(shards.size());
   for (const std::shared_ptr<const Shard>& shard : shards) {
@@ -62,30 +66,21 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
   return description;
 }
 
-absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) {
-  FrameRequest request;
-  request.frame_number = begin.frame_number();
-  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(begin.isovalue(), "begin.isovalue"));
-  request.isovalue = begin.isovalue();
-  ISOSCOPE_ASSIGN_OR_RETURN(request.camera, rpc::CameraFromProto(begin.camera(), "begin.camera"));
-  ISOSCOPE_ASSIGN_OR_RETURN(request.viewport,
-                            rpc::ViewportFromProto(begin.viewport(), "begin.viewport"));
-  ISOSCOPE_ASSIGN_OR_RETURN(request.culling,
-                            rpc::CullingFromProto(begin.culling(), "begin.culling"));
-  if (begin.has_base_color()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(request.appearance.base_color,
-                              rpc::ColorFromProto(begin.base_color(), "begin.base_color"));
-  }
-  request.ray_seed = static_cast<std::uint64_t>(begin.ray_seed());
-  request.agent_index = begin.agent_index();
-  request.agent_count = begin.agent_count();
-  request.report_active_blocks = begin.report_active_blocks();
-  if (request.agent_index < 0 || request.agent_index >= request.agent_count) {
-    return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", request.agent_index,
-                                                   " of begin.agent_count ", request.agent_count,
+absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
+  // Of the request too: a field that this agent does not know may decide pixels.
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
+  FrameTask task;
+  task.frame_number = begin.frame_number();
+  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, rpc::FrameSpecFromProto(begin.request()));
+  task.agent_index = begin.agent_index();
+  task.agent_count = begin.agent_count();
+  task.report_active_blocks = begin.report_active_blocks();
+  if (task.agent_index < 0 || task.agent_index >= task.agent_count) {
+    return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", task.agent_index,
+                                                   " of begin.agent_count ", task.agent_count,
                                                    ": must lie in [0, agent_count)"));
   }
-  return request;
+  return task;
 }
 
 template <typename T>
@@ -100,10 +95,6 @@ void AddBlock(const mesh::BlockMesh& mesh, v1::ExtractSurfaceResponse* response)
   block->set_normals(AsBytes(mesh.normals));
   block->set_edge_keys(AsBytes(mesh.edge_keys));
   block->set_triangles(AsBytes(mesh.indices));
-}
-
-std::string Milliseconds(absl::Duration duration) {
-  return absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(duration));
 }
 
 }  // namespace
@@ -190,7 +181,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // Checks that the message is the one that is due and hands it to the executor.
   absl::Status Accept(v1::RenderFrameRequest message) ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     using Message = v1::RenderFrameRequest;
     if (phase_ == Phase::kExpectBegin && message.message_case() == Message::kBegin) {
       ISOSCOPE_RETURN_IF_ERROR(Admit());
@@ -250,7 +241,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
       return;  // OnCancel ends the frame
     }
     {
-      absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       if (phase_ == Phase::kRenderingRest || phase_ == Phase::kEnded) {
         return;
       }
@@ -260,7 +251,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // The step is over; messages may come now. Called before what the coordinator answers to is sent.
   void EnterPhase(Phase phase) ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (phase_ != Phase::kEnded) {
       phase_ = phase;
     }
@@ -276,7 +267,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   // For one step: its image, and its bands until they are queued.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
-    return service_->memory_->ReserveStep(request_.viewport, cancellation_);
+    return service_->memory_->ReserveStep(task_.spec.viewport, cancellation_);
   }
 
   // Sends the bands of an image but for the last ones, which go with the message that ends the
@@ -302,17 +293,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::shared_ptr<const Shard>> shards,
                               service_->FindShards(begin.dataset_id(), begin.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(request_, FrameRequestFromProto(begin));
+    ISOSCOPE_ASSIGN_OR_RETURN(task_, FrameTaskFromProto(begin));
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
     ISOSCOPE_ASSIGN_OR_RETURN(
-        pipeline_, FramePipeline::Make(std::move(shards), request_,
-                                       {.renderer = service_->renderer_.get(),
-                                        .arena = service_->arena_.get(),
-                                        .cache = service_->memory_->cache(),
-                                        .max_read_bytes = service_->memory_->read_bytes()},
-                                       &cancellation_));
-    if (request_.culling == frame::Culling::kNone) {
+        pipeline_,
+        FramePipeline::Make(std::move(shards), task_, service_->Resources(), &cancellation_));
+    if (task_.spec.culling == frame::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
       ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
       ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
@@ -365,8 +352,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     EnterPhase(Phase::kEnded);
     outgoing_.Finish(absl::OkStatus());
     base::LogInfo("frame_done", {{"frame", frame_number_},
-                                 {"duration_ms", Milliseconds(absl::Now() - start_)},
-                                 {"busy_ms", Milliseconds(statistics.busy_duration)},
+                                 {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
+                                 {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
                                  {"active_blocks", statistics.active_block_count},
                                  {"visible_blocks", statistics.visible_block_count},
                                  {"triangles", statistics.triangle_count}});
@@ -377,7 +364,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   void Fail(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
     std::int64_t frame_number = 0;
     {
-      absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       if (phase_ == Phase::kEnded) {
         return;
       }
@@ -387,7 +374,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     cancellation_.Cancel();  // a step may still run
     outgoing_.Finish(status);
     base::LogWarning("frame_failed", {{"frame", frame_number},
-                                      {"duration_ms", Milliseconds(absl::Now() - start_)},
+                                      {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
                                       {"status", status}});
   }
 
@@ -399,13 +386,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   v1::RenderFrameRequest incoming_;
   std::shared_ptr<RenderFrameCall> self_;  // reset by OnDone
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   Phase phase_ ABSL_GUARDED_BY(mutex_) = Phase::kExpectBegin;
   std::int64_t frame_number_ = 0;  // set before the first step
   bool is_admitted_ = false;       // set before the first step
 
   // Used by the steps, one after the other.
-  FrameRequest request_;
+  FrameTask task_;
   std::vector<int> shard_indices_;
   std::int64_t block_count_ = 0;
   std::unique_ptr<FramePipeline> pipeline_;
@@ -458,20 +445,20 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
               status.ok() ? "extraction_done" : "extraction_failed",
               {{"dataset_id", request_.dataset_id()},
                {"isovalue", request_.isovalue()},
-               {"duration_ms", Milliseconds(absl::Now() - start)},
+               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"triangles", triangle_count_},
                {"status", status}});
   }
 
   absl::Status Extract() {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), service_->arena_.get(),
-                                service_->memory_->read_bytes(), &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
+                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(),
+                                                      service_->Resources(), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {
@@ -524,13 +511,20 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
 
 PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
 
+AgentResources PartitionAgentServiceImpl::Resources() const {
+  return {.renderer = renderer_.get(),
+          .arena = arena_.get(),
+          .cache = memory_->cache(),
+          .max_read_bytes = memory_->read_bytes()};
+}
+
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
-    grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* /*request*/,
+    grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* request,
     v1::DescribeShardsResponse* response) {
-  *response = description_;
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status::OK);
-  return reactor;
+  return rpc::AnswerUnary(context, *request, [&] {
+    *response = description_;
+    return absl::OkStatus();
+  });
 }
 
 grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse>*

@@ -17,6 +17,7 @@
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_memory.h"
+#include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
@@ -59,6 +60,8 @@ class PartitionAgentServiceImpl final
  private:
   class RenderFrameCall;
   class ExtractSurfaceCall;
+
+  [[nodiscard]] AgentResources Resources() const;
 
   // The shards of a dataset by index. FAILED_PRECONDITION names what is not served;
   // INVALID_ARGUMENT if the indices are malformed.

@@ -32,9 +32,11 @@ ActiveBlocks::ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_a
 
 std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
                                      const std::vector<std::vector<int>>& shard_indices_by_agent,
-                                     double isovalue) {
-  std::string key =
-      absl::StrCat(dataset_id, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+                                     const std::vector<double>& isovalues) {
+  std::string key = dataset_id;
+  for (const double isovalue : isovalues) {
+    absl::StrAppend(&key, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+  }
   for (const std::vector<int>& indices : shard_indices_by_agent) {
     absl::StrAppend(&key, "/", absl::StrJoin(indices, ","));
   }

@@ -36,10 +36,10 @@ class ActiveBlocksCache {
   explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
 
   // What blocks are active, and who has them, is a function of the dataset's content, of how its
-  // shards are spread over the agents, and of the isovalue.
+  // shards are spread over the agents, and of the isovalues of the frame's surfaces.
   static std::string KeyOf(const std::string& dataset_id,
                            const std::vector<std::vector<int>>& shard_indices_by_agent,
-                           double isovalue);
+                           const std::vector<double>& isovalues);
 
   // Null if it is not there.
   std::shared_ptr<const ActiveBlocks> Find(const std::string& key);

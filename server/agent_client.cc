@@ -8,10 +8,9 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
-#include "absl/synchronization/mutex.h"
 #include <grpcpp/support/client_callback.h>
 
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
@@ -79,12 +78,12 @@ absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayou
 class FrameStream final
     : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
-  FrameStream(AgentAssignment agent, std::int64_t block_count, absl::Time deadline,
+  FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
               AgentListener* listener)
-      : agent_(std::move(agent)),
+      : agent_(agent.identity()),
         block_count_(block_count),
         listener_(listener),
-        stub_(v1::PartitionAgentService::NewStub(agent_.channel)) {
+        stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
     SetDeadline(deadline, &context_);
   }
 
@@ -100,7 +99,7 @@ class FrameStream final
   }
 
   void Send(v1::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (reads_have_ended_) {
       return;  // OnEnd says why
     }
@@ -115,16 +114,16 @@ class FrameStream final
 
   // Waits until OnEnd has returned.
   void WaitUntilEnded() ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
-    mutex_.Await(absl::Condition(&has_ended_));
+    const base::MutexLock lock(&mutex_);
+    ended_.Await(&mutex_, [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return has_ended_; });
   }
 
-  [[nodiscard]] const AgentAssignment& agent() const { return agent_; }
+  [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
   [[nodiscard]] std::int64_t network_bytes() const { return network_bytes_.load(); }
 
   void OnReadDone(bool ok) override {
     if (!ok) {
-      absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       reads_have_ended_ = true;
       RemoveHold();
       return;
@@ -141,7 +140,7 @@ class FrameStream final
   }
 
   void OnWriteDone(bool ok) override {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     is_writing_ = false;
     if (!ok) {
       outgoing_.clear();  // the stream is broken: reads end too
@@ -153,8 +152,10 @@ class FrameStream final
 
   void OnDone(const grpc::Status& grpc_status) override {
     listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     has_ended_ = true;
+    // With the mutex held: who waits may destroy this as soon as it has the mutex.
+    ended_.SignalAll();
   }
 
  private:
@@ -206,19 +207,15 @@ class FrameStream final
   absl::Status EndStatus(const absl::Status& status) const {
     if (!message_error_.ok()) {
       return absl::InternalError(
-          absl::StrCat(NameOf(agent_), " sent a malformed message: ", message_error_.message()));
+          absl::StrCat("sent a malformed message: ", message_error_.message()));
     }
-    if (!status.ok()) {
-      return AgentError(agent_, status, was_cancelled_.load());
+    if (status.ok() && !is_frame_done_) {
+      return absl::InternalError("ended the stream before the frame was done");
     }
-    if (!is_frame_done_) {
-      return absl::InternalError(
-          absl::StrCat(NameOf(agent_), " ended the stream before the frame was done"));
-    }
-    return absl::OkStatus();
+    return CallStatus(status, was_cancelled_.load());
   }
 
-  const AgentAssignment agent_;
+  const AgentIdentity agent_;
   const std::int64_t block_count_;
   AgentListener* const listener_;
   const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
@@ -231,7 +228,8 @@ class FrameStream final
   absl::Status message_error_;
   bool is_frame_done_ = false;
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar ended_;
   std::deque<v1::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_have_ended_ ABSL_GUARDED_BY(mutex_) = false;
@@ -259,7 +257,7 @@ class GrpcAgentLink final : public AgentLink {
     stream_->Send(std::move(request));
   }
   void Cancel() override { stream_->Cancel(); }
-  [[nodiscard]] std::string name() const override { return NameOf(stream_->agent()); }
+  [[nodiscard]] const AgentIdentity& agent() const override { return stream_->agent(); }
   [[nodiscard]] std::int64_t network_bytes() const override { return stream_->network_bytes(); }
 
  private:
@@ -268,24 +266,14 @@ class GrpcAgentLink final : public AgentLink {
 
 }  // namespace
 
-std::string NameOf(const AgentAssignment& agent) {
-  return absl::StrCat("agent ", agent.address,
-                      agent.shard_indices.size() == 1 ? " (shard " : " (shards ",
-                      absl::StrJoin(agent.shard_indices, ", "), ")");
-}
-
-absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status,
-                        bool was_cancelled_by_us) {
-  const std::string name = NameOf(agent);
+absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
   const bool is_cut =
       (absl::IsCancelled(status) && !was_cancelled_by_us) ||
       (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
-  if (absl::IsUnavailable(status) || is_cut) {
-    return absl::UnavailableError(absl::StrCat(name, " was lost: ", status.message()));
+  if (is_cut) {
+    return absl::UnavailableError(status.message());
   }
-  const absl::StatusCode code =
-      absl::IsInvalidArgument(status) ? absl::StatusCode::kInternal : status.code();
-  return {code, absl::StrCat(name, ": ", status.message())};
+  return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
 }
 
 std::shared_ptr<void> DescribeShards(
@@ -327,7 +315,9 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
 SurfaceStream::SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
                              const volume::BlockLayout& layout, double isovalue,
                              absl::Time deadline)
-    : agent_(agent), layout_(layout), stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
+    : agent_(agent.identity()),
+      layout_(layout),
+      stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
   SetDeadline(deadline, &context_);
   v1::ExtractSurfaceRequest request;
   request.set_dataset_id(dataset_id);
@@ -350,6 +340,13 @@ void SurfaceStream::Cancel() {
   context_.TryCancel();
 }
 
+absl::Status SurfaceStream::Fail(absl::Status status) {
+  status_ = std::move(status);
+  return AgentFailure{
+      .agent_index = 0, .agent = agent_, .stage = FrameStage::kRenderingVisible, .status = status_}
+      .ToStatus();
+}
+
 absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
   while (next_block_ == message_.blocks_size()) {
     if (has_ended_) {
@@ -364,13 +361,12 @@ absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
     has_ended_ = true;
     const grpc::Status status = reader_->Finish();
     if (!status.ok()) {
-      return AgentError(agent_, rpc::ToAbslStatus(status), was_cancelled_.load());
+      return Fail(CallStatus(rpc::ToAbslStatus(status), was_cancelled_.load()));
     }
   }
   const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
   if (!status.ok()) {
-    return absl::InternalError(
-        absl::StrCat(NameOf(agent_), " sent a malformed block: ", status.message()));
+    return Fail(absl::InternalError(absl::StrCat("sent a malformed block: ", status.message())));
   }
   return true;
 }

@@ -32,16 +32,14 @@ struct AgentAssignment {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
   std::vector<int> shard_indices;  // ascending
+
+  [[nodiscard]] AgentIdentity identity() const { return {address, shard_indices}; }
 };
 
-// "agent 10.0.0.7:50052 (shards 3, 7)".
-std::string NameOf(const AgentAssignment& agent);
-
-// An agent's error as clients see it: it names the agent. Codes are kept, but for those that would
-// tell the client something wrong: INVALID_ARGUMENT (the coordinator's message was bad) becomes
-// INTERNAL, and a stream that was cut without us becomes UNAVAILABLE.
-absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status,
-                        bool was_cancelled_by_us);
+// How a call to an agent ended, as AgentFailure::status has it. Codes are kept, but for those that
+// would tell the client something wrong: INVALID_ARGUMENT (the coordinator's message was bad)
+// becomes INTERNAL, and a stream that was cut without us becomes UNAVAILABLE.
+absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
 // Asks an agent what it serves. `done` is called once, on one of gRPC's threads, no later than soon
 // after `deadline`: it must be quick. Keep what is returned until then, and drop it on a thread of
@@ -72,10 +70,16 @@ class SurfaceStream final : public SurfaceSource {
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
   void Cancel();
 
-  [[nodiscard]] const AgentAssignment& agent() const { return agent_; }
+  // OK, or why Next failed, without the agent's name.
+  [[nodiscard]] const absl::Status& status() const { return status_; }
+  [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
 
  private:
-  const AgentAssignment agent_;
+  // Keeps the status, and names the agent in it.
+  absl::Status Fail(absl::Status status);
+
+  const AgentIdentity agent_;
+  absl::Status status_;
   const volume::BlockLayout layout_;
   const std::unique_ptr<isoscope::internal::v1::PartitionAgentService::Stub> stub_;
   grpc::ClientContext context_;

@@ -13,6 +13,7 @@
 
 #include "core/frame/agent_statistics.h"
 #include "core/volume/block_layout.h"
+#include "server/agent_failure.h"
 
 namespace isoscope::server {
 
@@ -27,7 +28,7 @@ class AgentListener {
   virtual void OnPixels(std::vector<std::string> bands) = 0;  // docs/format/wire.md
   virtual void OnOccludersDone() = 0;
   virtual void OnFrameDone(frame::AgentStatistics statistics) = 0;
-  // The last call. OK only after OnFrameDone. Errors name the agent and its shards.
+  // The last call. OK only after OnFrameDone. Errors are AgentFailure::status.
   virtual void OnEnd(absl::Status status) = 0;
 };
 
@@ -46,8 +47,7 @@ class AgentLink {
   // Stops the agent's work; OnEnd follows soon.
   virtual void Cancel() = 0;
 
-  // "agent 10.0.0.7:50052 (shards 3, 7)".
-  [[nodiscard]] virtual std::string name() const = 0;
+  [[nodiscard]] virtual const AgentIdentity& agent() const = 0;
   // Bytes of messages so far, both ways.
   [[nodiscard]] virtual std::int64_t network_bytes() const = 0;
 };

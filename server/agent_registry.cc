@@ -19,6 +19,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::server {
@@ -116,6 +117,18 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
         unreachable.empty() ? "all agents answer: start agents for them" : unreachable));
     return state;
   }
+  const AgentState& first = *draft.owners.begin()->second;
+  for (const auto& [shard, owner] : draft.owners) {
+    if (!(owner->picture_revision == first.picture_revision)) {
+      state.status = absl::FailedPreconditionError(absl::StrCat(
+          "dataset \"", name, "\": agents would draw different pictures: agent ", first.address,
+          " has picture revision ", frame::ToString(first.picture_revision), ", agent ",
+          owner->address, " has ", frame::ToString(owner->picture_revision),
+          "; run one version with one --renderer on all of them"));
+      return state;
+    }
+  }
+  state.picture_revision = first.picture_revision;
   // The owners in order of their first shards: the order of agents does not depend on addresses.
   std::map<const AgentState*, std::size_t> place_of;
   for (const auto& [shard, owner] : draft.owners) {
@@ -170,11 +183,16 @@ void Adopt(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* state)
   }
   state->version = answer->version();
   state->renderer = answer->renderer();
-  if (absl::Status status = Validate(*answer); !status.ok()) {
+  absl::StatusOr<frame::PictureRevision> revision =
+      rpc::PictureRevisionFromProto(answer->picture_revision(), "picture_revision");
+  absl::Status status = Validate(*answer);
+  status.Update(revision.status());
+  if (!status.ok()) {
     state->status = std::move(status);
     state->shards.clear();
     return;
   }
+  state->picture_revision = *std::move(revision);
   state->status = absl::OkStatus();
   state->shards.assign(answer->shards().begin(), answer->shards().end());
 }

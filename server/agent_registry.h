@@ -23,6 +23,7 @@
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 
+#include "core/frame/picture_revision.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "server/agent_client.h"
@@ -38,6 +39,7 @@ struct AgentState {
   absl::Status status = absl::UnavailableError("not asked yet");
   std::string version;
   std::string renderer;
+  frame::PictureRevision picture_revision;
   // What it serves; of an agent that does not answer: what it served when it last did.
   std::vector<isoscope::internal::v1::ShardDescription> shards;
 };
@@ -49,7 +51,8 @@ struct DatasetState {
   absl::Status status;
   // Each shard once, in order of the agents' first shards. Only if `status` is OK.
   std::vector<AgentAssignment> agents;
-  bool is_served = false;  // at least one shard is
+  frame::PictureRevision picture_revision;  // of all of these agents
+  bool is_served = false;                   // at least one shard is
 };
 
 // What the agents make together, by dataset name. A pure function; `agents` by address: of several

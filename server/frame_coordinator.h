@@ -19,7 +19,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
-#include "core/frame/culling.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
@@ -30,9 +30,10 @@ namespace isoscope::server {
 
 // What a frame is about. Everything pointed to outlives the frame.
 struct FrameSetup {
-  const view::View* view = nullptr;
+  const frame::FrameSpec* spec = nullptr;
+  const view::View* view = nullptr;  // the spec's
   const volume::BlockLayout* layout = nullptr;
-  frame::Culling culling = frame::Culling::kDepth;
+  image::TieRule ties = image::TieRule::kColor;  // of the agents' back end
   int agent_count = 0;
   // What is active, if it is known: then agents are not to be asked to report it.
   std::shared_ptr<const ActiveBlocks> active;
@@ -53,16 +54,24 @@ struct FrameResult {
   std::vector<frame::AgentStatistics> agents;  // in order of their first shard
 };
 
+// A frame that ran to its end.
+struct FrameOutcome {
+  absl::Status status;  // OK: `result` is complete
+  FrameResult result;
+  // If the status is not OK: the agents that are to blame. Empty for a cancelled frame.
+  std::vector<AgentFailure> failures;
+};
+
 // Begins the frame on agent `agent_index` of all; `listener` outlives the link.
 using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>(
     int agent_index, AgentListener* listener)>;
 
-// Runs one frame to its end. Blocks. Any agent's error ends the frame with that error and cancels
-// the others; the frame ends no later than the cancellation's deadline, with DEADLINE_EXCEEDED
-// naming the agents that had not answered. Bands are decoded and composited as they come, side by
-// side in the setup's arena.
-absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
-                                     const base::Cancellation& cancellation);
+// Runs one frame to its end. Blocks; a cancellation wakes it. Any agent's failure ends the frame
+// with AgentFailure::ToStatus and cancels the others; the frame ends no later than the
+// cancellation's deadline, with DEADLINE_EXCEEDED naming the agents that had not answered. Bands
+// are decoded and composited as they come, side by side in the setup's arena.
+FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
+                      const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server
 

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
@@ -17,6 +18,7 @@
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/active_blocks.h"
+#include "server/agent_failure.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
@@ -52,8 +54,9 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   class RenderCall;
   class ExportCall;
 
-  // Tells the registry if the status says that an agent is not what it was.
-  void ReportIfAgentFailed(const DatasetState& dataset, const absl::Status& status) const;
+  // Logs who is to blame for a frame (0: an export) that failed, and tells the registry which
+  // agents are not what they were.
+  void ReportFailures(std::int64_t frame_number, const std::vector<AgentFailure>& failures) const;
 
   const IsosurfaceServiceOptions options_;
   std::atomic<std::int64_t> next_frame_number_{1};

@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 
 namespace isoscope::base {
 
@@ -48,6 +49,9 @@ inline void LogError(absl::string_view event, std::initializer_list<LogField> fi
 
 // `event key=value ...` as Log writes it after time and level.
 std::string FormatLogLine(absl::string_view event, std::initializer_list<LogField> fields);
+
+// "12.3": a duration as a field in milliseconds.
+std::string LogMilliseconds(absl::Duration duration);
 
 }  // namespace isoscope::base
 

@@ -80,8 +80,9 @@ absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(
       revision.back_end = frame::BackEnd::kEgl;
       return revision;
     default:
-      return absl::InvalidArgumentError(absl::StrCat(
-          path, ".back_end is ", static_cast<int>(proto.back_end()), ": must be 1 (cpu) or 2 (egl)"));
+      return absl::InvalidArgumentError(absl::StrCat(path, ".back_end is ",
+                                                     static_cast<int>(proto.back_end()),
+                                                     ": must be 1 (cpu) or 2 (egl)"));
   }
 }
 

@@ -22,8 +22,8 @@ namespace isoscope::rpc {
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request);
 
-// Gives a request without a camera the default one of `bounds`, and `spec` what the agents will read
-// from the message: the same bits everywhere.
+// Gives a request without a camera the default one of `bounds`, and `spec` what the agents will
+// read from the message: the same bits everywhere.
 absl::Status ResolveCamera(const math::Box3d& bounds,
                            isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
 

@@ -17,10 +17,10 @@ absl::Status Check(const google::protobuf::Message& message, const std::string& 
   const google::protobuf::Reflection& reflection = *message.GetReflection();
   const google::protobuf::UnknownFieldSet& unknown = reflection.GetUnknownFields(message);
   if (!unknown.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path.empty() ? message.GetDescriptor()->name() : path, " has a field number ",
-        unknown.field(0).number(), ", which this server (version ", base::Version(),
-        ") does not know: use a newer server, or leave the field out"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(path.empty() ? message.GetDescriptor()->name() : path, " has a field number ",
+                     unknown.field(0).number(), ", which this server (version ", base::Version(),
+                     ") does not know: use a newer server, or leave the field out"));
   }
   std::vector<const google::protobuf::FieldDescriptor*> fields;
   reflection.ListFields(message, &fields);
@@ -35,8 +35,8 @@ absl::Status Check(const google::protobuf::Message& message, const std::string& 
       continue;
     }
     for (int i = 0; i < reflection.FieldSize(message, field); ++i) {
-      ISOSCOPE_RETURN_IF_ERROR(Check(reflection.GetRepeatedMessage(message, field, i),
-                                     absl::StrCat(name, "[", i, "]")));
+      ISOSCOPE_RETURN_IF_ERROR(
+          Check(reflection.GetRepeatedMessage(message, field, i), absl::StrCat(name, "[", i, "]")));
     }
   }
   return absl::OkStatus();

@@ -32,7 +32,7 @@ using testing::Compare;
 using testing::CoveredPixels;
 using testing::Difference;
 using testing::LocalCluster;
-using testing::RandomRequest;
+using testing::RandomSpec;
 using testing::TriangleCount;
 
 constexpr int kThreadCount = 2;
@@ -197,7 +197,7 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
                    ? store::Distribution::kRandom
                    : store::Distribution::kGreedy;
       };
-      agent::FrameRequest request = RandomRequest(seed, volume.geometry.Bounds(), volume.isovalue);
+      frame::FrameSpec request = RandomSpec(seed, volume.geometry.Bounds(), volume.isovalue);
       SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed) + ", block edge " +
                    std::to_string(edge));
 
@@ -305,13 +305,14 @@ TEST_P(ExactPictureTest, CullingByMaskLosesPixelsThatCullingByDepthKeeps) {
   Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(4, 3, store::Distribution::kRandom));
-  agent::FrameRequest request;
-  request.isovalue = volume.isovalue;
+  frame::FrameSpec request;
+  request.surfaces.resize(1);
+  request.surfaces[0].isovalue = volume.isovalue;
   request.viewport = {128, 128};
   request.camera = view::MakeDefaultCamera(volume.geometry.Bounds());
-  view::Azimuth(0.3, &request.camera);
-  view::Elevation(0.2, &request.camera);
-  view::OrthogonalizeUp(&request.camera);
+  view::Azimuth(0.3, &*request.camera);
+  view::Elevation(0.2, &*request.camera);
+  view::OrthogonalizeUp(&*request.camera);
 
   request.culling = frame::Culling::kNone;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, cluster->Render(request));
@@ -349,8 +350,8 @@ TEST_P(ExactPictureTest, NoPixelAndNoTriangleDependsOnWhatWasKept) {
     // Without any memory, step by step.
     std::vector<server::FrameResult> expected;
     const auto request_of = [&](const Step& step, frame::Culling culling) {
-      agent::FrameRequest request =
-          RandomRequest(step.seed, volume.geometry.Bounds(), step.isovalue);
+      frame::FrameSpec request =
+          RandomSpec(step.seed, volume.geometry.Bounds(), step.isovalue);
       request.culling = culling;
       return request;
     };
@@ -399,10 +400,10 @@ TEST_P(ExactPictureTest, FramesSideBySideOnOneCacheAreTheirOwn) {
   Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));
-  std::vector<agent::FrameRequest> requests;
+  std::vector<frame::FrameSpec> requests;
   std::vector<server::FrameResult> expected;
   for (std::uint64_t i = 0; i < 4; ++i) {
-    requests.push_back(RandomRequest(1 + i / 2, volume.geometry.Bounds(), i % 2 == 0 ? 128 : 150));
+    requests.push_back(RandomSpec(1 + i / 2, volume.geometry.Bounds(), i % 2 == 0 ? 128 : 150));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(requests.back()));
     expected.push_back(std::move(result));
   }
@@ -429,7 +430,7 @@ TEST_P(ExactPictureTest, IsovalueOutsideTheDataIsAnEmptyPicture) {
   Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 2, store::Distribution::kRandom));
-  agent::FrameRequest request = RandomRequest(1, volume.geometry.Bounds(), 1e6);
+  frame::FrameSpec request = RandomSpec(1, volume.geometry.Bounds(), 1e6);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(request));
   EXPECT_EQ(CoveredPixels(result.image), 0);
   EXPECT_EQ(TriangleCount(result), 0);
@@ -440,7 +441,7 @@ TEST_P(ExactPictureTest, PassedDeadlineAndCancellationEndTheFrame) {
   Datasets datasets(volume, directories_.get(), renderer_.get());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                 datasets.Get(8, 3, store::Distribution::kRandom));
-  const agent::FrameRequest request = RandomRequest(1, volume.geometry.Bounds(), volume.isovalue);
+  const frame::FrameSpec request = RandomSpec(1, volume.geometry.Bounds(), volume.isovalue);
   EXPECT_THAT(cluster->Render(request, base::Cancellation(absl::InfinitePast())),
               testing::StatusIs(absl::StatusCode::kDeadlineExceeded,
                                 ::testing::HasSubstr("local agent 2")));

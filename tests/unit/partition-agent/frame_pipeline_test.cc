@@ -70,9 +70,9 @@ class FramePipelineTest : public ::testing::Test {
   }
 
   absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
-      const Shards& shards, const FrameRequest& request,
+      const Shards& shards, const FrameTask& request,
       const base::Cancellation* cancellation = nullptr) {
-    FrameRequest numbered = request;
+    FrameTask numbered = request;
     numbered.frame_number = frame_number_.fetch_add(1);
     return FramePipeline::Make(shards, numbered, Resources(),
                                cancellation == nullptr ? &never_ : cancellation);
@@ -84,8 +84,8 @@ class FramePipelineTest : public ::testing::Test {
 
   // What a coordinator of this agent alone sends for step 3: the blocks, and their open pixels.
   static std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
-      const Frame& frame, const FrameRequest& request, const SmallDataset& dataset) {
-    const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+      const Frame& frame, const FrameTask& request, const SmallDataset& dataset) {
+    const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     const volume::BlockLayout layout = dataset.layout();
     const auto map =
         visibility::OcclusionMap::FromImage(frame.occluders, visibility::MapKind::kDepth);
@@ -102,7 +102,7 @@ class FramePipelineTest : public ::testing::Test {
     return {blocks, visibility::EncodeOpenPixels(masks)};
   }
 
-  void RunAlone(const Shards& shards, const FrameRequest& request, const SmallDataset& dataset,
+  void RunAlone(const Shards& shards, const FrameTask& request, const SmallDataset& dataset,
                 Frame* frame) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->selection, pipeline->SelectOccluders());
@@ -113,7 +113,7 @@ class FramePipelineTest : public ::testing::Test {
       active.Insert(id);
     }
     // The coordinator sends those that are in the picture.
-    const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+    const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     frame->occluding_blocks.clear();
     for (const volume::BlockId id :
          visibility::OccludingBlocks(frame->selection.hits, layout, active).Ids()) {
@@ -131,7 +131,7 @@ class FramePipelineTest : public ::testing::Test {
     frame->statistics = pipeline->statistics();
   }
 
-  image::FrameImage RenderAll(const Shards& shards, const FrameRequest& request,
+  image::FrameImage RenderAll(const Shards& shards, const FrameTask& request,
                               frame::AgentStatistics* statistics = nullptr) {
     const auto pipeline = Make(shards, request);
     EXPECT_THAT(pipeline, isoscope::testing::IsOk());
@@ -183,14 +183,14 @@ TEST_F(FramePipelineTest, RenderAllDrawsEveryTriangleOfTheReference) {
 TEST_F(FramePipelineTest, StatisticsAddUp) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
 
   // Counted again from the definitions.
-  const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+  const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
   const store::ShardReader& reader = *shards.front()->reader;
-  const volume::BlockSet active = reader.ranges().ActiveBlocks(request.isovalue);
+  const volume::BlockSet active = reader.ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
   EXPECT_EQ(frame.selection.active, active.Ids());
   const auto drawn = static_cast<std::int64_t>(frame.visible_blocks.size()) +
                      static_cast<std::int64_t>(frame.occluding_blocks.size());
@@ -217,7 +217,7 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
 
 TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
   const SmallDataset dataset(1);
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, pipeline->RenderAll());
   const absl::Duration before = pipeline->statistics().busy_duration;
@@ -228,7 +228,7 @@ TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
 TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
   frame::AgentStatistics all;
@@ -239,7 +239,7 @@ TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
 TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
   const SmallDataset dataset(3);
   const Shards shards = dataset.OpenShards();
-  FrameRequest request = dataset.Request();
+  FrameTask request = dataset.Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, Make(shards, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection of_one, alone->SelectOccluders());
   const std::vector<volume::BlockId>& expected = of_one.hits;
@@ -266,7 +266,7 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
 
 TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
   const SmallDataset dataset(1);
-  FrameRequest request = dataset.Request();
+  FrameTask request = dataset.Request();
   request.report_active_blocks = false;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
@@ -277,14 +277,14 @@ TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
 TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  FrameRequest request = dataset.Request();
-  request.isovalue = 230;  // near the largest: not all blocks are active
+  FrameTask request = dataset.Request();
+  request.spec.surfaces[0].isovalue = 230;  // near the largest: not all blocks are active
   const volume::BlockId block_count = static_cast<volume::BlockId>(dataset.layout().block_count());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, Make({shards[0]}, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, own->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards[1]}, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection other_selection, others->SelectOccluders());
-  const volume::BlockSet active = shards[0]->reader->ranges().ActiveBlocks(request.isovalue);
+  const volume::BlockSet active = shards[0]->reader->ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
   volume::BlockId inactive = 0;
   while (inactive < block_count && active.Contains(inactive)) {
     ++inactive;
@@ -315,8 +315,8 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
 TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
-  const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+  const FrameTask request = dataset.Request();
+  const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
   // Each cell of each block's mask is open or not, as dice decide.
   std::vector<volume::BlockId> blocks;
   std::vector<image::PixelMask> masks;
@@ -334,7 +334,7 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
       }
     }
   }
-  image::FrameImage expected(request.viewport.width_px, request.viewport.height_px);
+  image::FrameImage expected(request.spec.viewport.width_px, request.spec.viewport.height_px);
   std::int64_t dropped = 0;
   for (std::size_t i = 0; i < blocks.size(); ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, Make(shards, request));
@@ -372,7 +372,7 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
 TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
   ASSERT_GT(frame.visible_blocks.size(), 1U);
@@ -402,11 +402,11 @@ TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
 TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
-  FrameRequest turned = request;
-  view::Azimuth(2.0, &turned.camera);
-  FrameRequest other = request;
-  other.isovalue = SmallDataset::kIsovalue + 10;
+  const FrameTask request = dataset.Request();
+  FrameTask turned = request;
+  view::Azimuth(2.0, &*turned.spec.camera);
+  FrameTask other = request;
+  other.spec.surfaces[0].isovalue = SmallDataset::kIsovalue + 10;
   Frame cold;
   RunAlone(shards, request, dataset, &cold);
   EXPECT_GT(cold.statistics.read_bytes, 0);
@@ -423,7 +423,7 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   frame::AgentStatistics of_other;
   const image::FrameImage other_image = RenderAll(shards, other, &of_other);
   EXPECT_GT(of_other.index_page_read_count, 0);
-  for (const FrameRequest& known : {request, other, turned}) {
+  for (const FrameTask& known : {request, other, turned}) {
     frame::AgentStatistics statistics;
     const image::FrameImage image = RenderAll(shards, known, &statistics);
     EXPECT_EQ(statistics.read_bytes, 0);
@@ -446,8 +446,8 @@ TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
   const double isovalues[] = {128.25, 128.5, 128.75};
   std::vector<std::int64_t> block_bytes;
   for (const double isovalue : isovalues) {
-    FrameRequest request = dataset.Request();
-    request.isovalue = isovalue;
+    FrameTask request = dataset.Request();
+    request.spec.surfaces[0].isovalue = isovalue;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
     const std::int64_t index_bytes = pipeline->statistics().read_bytes;
@@ -472,8 +472,8 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   constexpr int kIsovalueCount = 60;
   constexpr std::size_t kSmallCacheBytes = std::size_t{4} << 20;
   const auto request_of = [&dataset](int i) {
-    FrameRequest request = dataset.Request();
-    request.isovalue = 100.5 + i;
+    FrameTask request = dataset.Request();
+    request.spec.surfaces[0].isovalue = 100.5 + i;
     return request;
   };
   std::vector<image::FrameImage> expected;
@@ -501,9 +501,9 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
 TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  std::vector<FrameRequest> requests(3, dataset.Request());
-  requests[1].isovalue += 10;
-  view::Azimuth(0.5, &requests[2].camera);
+  std::vector<FrameTask> requests(3, dataset.Request());
+  requests[1].spec.surfaces[0].isovalue += 10;
+  view::Azimuth(0.5, &*requests[2].spec.camera);
   std::vector<Frame> expected(requests.size());
   cache_ = std::make_unique<BlockCache>(0);
   for (std::size_t i = 0; i < requests.size(); ++i) {
@@ -533,13 +533,13 @@ TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
 TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  std::vector<FrameRequest> requests(4, dataset.Request());
-  requests[1].isovalue += 10;
-  view::Azimuth(0.5, &requests[2].camera);
-  requests[3].isovalue += 10;
+  std::vector<FrameTask> requests(4, dataset.Request());
+  requests[1].spec.surfaces[0].isovalue += 10;
+  view::Azimuth(0.5, &*requests[2].spec.camera);
+  requests[3].spec.surfaces[0].isovalue += 10;
   std::vector<image::FrameImage> expected;
   expected.reserve(requests.size());
-  for (const FrameRequest& request : requests) {
+  for (const FrameTask& request : requests) {
     expected.push_back(RenderAll(shards, request));
   }
   for (const std::size_t max_bytes : kCacheSizes) {
@@ -564,7 +564,7 @@ TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) 
   const std::string path = dataset.shard_directory(0) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   const image::FrameImage expected = RenderAll(shards, request);
   ForgetAll();
   for (std::int64_t offset = 100; offset < size; offset += 5000) {
@@ -581,7 +581,7 @@ TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) 
 TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   frame::AgentStatistics both;
   const image::FrameImage expected = RenderAll(shards, request, &both);
   frame::AgentStatistics first;
@@ -598,7 +598,7 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
 TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame expected;
   for (const int thread_count : {1, 2, 5}) {
     arena_ = std::make_unique<tbb::task_arena>(thread_count);
@@ -619,7 +619,7 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   const std::string path = dataset.shard_directory(1) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   // Blocks of the gyroid are active almost everywhere; count the places that hit an active one.
   int failures = 0;
   for (int part = 0; part < 8; ++part) {
@@ -652,7 +652,7 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto visible, Make(shards, request));
   ISOSCOPE_ASSERT_OK(visible->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage none, visible->RenderOccluders({}));
-  EXPECT_TRUE(none == image::FrameImage(request.viewport.width_px, request.viewport.height_px));
+  EXPECT_TRUE(none == image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
   EXPECT_THAT(visible->RenderVisible(selection.active, ""),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
 }
@@ -660,7 +660,7 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
 TEST_F(FramePipelineTest, CancelledFrameStopsInEachStep) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   for (int step = 0; step < 4; ++step) {
     SCOPED_TRACE(step);
     base::Cancellation cancellation;
@@ -769,24 +769,24 @@ TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
 TEST_F(FramePipelineTest, BadRequestIsRefused) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  FrameRequest request = dataset.Request();
-  request.viewport.width_px = 0;
+  FrameTask request = dataset.Request();
+  request.spec.viewport.width_px = 0;
   EXPECT_THAT(Make(shards, request), StatusIs(absl::StatusCode::kInvalidArgument));
   request = dataset.Request();
-  request.camera.eye = request.camera.target;
+  request.spec.camera->eye = request.spec.camera->target;
   EXPECT_THAT(Make(shards, request), StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
   const SmallDataset dataset(2);
-  FrameRequest request = dataset.Request();
-  request.isovalue = 1000;
+  FrameTask request = dataset.Request();
+  request.spec.surfaces[0].isovalue = 1000;
   Frame frame;
   RunAlone(dataset.OpenShards(), request, dataset, &frame);
   EXPECT_TRUE(frame.selection.hits.empty());
   EXPECT_EQ(frame.statistics.active_block_count, 0);
   EXPECT_TRUE(frame.image ==
-              image::FrameImage(request.viewport.width_px, request.viewport.height_px));
+              image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
 }
 
 }  // namespace

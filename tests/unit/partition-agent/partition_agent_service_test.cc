@@ -142,18 +142,18 @@ class PartitionAgentServiceTest : public ::testing::Test {
   }
 
   v1::RenderFrameRequest Begin(frame::Culling culling = frame::Culling::kDepth) const {
-    const FrameRequest request = dataset_.Request();
+    const FrameTask request = dataset_.Request();
     v1::RenderFrameRequest message;
     v1::BeginFrame* begin = message.mutable_begin();
     begin->set_frame_number(1);
     begin->set_dataset_id(dataset_.manifest().dataset_id);
     begin->add_shard_indices(0);
     begin->add_shard_indices(1);
-    begin->set_isovalue(request.isovalue);
-    *begin->mutable_camera() = rpc::ToProto(request.camera);
-    *begin->mutable_viewport() = rpc::ToProto(request.viewport);
+    begin->set_isovalue(request.spec.surfaces[0].isovalue);
+    *begin->mutable_camera() = rpc::ToProto(*request.spec.camera);
+    *begin->mutable_viewport() = rpc::ToProto(request.spec.viewport);
     begin->set_culling(rpc::ToProto(culling));
-    begin->set_ray_seed(static_cast<std::int64_t>(request.ray_seed));
+    begin->set_ray_seed(static_cast<std::int64_t>(request.spec.ray_seed));
     begin->set_agent_count(1);
     begin->set_report_active_blocks(true);
     return message;
@@ -178,12 +178,12 @@ class PartitionAgentServiceTest : public ::testing::Test {
   // Steps 2 and 3 of a frame that waits for occluders: the hits, and then what they do not hide.
   void Complete(FrameCall* call, const RaySelection& selection, image::FrameImage* image,
                 v1::RenderFrameResponse* last) const {
-    const FrameRequest request = dataset_.Request();
+    const FrameTask request = dataset_.Request();
     EXPECT_TRUE(call->SendOccluders(selection.hits));
     EXPECT_TRUE(call->ReadPixels(image).has_occluders_done());
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const view::View view,
-        view::View::Make(request.camera, request.viewport, dataset_.geometry()));
+        view::View::Make(*request.spec.camera, request.spec.viewport, dataset_.geometry()));
     const auto map = visibility::OcclusionMap::FromImage(*image, visibility::MapKind::kDepth);
     std::vector<volume::BlockId> blocks;
     std::vector<image::PixelMask> masks;
@@ -215,7 +215,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
   }
 
   image::FrameImage Expected() const { return Expected(dataset_.Request()); }
-  image::FrameImage Expected(const FrameRequest& request) const {
+  image::FrameImage Expected(const FrameTask& request) const {
     const base::Cancellation never;
     BlockCache none(0);
     auto pipeline = FramePipeline::Make(
@@ -285,8 +285,8 @@ TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebib
     }
   }
   EXPECT_GT(message_count, 1) << bytes << " bytes in one message";
-  FrameRequest request = dataset_.Request();
-  request.viewport = {.width_px = 2500, .height_px = 2000};
+  FrameTask request = dataset_.Request();
+  request.spec.viewport = {.width_px = 2500, .height_px = 2000};
   EXPECT_EQ(image, Expected(request));
 }
 
