@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
@@ -14,7 +15,6 @@
 #include "client-cli/ply_writer.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 
 namespace isoscope::cli {

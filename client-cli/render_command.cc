@@ -11,6 +11,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
@@ -20,7 +21,6 @@
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
 

@@ -10,11 +10,11 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "client-cli/interrupt.h"
-#include "client-cli/source_flags.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/interrupt.h"
+#include "client-cli/source_flags.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/io/file.h"
@@ -41,7 +41,7 @@ Outcome RunCli(const std::vector<std::string>& arguments) {
   std::ostringstream out;
   std::ostringstream err;
   const int exit_code =
-      RunCommandLine(arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
+      RunCommandLine(arguments, Commands(), {.out = &out, .err = &err, .interrupt = &interrupt});
   return {exit_code, out.str(), err.str()};
 }
 
