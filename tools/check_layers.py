@@ -57,7 +57,7 @@ UNTESTED_HEADERS = {
     "core/volume/scalar_span.h": "with every type and tie: tests/unit/core/volume/range_table_test.cc",
     "core/render/cpu_renderer.h": "the contract of both back ends: tests/unit/core/render/renderer_test.cc",
     "core/rpc/channel.h": "limits and keepalive of real servers: tests/integration",
-    "core/rpc/server_flags.h": "flags of real processes: tests/integration",
+    "core/rpc/server_flags.h": "inside of server_program_test",
     "core/base/status_macros.h": "used by every test",
     "core/base/units.h": "constants",
     "core/base/version.h": "one constant; tests/unit/client-cli/command_test.cc",
