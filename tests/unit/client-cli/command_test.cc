@@ -184,6 +184,13 @@ std::vector<WrongUsage> RenderRows() {
       RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
       {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
       {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE.ply is missing"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.jpg"},
+       {"'a.jpg'", "the suffix '.jpg'", "PNG", "expected 'a.png'"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "f/a-%d.png.gz"},
+       {"the suffix '.gz'", "PNG"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", "PNG"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.obj"},
+       {"'o.obj'", "the suffix '.obj'", "PLY", "expected 'o.ply'"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.ply", "--azimuth", "1"},
        {"unknown flag --azimuth"}},
   };
