@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+
 #include "client-cli/interrupt.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): theirs
@@ -43,14 +44,15 @@ Command InfoCommand();
 Command ServeCommand();
 Command RenderCommand();
 Command ExportCommand();
-Command BenchFrameCommand();
-Command BenchPaperCommand();
+Command GenerateCommand();
 
-// All of them, in the order of --help.
-const std::vector<Command>& Commands();
+// All commands of this room, in the order of --help.
+std::vector<Command> Commands();
 
-// Runs the command line without the program's name; returns the exit code.
-int RunCommandLine(const std::vector<std::string>& arguments, const Context& context);
+// Runs the command line, given without the program's name, with one of `commands`; --help lists
+// them in their order. Returns the exit code.
+int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,
+                   const Context& context);
 
 }  // namespace isoscope::cli
 

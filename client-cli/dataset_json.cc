@@ -8,8 +8,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
-#include "client-cli/output.h"
 
+#include "client-cli/output.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {

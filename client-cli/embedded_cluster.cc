@@ -7,8 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
-#include "client-cli/parse_value.h"
 
+#include "client-cli/parse_value.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/units.h"

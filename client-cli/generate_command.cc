@@ -1,4 +1,4 @@
-#include "client-cli/generate_command.h"
+// isoscope generate FIELD --dims X,Y,Z --output FILE
 
 #include <array>
 #include <cstdint>
@@ -14,11 +14,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+
+#include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/math/vec.h"
 #include "core/source/volume_file.h"

@@ -11,10 +11,12 @@
 #include <system_error>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/usage.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -168,6 +170,18 @@ void ProgressLine::Update(absl::string_view text) {
 
 std::string PartialName(const std::string& path) {
   return absl::StrCat(path, ".partial-", getpid());
+}
+
+absl::Status CheckSuffix(const std::string& path, absl::string_view suffix,
+                         absl::string_view format) {
+  const std::filesystem::path name(path);
+  const std::string actual = name.extension().string();
+  if (actual.empty() || absl::EqualsIgnoreCase(actual, suffix) || IsSpecialFile(path)) {
+    return absl::OkStatus();
+  }
+  return UsageError(absl::StrCat("--output '", path, "': the suffix '", actual,
+                                 "' is not that of the format written, ", format, "; expected '",
+                                 name.stem().string(), suffix, "'"));
 }
 
 absl::Status CheckWritable(const std::string& path) {

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
@@ -15,7 +16,6 @@
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"

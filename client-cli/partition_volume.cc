@@ -4,7 +4,6 @@
 
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
-
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/store/shard_format.h"

@@ -4,8 +4,8 @@
 #include <cstddef>
 
 #include "absl/strings/str_cat.h"
-#include "client-cli/output.h"
 
+#include "client-cli/output.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"

@@ -4,9 +4,9 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+
 #include "client-cli/flags.h"
 #include "client-cli/usage.h"
-
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {

@@ -9,9 +9,9 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+
 #include "client-cli/camera_flags.h"
 #include "client-cli/parse_value.h"
-
 #include "core/frame/culling.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"

@@ -5,13 +5,13 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+
 #include "client-cli/dataset_cache.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/usage.h"
-
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"

@@ -11,11 +11,11 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+
 #include "client-cli/command.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/service_client.h"
 #include "client-cli/source_flags.h"
-
 #include "core/render/renderer_factory.h"
 #include "core/view/camera.h"
 

@@ -6,10 +6,10 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+
 #include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
-
 #include "core/io/file.h"
 #include "core/source/hdf5_source.h"
 #include "core/store/shard_reader.h"

@@ -399,6 +399,36 @@ TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
   }
 }
 
+TEST_F(CliTest, ALevelWithoutASurfaceIsSaidForEveryKindOfInput) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::unique_ptr<testing::Process> server,
+      testing::StartIsoscope({"serve", Path("d"), "--listen", "127.0.0.1:0", "--renderer", "cpu"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, server->WaitForOutLine("127.0.0.1:"));
+  const json range =
+      ParseJson(MustRun({"info", Path("d"), "--json"})).at("datasets").at(0).at("value_range");
+  const std::string said = absl::StrFormat(
+      "isovalue 300 has no surface: the values of the volume "
+      "are in [%g, %g]",
+      range[0].get<double>(), range[1].get<double>());
+  const std::vector<std::string> raw = Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
+  for (const std::vector<std::string>& input :
+       std::vector<std::vector<std::string>>{raw, {Path("d")}, {"--server", address}}) {
+    SCOPED_TRACE(input[0]);
+    for (const char* command : {"render", "export"}) {
+      const std::string output = Path(std::string(command) == "render" ? "empty.png" : "empty.ply");
+      const CommandResult empty =
+          RunIsoscope(Join({command, "--isovalue", "300", "--output", output}, input), Options());
+      EXPECT_EQ(empty.exit_code, 0) << empty.err;
+      EXPECT_TRUE(absl::StrContains(empty.err, said)) << command << ": " << empty.err;
+      EXPECT_TRUE(io::PathExists(output));
+      const CommandResult full = RunIsoscope(
+          Join({command, "--isovalue", kIsovalue, "--output", output}, input), Options());
+      EXPECT_EQ(full.err, "") << command;
+    }
+  }
+}
+
 TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
   ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
   const std::vector<std::string> base{"render", Path("d"),  "--isovalue", kIsovalue,    "--width",

@@ -10,11 +10,11 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "client-cli/interrupt.h"
-#include "client-cli/source_flags.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/interrupt.h"
+#include "client-cli/source_flags.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/io/file.h"
@@ -41,7 +41,7 @@ Outcome RunCli(const std::vector<std::string>& arguments) {
   std::ostringstream out;
   std::ostringstream err;
   const int exit_code =
-      RunCommandLine(arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
+      RunCommandLine(arguments, Commands(), {.out = &out, .err = &err, .interrupt = &interrupt});
   return {exit_code, out.str(), err.str()};
 }
 
@@ -184,6 +184,13 @@ std::vector<WrongUsage> RenderRows() {
       RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
       {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
       {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE.ply is missing"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.jpg"},
+       {"'a.jpg'", "the suffix '.jpg'", "PNG", "expected 'a.png'"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "f/a-%d.png.gz"},
+       {"the suffix '.gz'", "PNG"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", "PNG"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.obj"},
+       {"'o.obj'", "the suffix '.obj'", "PLY", "expected 'o.ply'"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.ply", "--azimuth", "1"},
        {"unknown flag --azimuth"}},
   };

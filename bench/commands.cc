@@ -1,0 +1,7 @@
+#include "bench/commands.h"
+
+namespace isoscope::bench {
+
+std::vector<cli::Command> Commands() { return {FrameBenchCommand(), PaperBenchCommand()}; }
+
+}  // namespace isoscope::bench
