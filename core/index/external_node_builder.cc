@@ -2,8 +2,7 @@
 // intervals, more than fit into memory:
 //
 //   1. ChooseSlabs: merge the lower ends, which the canonical order has sorted, with the upper
-//   ends,
-//      sorted on disk, and take the endpoint at every cut position.
+//      ends, sorted on disk, and take the endpoint at every cut position.
 //   2. TakeCensus: one pass counts how many intervals go down to each slab, how many are kept, and
 //      where the kept ones begin and end to cover slabs.
 //   3. Distribute: a second pass deals the intervals to buckets, one for each slab and one for the
@@ -12,9 +11,8 @@
 //        | slab 0 | slab 1 | ... | slab k-1 | kept |
 //
 //   4. WriteRun, from the bucket of the kept intervals: left lists in the order of the bucket;
-//   right
-//      lists from a sort on disk by (slab, descending hi); window lists dealt to one bucket for
-//      each window. Then the leaf lists, from the slabs' buckets that have at most B = 170
+//      right lists from a sort on disk by (slab, descending hi); window lists dealt to one bucket
+//      for each window. Then the leaf lists, from the slabs' buckets that have at most B = 170
 //      intervals.
 //   5. BuildNode for each slab that has more, or the in-memory builder as soon as its bucket fits.
 //   6. Write the node's page, which was reserved before its entry run.

@@ -5,8 +5,7 @@
 //   2. Finish: merge them into canonical order, (lo, hi, block id, ordinal), and compute the file
 //      tag on the way: the CRC-32C of all encoded entries.
 //   3. Write a placeholder for the header page, then the nodes in preorder: for each its page
-//   (again
-//      a placeholder), its entry run, its child nodes, and then its page for good.
+//      (again a placeholder), its entry run, its child nodes, and then its page for good.
 //      in_memory_node_builder.cc does that with arrays; external_node_builder.cc does the same with
 //      scratch files while a node has more intervals than fit.
 //   4. Write the header last: a file that was not finished is no tree.

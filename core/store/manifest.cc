@@ -3,8 +3,7 @@
 //   1. VerifySeal: the CRC-32C of the whole text.
 //   2. ParseJsonFile: valid JSON of this format, in a version that this program knows.
 //   3. Each member by name: its type and range. JsonFields keeps the first error, so the members
-//   are
-//      read in a row and the error is checked once. Unknown members are ignored.
+//      are read in a row and the error is checked once. Unknown members are ignored.
 //   4. Names become enumerators.
 //   5. CheckConsistency: the id has 32 hex digits, the geometry is valid, the blocks make a layout,
 //      and the block counts of the shards add up to its blocks.

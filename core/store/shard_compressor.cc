@@ -1,8 +1,7 @@
 // Rewrites a raw shard in batches of about 8 MiB:
 //
 //   1. RawBlocks::Next reads the entries of the next blocks and their bytes, which lie one after
-//   the
-//      other in blocks.bin: one read each.
+//      the other in blocks.bin: one read each.
 //   2. Encode the blocks of the batch side by side, each into a string of its own, with the CRC-32C
 //      of the encoded bytes.
 //   3. Append them by ordinal to blocks.bin.compressed, and their entries to
