@@ -1,3 +1,27 @@
+// Builds a subtree, node by node from its root, with all intervals in one array. For each node:
+//
+//   1. ChooseSlabs: sort the 2n endpoints and cut at every (2n / k)-th of them. A node of
+//      n <= B = 170 intervals is one slab.
+//   2. Distribute: a stable counting sort groups the node's part of the array in place:
+//
+//        | slab 0 | slab 1 | ... | slab k-1 | kept at this node |
+//
+//   3. WriteRun: the left, right and window lists of the kept intervals, and a leaf list for each
+//      slab that has at most B.
+//   4. BuildNode for each slab that has more, on its piece of the array.
+//   5. Write the node's page, which was reserved before its entry run, now that the pages of its
+//      children are known.
+//
+// Invariant: each piece is in canonical order (lo, hi, block id, ordinal) whenever BuildNode
+// begins, because the counting sort is stable. So the kept intervals are in order of their first
+// slab too, and the left and window lists need no sort; only the right lists do. The bytes depend
+// on the set of intervals alone.
+//
+// Example: 400 intervals (i, i + 1], i = 0 .. 399, have 800 endpoints and get
+// k = ceil(800 / 170) = 5 slabs, cut at positions 160, 320, 480 and 640 of the sorted endpoints,
+// which are 0, 1, 1, 2, 2, ...: at 80, 160, 240 and 320. (79, 80] ends where slab 0 does: each
+// interval lies within one slab, none is kept, and the five leaf lists hold 80 each.
+
 #include "core/index/in_memory_node_builder.h"
 
 #include <algorithm>
@@ -19,7 +43,7 @@ namespace {
 
 using format::kEntriesPerPage;
 
-// Pass 1: the lower bounds of the slabs, ascending; -infinity for slab 0.
+// Step 1: returns the lower bounds of the slabs, ascending; -infinity for slab 0.
 std::vector<double> ChooseSlabs(std::span<const BlockInterval> intervals) {
   std::vector<double> lower = {kFirstLowerBound};
   const auto count = static_cast<std::int64_t>(intervals.size());
@@ -39,9 +63,9 @@ std::vector<double> ChooseSlabs(std::span<const BlockInterval> intervals) {
   return lower;
 }
 
-// The part of an interval that stays at its node.
+// The slabs of an interval that is kept at its node.
 struct KeptPart : Part {
-  std::uint32_t interval_index = 0;  // among those that stay
+  std::uint32_t interval_index = 0;  // into the kept intervals
 };
 
 class InMemoryNodeBuilder {
@@ -51,7 +75,6 @@ class InMemoryNodeBuilder {
     scratch_.reserve(intervals.size());
   }
 
-  // Writes the subtree of `intervals`, in canonical order on entry; reorders them.
   absl::StatusOr<io::PageNumber> BuildNode(std::span<BlockInterval> intervals);
 
  private:
@@ -60,12 +83,12 @@ class InMemoryNodeBuilder {
     std::vector<std::span<BlockInterval>> down;  // by slab
   };
 
-  // Pass 2: fills `node->down` and returns the parts of the intervals that stay, whose indices
-  // refer to `kept_intervals`.
+  // Step 2: fills `node->down` and `kept_intervals`, both pieces of `intervals`, and returns the
+  // slabs of each kept interval.
   std::vector<KeptPart> Distribute(std::span<BlockInterval> intervals,
                                    std::span<const double> lower, Node* node,
                                    std::span<BlockInterval>* kept_intervals);
-  // Pass 3.
+  // Step 3; `intervals` are the kept ones.
   absl::Status WriteRun(std::span<const BlockInterval> intervals, std::span<KeptPart> kept,
                         Node* node);
   static absl::Status WriteLeftLists(std::span<const BlockInterval> intervals,
@@ -86,7 +109,7 @@ std::vector<KeptPart> InMemoryNodeBuilder::Distribute(std::span<BlockInterval> i
   const std::size_t slab_count = lower.size();
   node->down.resize(slab_count);
 
-  // A stable counting sort by slab; those that stay come last.
+  // A stable counting sort by slab; the kept intervals come last.
   std::vector<std::size_t> begin(slab_count + 2, 0);
   std::vector<std::uint8_t> bucket_of(intervals.size());
   std::vector<KeptPart> kept;
@@ -160,8 +183,8 @@ absl::Status InMemoryNodeBuilder::WriteRightLists(std::span<const BlockInterval>
 absl::Status InMemoryNodeBuilder::WriteWindowLists(std::span<const BlockInterval> intervals,
                                                    std::span<const KeptPart> kept, Node* node,
                                                    RunWriter* run) {
-  // Canonical order is also ascending by the first covered slab, so a sweep meets each interval
-  // when the first window that it reaches does.
+  // Canonical order is also ascending by first covered slab. So one sweep over the windows opens
+  // each interval at the first window that it reaches, and closes it after the last.
   Coverage coverage(node->slabs.size());
   std::for_each(kept.begin(), kept.end(), [&](const KeptPart& part) { coverage.Add(part); });
   std::vector<KeptPart> open;

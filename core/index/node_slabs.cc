@@ -29,7 +29,7 @@ void AddCut(double cut, std::vector<double>* lower) {
 }
 
 Part PartOf(const BlockInterval& interval, std::span<const double> lower) {
-  // lower[0] is -infinity: never above lo, always below hi.
+  // lower[0] is -infinity: never above lo, always below hi. The searches leave it out.
   const auto first = std::upper_bound(lower.begin() + 1, lower.end(), interval.span.min) - 1;
   const auto last = std::lower_bound(lower.begin() + 1, lower.end(), interval.span.max) - 1;
   double upper = kInfinity;
@@ -53,8 +53,8 @@ void Coverage::Add(const Part& part) {
 
 std::vector<Window> Coverage::ChooseWindows() const {
   std::vector<Window> windows;
-  std::int64_t covering = 0;  // the current slab
-  std::int64_t least = 0;     // in the current window
+  std::int64_t covering = 0;  // intervals that cover the current slab
+  std::int64_t least = 0;     // the fewest that cover one slab of the current window
   for (std::size_t at = 0; at + 1 < begins_.size(); ++at) {
     const auto slab = static_cast<int>(at);
     covering += begins_[at] - ends_[at];
