@@ -44,9 +44,10 @@ void SortUnique(std::vector<volume::BlockId>* blocks) {
 class IsolatedLink final : public server::AgentLink {
  public:
   // The hits of its rays are added to `ray_hits`.
-  IsolatedLink(const agent::FrameRequest& request, std::vector<volume::BlockId>* ray_hits,
+  IsolatedLink(const agent::FrameTask& task, std::vector<volume::BlockId>* ray_hits,
                AgentOrders* orders, agent::BlockCache* cache, server::AgentListener* listener)
-      : request_(request),
+      : task_(task),
+        identity_{absl::StrCat("isolated agent ", task.agent_index), {task.agent_index}},
         ray_hits_(ray_hits),
         orders_(orders),
         cache_(cache),
@@ -57,14 +58,14 @@ class IsolatedLink final : public server::AgentLink {
   void Begin(std::shared_ptr<const agent::Shard> shard, render::Renderer* renderer,
              tbb::task_arena* arena, const base::Cancellation* cancellation) {
     absl::StatusOr<std::unique_ptr<agent::FramePipeline>> pipeline = agent::FramePipeline::Make(
-        {std::move(shard)}, request_, {.renderer = renderer, .arena = arena, .cache = cache_},
+        {std::move(shard)}, task_, {.renderer = renderer, .arena = arena, .cache = cache_},
         cancellation);
     if (!pipeline.ok()) {
       End(pipeline.status());
       return;
     }
     pipeline_ = *std::move(pipeline);
-    if (request_.culling == frame::Culling::kNone) {
+    if (task_.spec.culling == frame::Culling::kNone) {
       SendLast(pipeline_->RenderAll());
       return;
     }
@@ -101,9 +102,7 @@ class IsolatedLink final : public server::AgentLink {
   }
 
   void Cancel() override { End(absl::CancelledError("cancelled by the coordinator")); }
-  [[nodiscard]] std::string name() const override {
-    return absl::StrCat("isolated agent ", request_.agent_index);
-  }
+  [[nodiscard]] const server::AgentIdentity& agent() const override { return identity_; }
   [[nodiscard]] std::int64_t network_bytes() const override { return network_bytes_; }
 
  private:
@@ -122,7 +121,7 @@ class IsolatedLink final : public server::AgentLink {
     }
     SendPixels(*image);
     frame::AgentStatistics statistics = pipeline_->statistics();
-    statistics.shard_indices = {request_.agent_index};
+    statistics.shard_indices = identity_.shard_indices;
     listener_->OnFrameDone(std::move(statistics));
     End(absl::OkStatus());
   }
@@ -133,7 +132,8 @@ class IsolatedLink final : public server::AgentLink {
     }
   }
 
-  const agent::FrameRequest request_;
+  const agent::FrameTask task_;
+  const server::AgentIdentity identity_;
   std::vector<volume::BlockId>* const ray_hits_;
   AgentOrders* const orders_;
   agent::BlockCache* const cache_;
@@ -236,22 +236,23 @@ absl::StatusOr<std::unique_ptr<IsolatedCluster>> IsolatedCluster::Open(
   return cluster;
 }
 
-absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest& request,
+absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& spec,
                                                       const base::Cancellation& cancellation) {
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const view::View view,
-      view::View::Make(request.camera, request.viewport, manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*spec.camera, spec.viewport, manifest().geometry));
   std::vector<volume::BlockId> ray_hits;
   std::vector<AgentOrders> orders(shards_.size());
   server::FrameSetup setup;
+  setup.spec = &spec;
   setup.view = &view;
+  setup.ties = frame::TieRuleOf(renderer_->picture_revision().back_end);
   setup.layout = &layout();
-  setup.culling = request.culling;
   setup.agent_count = static_cast<int>(shards_.size());
   setup.images = images_.get();
   setup.arena = &arena_;
-  const auto request_of = [&](int agent_index) {
-    agent::FrameRequest own = request;
+  const auto task_of = [&](int agent_index) {
+    agent::FrameTask own;
+    own.spec = spec;
     own.agent_index = agent_index;
     own.agent_count = setup.agent_count;
     return own;
@@ -266,18 +267,18 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
       [&](int agent_index,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
     const auto i = static_cast<std::size_t>(agent_index);
-    auto link = std::make_unique<IsolatedLink>(request_of(agent_index), &ray_hits, &orders[i],
+    auto link = std::make_unique<IsolatedLink>(task_of(agent_index), &ray_hits, &orders[i],
                                                add_cache(i), listener);
     link->Begin(shards_[i], renderer_, &arena_, &cancellation);
     return link;
   };
   const absl::Time start = absl::Now();
   // All of it inside of the arena, so that no step finds a second thread.
-  absl::StatusOr<server::FrameResult> result =
+  server::FrameOutcome outcome =
       arena_.execute([&] { return server::RunFrame(setup, begin, cancellation); });
   const absl::Duration wall = absl::Now() - start;
-  ISOSCOPE_RETURN_IF_ERROR(result.status());
-  IsolatedFrame frame = FrameOf(*std::move(result), std::move(ray_hits), orders, wall);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.status);
+  IsolatedFrame frame = FrameOf(std::move(outcome.result), std::move(ray_hits), orders, wall);
   caches.clear();
 
   // In the frame above agents took turns at each step, so that each found the processor's caches
@@ -286,11 +287,11 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
   for (std::size_t i = 0; i < shards_.size(); ++i) {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<agent::FramePipeline> pipeline,
-        agent::FramePipeline::Make({shards_[i]}, request_of(static_cast<int>(i)),
+        agent::FramePipeline::Make({shards_[i]}, task_of(static_cast<int>(i)),
                                    {.renderer = renderer_, .arena = &arena_, .cache = add_cache(i)},
                                    &cancellation));
     ISOSCOPE_ASSIGN_OR_RETURN(const absl::Duration busy, arena_.execute([&] {
-      return TimeAlone(pipeline.get(), request.culling, orders[i]);
+      return TimeAlone(pipeline.get(), spec.culling, orders[i]);
     }));
     ISOSCOPE_CHECK_EQ(pipeline->statistics().triangle_count, frame.agents[i].triangle_count);
     frame.agents[i].busy_ms = absl::ToDoubleMilliseconds(busy);
@@ -299,19 +300,21 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const agent::FrameRequest&
 }
 
 absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
-    const agent::FrameRequest& request, const std::vector<volume::BlockId>& blocks,
+    const frame::FrameSpec& spec, const std::vector<volume::BlockId>& blocks,
     const base::Cancellation& cancellation) {
   agent::BlockCache cache(kCacheBytes);
+  agent::FrameTask task;
+  task.spec = spec;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<agent::FramePipeline> pipeline,
-      agent::FramePipeline::Make(shards_, request,
+      agent::FramePipeline::Make(shards_, task,
                                  {.renderer = renderer_, .arena = &arena_, .cache = &cache},
                                  &cancellation));
   return arena_.execute([&]() -> absl::StatusOr<BlocksPicture> {
     // It finds the active blocks, which drawing needs; the rays' hits do not matter here.
     ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
     BlocksPicture picture;
-    ISOSCOPE_ASSIGN_OR_RETURN(picture.image, pipeline->RenderVisible(blocks, ""));
+    ISOSCOPE_ASSIGN_OR_RETURN(picture.image, pipeline->RenderOccluders(blocks));
     picture.triangle_count = pipeline->statistics().triangle_count;
     return picture;
   });
@@ -319,9 +322,10 @@ absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
 
 absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
     double isovalue, const base::Cancellation& cancellation) {
+  agent::BlockCache no_cache(0);
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<agent::SurfaceExtraction> extraction,
-      agent::SurfaceExtraction::Make(shards_, isovalue, &arena_, io::ReadQueueOptions().max_bytes,
+      agent::SurfaceExtraction::Make(shards_, isovalue, {.arena = &arena_, .cache = &no_cache},
                                      &cancellation));
   std::vector<std::int64_t> counts;
   while (true) {

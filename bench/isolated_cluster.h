@@ -15,11 +15,11 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/memory_pool.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
-#include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::bench {
@@ -65,6 +65,11 @@ class IsolatedCluster {
   [[nodiscard]] const store::Manifest& manifest() const {
     return shards_.front()->reader->manifest();
   }
+  // Of its pictures.
+  [[nodiscard]] image::FragmentOrder fragment_order() const {
+    return {.block_count = static_cast<std::uint32_t>(layout().block_count()),
+            .ties = frame::TieRuleOf(renderer_->picture_revision().back_end)};
+  }
   [[nodiscard]] const volume::BlockLayout& layout() const {
     return shards_.front()->reader->layout();
   }
@@ -76,11 +81,11 @@ class IsolatedCluster {
 
   // One frame with no block and no mesh cached, the files in the page cache. agent_index and
   // agent_count of `request` are set here. Errors as server::RunFrame.
-  absl::StatusOr<IsolatedFrame> Render(const agent::FrameRequest& request,
+  absl::StatusOr<IsolatedFrame> Render(const frame::FrameSpec& spec,
                                        const base::Cancellation& cancellation);
 
   // Draws `blocks`, ascending and active at the request's isovalue, and no other.
-  absl::StatusOr<BlocksPicture> DrawBlocks(const agent::FrameRequest& request,
+  absl::StatusOr<BlocksPicture> DrawBlocks(const frame::FrameSpec& spec,
                                            const std::vector<volume::BlockId>& blocks,
                                            const base::Cancellation& cancellation);
 

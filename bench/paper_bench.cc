@@ -80,20 +80,18 @@ class Bench {
   }
 
   // The view of all figures.
-  [[nodiscard]] agent::FrameRequest MakeRequest(double isovalue, frame::Culling culling) const {
-    agent::FrameRequest request;
-    request.isovalue = isovalue;
-    request.culling = culling;
-    request.viewport = {plan_.side_px, plan_.side_px};
-    request.camera = camera_;
-    return request;
+  [[nodiscard]] frame::FrameSpec MakeSpec(double isovalue, frame::Culling culling) const {
+    frame::FrameSpec spec;
+    spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+    spec.culling = culling;
+    spec.viewport = {plan_.side_px, plan_.side_px};
+    spec.camera = camera_;
+    return spec;
   }
 
   // A frame whose times are the least over the runs.
-  absl::StatusOr<IsolatedFrame> Measure(IsolatedCluster* cluster,
-                                        const agent::FrameRequest& request) {
-    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<IsolatedFrame> least,
-                              MeasureInTurn({{cluster, request}}));
+  absl::StatusOr<IsolatedFrame> Measure(IsolatedCluster* cluster, const frame::FrameSpec& spec) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<IsolatedFrame> least, MeasureInTurn({{cluster, spec}}));
     return std::move(least.front());
   }
 
@@ -101,7 +99,7 @@ class Bench {
   // all of them.
   struct FrameToMeasure {
     IsolatedCluster* cluster;
-    agent::FrameRequest request;
+    frame::FrameSpec spec;
   };
   absl::StatusOr<std::vector<IsolatedFrame>> MeasureInTurn(
       const std::vector<FrameToMeasure>& frames) {
@@ -109,7 +107,7 @@ class Bench {
     for (int run = 0; run < plan_.run_count; ++run) {
       for (std::size_t f = 0; f < frames.size(); ++f) {
         ISOSCOPE_ASSIGN_OR_RETURN(IsolatedFrame frame,
-                                  frames[f].cluster->Render(frames[f].request, cancellation_));
+                                  frames[f].cluster->Render(frames[f].spec, cancellation_));
         if (run == 0) {
           least.push_back(std::move(frame));
           continue;
@@ -143,7 +141,7 @@ class Bench {
       std::vector<FrameToMeasure> frames;
       frames.reserve(kCullings.size());
       for (const frame::Culling culling : kCullings) {
-        frames.push_back({whole_.get(), MakeRequest(isovalue, culling)});
+        frames.push_back({whole_.get(), MakeSpec(isovalue, culling)});
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<IsolatedFrame> measured, MeasureInTurn(frames));
       for (std::size_t i = 0; i < kCullings.size(); ++i) {
@@ -182,7 +180,7 @@ class Bench {
     std::vector<volume::BlockId> owners;
     for (const std::uint64_t key : image.keys) {
       if (key != image::kBackgroundKey) {
-        owners.push_back(image::BlockOf(key));
+        owners.push_back(image::OwnerOf(key));
       }
     }
     std::sort(owners.begin(), owners.end());
@@ -194,11 +192,11 @@ class Bench {
   absl::Status DrawStages() {
     for (const double isovalue : picture_isovalues_) {
       progress_(absl::StrFormat("figure 8: isovalue %g", isovalue));
-      const agent::FrameRequest request = MakeRequest(isovalue, frame::Culling::kDepth);
-      ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame, whole_->Render(request, cancellation_));
+      const frame::FrameSpec spec = MakeSpec(isovalue, frame::Culling::kDepth);
+      ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame, whole_->Render(spec, cancellation_));
       ISOSCOPE_ASSIGN_OR_RETURN(
           IsolatedFrame whole,
-          whole_->Render(MakeRequest(isovalue, frame::Culling::kNone), cancellation_));
+          whole_->Render(MakeSpec(isovalue, frame::Culling::kNone), cancellation_));
       const struct {
         const char* name;
         const char* file_name;
@@ -209,7 +207,7 @@ class Bench {
       const std::int64_t all = whole.triangle_count();
       for (const auto& stage : stages) {
         ISOSCOPE_ASSIGN_OR_RETURN(BlocksPicture picture,
-                                  whole_->DrawBlocks(request, stage.blocks, cancellation_));
+                                  whole_->DrawBlocks(spec, stage.blocks, cancellation_));
         result_.stages.push_back(
             {.isovalue = isovalue,
              .stage = stage.name,
@@ -230,7 +228,7 @@ class Bench {
                                 .triangle_share = all > 0 ? 1.0 : 0.0});
       const std::vector<volume::BlockId> owners = OwnersOfPixels(whole.image);
       ISOSCOPE_ASSIGN_OR_RETURN(const BlocksPicture owned,
-                                whole_->DrawBlocks(request, owners, cancellation_));
+                                whole_->DrawBlocks(spec, owners, cancellation_));
       result_.stages.push_back(
           {.isovalue = isovalue,
            .stage = "own a pixel",
@@ -249,13 +247,13 @@ class Bench {
   absl::Status DrawSideViews() {
     const double isovalue = result_.speedup_isovalue;
     progress_(absl::StrFormat("figure 9: isovalue %g", isovalue));
-    const agent::FrameRequest request = MakeRequest(isovalue, frame::Culling::kDepth);
-    ISOSCOPE_ASSIGN_OR_RETURN(IsolatedFrame culled, whole_->Render(request, cancellation_));
+    const frame::FrameSpec spec = MakeSpec(isovalue, frame::Culling::kDepth);
+    ISOSCOPE_ASSIGN_OR_RETURN(IsolatedFrame culled, whole_->Render(spec, cancellation_));
     ISOSCOPE_ASSIGN_OR_RETURN(
         IsolatedFrame whole,
-        whole_->Render(MakeRequest(isovalue, frame::Culling::kNone), cancellation_));
-    agent::FrameRequest side = request;
-    view::Azimuth(plan_.side_view_degrees * kRadiansPerDegree, &side.camera);
+        whole_->Render(MakeSpec(isovalue, frame::Culling::kNone), cancellation_));
+    frame::FrameSpec side = spec;
+    view::Azimuth(plan_.side_view_degrees * kRadiansPerDegree, &*side.camera);
     ISOSCOPE_ASSIGN_OR_RETURN(BlocksPicture seen,
                               whole_->DrawBlocks(side, culled.drawn, cancellation_));
     std::vector<volume::BlockId> left_out;
@@ -272,7 +270,7 @@ class Bench {
          .differing_pixel_count = CountDifferingPixels(culled.image, whole.image)});
     AddPicture("figure9_a_whole", std::move(whole.image));
     AddPicture("figure9_b_culled", std::move(culled.image));
-    composite::CompositeInto(rest.image, &seen.image);
+    composite::CompositeInto(rest.image, whole_->fragment_order(), &seen.image);
     AddPicture("figure9_c_side", std::move(seen.image));
     return absl::OkStatus();
   }
@@ -299,13 +297,12 @@ class Bench {
       if (!HasBlocksFor(agent_count)) {
         continue;
       }
-      const agent::FrameRequest request =
-          MakeRequest(result_.speedup_isovalue, frame::Culling::kDepth);
+      const frame::FrameSpec spec = MakeSpec(result_.speedup_isovalue, frame::Culling::kDepth);
       std::unique_ptr<IsolatedCluster> cluster;
-      std::vector<FrameToMeasure> in_turn{{whole_.get(), request}};
+      std::vector<FrameToMeasure> in_turn{{whole_.get(), spec}};
       if (agent_count > 1) {
         ISOSCOPE_ASSIGN_OR_RETURN(cluster, Open(plan_.speedup_distribution, agent_count));
-        in_turn.push_back({cluster.get(), request});
+        in_turn.push_back({cluster.get(), spec});
       }
       progress_(absl::StrFormat("figure 7: %d agents", agent_count));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<IsolatedFrame> frames, MeasureInTurn(in_turn));
@@ -356,7 +353,7 @@ class Bench {
       progress_(absl::StrFormat("figure 1: %s, %d agents, isovalue %g", store::NameOf(distribution),
                                 agent_count, isovalue));
       ISOSCOPE_ASSIGN_OR_RETURN(const IsolatedFrame frame,
-                                Measure(cluster, MakeRequest(isovalue, frame::Culling::kNone)));
+                                Measure(cluster, MakeSpec(isovalue, frame::Culling::kNone)));
       for (std::size_t i = 0; i < frame.agents.size(); ++i) {
         const IsolatedAgent& agent = frame.agents[i];
         rows.push_back({.distribution = distribution,

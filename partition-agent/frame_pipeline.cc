@@ -58,13 +58,11 @@ class FramePipeline::Impl {
         layout_(shards_.front()->reader->layout()),
         resources_(resources),
         cancellation_(*cancellation),
-        cache_round_(resources.cache->BeginRound(task.frame_number)),
-        next_step_(task.spec.culling == frame::Culling::kNone ? Step::kRenderAll
-                                                              : Step::kSelectOccluders) {}
+        cache_round_(resources.cache->BeginRound(task.frame_number)) {}
 
   absl::StatusOr<RaySelection> SelectOccluders() {
     const base::ScopedTimer timer(&statistics_.busy_duration);
-    Take(Step::kSelectOccluders, Step::kRenderOccluders);
+    Take(Step::kFirst, Step::kRenderOccluders);
     absl::Status found;
     absl::StatusOr<std::vector<volume::BlockId>> hits;
     resources_.arena->execute(
@@ -107,7 +105,7 @@ class FramePipeline::Impl {
 
   absl::StatusOr<image::FrameImage> RenderAll() {
     const base::ScopedTimer timer(&statistics_.busy_duration);
-    Take(Step::kRenderAll, Step::kNone);
+    Take(Step::kFirst, Step::kNone);
     ISOSCOPE_RETURN_IF_ERROR(FindBlocks());
     return Draw(blocks_->ChooseAll(), static_cast<std::size_t>(statistics_.active_block_count));
   }
@@ -120,7 +118,8 @@ class FramePipeline::Impl {
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
  private:
-  enum class Step { kSelectOccluders, kRenderOccluders, kRenderVisible, kRenderAll, kNone };
+  // What may be called next; kFirst: SelectOccluders or RenderAll.
+  enum class Step { kFirst, kRenderOccluders, kRenderVisible, kNone };
 
   void Take(Step step, Step next) {
     ISOSCOPE_CHECK(next_step_ == step);
@@ -216,7 +215,7 @@ class FramePipeline::Impl {
   const AgentResources resources_;
   const base::Cancellation& cancellation_;
   const std::uint64_t cache_round_;
-  Step next_step_;
+  Step next_step_ = Step::kFirst;
 
   std::unique_ptr<const SurfaceBlocks> blocks_;  // from step 0 on
   std::unique_ptr<MeshSupply> supply_;

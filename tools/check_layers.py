@@ -46,7 +46,7 @@ ABOVE_ALL = 1 + max(MODULES.values())
 # Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
 GRPC_FILES = re.compile(
     r"core/rpc/.*"
-    r"|(server|partition-agent)/(.*_service_impl|.*_server|agent_client|agent_registry|main)\.(h|cc)"
+    r"|(server|partition-agent)/(.*_service_impl|.*_server|agent_client|agent_registry|render_statistics|main)\.(h|cc)"
     r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
 )
 # Who may name protobuf's headers and generated messages (*.pb.h).
@@ -57,7 +57,9 @@ UNTESTED_HEADERS = {
     "core/volume/scalar_span.h": "with every type and tie: tests/unit/core/volume/range_table_test.cc",
     "core/render/cpu_renderer.h": "the contract of both back ends: tests/unit/core/render/renderer_test.cc",
     "core/rpc/channel.h": "limits and keepalive of real servers: tests/integration",
+    "core/rpc/unary_call.h": "every unary call of tests/unit/server and tests/integration",
     "core/rpc/server_flags.h": "inside of server_program_test",
+    "core/base/scoped_timer.h": "the times of frame_pipeline_test",
     "core/base/status_macros.h": "used by every test",
     "core/base/units.h": "constants",
     "core/base/version.h": "one constant; tests/unit/client-cli/command_test.cc",

@@ -54,7 +54,7 @@ struct Scene {
 };
 
 frame::FrameSpec MakeRequest(const volume::GridGeometry& geometry, double isovalue,
-                                double azimuth_degrees, double elevation_degrees) {
+                             double azimuth_degrees, double elevation_degrees) {
   constexpr double kRadians = std::numbers::pi / 180;
   frame::FrameSpec request;
   request.surfaces.resize(1);

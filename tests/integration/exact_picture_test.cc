@@ -350,8 +350,7 @@ TEST_P(ExactPictureTest, NoPixelAndNoTriangleDependsOnWhatWasKept) {
     // Without any memory, step by step.
     std::vector<server::FrameResult> expected;
     const auto request_of = [&](const Step& step, frame::Culling culling) {
-      frame::FrameSpec request =
-          RandomSpec(step.seed, volume.geometry.Bounds(), step.isovalue);
+      frame::FrameSpec request = RandomSpec(step.seed, volume.geometry.Bounds(), step.isovalue);
       request.culling = culling;
       return request;
     };

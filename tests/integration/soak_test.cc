@@ -184,7 +184,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     for (int view = 0; view < kViewCount; ++view) {
       frame::FrameSpec request =
           testing::RandomSpec(dice.Bits(), volume.geometry.Bounds(),
-                                 volume.isovalues[static_cast<std::size_t>(dice.Whole(0, 1))]);
+                              volume.isovalues[static_cast<std::size_t>(dice.Whole(0, 1))]);
       request.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, one->Render(request));
       covered_pixel_count_ += testing::CoveredPixels(result.image);

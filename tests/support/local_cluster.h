@@ -16,10 +16,10 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
 #include "partition-agent/block_cache.h"
-#include "core/frame/frame_spec.h"
 #include "partition-agent/shard.h"
 #include "server/active_blocks.h"
 #include "server/frame_coordinator.h"

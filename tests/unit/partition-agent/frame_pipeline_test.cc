@@ -36,6 +36,8 @@ using isoscope::testing::SmallDataset;
 using isoscope::testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+constexpr image::FragmentOrder kOrder{.block_count = 1 << 20, .ties = image::TieRule::kColor};
+
 using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 // One whole frame of one agent: both images composited, and what it took.
@@ -85,7 +87,8 @@ class FramePipelineTest : public ::testing::Test {
   // What a coordinator of this agent alone sends for step 3: the blocks, and their open pixels.
   static std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
       const Frame& frame, const FrameTask& request, const SmallDataset& dataset) {
-    const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+    const view::View view =
+        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     const volume::BlockLayout layout = dataset.layout();
     const auto map =
         visibility::OcclusionMap::FromImage(frame.occluders, visibility::MapKind::kDepth);
@@ -113,7 +116,8 @@ class FramePipelineTest : public ::testing::Test {
       active.Insert(id);
     }
     // The coordinator sends those that are in the picture.
-    const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+    const view::View view =
+        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     frame->occluding_blocks.clear();
     for (const volume::BlockId id :
          visibility::OccludingBlocks(frame->selection.hits, layout, active).Ids()) {
@@ -127,7 +131,7 @@ class FramePipelineTest : public ::testing::Test {
     std::tie(frame->visible_blocks, open_pixels) = VisibleOf(*frame, request, dataset);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->image,
                                   pipeline->RenderVisible(frame->visible_blocks, open_pixels));
-    composite::CompositeInto(frame->occluders, &frame->image);
+    composite::CompositeInto(frame->occluders, kOrder, &frame->image);
     frame->statistics = pipeline->statistics();
   }
 
@@ -188,7 +192,8 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
   RunAlone(shards, request, dataset, &frame);
 
   // Counted again from the definitions.
-  const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+  const view::View view =
+      *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
   const store::ShardReader& reader = *shards.front()->reader;
   const volume::BlockSet active = reader.ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
   EXPECT_EQ(frame.selection.active, active.Ids());
@@ -284,7 +289,8 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, own->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards[1]}, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection other_selection, others->SelectOccluders());
-  const volume::BlockSet active = shards[0]->reader->ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
+  const volume::BlockSet active =
+      shards[0]->reader->ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
   volume::BlockId inactive = 0;
   while (inactive < block_count && active.Contains(inactive)) {
     ++inactive;
@@ -316,7 +322,8 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
   const FrameTask request = dataset.Request();
-  const view::View view = *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+  const view::View view =
+      *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
   // Each cell of each block's mask is open or not, as dice decide.
   std::vector<volume::BlockId> blocks;
   std::vector<image::PixelMask> masks;
@@ -354,7 +361,7 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
         }
       }
     }
-    composite::CompositeInto(open, &expected);
+    composite::CompositeInto(open, kOrder, &expected);
   }
   EXPECT_GT(dropped, 1000);
   ISOSCOPE_ASSERT_OK(first->RenderOccluders({}));
@@ -588,7 +595,7 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   frame::AgentStatistics second;
   image::FrameImage image = RenderAll({shards[0]}, request, &first);
   EXPECT_FALSE(image == expected) << "the second shard shows nothing";
-  composite::CompositeInto(RenderAll({shards[1]}, request, &second), &image);
+  composite::CompositeInto(RenderAll({shards[1]}, request, &second), kOrder, &image);
   EXPECT_TRUE(image == expected);
   EXPECT_EQ(both.triangle_count, first.triangle_count + second.triangle_count);
   EXPECT_EQ(both.unique_vertex_count, first.unique_vertex_count + second.unique_vertex_count);
@@ -652,7 +659,8 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto visible, Make(shards, request));
   ISOSCOPE_ASSERT_OK(visible->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage none, visible->RenderOccluders({}));
-  EXPECT_TRUE(none == image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
+  EXPECT_TRUE(none ==
+              image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
   EXPECT_THAT(visible->RenderVisible(selection.active, ""),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
 }
@@ -701,8 +709,8 @@ class CancellingRenderer final : public render::Renderer {
       : renderer_(renderer), cancellation_(cancellation) {}
   absl::StatusOr<std::unique_ptr<render::RenderPass>> BeginPass(
       const view::View& view, const volume::BlockLayout& layout,
-      const frame::Appearance& appearance) override {
-    auto pass = renderer_->BeginPass(view, layout, appearance);
+      const frame::FrameSpec& spec) override {
+    auto pass = renderer_->BeginPass(view, layout, spec);
     if (!pass.ok()) {
       return pass.status();
     }

@@ -85,6 +85,9 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
                               isoscope::internal::v1::DescribeShardsResponse* response) override {
     response->set_version("1.2.3");
     response->set_renderer("fake");
+    response->mutable_picture_revision()->set_number(1);
+    response->mutable_picture_revision()->set_back_end(
+        isoscope::internal::v1::PictureRevision::BACK_END_CPU);
     response->mutable_shards()->Assign(shards_.begin(), shards_.end());
     return grpc::Status::OK;
   }

@@ -67,9 +67,11 @@ void ExpectCoveredWhereDrawn(const image::FrameImage& image) {
   }
 }
 
+constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
+
 image::FrameImage Composite(const image::FrameImage& a, const image::FrameImage& b) {
   image::FrameImage out = a;
-  CompositeInto(b, &out);
+  CompositeInto(b, kOrder, &out);
   return out;
 }
 
@@ -106,7 +108,7 @@ TEST(DepthCompositeTest, TheOrderOfArrivalDoesNotMatter) {
   do {
     image::FrameImage all(kWidth, kHeight);
     for (const std::size_t agent : order) {
-      CompositeInto(images[agent], &all);
+      CompositeInto(images[agent], kOrder, &all);
     }
     if (first.width == 0) {
       first = all;
