@@ -99,8 +99,9 @@ TEST(PictureRevisionConvertTest, BothWaysGiveTheSame) {
   for (const frame::PictureRevision& revision :
        {frame::PictureRevision{.number = 2, .back_end = frame::BackEnd::kCpu, .driver = ""},
         frame::PictureRevision{.number = 7, .back_end = frame::BackEnd::kEgl, .driver = "x, y"}}) {
-    EXPECT_THAT(PictureRevisionFromProto(ToProto(revision), "r"),
-                isoscope::testing::IsOkAndHolds(revision));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::PictureRevision back,
+                                  PictureRevisionFromProto(ToProto(revision), "r"));
+    EXPECT_EQ(back, revision);
   }
 }
 
