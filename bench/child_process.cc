@@ -142,7 +142,8 @@ absl::StatusOr<ChildResult> RunChild(const std::vector<std::string>& argv,
   ChildResult result;
   {
     // The process is not reaped before the scope ends: the number stays its own.
-    const cli::Interrupt::Scope on_interrupt(interrupt, [pid] { kill(-pid, SIGTERM); });
+    const base::Cancellation::Callback on_interrupt(interrupt->cancellation(),
+                                                    [pid] { kill(-pid, SIGTERM); });
     ReadAll(out, err, &result);
     siginfo_t info{};
     while (waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT) != 0 && errno == EINTR) {

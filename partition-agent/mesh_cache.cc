@@ -9,7 +9,7 @@ namespace isoscope::agent {
 
 std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t place, std::uint64_t round) {
   ISOSCOPE_DCHECK(place < slots_.size());
-  absl::MutexLock lock(&LockOf(place));
+  base::MutexLock lock(&LockOf(place));
   const Slot& slot = slots_[place];
   const std::shared_ptr<MeshSegment> segment = slot.segment.lock();
   if (segment == nullptr) {
@@ -20,17 +20,17 @@ std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t place, std:
 }
 
 void MeshTable::Set(std::size_t place, Slot slot) {
-  absl::MutexLock lock(&LockOf(place));
+  base::MutexLock lock(&LockOf(place));
   slots_[place] = std::move(slot);
 }
 
 void MeshCache::SetMaxBytes(std::size_t max_bytes) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   max_bytes_ = max_bytes;
 }
 
 std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   if (frame_number != frame_number_) {
     frame_number_ = frame_number;
     ++round_;
@@ -42,7 +42,7 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
                                               std::size_t block_count) {
   // + 0.0 makes -0 the key of 0.
   const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
     return keyed.shard_number == shard_number && keyed.isovalue_bits == bits;
   });
@@ -88,7 +88,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
   segment->size_bytes = std::max(size_bytes, base::MemoryPool::kChunkBytes);
   segment->round.store(round, std::memory_order_relaxed);
   {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     for (auto open = open_.begin(); open != open_.end(); ++open) {
       if ((*open)->size_bytes - (*open)->used_bytes >= size_bytes) {
         std::shared_ptr<MeshSegment> found = std::move(*open);
@@ -131,14 +131,14 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
 }
 
 void MeshCache::GiveBack(std::shared_ptr<MeshSegment> segment) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   if (segment->is_kept.load(std::memory_order_relaxed)) {
     open_.push_back(std::move(segment));
   }
 }
 
 std::size_t MeshCache::size_bytes() const {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   return segment_bytes_ + table_bytes_;
 }
 

@@ -17,9 +17,9 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/memory_pool.h"
+#include "core/base/mutex.h"
 #include "core/mesh/block_mesh.h"
 #include "core/mesh/compact_mesh.h"
 
@@ -54,10 +54,10 @@ class MeshTable {
   };
   static constexpr std::size_t kLockCount = 64;
 
-  absl::Mutex& LockOf(std::size_t place) { return locks_[place / 64 % kLockCount]; }
+  base::Mutex& LockOf(std::size_t place) { return locks_[place / 64 % kLockCount]; }
   void Set(std::size_t place, Slot slot);
 
-  std::array<absl::Mutex, kLockCount> locks_;  // of runs of 64 places
+  std::array<base::Mutex, kLockCount> locks_;  // of runs of 64 places
   std::vector<Slot> slots_;
 };
 
@@ -112,7 +112,7 @@ class MeshCache {
   void GiveBack(std::shared_ptr<MeshSegment> segment);
 
   const std::shared_ptr<base::MemoryPool> pool_;
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
   std::size_t max_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::size_t segment_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::size_t table_bytes_ ABSL_GUARDED_BY(mutex_) = 0;

@@ -44,7 +44,7 @@ std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
 }
 
 std::shared_ptr<const ActiveBlocks> ActiveBlocksCache::Find(const std::string& key) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.key == key; });
   if (found == entries_.end()) {
@@ -59,7 +59,7 @@ void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const Act
   if (size > max_bytes_) {
     return;
   }
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.key == key; });
   if (found != entries_.end()) {

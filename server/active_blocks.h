@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 
+#include "core/base/mutex.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
 
@@ -53,7 +53,7 @@ class ActiveBlocksCache {
   };
 
   const std::size_t max_bytes_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // the last used first; few
   std::size_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };

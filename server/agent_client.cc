@@ -276,30 +276,6 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
   return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
 }
 
-std::shared_ptr<void> DescribeShards(
-    const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
-    std::function<void(absl::StatusOr<v1::DescribeShardsResponse>)> done) {
-  struct Call {
-    std::unique_ptr<v1::PartitionAgentService::Stub> stub;
-    grpc::ClientContext context;
-    v1::DescribeShardsRequest request;
-    v1::DescribeShardsResponse response;
-  };
-  auto call = std::make_shared<Call>();
-  call->stub = v1::PartitionAgentService::NewStub(channel);
-  SetDeadline(deadline, &call->context);
-  call->stub->async()->DescribeShards(
-      &call->context, &call->request, &call->response,
-      [call = call.get(), done = std::move(done)](const grpc::Status& status) {
-        if (status.ok()) {
-          done(std::move(call->response));
-        } else {
-          done(rpc::ToAbslStatus(status));
-        }
-      });
-  return call;
-}
-
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
                                              AgentListener* listener) {

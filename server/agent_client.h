@@ -1,5 +1,5 @@
-// The coordinator's calls to agents: asking what they serve, one frame, one surface. Here, in
-// agent_registry and in the service implementations gRPC begins; frame_coordinator knows AgentLink.
+// The coordinator's calls to agents for one frame and one surface. Here, in agent_prober and in the
+// service implementations gRPC begins; frame_coordinator knows AgentLink.
 
 #ifndef ISOSCOPE_SERVER_AGENT_CLIENT_H_
 #define ISOSCOPE_SERVER_AGENT_CLIENT_H_
@@ -40,13 +40,6 @@ struct AgentAssignment {
 // would tell the client something wrong: INVALID_ARGUMENT (the coordinator's message was bad)
 // becomes INTERNAL, and a stream that was cut without us becomes UNAVAILABLE.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
-
-// Asks an agent what it serves. `done` is called once, on one of gRPC's threads, no later than soon
-// after `deadline`: it must be quick. Keep what is returned until then, and drop it on a thread of
-// your own: a reaction that drops a channel's last reference makes gRPC join its own thread.
-std::shared_ptr<void> DescribeShards(
-    const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
-    std::function<void(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse>)> done);
 
 // Begins a frame on an agent. `begin`: complete but for shard_indices. `block_count`: of the whole
 // volume. The listener outlives the link. `deadline`: when the call ends by itself.

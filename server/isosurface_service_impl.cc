@@ -139,9 +139,8 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
   // Leaves the picture in `image`.
   absl::Status Render(std::int64_t frame_number, image::FrameImage* image) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const DatasetState dataset,
-        service_->options_.registry->FindComplete(request_.dataset(), cancellation_.deadline()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
+                                                              request_.dataset(), cancellation_));
     dataset_name_ = dataset.dataset.name();
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
@@ -295,9 +294,8 @@ class IsosurfaceServiceImpl::ExportCall final
 
   absl::Status Export() {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const DatasetState dataset,
-        service_->options_.registry->FindComplete(request_.dataset(), cancellation_.deadline()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
+                                                              request_.dataset(), cancellation_));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));

@@ -11,7 +11,8 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/any_invocable.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -35,7 +36,8 @@ class Executor {
   void Run();
 
   const std::size_t max_queued_;
-  absl::Mutex mutex_;
+  Mutex mutex_;
+  CondVar changed_;  // something was queued, or it stops
   std::deque<Task> queue_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;

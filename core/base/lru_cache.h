@@ -15,7 +15,8 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/container/flat_hash_map.h"
 #include "absl/hash/hash.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -47,7 +48,7 @@ class LruCache {
   // Null if it is not there.
   std::shared_ptr<const Value> Find(const Key& key) {
     Part& part = PartOf(key);
-    absl::MutexLock lock(&part.mutex);
+    MutexLock lock(&part.mutex);
     const auto found = part.places.find(key);
     if (found == part.places.end()) {
       return nullptr;
@@ -64,7 +65,7 @@ class LruCache {
     const std::uint64_t round = round_.load(std::memory_order_relaxed);
     std::list<Entry> forgotten;  // freed after the lock
     Part& part = PartOf(key);
-    absl::MutexLock lock(&part.mutex);
+    MutexLock lock(&part.mutex);
     if (size > max_bytes || part.places.contains(key)) {
       return;
     }
@@ -85,7 +86,7 @@ class LruCache {
   [[nodiscard]] std::size_t size_bytes() const {
     std::size_t sum = 0;
     for (const Part& part : parts_) {
-      absl::MutexLock lock(&part.mutex);
+      MutexLock lock(&part.mutex);
       sum += part.size_bytes;
     }
     return sum;
@@ -102,7 +103,7 @@ class LruCache {
   static constexpr std::size_t kEntryBytes = sizeof(Entry) + sizeof(Key) + 64;
 
   struct alignas(64) Part {
-    mutable absl::Mutex mutex;
+    mutable Mutex mutex;
     std::list<Entry> entries ABSL_GUARDED_BY(mutex);  // the last used first
     absl::flat_hash_map<Key, typename std::list<Entry>::iterator> places ABSL_GUARDED_BY(mutex);
     std::size_t size_bytes ABSL_GUARDED_BY(mutex) = 0;

@@ -8,9 +8,9 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -52,7 +52,8 @@ class MemoryBudget {
   void Release(std::size_t bytes);
 
   const std::size_t capacity_bytes_;
-  absl::Mutex mutex_;
+  Mutex mutex_;
+  CondVar freed_;
   std::size_t free_bytes_ ABSL_GUARDED_BY(mutex_);
 };
 

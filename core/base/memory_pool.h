@@ -9,7 +9,8 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -39,7 +40,7 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   void AddRegion() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Return(char* chunk);
 
-  absl::Mutex mutex_;
+  Mutex mutex_;
   std::vector<char*> regions_ ABSL_GUARDED_BY(mutex_);
   std::vector<char*> free_chunks_ ABSL_GUARDED_BY(mutex_);
 };

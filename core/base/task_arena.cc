@@ -10,10 +10,12 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/task_scheduler_observer.h>
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 namespace {
@@ -58,16 +60,16 @@ class Placement final : public tbb::task_scheduler_observer {
   // microseconds after the last work. A process that ends before would leak it.
   ~Placement() override {
     {
-      absl::MutexLock lock(&mutex_);
-      const auto is_empty = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return inside_ == 0; };
-      mutex_.AwaitWithTimeout(absl::Condition(&is_empty), kMaxLeaveDuration);
+      MutexLock lock(&mutex_);
+      emptied_.AwaitUntil(&mutex_, absl::Now() + kMaxLeaveDuration,
+                          [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return inside_ == 0; });
     }
     observe(false);
   }
 
   void on_scheduler_entry(bool is_worker) override {
     {
-      const absl::MutexLock lock(&mutex_);
+      const MutexLock lock(&mutex_);
       ++inside_;
     }
     const auto slot = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
@@ -88,13 +90,16 @@ class Placement final : public tbb::task_scheduler_observer {
     }
   }
   void on_scheduler_exit(bool /*is_worker*/) override {
-    const absl::MutexLock lock(&mutex_);
-    --inside_;
+    const MutexLock lock(&mutex_);
+    if (--inside_ == 0) {
+      emptied_.SignalAll();
+    }
   }
 
  private:
   const std::vector<int> cpus_;
-  absl::Mutex mutex_;
+  Mutex mutex_;
+  CondVar emptied_;
   int inside_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 

@@ -4,9 +4,9 @@
 #include <span>
 #include <utility>
 
-#include "absl/synchronization/mutex.h"
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/composite/band_decoder.h"
 #include "core/composite/band_encoder.h"
@@ -114,7 +114,7 @@ std::vector<std::string> EncodePixels(const image::FrameImage& image) {
 }
 
 RowLocks::RowLocks(int height_px)
-    : mutexes_(std::make_unique<absl::Mutex[]>(
+    : mutexes_(std::make_unique<base::Mutex[]>(
           static_cast<std::size_t>((height_px + kTilePx - 1) / kTilePx))) {}
 
 absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
@@ -124,7 +124,7 @@ absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder
   const image::Rgba8* color = pixels.colors.get();
   for (std::size_t tile = 0; tile < pixels.areas.size();) {
     const int tile_row = pixels.areas[tile].y / kTilePx;
-    const absl::MutexLockMaybe lock(locks == nullptr ? nullptr : &locks->OfTileRow(tile_row));
+    const base::MutexLockMaybe lock(locks == nullptr ? nullptr : &locks->OfTileRow(tile_row));
     for (; tile < pixels.areas.size() && pixels.areas[tile].y / kTilePx == tile_row; ++tile) {
       if (const std::size_t later = tile + kPrefetchTiles; later < pixels.areas.size()) {
         PrefetchRows(into->keys, pixels.areas[later], pixels.masks[later], into->width);

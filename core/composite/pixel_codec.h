@@ -14,8 +14,8 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 
+#include "core/base/mutex.h"
 #include "core/image/frame_image.h"
 
 namespace isoscope::composite {
@@ -31,10 +31,10 @@ inline constexpr std::int64_t kMaxBandBytes = std::int64_t{4} << 20;
 class RowLocks {
  public:
   explicit RowLocks(int height_px);
-  absl::Mutex& OfTileRow(int tile_row) { return mutexes_[static_cast<std::size_t>(tile_row)]; }
+  base::Mutex& OfTileRow(int tile_row) { return mutexes_[static_cast<std::size_t>(tile_row)]; }
 
  private:
-  std::unique_ptr<absl::Mutex[]> mutexes_;
+  std::unique_ptr<base::Mutex[]> mutexes_;
 };
 
 // Composites the pixels of one band into `into` (CompositeInto's rule) and inserts their tiles into

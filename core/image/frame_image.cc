@@ -121,7 +121,7 @@ std::shared_ptr<FrameImagePool> FrameImagePool::Make(std::size_t max_bytes) {
 FrameImage FrameImagePool::Take(int width, int height) {
   FrameImage image;
   {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     const auto fits = [&](const FrameImage& unused) {
       return unused.width == width && unused.height == height;
     };
@@ -144,7 +144,7 @@ void FrameImagePool::Prepare(int width, int height) {
                                   static_cast<std::size_t>(height) *
                                   (sizeof(std::uint64_t) + sizeof(Rgba8));
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (unused_bytes_ + plane_bytes > max_bytes_) {
       return;
     }
@@ -159,7 +159,7 @@ void FrameImagePool::TakeBack(FrameImage image) {
   }
   Clear(&image);
   std::vector<FrameImage> dropped;  // freed after the lock
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   while (unused_bytes_ + size > max_bytes_) {
     unused_bytes_ -= SizeBytes(unused_.front());
     dropped.push_back(std::move(unused_.front()));

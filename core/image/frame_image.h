@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/large_pages.h"
+#include "core/base/mutex.h"
 #include "core/image/fragment.h"
 #include "core/image/tile_set.h"
 
@@ -92,7 +92,7 @@ class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
   void TakeBack(FrameImage image);
 
   const std::size_t max_bytes_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::vector<FrameImage> unused_ ABSL_GUARDED_BY(mutex_);  // the last used is the last
   std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };

@@ -74,7 +74,7 @@ absl::StatusOr<PageFile::Page> PageFile::Read(PageNumber page, PageReadCost* cos
   }
   ++cost->page_read_count;
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     const auto found = cached_.find(page);
     if (found != cached_.end()) {
       lru_.splice(lru_.begin(), lru_, found->second);
@@ -100,7 +100,7 @@ absl::Status PageFile::PageError(PageNumber page, absl::string_view what) const 
 }
 
 std::int64_t PageFile::cached_bytes() const {
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   return static_cast<std::int64_t>(lru_.size() * kPageBytes);
 }
 
@@ -125,7 +125,7 @@ void PageFile::Insert(PageNumber page, std::shared_ptr<const char[]> bytes) cons
   if (max_cached_pages_ == 0) {
     return;
   }
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   if (cached_.count(page) > 0) {
     return;
   }

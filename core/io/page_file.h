@@ -19,8 +19,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 
+#include "core/base/mutex.h"
 #include "core/io/file.h"
 
 namespace isoscope::io {
@@ -111,7 +111,7 @@ class PageFile {
   const std::int64_t max_cached_pages_;
   std::uint32_t tag_ = 0;  // set once, by Open
 
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
   // Most recently used first.
   mutable LruList lru_ ABSL_GUARDED_BY(mutex_);
   mutable std::unordered_map<PageNumber, LruList::iterator> cached_ ABSL_GUARDED_BY(mutex_);

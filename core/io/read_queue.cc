@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "absl/strings/string_view.h"
-#include "absl/time/time.h"
 #include <sys/eventfd.h>
 
 #include "core/base/check.h"
@@ -23,7 +22,6 @@ namespace {
 constexpr std::size_t kMaxThreads = 8;
 // Buffers are of multiples of it, so that runs of similar sizes can share them.
 constexpr std::size_t kBufferStepBytes = 64 * static_cast<std::size_t>(base::kKiB);
-constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
 // So many reads in a row that were not in memory, and the files are taken to be cold: asking for
 // each costs more than it finds, and one by one they are submitted one by one.
 constexpr std::size_t kColdReads = 8;
@@ -174,8 +172,9 @@ ReadQueue::ReadQueue(std::vector<Read> reads, const ReadQueueOptions& options)
 ReadQueue::~ReadQueue() {
   std::vector<std::thread> threads;
   {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     stopping_ = true;
+    has_work_.SignalAll();
     threads = std::move(threads_);
     if (ring_ != nullptr) {
       ring_->Wake();
@@ -187,12 +186,12 @@ ReadQueue::~ReadQueue() {
 }
 
 std::size_t ReadQueue::peak_bytes() const {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   return peak_bytes_;
 }
 
 ReadBackend ReadQueue::backend_in_use() const {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   return backend_;
 }
 
@@ -209,9 +208,10 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
   }
   std::unique_ptr<Slot> slot;
   // The buffer used last is the likeliest to be in the processor's cache.
-  const auto fits = std::find_if(free_.rbegin(), free_.rend(), [&](const auto& candidate) {
-    return candidate->capacity >= capacity && HasRoom(candidate->capacity);
-  });
+  const auto fits = std::find_if(
+      free_.rbegin(), free_.rend(), [&](const auto& candidate) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+        return candidate->capacity >= capacity && HasRoom(candidate->capacity);
+      });
   if (fits != free_.rend()) {
     slot = std::move(*fits);
     free_.erase(std::next(fits).base());
@@ -234,17 +234,18 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
 }
 
 void ReadQueue::Release(std::unique_ptr<Slot> slot) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   --used_count_;
   used_bytes_ -= slot->capacity;
   free_.push_back(std::move(slot));
+  changed_.SignalAll();
 }
 
 std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
   while (true) {
     std::unique_ptr<Slot> slot;
     {
-      absl::MutexLock lock(&mutex_);
+      base::MutexLock lock(&mutex_);
       if (MayBegin()) {
         slot = Claim(reads_[next_].size);
       }
@@ -264,7 +265,10 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
       slot->done = read.file->ReadCached(read.offset, read.size, slot->buffer.get());
     }
     if (!slot->status.ok() || slot->done == read.size) {
-      missed_.store(0, std::memory_order_relaxed);
+      if (missed_.exchange(0, std::memory_order_relaxed) >= kColdReads) {
+        base::MutexLock lock(&mutex_);
+        changed_.SignalAll();  // MayBegin
+      }
       return Arrival(this, std::move(slot));
     }
     missed_.fetch_add(1, std::memory_order_relaxed);
@@ -288,17 +292,18 @@ bool ReadQueue::HasMore() const {
 }
 
 absl::StatusOr<bool> ReadQueue::WaitForMore(const base::Cancellation& cancellation) {
-  absl::MutexLock lock(&mutex_);
-  while (true) {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    if (mutex_.AwaitWithTimeout(absl::Condition(this, &ReadQueue::HasMore), kCancellationPoll)) {
-      return !arrived_.empty() || next_ < reads_.size();
-    }
-  }
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  bool is_any_left = false;
+  ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(
+      cancellation, &mutex_, &changed_, [this, &is_any_left]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+        is_any_left = !arrived_.empty() || next_ < reads_.size();
+        return HasMore();
+      }));
+  return is_any_left;
 }
 
 std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   if (backend_ == ReadBackend::kAutomatic) {
     PrepareBackend();
   }
@@ -317,6 +322,7 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
   }
   const bool ring_waits = started_.empty();
   started_.push_back(std::move(slot));
+  has_work_.Signal();
   if (ring_ != nullptr) {
     if (missed_.load(std::memory_order_relaxed) >= kColdReads) {
       FillRing();
@@ -344,6 +350,7 @@ void ReadQueue::FillRing() {
     }
   }
   last_fill_ = used_count_;
+  changed_.SignalAll();
 }
 
 void ReadQueue::PrepareBackend() {
@@ -379,13 +386,12 @@ void ReadQueue::ReadRest(Slot* slot) const {
 }
 
 void ReadQueue::RunThread() {
-  const auto has_work = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
-    return stopping_ || !started_.empty();
-  };
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   while (true) {
     ++waiting_threads_;
-    mutex_.Await(absl::Condition(&has_work));
+    has_work_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return stopping_ || !started_.empty();
+    });
     --waiting_threads_;
     if (stopping_) {
       return;
@@ -396,6 +402,7 @@ void ReadQueue::RunThread() {
     ReadRest(slot.get());
     mutex_.Lock();
     arrived_.push_back(std::move(slot));
+    changed_.SignalAll();
   }
 }
 
@@ -446,9 +453,12 @@ void ReadQueue::RunRing() {
     });
     bool stops_now = false;
     {
-      absl::MutexLock lock(&mutex_);
-      std::move(ended.begin(), ended.end(), std::back_inserter(arrived_));
-      ended.clear();
+      base::MutexLock lock(&mutex_);
+      if (!ended.empty()) {
+        std::move(ended.begin(), ended.end(), std::back_inserter(arrived_));
+        ended.clear();
+        changed_.SignalAll();
+      }
       stops_now = stopping_ && !is_stopping;
       is_stopping = stopping_;
       if (!is_stopping) {
@@ -466,8 +476,9 @@ void ReadQueue::RunRing() {
         under_way.push_back(std::move(slot));
       } else {
         ReadRest(slot.get());
-        absl::MutexLock lock(&mutex_);
+        base::MutexLock lock(&mutex_);
         arrived_.push_back(std::move(slot));
+        changed_.SignalAll();
       }
     }
     fresh.clear();

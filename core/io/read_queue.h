@@ -17,9 +17,9 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 
@@ -94,7 +94,7 @@ class ReadQueue {
   std::optional<Arrival> TryTake();
 
   // Waits until TryTake may give something again: true; false when every read was taken. The error
-  // of `cancellation` within some 10 ms of its firing. REQUIRES: the calling thread holds no
+  // of `cancellation` as soon as it fires. REQUIRES: the calling thread holds no
   // arrival.
   absl::StatusOr<bool> WaitForMore(const base::Cancellation& cancellation);
 
@@ -126,7 +126,9 @@ class ReadQueue {
   const std::vector<Read> reads_;
   const ReadQueueOptions options_;
 
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
+  base::CondVar changed_;                         // something that HasMore looks at
+  base::CondVar has_work_;                        // started_ or stopping_, for the threads
   std::size_t next_ ABSL_GUARDED_BY(mutex_) = 0;  // the first read that nobody began
   std::vector<std::unique_ptr<Slot>> free_ ABSL_GUARDED_BY(mutex_);
   std::size_t used_count_ ABSL_GUARDED_BY(mutex_) = 0;  // slots that are not free

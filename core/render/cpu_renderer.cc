@@ -14,11 +14,11 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/image/tile_coverage.h"
 #include "core/render/cpu_rasterizer.h"
@@ -79,7 +79,7 @@ class CpuPass final : public RenderPass {
     bool must_shade = false;
     {
       // Shared: many meshes are drawn at a time; exclusive: kept meshes are shaded and dropped.
-      const absl::ReaderMutexLock drawing(&shading_mutex_);
+      const base::ReaderMutexLock drawing(&shading_mutex_);
       PassResources::Scratch& scratch = resources_->LocalScratch();
       scratch.first_primitive_ids.clear();
       scratch.block_ids.clear();
@@ -89,7 +89,7 @@ class CpuPass final : public RenderPass {
       scratch.footprints.resize(meshes.size());
       view_.FootprintsOf(layout_, scratch.block_ids, absl::MakeSpan(scratch.footprints));
       {
-        const absl::MutexLock lock(&meshes_mutex_);
+        const base::MutexLock lock(&meshes_mutex_);
         for (const MeshToDraw& item : meshes) {
           scratch.first_primitive_ids.push_back(Keep(item));
         }
@@ -107,11 +107,11 @@ class CpuPass final : public RenderPass {
       }
     }
     if (must_shade) {
-      const absl::MutexLock exclusive(&shading_mutex_);
+      const base::WriterMutexLock exclusive(&shading_mutex_);
       bool is_still_full = false;
       {
         // Another thread may have done it meanwhile.
-        const absl::MutexLock lock(&meshes_mutex_);
+        const base::MutexLock lock(&meshes_mutex_);
         is_still_full = IsFull();
       }
       if (is_still_full) {
@@ -124,7 +124,7 @@ class CpuPass final : public RenderPass {
   absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     {
-      const absl::MutexLock exclusive(&shading_mutex_);
+      const base::WriterMutexLock exclusive(&shading_mutex_);
       ShadeKept(/*is_last=*/true, &cancellation);
       ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
       is_clean_ = true;
@@ -236,7 +236,7 @@ class CpuPass final : public RenderPass {
         image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
     PassResources::Scratch& scratch = resources_->LocalScratch();
     ISOSCOPE_CHECK_EQ(scratch.batch.count, 0U);
-    const absl::MutexLock lock(&meshes_mutex_);
+    const base::MutexLock lock(&meshes_mutex_);
     AddToBatch(static_cast<std::uint32_t>(index), fragment, &scratch);
     const bool is_old_shaded = PrimitiveIdOf(old) == kShaded;
     if (!is_old_shaded) {
@@ -270,7 +270,7 @@ class CpuPass final : public RenderPass {
   // the fragments out of the buffers; a cancelled one stops between tiles and leaves the rest.
   void ShadeKept(bool is_last, const base::Cancellation* cancellation)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
-    const absl::MutexLock lock(&meshes_mutex_);
+    const base::MutexLock lock(&meshes_mutex_);
     std::vector<TileIndex> tiles;
     for (std::size_t i = 0; i < buffers_->lock_tiles.size(); ++i) {
       LockTile& tile = buffers_->lock_tiles[i];
@@ -491,7 +491,7 @@ class CpuPass final : public RenderPass {
 
   // Takes the fragments and meshes of a pass that was given up out of the buffers.
   void Clear() {
-    const absl::MutexLock lock(&meshes_mutex_);
+    const base::MutexLock lock(&meshes_mutex_);
     for (int row = 0; row < buffers_->lock_rows; ++row) {
       for (int column = 0; column < buffers_->lock_columns; ++column) {
         LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(row) *
@@ -524,8 +524,8 @@ class CpuPass final : public RenderPass {
   const int height_;
   const std::shared_ptr<PassResources> resources_;
   std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
-  absl::Mutex shading_mutex_;
-  absl::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
+  base::SharedMutex shading_mutex_;
+  base::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
   // Written while shading only. Keys and colours of the pixels whose fragment is kShaded.
   image::FrameImage image_;
   // Fragments are guarded by their lock tile while drawing, by shading_mutex_ while shading; meshes

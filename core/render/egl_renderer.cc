@@ -11,11 +11,10 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
-#include "absl/time/time.h"
 
 #include "core/base/check.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
 #include "core/mesh/block_mesh.h"
@@ -25,9 +24,6 @@
 
 namespace isoscope::render {
 namespace {
-
-// How soon a waiting Finish notices that its frame was cancelled.
-constexpr absl::Duration kPollInterval = absl::Milliseconds(5);
 
 // What a pass hands to the GL thread. Shared by both, so that neither has to wait for the other
 // when a frame is given up.
@@ -44,9 +40,12 @@ struct Batch {
   const image::FragmentOrder order;
   std::vector<DrawItem> items;  // taken by the GL thread
   std::atomic<bool> abandoned{false};
-  // Written by the GL thread before `done`.
+  // Written by the GL thread before is_drawn.
   absl::StatusOr<image::FrameImage> result = absl::UnknownError("not drawn");
-  absl::Notification done;
+
+  base::Mutex mutex;
+  base::CondVar drawn;
+  bool is_drawn ABSL_GUARDED_BY(mutex) = false;
 };
 
 absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, Batch* batch,
@@ -90,7 +89,7 @@ class EglRenderPass : public RenderPass {
   }
 
   absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
-    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    const base::MutexLock drawing_lock(&drawing_mutex_);
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
     // An empty pass is drawn too if nothing was before: a picture that is too large fails whether
@@ -121,7 +120,7 @@ class EglRenderPass : public RenderPass {
       return absl::OkStatus();
     }
     {
-      const absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       collected_bytes_ += mesh->size_bytes();
       // The mask is copied: the GL thread may still draw after a pass that was given up is gone.
       collected_.push_back(
@@ -133,10 +132,10 @@ class EglRenderPass : public RenderPass {
         return absl::OkStatus();
       }
     }
-    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    const base::MutexLock drawing_lock(&drawing_mutex_);
     {
       // Another thread may have drawn it while this one waited for its turn.
-      const absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       if (collected_bytes_ < batch_bytes_) {
         return absl::OkStatus();
       }
@@ -148,14 +147,14 @@ class EglRenderPass : public RenderPass {
   }
 
   bool HasCollected() {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     return !collected_.empty();
   }
 
   void SubmitCollected() ABSL_EXCLUSIVE_LOCKS_REQUIRED(drawing_mutex_) {
     std::vector<DrawItem> items;
     {
-      const absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       items = std::exchange(collected_, {});
       collected_bytes_ = 0;
     }
@@ -167,7 +166,9 @@ class EglRenderPass : public RenderPass {
                    : absl::OkStatus();
       };
       batch->result = TryDraw(&drawer, batch.get(), poll);
-      batch->done.Notify();
+      const base::MutexLock lock(&batch->mutex);
+      batch->is_drawn = true;
+      batch->drawn.SignalAll();
     });
   }
 
@@ -178,16 +179,14 @@ class EglRenderPass : public RenderPass {
     if (in_flight_ == nullptr) {
       return absl::OkStatus();
     }
-    if (cancellation == nullptr) {
-      in_flight_->done.WaitForNotification();
-    } else {
-      while (!in_flight_->done.WaitForNotificationWithTimeout(kPollInterval)) {
-        status_ = cancellation->Check();
-        if (!status_.ok()) {
-          in_flight_->abandoned.store(true, std::memory_order_release);
-          return status_;
-        }
-      }
+    Batch& waited = *in_flight_;
+    static const base::Cancellation kNever;
+    status_ = base::AwaitOrCancelled(
+        cancellation == nullptr ? kNever : *cancellation, &waited.mutex, &waited.drawn,
+        [&waited]() ABSL_SHARED_LOCKS_REQUIRED(waited.mutex) { return waited.is_drawn; });
+    if (!status_.ok()) {
+      waited.abandoned.store(true, std::memory_order_release);
+      return status_;
     }
     const std::shared_ptr<Batch> batch = std::exchange(in_flight_, nullptr);
     status_ = batch->result.status();
@@ -209,12 +208,12 @@ class EglRenderPass : public RenderPass {
   GlMeshDrawer& drawer_;
 
   // Held while a batch is exchanged with the GL thread; taken before mutex_.
-  absl::Mutex drawing_mutex_;
+  base::Mutex drawing_mutex_;
   std::shared_ptr<Batch> in_flight_ ABSL_GUARDED_BY(drawing_mutex_);
   std::optional<image::FrameImage> image_ ABSL_GUARDED_BY(drawing_mutex_);
   absl::Status status_ ABSL_GUARDED_BY(drawing_mutex_);
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::vector<DrawItem> collected_ ABSL_GUARDED_BY(mutex_);
   std::size_t collected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };

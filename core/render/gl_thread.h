@@ -12,7 +12,8 @@
 #include "absl/functional/any_invocable.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::render {
 
@@ -47,7 +48,8 @@ class GlThread {
   std::string description_;
   bool is_hardware_ = false;
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar changed_;
   bool started_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status start_status_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;

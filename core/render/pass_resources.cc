@@ -33,7 +33,7 @@ std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
 
 std::unique_ptr<PassBuffers> PassResources::TakeBuffers(int width, int height) {
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     const auto found = std::find_if(unused_.rbegin(), unused_.rend(), [&](const auto& unused) {
       return unused->width == width && unused->height == height;
     });
@@ -53,7 +53,7 @@ void PassResources::GiveBack(std::unique_ptr<PassBuffers> buffers) {
     return;
   }
   std::vector<std::unique_ptr<PassBuffers>> dropped;  // freed after the lock
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   while (unused_bytes_ + size > max_unused_buffer_bytes_) {
     unused_bytes_ -= unused_.front()->size_bytes();
     dropped.push_back(std::move(unused_.front()));
@@ -68,7 +68,7 @@ void PassResources::Prepare(int width, int height) {
   const std::size_t fragment_bytes =
       static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (unused_bytes_ + fragment_bytes > max_unused_buffer_bytes_) {
       return;
     }
@@ -78,7 +78,7 @@ void PassResources::Prepare(int width, int height) {
 
 std::shared_ptr<const std::vector<image::Rgba8>> PassResources::ShadeTableOf(
     const frame::Appearance& appearance) {
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   const auto found =
       std::find_if(shade_tables_.begin(), shade_tables_.end(),
                    [&](const ShadeTable& table) { return table.appearance == appearance; });

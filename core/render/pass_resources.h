@@ -13,10 +13,10 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
 #include "core/base/large_pages.h"
+#include "core/base/mutex.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/math/vec.h"
@@ -152,7 +152,7 @@ class PassResources {
   const std::shared_ptr<image::FrameImagePool> images_ =
       image::FrameImagePool::Make(max_unused_image_bytes_);
   tbb::enumerable_thread_specific<Scratch> scratch_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::vector<std::unique_ptr<PassBuffers>> unused_ ABSL_GUARDED_BY(mutex_);
   std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   struct ShadeTable {

@@ -13,7 +13,8 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::rpc {
 
@@ -32,11 +33,10 @@ class WriteQueue {
   // Queues `message`, waiting while `max_bytes` or more are queued. Returns false, and drops the
   // message, once the queue is closed or finished: the caller stops working.
   bool Push(Message message) {
-    absl::MutexLock lock(&mutex_);
-    const auto has_room_or_ends = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
       return closed_ || status_.has_value() || queued_bytes_ < max_bytes_;
-    };
-    mutex_.Await(absl::Condition(&has_room_or_ends));
+    });
     if (closed_ || status_.has_value()) {
       return false;
     }
@@ -48,26 +48,28 @@ class WriteQueue {
 
   // The write in flight has ended. `ok` false: the stream is broken; the queue closes.
   void OnWriteDone(bool ok) {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     is_writing_ = false;
     if (!ok) {
       DropQueued();
       closed_ = true;
     }
+    changed_.SignalAll();
     StartNext();
   }
 
   // Drops what is queued and wakes who waits in Push. Finish must still be called.
   void Close() {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     closed_ = true;
     DropQueued();
+    changed_.SignalAll();
   }
 
   // Ends the stream: with OK after all that is queued was written, with an error after the write in
   // flight. Only the first call counts.
   void Finish(const absl::Status& status) {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     if (status_.has_value()) {
       return;
     }
@@ -75,6 +77,7 @@ class WriteQueue {
     if (!status.ok()) {
       DropQueued();
     }
+    changed_.SignalAll();
     StartNext();
   }
 
@@ -103,7 +106,8 @@ class WriteQueue {
   const std::size_t max_bytes_;
   const std::function<void(const Message*)> start_write_;
   const std::function<void(const absl::Status&)> finish_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar changed_;  // room, or an end: all that Push waits for
   std::deque<Message> queue_ ABSL_GUARDED_BY(mutex_);
   std::size_t queued_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   Message in_flight_ ABSL_GUARDED_BY(mutex_);
