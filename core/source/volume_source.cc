@@ -133,8 +133,8 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
   }
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(suffix->format, header_path));
   std::vector<std::string> files{header_path};
-  if (location.path != header_path) {
-    files.push_back(location.path);
+  if (location.files.front() != header_path) {
+    files.insert(files.end(), location.files.begin(), location.files.end());
   }
   return FoundVolume{
       .files = std::move(files), .format = suffix->format, .location = std::move(location)};
@@ -208,7 +208,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& pat
                                       .origin = format.origin,
                                       .direction = {}};
   return MakeFileSource(geometry,
-                        {.path = path,
+                        {.files = {path},
                          .offset = format.header_bytes,
                          .is_big_endian = format.is_big_endian,
                          .stored_type = format.type},
