@@ -6,7 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -17,6 +16,7 @@
 #include "core/io/file.h"
 #include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_storage.h"
+#include "core/source/part_path.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
@@ -308,22 +308,12 @@ absl::StatusOr<NamedDataset> OpenByName(const std::string& path) {
 }  // namespace
 
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
-  for (const char* ending : {".h5", ".hdf5", ".he5", ".hdf"}) {
-    if (absl::EndsWithIgnoreCase(path, ending)) {
-      *parts = {path, ""};
-      return true;
-    }
+  PartPath split;
+  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf"}, &split)) {
+    return false;
   }
-  for (std::size_t colon = path.find(':'); colon != std::string::npos;
-       colon = path.find(':', colon + 1)) {
-    Hdf5Path before;
-    if (colon + 1 < path.size() && SplitHdf5Path(path.substr(0, colon), &before) &&
-        before.dataset.empty()) {
-      *parts = {before.file, path.substr(colon + 1)};
-      return true;
-    }
-  }
-  return false;
+  *parts = {split.file, split.part};
+  return true;
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {
