@@ -25,7 +25,7 @@
 // sequence 1 MiB; nodes of up to 196 608 intervals are built in memory. A tree of 1 million
 // intervals passes at most ceil(n / 63) - 1 = 15 873 to each slab: one node is built from files.
 //
-// The distribution sweep is that of Arge and Vitter 2003, section 2 (references.bib: arge-vitter).
+// Sources: those of interval_tree_builder.cc.
 
 #include "core/index/external_node_builder.h"
 

@@ -25,7 +25,7 @@
 // v = 7 finds it in the first (5 < 7), v = 15 in the second, v = 25 in the third (25 >= 25). v = 30
 // also reads the third list, and stops there (25 < 30).
 //
-// Invariant: no position, page number or level of the file is used before VisitNode has checked it.
+// Invariant: positions, page numbers and levels of the file are checked before they are used.
 //
 // Layout, proof of the bound: docs/format/interval_tree.md. Source: Arge and Vitter 2003, section 2
 // (references.bib: arge-vitter), with the window lists of Chazelle 1986 (chazelle-filtering).

@@ -1,5 +1,5 @@
-// Which rays there are, who casts which, and how hits become occluding blocks. The walk itself is
-// in ray_kernel.cc.
+// The rays of a frame, their division among agents, and the way from hits to occluding blocks. The
+// walk of a ray is in ray_kernel.cc.
 //
 // Ray indices count the faces of the volume's sides first, axis by axis, the lower side before the
 // upper, then the cells of a grid over the image. Rows are walked to and fro, so that successive
