@@ -1,3 +1,12 @@
+// Pixels are taken row by row, each row from left to right, which is the order of the set bits of
+// the mask. With AVX-512 a row of 16 pixels is one register of colours and two of keys, and the
+// row's mask is a lane mask: compressing packs it, expanding unpacks it. Elsewhere the bits are
+// taken one by one. Both give the same bits.
+//
+// Example: the row mask 0b10110 packs the pixels of columns 1, 2 and 4 into elements 0, 1 and 2.
+//
+// A key is depth << 32 | block id, so that the smaller key is nearer, or of the lower block.
+
 #include "core/composite/tile_packing.h"
 
 #include <bit>
@@ -17,6 +26,8 @@ namespace {
 
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
 
+// Loads a row of keys as two registers, gathers the low and the high halves of its words (block ids
+// and depths), and compresses each to the covered pixels.
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
               std::uint32_t* depths, std::uint32_t* owners) {
   static_assert(kTilePx == 16);
@@ -40,6 +51,7 @@ void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t strid
   }
 }
 
+// Reverses the bytes of each colour, r first in memory, to r << 24 | g << 16 | b << 8 | a.
 void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
                 std::uint32_t* numbers) {
   static_assert(kTilePx == 16);
@@ -56,6 +68,8 @@ void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t st
   }
 }
 
+// Expands the keys of half a row to its covered lanes, compares their depths with the tile's, and
+// stores keys and colours of the lanes that are nearer. Lanes of equal depth are looked for.
 bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                   std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors) {
   std::uint32_t ties = 0;

@@ -18,7 +18,7 @@
 
 namespace isoscope::extract {
 
-// One block to extract. Does not own what it points to.
+// A block to extract. Does not own what its pointers refer to.
 struct BlockTask {
   volume::ScalarType type = volume::ScalarType::kUint8;
   const char* bytes = nullptr;  // shape->sample_count samples, any alignment

@@ -37,7 +37,7 @@ struct CaseTable {
   std::array<std::uint8_t, 256> triangle_counts{};
   // By case: three edges for each triangle, counter-clockwise seen from outside; the rest is 0.
   std::array<std::array<std::uint8_t, 16>, 256> edges{};
-  // The same, each edge as its lane: 4 * (its lower corner) + axis.
+  // The same triangles, each edge as its lane: 4 * (its lower corner) + axis.
   std::array<std::array<std::uint8_t, 16>, 256> lanes{};
 };
 

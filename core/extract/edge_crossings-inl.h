@@ -12,7 +12,7 @@
 //
 //      x edges are 000 ^ 100, y edges 000 ^ 010, z edges 000 ^ 001; a cell is active iff the OR of
 //      all eight is set and the AND is not. The masks of the shape then drop bits that are no edge
-//      or cell of the block, such as the x edge from the end of a row to the begin of the next.
+//      or cell of the block, such as the x edge from the end of a row to the start of the next.
 //   3. AssignVertexIds lists the set bits, axis by axis. The position in the three lists, one after
 //      the other, is the vertex id; it is kept by sample and axis for pass 5.
 //
@@ -21,8 +21,8 @@
 //
 // With NaN a second bit row marks the samples that are numbers. An edge needs both ends, a cell all
 // eight corners; owned vertices are counted by that alone (docs/numerics.md, "Unique vertex
-// count"). Then edges that no valid cell touches are dropped, so that no vertex is without a
-// triangle's cell.
+// count"). Then edges that no valid cell touches are dropped, so that every vertex has a cell that
+// can draw it.
 
 // Highway's guard: defined and undefined in turn.
 #if defined(ISOSCOPE_CORE_EXTRACT_EDGE_CROSSINGS_INL_H_) == defined(HWY_TARGET_TOGGLE)

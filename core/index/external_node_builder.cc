@@ -10,7 +10,7 @@
 //
 //        | slab 0 | slab 1 | ... | slab k-1 | kept |
 //
-//   4. WriteRun, from the bucket of the kept intervals: left lists in the order of the bucket;
+//   4. WriteEntryRun, from the bucket of the kept intervals: left lists in the order of the bucket;
 //      right lists from a sort on disk by (slab, descending hi); window lists dealt to one bucket
 //      for each window. Then the leaf lists, from the slabs' buckets that have at most B = 170
 //      intervals.
@@ -25,7 +25,7 @@
 // sequence 1 MiB; nodes of up to 196 608 intervals are built in memory. A tree of 1 million
 // intervals passes at most ceil(n / 63) - 1 = 15 873 to each slab: one node is built from files.
 //
-// The distribution sweep is that of Arge and Vitter 2003, section 2 (references.bib: arge-vitter).
+// Sources: those of interval_tree_builder.cc.
 
 #include "core/index/external_node_builder.h"
 
@@ -160,18 +160,19 @@ class ExternalNodeBuilder {
   absl::StatusOr<Buckets> Distribute(const io::ScratchFile& file, const io::ScratchRange& range,
                                      std::span<const double> lower, const Census& census) const;
   // Step 4.
-  absl::Status WriteRun(const Buckets& buckets, std::span<const double> lower, const Census& census,
-                        NodeRecords* node) const;
+  absl::Status WriteEntryRun(const Buckets& buckets, std::span<const double> lower,
+                             const Census& census, NodeRecords* node) const;
   absl::Status WriteLeftLists(const io::ScratchFile& file, const io::ScratchRange& kept,
                               std::span<const double> lower, NodeRecords* node,
-                              RunWriter* run) const;
+                              EntryRunWriter* entry_run) const;
   absl::Status WriteRightLists(const io::ScratchFile& file, const io::ScratchRange& kept,
                                std::span<const double> lower, NodeRecords* node,
-                               RunWriter* run) const;
+                               EntryRunWriter* entry_run) const;
   absl::Status WriteWindowLists(const io::ScratchFile& file, const io::ScratchRange& kept,
                                 std::span<const double> lower, const Coverage& coverage,
-                                NodeRecords* node, RunWriter* run) const;
-  absl::Status WriteLeafLists(const Buckets& buckets, NodeRecords* node, RunWriter* run) const;
+                                NodeRecords* node, EntryRunWriter* entry_run) const;
+  absl::Status WriteLeafLists(const Buckets& buckets, NodeRecords* node,
+                              EntryRunWriter* entry_run) const;
 
   const IntervalTreeBuilder::Options& options_;
   const MemoryPlan plan_;
@@ -226,12 +227,12 @@ absl::StatusOr<ExternalNodeBuilder::Census> ExternalNodeBuilder::TakeCensus(
     std::span<const double> lower) const {
   Census census(lower.size());
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
-    const Part part = PartOf(interval, lower);
-    if (part.goes_down()) {
-      ++census.down_counts[part.first_slab];
+    const SlabExtent extent = ExtentOf(interval, lower);
+    if (extent.goes_down()) {
+      ++census.down_counts[extent.first_slab];
     } else {
       ++census.kept_count;
-      census.coverage.Add(part);
+      census.coverage.Add(extent);
     }
     return absl::OkStatus();
   }));
@@ -247,8 +248,8 @@ absl::StatusOr<Buckets> ExternalNodeBuilder::Distribute(const io::ScratchFile& f
   ISOSCOPE_ASSIGN_OR_RETURN(Buckets buckets,
                             Buckets::Create(options_.scratch_directory, sizes, plan_.bucket_bytes));
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, range, [&](const BlockInterval& interval) {
-    const Part part = PartOf(interval, lower);
-    return buckets.Append(part.goes_down() ? part.first_slab : lower.size(), interval);
+    const SlabExtent extent = ExtentOf(interval, lower);
+    return buckets.Append(extent.goes_down() ? extent.first_slab : lower.size(), interval);
   }));
   ISOSCOPE_RETURN_IF_ERROR(buckets.Finish());
   return buckets;
@@ -257,41 +258,41 @@ absl::StatusOr<Buckets> ExternalNodeBuilder::Distribute(const io::ScratchFile& f
 absl::Status ExternalNodeBuilder::WriteLeftLists(const io::ScratchFile& file,
                                                  const io::ScratchRange& kept,
                                                  std::span<const double> lower, NodeRecords* node,
-                                                 RunWriter* run) const {
+                                                 EntryRunWriter* entry_run) const {
   // Canonical order is ascending by lo, and so by slab.
   std::size_t begun = 0;  // number of slabs whose list has begun
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, kept, [&](const BlockInterval& interval) {
-    const Part part = PartOf(interval, lower);
-    for (; begun <= part.first_slab; ++begun) {
-      node->slabs[begun].left_begin = run->entry_count();
+    const SlabExtent extent = ExtentOf(interval, lower);
+    for (; begun <= extent.first_slab; ++begun) {
+      node->slabs[begun].left_begin = entry_run->entry_count();
     }
-    return part.in_left_list() ? run->Append(interval) : absl::OkStatus();
+    return extent.in_left_list() ? entry_run->Append(interval) : absl::OkStatus();
   }));
   for (; begun < node->slabs.size(); ++begun) {
-    node->slabs[begun].left_begin = run->entry_count();
+    node->slabs[begun].left_begin = entry_run->entry_count();
   }
-  node->header.left_end = run->entry_count();
+  node->header.left_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
 absl::Status ExternalNodeBuilder::WriteRightLists(const io::ScratchFile& file,
                                                   const io::ScratchRange& kept,
                                                   std::span<const double> lower, NodeRecords* node,
-                                                  RunWriter* run) const {
+                                                  EntryRunWriter* entry_run) const {
   io::ExternalSorter<RightEntry, RightLess> sorter(options_.scratch_directory, plan_.sorter_bytes);
   ISOSCOPE_RETURN_IF_ERROR(ForEach(file, kept, [&](const BlockInterval& interval) {
-    const Part part = PartOf(interval, lower);
-    return part.in_right_list() ? sorter.Add({interval, part.last_slab}) : absl::OkStatus();
+    const SlabExtent extent = ExtentOf(interval, lower);
+    return extent.in_right_list() ? sorter.Add({interval, extent.last_slab}) : absl::OkStatus();
   }));
   ISOSCOPE_RETURN_IF_ERROR(sorter.Finish());
   for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
-    node->slabs[slab].right_begin = run->entry_count();
+    node->slabs[slab].right_begin = entry_run->entry_count();
     while (!sorter.is_at_end() && sorter.current().slab == slab) {
-      ISOSCOPE_RETURN_IF_ERROR(run->Append(sorter.current().interval));
+      ISOSCOPE_RETURN_IF_ERROR(entry_run->Append(sorter.current().interval));
       ISOSCOPE_RETURN_IF_ERROR(sorter.Advance());
     }
   }
-  node->header.right_end = run->entry_count();
+  node->header.right_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
@@ -299,7 +300,7 @@ absl::Status ExternalNodeBuilder::WriteWindowLists(const io::ScratchFile& file,
                                                    const io::ScratchRange& kept,
                                                    std::span<const double> lower,
                                                    const Coverage& coverage, NodeRecords* node,
-                                                   RunWriter* run) const {
+                                                   EntryRunWriter* entry_run) const {
   const std::vector<Window> windows = coverage.ChooseWindows();
   std::vector<std::size_t> window_of_slab(node->slabs.size());
   std::vector<std::int64_t> sizes;
@@ -311,10 +312,10 @@ absl::Status ExternalNodeBuilder::WriteWindowLists(const io::ScratchFile& file,
   ISOSCOPE_ASSIGN_OR_RETURN(Buckets lists,
                             Buckets::Create(options_.scratch_directory, sizes, plan_.bucket_bytes));
   const auto append = [&](const BlockInterval& interval) {
-    const Part part = PartOf(interval, lower);
-    if (part.in_windows()) {
-      const std::size_t last = window_of_slab[static_cast<std::size_t>(part.last_covered())];
-      for (std::size_t window = window_of_slab[static_cast<std::size_t>(part.first_covered())];
+    const SlabExtent extent = ExtentOf(interval, lower);
+    if (extent.in_windows()) {
+      const std::size_t last = window_of_slab[static_cast<std::size_t>(extent.last_covered())];
+      for (std::size_t window = window_of_slab[static_cast<std::size_t>(extent.first_covered())];
            window <= last; ++window) {
         ISOSCOPE_RETURN_IF_ERROR(lists.Append(window, interval));
       }
@@ -326,41 +327,42 @@ absl::Status ExternalNodeBuilder::WriteWindowLists(const io::ScratchFile& file,
   for (std::size_t window = 0; window < windows.size(); ++window) {
     for (int slab = windows[window].first; slab <= windows[window].last; ++slab) {
       format::SlabRecord& record = node->slabs[static_cast<std::size_t>(slab)];
-      record.window_begin = run->entry_count();
+      record.window_begin = entry_run->entry_count();
       record.window_size = static_cast<std::uint32_t>(windows[window].size);
     }
     ISOSCOPE_RETURN_IF_ERROR(
         ForEach(lists.file(), lists.range(window),
-                [&](const BlockInterval& interval) { return run->Append(interval); }));
+                [&](const BlockInterval& interval) { return entry_run->Append(interval); }));
   }
-  node->header.window_end = run->entry_count();
+  node->header.window_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
 absl::Status ExternalNodeBuilder::WriteLeafLists(const Buckets& buckets, NodeRecords* node,
-                                                 RunWriter* run) const {
+                                                 EntryRunWriter* entry_run) const {
   for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
-    node->slabs[slab].leaf_begin = run->entry_count();
+    node->slabs[slab].leaf_begin = entry_run->entry_count();
     if (buckets.range(slab).count <= kEntriesPerPage) {
       ISOSCOPE_RETURN_IF_ERROR(
           ForEach(buckets.file(), buckets.range(slab),
-                  [&](const BlockInterval& interval) { return run->Append(interval); }));
+                  [&](const BlockInterval& interval) { return entry_run->Append(interval); }));
     }
   }
-  node->header.leaf_end = run->entry_count();
+  node->header.leaf_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
-absl::Status ExternalNodeBuilder::WriteRun(const Buckets& buckets, std::span<const double> lower,
-                                           const Census& census, NodeRecords* node) const {
+absl::Status ExternalNodeBuilder::WriteEntryRun(const Buckets& buckets,
+                                                std::span<const double> lower, const Census& census,
+                                                NodeRecords* node) const {
   const io::ScratchRange& kept = buckets.range(lower.size());
-  RunWriter run(pages_);
-  ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(buckets.file(), kept, lower, node, &run));
-  ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(buckets.file(), kept, lower, node, &run));
+  EntryRunWriter entry_run(pages_);
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(buckets.file(), kept, lower, node, &entry_run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(buckets.file(), kept, lower, node, &entry_run));
   ISOSCOPE_RETURN_IF_ERROR(
-      WriteWindowLists(buckets.file(), kept, lower, census.coverage, node, &run));
-  ISOSCOPE_RETURN_IF_ERROR(WriteLeafLists(buckets, node, &run));
-  return run.Finish();
+      WriteWindowLists(buckets.file(), kept, lower, census.coverage, node, &entry_run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeafLists(buckets, node, &entry_run));
+  return entry_run.Finish();
 }
 
 absl::StatusOr<io::PageNumber> ExternalNodeBuilder::BuildNode(const io::ScratchFile& file,
@@ -373,7 +375,7 @@ absl::StatusOr<io::PageNumber> ExternalNodeBuilder::BuildNode(const io::ScratchF
   ISOSCOPE_ASSIGN_OR_RETURN(const Census census, TakeCensus(file, range, lower));
   ISOSCOPE_ASSIGN_OR_RETURN(const Buckets buckets, Distribute(file, range, lower, census));
   NodeRecords node(lower);
-  ISOSCOPE_RETURN_IF_ERROR(WriteRun(buckets, lower, census, &node));
+  ISOSCOPE_RETURN_IF_ERROR(WriteEntryRun(buckets, lower, census, &node));
   for (std::size_t slab = 0; slab < lower.size(); ++slab) {
     if (buckets.range(slab).count > kEntriesPerPage) {
       ISOSCOPE_ASSIGN_OR_RETURN(node.slabs[slab].child_page,

@@ -25,7 +25,7 @@
 // v = 7 finds it in the first (5 < 7), v = 15 in the second, v = 25 in the third (25 >= 25). v = 30
 // also reads the third list, and stops there (25 < 30).
 //
-// Invariant: no position, page number or level of the file is used before VisitNode has checked it.
+// Invariant: positions, page numbers and levels of the file are checked before they are used.
 //
 // Layout, proof of the bound: docs/format/interval_tree.md. Source: Arge and Vitter 2003, section 2
 // (references.bib: arge-vitter), with the window lists of Chazelle 1986 (chazelle-filtering).
@@ -129,9 +129,9 @@ class IntervalTree::Impl {
 
   // One node as a query sees it: the lists of the isovalue's slab.
   struct NodeVisit {
-    io::PageNumber run_page = 0;  // first page of the entry run
-    std::uint32_t run_size = 0;   // entries
-    volume::ScalarSpan slab;      // its bounds
+    io::PageNumber entry_run_page = 0;  // first page of the entry run
+    std::uint32_t entry_run_size = 0;   // entries
+    volume::ScalarSpan slab;            // its bounds
     Range left;
     Range right;
     Range window;
@@ -154,8 +154,8 @@ class IntervalTree::Impl {
   // interval is reported once.
   [[nodiscard]] absl::Status ReadList(const NodeVisit& visit, Range range, ListKind kind,
                                       QueryState* state) const;
-  // Makes page `page_in_run` of the entry run the current one: `state->page`.
-  [[nodiscard]] absl::Status LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
+  // Makes page `page_in_entry_run` of the entry run the current one: `state->page`.
+  [[nodiscard]] absl::Status LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_entry_run,
                                            QueryState* state) const;
 
   std::unique_ptr<io::PageFile> pages_;
@@ -253,8 +253,8 @@ absl::StatusOr<IntervalTree::Impl::NodeVisit> IntervalTree::Impl::VisitNode(
     next = format::DecodeSlabRecord(payload + format::SlabRecordOffset(slab + 1));
   }
   NodeVisit visit;
-  visit.run_page = page + 1;
-  visit.run_size = header.leaf_end;
+  visit.entry_run_page = page + 1;
+  visit.entry_run_size = header.leaf_end;
   visit.slab = {.min = record.lower, .max = next.lower};
   visit.left = {record.left_begin, next.left_begin};
   visit.right = {record.right_begin, next.right_begin};
@@ -284,7 +284,7 @@ absl::Status IntervalTree::Impl::CheckVisit(io::PageNumber page, const format::N
   }
   const std::int64_t run_end =
       std::int64_t{page} + 1 +
-      (std::int64_t{visit.run_size} + kEntriesPerPage - 1) / kEntriesPerPage;
+      (std::int64_t{visit.entry_run_size} + kEntriesPerPage - 1) / kEntriesPerPage;
   if (run_end > pages_->page_count() ||
       (visit.child_page != 0 && (std::int64_t{visit.child_page} < run_end ||
                                  std::int64_t{visit.child_page} >= pages_->page_count()))) {
@@ -300,11 +300,11 @@ absl::Status IntervalTree::Impl::ReadList(const NodeVisit& visit, Range range, L
                                           QueryState* state) const {
   constexpr auto kPerPage = static_cast<std::uint32_t>(kEntriesPerPage);
   for (std::uint32_t position = range.begin; position < range.end;) {
-    const std::uint32_t page_in_run = position / kPerPage;
-    ISOSCOPE_RETURN_IF_ERROR(LoadEntryPage(visit, page_in_run, state));
+    const std::uint32_t page_in_entry_run = position / kPerPage;
+    ISOSCOPE_RETURN_IF_ERROR(LoadEntryPage(visit, page_in_entry_run, state));
     const char* entries = state->page->payload().data() + format::kEntryPageHeaderBytes;
-    const std::uint32_t in_page_end = std::min(range.end - page_in_run * kPerPage, kPerPage);
-    for (std::uint32_t i = position - page_in_run * kPerPage; i < in_page_end; ++i) {
+    const std::uint32_t in_page_end = std::min(range.end - page_in_entry_run * kPerPage, kPerPage);
+    for (std::uint32_t i = position - page_in_entry_run * kPerPage; i < in_page_end; ++i) {
       const BlockInterval interval = format::DecodeEntry(entries + i * format::kEntryBytes);
       const bool covers_slab =
           interval.span.min <= visit.slab.min && visit.slab.max <= interval.span.max;
@@ -316,14 +316,15 @@ absl::Status IntervalTree::Impl::ReadList(const NodeVisit& visit, Range range, L
         state->active.push_back(interval);
       }
     }
-    position = page_in_run * kPerPage + in_page_end;
+    position = page_in_entry_run * kPerPage + in_page_end;
   }
   return absl::OkStatus();
 }
 
-absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
+absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit,
+                                               std::uint32_t page_in_entry_run,
                                                QueryState* state) const {
-  const io::PageNumber page = visit.run_page + page_in_run;
+  const io::PageNumber page = visit.entry_run_page + page_in_entry_run;
   if (state->page.has_value() && state->page_number == page) {
     return absl::OkStatus();
   }
@@ -333,7 +334,8 @@ absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit, std::uint
   const auto kind = base::LoadLittleEndian<std::uint16_t>(payload);
   const auto count = base::LoadLittleEndian<std::uint16_t>(payload + 2);
   const std::int64_t expected_count = std::min(
-      std::int64_t{visit.run_size} - std::int64_t{page_in_run} * kEntriesPerPage, kEntriesPerPage);
+      std::int64_t{visit.entry_run_size} - std::int64_t{page_in_entry_run} * kEntriesPerPage,
+      kEntriesPerPage);
   if (kind != format::kEntryPageKind || std::int64_t{count} != expected_count) {
     return pages_->PageError(
         page, absl::StrCat("kind ", kind, " with ", count, " entries, expected kind ",

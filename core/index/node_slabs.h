@@ -38,7 +38,7 @@ std::int64_t CutPosition(std::int64_t i, std::int64_t count);
 void AddCut(double cut, std::vector<double>* lower);
 
 // The slabs of a node that an interval reaches into, and whether it covers the outer two.
-struct Part {
+struct SlabExtent {
   std::uint8_t first_slab = 0;  // first and last slab that it reaches into
   std::uint8_t last_slab = 0;
   bool covers_first = false;
@@ -56,7 +56,7 @@ struct Part {
 };
 
 // lower: of the node's slabs. REQUIRES: interval.span.min < interval.span.max. O(log slabs).
-Part PartOf(const BlockInterval& interval, std::span<const double> lower);
+SlabExtent ExtentOf(const BlockInterval& interval, std::span<const double> lower);
 
 // Consecutive slabs [first, last] that share a window list.
 struct Window {
@@ -71,7 +71,7 @@ class Coverage {
  public:
   explicit Coverage(std::size_t slab_count) : begins_(slab_count + 1), ends_(slab_count + 1) {}
 
-  void Add(const Part& part);
+  void Add(const SlabExtent& extent);
 
   // Groups slabs greedily, from slab 0 on: a slab joins the window before it if that then has at
   // most 2 m + B intervals, where m is the fewest that cover one slab of the window. O(slabs).

@@ -17,10 +17,10 @@
 namespace isoscope::index {
 
 // Writes the entry run of one node: pages of B entries, the last one with fewer. Thread-compatible.
-class RunWriter {
+class EntryRunWriter {
  public:
   // `pages` outlives the writer; nothing else is appended to it before Finish.
-  explicit RunWriter(io::PageFileWriter* pages) : pages_(pages) { StartPage(); }
+  explicit EntryRunWriter(io::PageFileWriter* pages) : pages_(pages) { StartPage(); }
 
   absl::Status Append(const BlockInterval& interval);
   // Writes the last page, if it has entries. Errors of both: those of `pages`.

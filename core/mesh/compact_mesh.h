@@ -72,7 +72,7 @@ struct CompactMesh {
 // Returns the bytes that CompactInto needs: a multiple of 64.
 std::size_t CompactSizeBytes(const BlockMeshView& mesh);
 
-// Makes a CompactMesh at the begin of `memory`, with its vertices and triangles behind it. The
+// Makes a CompactMesh at the start of `memory`, with its vertices and triangles behind it. The
 // result lives as long as `memory`.
 //
 // memory: CompactSizeBytes(mesh) bytes, aligned as from operator new

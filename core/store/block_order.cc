@@ -3,16 +3,17 @@
 //   key = 64 * cube + curve index,   cube = (z/4 * cubes_y + y/4) * cubes_x + x/4
 //
 // The blocks of a cube that lie in a box are a 64-bit curve mask: bit i stands for curve index i.
-// Six tables of masks, "below k on this axis" for k = 0 .. 4, give the mask of any box with three
-// ANDs of differences. Then the blocks of the box in order are the set bits from low to high, and
-// the rank of a block in the cube is the count of set bits below its own.
+// A table has the masks of the blocks below k, for each axis and k = 0 .. 4. So the mask of a box
+// is below[end] & ~below[begin] on each axis, and the AND of the three. The blocks of the box in
+// order are its set bits from low to high; the rank of a block is the count of set bits below its
+// own.
 //
 // Example: the box of 3 x 2 x 1 blocks at the origin has the curve indices 0 to 3, 60 and 61: the
 // blocks 000, 010, 110, 100, 200, 210 in this order. Block 210 has the mask bits 0-3 and 60 below
 // its own: its rank is 5.
 //
-// RankInBox adds to that the blocks of whole cubes before: layers of cubes, then rows of the layer,
-// then cubes of the row, each clipped by the box.
+// RankInBox adds the blocks of the cubes before: layers of cubes, then rows of the layer, then
+// cubes of the row, each clipped by the box.
 
 #include "core/store/block_order.h"
 

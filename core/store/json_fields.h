@@ -31,10 +31,10 @@ class JsonFields {
   JsonFields(const Json& json, absl::string_view where);
 
   void Read(const char* name, std::string* value);
-  // In [min, max].
+  // Reads an integer in [min, max].
   void Read(const char* name, std::int64_t min, std::int64_t max, std::int64_t* value);
   void Read(const char* name, std::uint64_t* value);
-  // Of exactly `count` elements.
+  // Reads an array of exactly `count` elements.
   void ReadDoubles(const char* name, std::size_t count, double* values);
   void ReadIntegers(const char* name, std::size_t count, std::int64_t min, std::int64_t max,
                     std::int64_t* values);

@@ -26,7 +26,7 @@ inline constexpr char kRangeTableFileName[] = "ranges.bin";
 inline constexpr char kBlocksFileName[] = "blocks.bin";
 inline constexpr char kBlockIndexFileName[] = "block_index.bin";
 inline constexpr char kIntervalTreeFileName[] = "interval_tree.bin";
-// Which shard of its dataset a shard directory is: JSON with its own CRC-32C.
+// Names the shard that a shard directory holds: JSON with its own CRC-32C.
 inline constexpr char kShardFileName[] = "shard.json";
 
 // "shard-00003-of-00016".
@@ -75,8 +75,8 @@ std::string EncodeBinaryHeader(absl::string_view magic, const BinaryHeader& head
 absl::StatusOr<BinaryHeader> DecodeBinaryFile(absl::string_view magic, absl::string_view bytes,
                                               absl::string_view where);
 
-// How the bytes of a block are stored. On disk: never change the values. Samples wider than a byte
-// are shuffled before they are compressed (docs/format/shard.md, "blocks.bin").
+// The encoding of a block's stored bytes. On disk: never change the values. Samples wider than a
+// byte are shuffled before they are compressed (docs/format/shard.md, "blocks.bin").
 enum class BlockEncoding : std::uint32_t { kRaw = 0, kLz4 = 1, kZstd = 2 };
 
 // An entry of the block index. Offsets in it: 0 block id, 4 encoding, 8 offset (8 bytes), 16 stored

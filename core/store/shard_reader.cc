@@ -5,9 +5,8 @@
 //   2. ranges.bin        CRC-32C of the file, from the manifest
 //   3. shard.json        its own seal; CRC-32C of the manifest, counts and sizes as in the manifest
 //   4. interval_tree.bin size, and CRC-32C of its first 4096 bytes, from shard.json
-//   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding,
-//   sizes,
-//                        and an offset that is the sum of the sizes before it
+//   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
+//                        sizes, and an offset that is the sum of the sizes before it
 //   6. blocks.bin        size; each block's CRC-32C when it is read
 //
 // Invariant: sizes are compared before memory is allocated for them.

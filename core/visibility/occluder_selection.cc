@@ -1,5 +1,5 @@
-// Which rays there are, who casts which, and how hits become occluding blocks. The walk itself is
-// in ray_kernel.cc.
+// The rays of a frame, their division among agents, and the way from hits to occluding blocks. The
+// walk of a ray is in ray_kernel.cc.
 //
 // Ray indices count the faces of the volume's sides first, axis by axis, the lower side before the
 // upper, then the cells of a grid over the image. Rows are walked to and fro, so that successive
@@ -11,12 +11,12 @@
 //
 // Example: 4 x 3 x 2 blocks have 2 * (3 * 2 + 2 * 4 + 4 * 3) = 52 face rays: 0 to 11 normal to x,
 // 12 to 27 to y, 28 to 51 to z. Ray 3 goes through row 1, column 2 of the lower x side, whose
-// columns count along y and rows along z. A viewport of 1024 x 1024 pixels has 128 x 128 more: 16
-// 384, from 52 on.
+// columns count along y and rows along z. A viewport of 1024 x 1024 pixels has 128 x 128 = 16384
+// rays more, from 52 on.
 //
 // An agent casts a contiguous share. The union of all hits does not depend on the shares, because a
 // ray is a function of its index. Hits and their active 26-neighbours occlude: a surface that a ray
-// meets goes on in the blocks beside.
+// meets continues in the neighbouring blocks.
 //
 // Source: Zhang, Bajaj and Ramachandran 2002, section 3.1 (references.bib:
 // zhang-random-distribution).

@@ -3,8 +3,7 @@
 // tile:
 //
 //        offset   0              256           320          336     340
-//                 | 16 x 16      | 8 x 8       | 4 x 4      | 2 x 2 |     floats of one 16 x 16
-//                 tile
+//                 | 16 x 16      | 8 x 8       | 4 x 4      | 2 x 2 |     floats of one tile
 //
 // Level 4 has one texel a tile and, with the coarser levels, is stored as a plane. All tiles
 // without a fragment share the first stored tile, which is uncovered throughout.
