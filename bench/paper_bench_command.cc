@@ -211,7 +211,7 @@ absl::Status WriteResults(const std::string& folder, const PaperBenchResult& res
     ISOSCOPE_RETURN_IF_ERROR(
         io::WriteWholeFile(absl::StrCat(folder, "/", picture.name, ".png"), picture.png));
   }
-  const std::vector<OutputFile> scripts = PaperPlotScripts(result);
+  const std::vector<OutputFile> scripts = PaperPlotScripts();
   ISOSCOPE_RETURN_IF_ERROR(WriteFiles(folder, scripts));
   const absl::Status drawn = DrawPlots(folder, scripts, context.interrupt);
   if (absl::IsNotFound(drawn)) {

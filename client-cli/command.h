@@ -45,6 +45,8 @@ Command ServeCommand();
 Command RenderCommand();
 Command ExportCommand();
 Command GenerateCommand();
+Command CacheListCommand();
+Command CacheClearCommand();
 
 // All commands of this room, in the order of --help.
 std::vector<Command> Commands();

@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
+#include "client-cli/cache_entry.h"
 #include "client-cli/command.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/service_client.h"
@@ -29,6 +30,7 @@ struct SessionFlags {
   std::optional<std::int64_t> shard_count;
   std::optional<std::int64_t> thread_count;
   std::optional<std::int64_t> memory_limit_bytes;
+  std::optional<std::int64_t> cache_limit_bytes;
   std::optional<render::RendererKind> renderer;
   std::optional<absl::Duration> timeout;
   bool is_verbose = false;
@@ -36,6 +38,8 @@ struct SessionFlags {
 
 // `flags` must outlive the parsing.
 void AddSessionFlags(CLI::App* app, SessionFlags* flags);
+// Registers --cache-limit.
+void AddCacheLimitFlag(CLI::App* app, std::optional<std::int64_t>* limit_bytes);
 // Registers --renderer, which only `render` has.
 void AddRendererFlag(CLI::App* app, SessionFlags* flags);
 
@@ -63,6 +67,7 @@ class Session {
  private:
   Session() = default;
 
+  EntryLock dataset_lock_;                    // of a cached dataset; outlives the cluster
   std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
   std::unique_ptr<ServiceClient> client_;
   std::string dataset_name_;

@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -181,6 +182,10 @@ std::vector<WrongUsage> RenderRows() {
       RenderRemote({"--renderer", "cpu"}, {"--renderer can't be used with --server"}),
       RenderRemote({"--shards", "2"}, {"--shards can't be used with --server"}),
       RenderRemote({"--threads", "2"}, {"--threads can't be used with --server"}),
+      RenderRemote({"--cache-limit", "1G"}, {"--cache-limit can't be used with --server"}),
+      Render({"--cache-limit", "0"}, {"--cache-limit", "'0' is not a size"}),
+      {{"cache"}, {"'cache' is the first of two words", "cache list, cache clear"}},
+      {{"cache", "list", "x"}, {"'x' is one argument too many"}},
       RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
       {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
       {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE.ply is missing"}},
@@ -255,7 +260,9 @@ TEST(CommandTest, HelpListsEveryCommand) {
 
 TEST(CommandTest, HelpOfACommandHasExamplesAndDefaults) {
   for (const Command& command : Commands()) {
-    const Outcome outcome = RunCli({command.name, "--help"});
+    std::vector<std::string> arguments = absl::StrSplit(command.name, ' ');
+    arguments.emplace_back("--help");
+    const Outcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_THAT(outcome.out, HasSubstr("\nUsage: isoscope " + command.name + " " + command.usage));
     EXPECT_EQ(outcome.out.find("Usage:"), outcome.out.rfind("Usage:"));
