@@ -7,7 +7,6 @@
 #include <thread>
 
 #include "client-cli/usage.h"
-
 #include "core/base/mutex.h"
 
 namespace isoscope::cli {

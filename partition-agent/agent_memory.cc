@@ -20,7 +20,7 @@ constexpr std::size_t kStepBytesPerPixel = 12 + 8 + 12;
 constexpr std::size_t kReadShare = 32;
 constexpr std::size_t kMaxReadBytes = 16 * base::kMiB;
 static_assert(AgentMemory::kMinLimitBytes / kReadShare >=
-                  static_cast<std::size_t>(store::ShardReader::kMaxRunBytes),
+                  static_cast<std::size_t>(store::ShardReader::kMaxDiskRunBytes),
               "a run of blocks is read at once");
 // The caches get half of what is left: allocators, stacks and messages take their part.
 constexpr double kCacheShare = 0.5;

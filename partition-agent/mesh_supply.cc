@@ -61,7 +61,7 @@ struct Worker {
 struct ShardReads {
   std::vector<std::uint32_t> ordinals;    // ascending, each once
   std::vector<std::size_t> first_wanted;  // of each ordinal, in the list of wanted meshes
-  std::vector<store::ShardReader::Run> disk_runs;
+  std::vector<store::ShardReader::DiskRun> disk_runs;
   std::size_t first_read = 0;  // of its disk runs, in the queue
 };
 
@@ -224,9 +224,9 @@ class MeshSupply::Impl {
     for (std::size_t shard = 0; shard < by_shard.size(); ++shard) {
       const store::ShardReader& reader = *blocks_.shards()[shard]->reader;
       ShardReads& of_shard = by_shard[shard];
-      of_shard.disk_runs = reader.PlanRuns(of_shard.ordinals);
+      of_shard.disk_runs = reader.PlanDiskRuns(of_shard.ordinals);
       of_shard.first_read = reads.size();
-      for (const store::ShardReader::Run& disk_run : of_shard.disk_runs) {
+      for (const store::ShardReader::DiskRun& disk_run : of_shard.disk_runs) {
         *read_bytes += disk_run.size;
         reads.push_back(reader.RequestFor(disk_run));
       }
@@ -248,9 +248,10 @@ class MeshSupply::Impl {
                                    const std::vector<std::size_t>& wanted, const ShardReads& reads,
                                    const Shard& shard, const io::ReadQueue::Arrival& arrival,
                                    const VisitSamples& visit) {
-    const store::ShardReader::Run& disk_run = reads.disk_runs[arrival.index() - reads.first_read];
+    const store::ShardReader::DiskRun& disk_run =
+        reads.disk_runs[arrival.index() - reads.first_read];
     std::size_t next = disk_run.first;  // of the shard's ordinals
-    return shard.reader->VisitRun(
+    return shard.reader->VisitDiskRun(
         disk_run, reads.ordinals, arrival.status(), arrival.data(),
         [&](const volume::BlockSamples& samples) {
           const std::size_t begin = reads.first_wanted[next++];

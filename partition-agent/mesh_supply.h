@@ -47,7 +47,7 @@ class MeshSupply {
   // Calls `deliver` with each chosen mesh once, some at a time, in any order, on several threads of
   // the arena at once. Each block is read at most once. Returns when all were delivered, or the
   // first error: of `deliver`, of the cancellation (within one block), DATA_LOSS as
-  // ShardReader::VisitRun. Blocks.
+  // ShardReader::VisitDiskRun. Blocks.
   using Deliver = absl::FunctionRef<absl::Status(std::span<const render::MeshToDraw>)>;
   absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
                                            const Deliver& deliver);

@@ -32,7 +32,7 @@ class SurfaceExtraction {
   ~SurfaceExtraction();
 
   // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left
-  // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadRun; CANCELLED,
+  // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED,
   // DEADLINE_EXCEEDED. Blocks.
   absl::StatusOr<std::vector<mesh::BlockMesh>> NextBatch();
 

@@ -47,7 +47,7 @@ struct DatasetState {
   // Each shard once, in order of the agents' first shards. Only if `status` is OK.
   std::vector<AgentAssignment> agents;
   frame::PictureRevision picture_revision;  // of all of these agents
-  bool is_served = false;  // at least one shard is
+  bool is_served = false;                   // at least one shard is
 };
 
 // Takes an agent's answer, or the error instead of one, into its state.

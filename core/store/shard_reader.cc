@@ -11,11 +11,11 @@
 //
 // Invariant: sizes are compared before memory is allocated for them.
 //
-// Blocks are read in disk runs. PlanRuns sorts the gaps between the wanted blocks and reads over
-// the smallest, up to 18 % of the wanted bytes, because a few bytes more cost less than another
-// request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000 bytes,
-// so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13) is
-// not: two disk runs, of 1000 and of 100 bytes.
+// Blocks are read in disk runs. PlanDiskRuns sorts the gaps between the wanted blocks and reads
+// over the smallest, up to 18 % of the wanted bytes, because a few bytes more cost less than
+// another request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000
+// bytes, so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13)
+// is not: two disk runs, of 1000 and of 100 bytes.
 //
 // Layouts: docs/format/dataset.md, docs/format/shard.md.
 
@@ -338,7 +338,7 @@ std::string ShardReader::Where() const {
                          shard_index_, manifest_.shards.size());
 }
 
-std::vector<ShardReader::Run> ShardReader::PlanRuns(
+std::vector<ShardReader::DiskRun> ShardReader::PlanDiskRuns(
     absl::Span<const std::uint32_t> ordinals) const {
   std::vector<std::int64_t> gaps;
   std::int64_t useful_bytes = 0;
@@ -369,15 +369,15 @@ std::vector<ShardReader::Run> ShardReader::PlanRuns(
     largest_gap = gap;
   }
 
-  std::vector<Run> runs;
+  std::vector<DiskRun> runs;
   for (std::size_t i = 0; i < ordinals.size(); ++i) {
     const Entry& entry = entries_[ordinals[i]];
     const std::int64_t end = entry.offset + entry.size;
     if (!runs.empty()) {
-      Run& run = runs.back();
+      DiskRun& run = runs.back();
       const std::int64_t gap = entry.offset - (run.offset + run.size);
       if ((gap == 0 || gap < largest_gap || (gap == largest_gap && ties_left > 0)) &&
-          end - run.offset <= kMaxRunBytes) {
+          end - run.offset <= kMaxDiskRunBytes) {
         ties_left -= gap == largest_gap ? 1 : 0;
         run.size = end - run.offset;
         ++run.count;
@@ -389,20 +389,20 @@ std::vector<ShardReader::Run> ShardReader::PlanRuns(
   return runs;
 }
 
-absl::Status ShardReader::ReadRun(
-    const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
+absl::Status ShardReader::ReadDiskRun(
+    const DiskRun& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
     absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
   const auto size = static_cast<std::size_t>(run.size);
-  return VisitRun(run, ordinals, blocks_file_->ReadAt(run.offset, size, buffer), buffer, visit);
+  return VisitDiskRun(run, ordinals, blocks_file_->ReadAt(run.offset, size, buffer), buffer, visit);
 }
 
-io::ReadQueue::Read ShardReader::RequestFor(const Run& run) const {
+io::ReadQueue::Read ShardReader::RequestFor(const DiskRun& run) const {
   return {
       .file = blocks_file_.get(), .offset = run.offset, .size = static_cast<std::size_t>(run.size)};
 }
 
-absl::Status ShardReader::VisitRun(
-    const Run& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
+absl::Status ShardReader::VisitDiskRun(
+    const DiskRun& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
     const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
   ISOSCOPE_CHECK_LE(run.first + run.count, ordinals.size());
   if (!read_status.ok()) {

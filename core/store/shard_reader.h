@@ -69,38 +69,39 @@ class ShardReader {
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
 
   // A disk run: blocks that lie near each other in blocks.bin and are read with one request.
-  struct Run {
+  struct DiskRun {
     std::int64_t offset = 0;  // in blocks.bin, bytes
     std::int64_t size = 0;    // bytes, gaps between the blocks included
     std::size_t first = 0;    // index into the ordinals that were planned
     std::size_t count = 0;    // blocks
   };
-  // Groups ordinals into disk runs of at most kMaxRunBytes, or one block if that is larger. Small
-  // gaps are read over, the smallest first, as long as all of them are at most kMaxGapShare of the
-  // blocks' bytes. O(n log n).
+  // Groups ordinals into disk runs of at most kMaxDiskRunBytes, or one block if that is larger.
+  // Small gaps are read over, the smallest first, as long as all of them are at most kMaxGapShare
+  // of the blocks' bytes. O(n log n).
   //
   // ordinals: ascending, each < block_count()
-  [[nodiscard]] std::vector<Run> PlanRuns(absl::Span<const std::uint32_t> ordinals) const;
-  static constexpr std::int64_t kMaxRunBytes = base::kMiB;
+  [[nodiscard]] std::vector<DiskRun> PlanDiskRuns(absl::Span<const std::uint32_t> ordinals) const;
+  static constexpr std::int64_t kMaxDiskRunBytes = base::kMiB;
   static constexpr double kMaxGapShare = 0.18;
 
   // Reads one disk run, then verifies, decodes and visits its blocks in order. Thread-safe.
   //
-  // run, ordinals: as PlanRuns returned and took them
+  // run, ordinals: as PlanDiskRuns returned and took them
   // buffer:        run.size bytes, overwritten
   // visit:         called once for each block; the samples are valid during the call
   //
   // DATA_LOSS names dataset, shard, block, file and offset. An error of `visit` is returned at
   // once.
-  absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
-                       absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
+  absl::Status ReadDiskRun(
+      const DiskRun& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
+      absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
-  // ReadRun in two steps, for an io::ReadQueue: RequestFor returns the request; VisitRun takes the
-  // status and the bytes that the queue delivered, and does the rest.
-  [[nodiscard]] io::ReadQueue::Read RequestFor(const Run& run) const;
-  absl::Status VisitRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
-                        const absl::Status& read_status, const char* bytes,
-                        absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
+  // ReadDiskRun in two steps, for an io::ReadQueue: RequestFor returns the request; VisitDiskRun
+  // takes the status and the bytes that the queue delivered, and does the rest.
+  [[nodiscard]] io::ReadQueue::Read RequestFor(const DiskRun& run) const;
+  absl::Status VisitDiskRun(
+      const DiskRun& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
+      const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
  private:
   ShardReader() = default;
