@@ -1,4 +1,4 @@
-// What a DICOM file holds, found without GDCM: whether it is an image, and whether it is whole.
+// Tells, without GDCM, whether a DICOM file is an image, and whether it is whole.
 
 #ifndef ISOSCOPE_CORE_SOURCE_DICOM_SCAN_H_
 #define ISOSCOPE_CORE_SOURCE_DICOM_SCAN_H_

@@ -125,48 +125,44 @@ absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& 
   return slice;
 }
 
-// Sorts by position, checks that the slices are one volume, and returns its geometry.
-absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
-                                                 const std::string& name) {
-  std::stable_sort(slices->begin(), slices->end(),
-                   [](const Slice& a, const Slice& b) { return a.position < b.position; });
-  const Slice& first = slices->front();
-  for (const Slice& slice : *slices) {
-    if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
-          "type",
-          slice.path, slice.width, slice.height, volume::NameOf(slice.type), first.path,
-          first.width, first.height, volume::NameOf(first.type)));
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      if (!IsNear(slice.direction.columns[axis], first.direction.columns[axis], 1e-3)) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("%s: its orientation differs from that of %s: expected parallel slices",
-                            slice.path, first.path));
-      }
-    }
-    if (std::abs(slice.spacing.x - first.spacing.x) > 1e-3 * first.spacing.x ||
-        std::abs(slice.spacing.y - first.spacing.y) > 1e-3 * first.spacing.y) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", slice.path,
-          slice.spacing.x, slice.spacing.y, first.path, first.spacing.x, first.spacing.y));
+// Whether they can be slices of one volume, wherever they lie.
+absl::Status CheckAlike(const Slice& slice, const Slice& first) {
+  if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
+        "type",
+        slice.path, slice.width, slice.height, volume::NameOf(slice.type), first.path, first.width,
+        first.height, volume::NameOf(first.type)));
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!IsNear(slice.direction.columns[axis], first.direction.columns[axis], 1e-3)) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: its orientation differs from that of %s: expected parallel slices",
+                          slice.path, first.path));
     }
   }
-  if (slices->size() < 2) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
+  if (std::abs(slice.spacing.x - first.spacing.x) > 1e-3 * first.spacing.x ||
+      std::abs(slice.spacing.y - first.spacing.y) > 1e-3 * first.spacing.y) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", slice.path,
+        slice.spacing.x, slice.spacing.y, first.path, first.spacing.x, first.spacing.y));
   }
-  const auto gaps = static_cast<double>(slices->size() - 1);
-  const double distance = (slices->back().position - first.position) / gaps;
-  for (std::size_t i = 1; i < slices->size(); ++i) {
-    const Slice& slice = (*slices)[i];
-    const double gap = slice.position - (*slices)[i - 1].position;
+  return absl::OkStatus();
+}
+
+// Whether sorted slices stand straight above each other at one distance; returns the distance.
+absl::StatusOr<double> DistanceOf(const std::vector<Slice>& slices) {
+  const Slice& first = slices.front();
+  const auto gaps = static_cast<double>(slices.size() - 1);
+  const double distance = (slices.back().position - first.position) / gaps;
+  for (std::size_t i = 1; i < slices.size(); ++i) {
+    const Slice& slice = slices[i];
+    const double gap = slice.position - slices[i - 1].position;
     if (!(std::abs(gap - distance) <= 0.01 * distance) || distance <= 0) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: %g behind %s, where %g is the mean distance of %d slices: expected slices at one "
           "distance (one is missing, or there twice)",
-          slice.path, gap, (*slices)[i - 1].path, distance, slices->size()));
+          slice.path, gap, slices[i - 1].path, distance, slices.size()));
     }
     const math::Vec3d expected =
         first.origin + first.direction.columns[2] * (slice.position - first.position);
@@ -177,6 +173,23 @@ absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
           slice.path, math::Length(slice.origin - expected)));
     }
   }
+  return distance;
+}
+
+// Sorts by position, checks that the slices are one volume, and returns its geometry.
+absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
+                                                 const std::string& name) {
+  std::stable_sort(slices->begin(), slices->end(),
+                   [](const Slice& a, const Slice& b) { return a.position < b.position; });
+  const Slice& first = slices->front();
+  for (const Slice& slice : *slices) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, first));
+  }
+  if (slices->size() < 2) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const double distance, DistanceOf(*slices));
   volume::GridGeometry geometry;
   geometry.sample_dims = {first.width, first.height, static_cast<std::int64_t>(slices->size())};
   geometry.spacing = {first.spacing.x, first.spacing.y, distance};

@@ -22,7 +22,7 @@
 namespace isoscope::source {
 namespace {
 
-// What an InflateReader holds, with its scratch space.
+// Memory of an InflateReader with its scratch space.
 constexpr std::int64_t kInflaterBytes = 512 * base::kKiB;
 
 bool IsRescaled(const SampleLocation& location) {

@@ -85,7 +85,7 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
 
 enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
 
-// What a path names.
+// The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
   std::vector<std::string>

@@ -37,7 +37,7 @@ class VolumeSource {
 
   // True if rows in any order cost no more than in ascending order.
   [[nodiscard]] virtual bool is_seekable() const { return true; }
-  // What it holds while it is read, for the memory limit.
+  // Memory while it is read, for the memory limit.
   [[nodiscard]] virtual std::int64_t memory_bytes() const { return 0; }
 
   // Reads planes [begin_z, end_z).
@@ -47,7 +47,7 @@ class VolumeSource {
   }
 };
 
-// What the command line says about a raw file; ignored for formats that carry it themselves, except
+// The command line's words about a raw file; ignored for formats that carry it themselves, except
 // that a flag given for those is an error (the caller checks is_raw).
 struct RawFormat {
   math::Index3 dims;

@@ -22,7 +22,8 @@ class VtiData {
 
   // Bytes [offset, offset + size) of the array, in the byte order of the file. DATA_LOSS: damaged.
   virtual absl::Status ReadAt(std::int64_t offset, std::size_t size, char* out) = 0;
-  // What it holds: for compressed data one block as it is and decoded, and 8 bytes a block.
+  // Memory while it is read: for compressed data one block as it is and decoded, and 8 bytes a
+  // block.
   [[nodiscard]] virtual std::int64_t memory_bytes() const = 0;
 };
 

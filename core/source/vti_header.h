@@ -1,4 +1,4 @@
-// What the XML of a VTK ImageData file says: its grid, its arrays, and where their bytes begin.
+// Reads the XML of a VTK ImageData file: its grid, its arrays, and where their bytes begin.
 
 #ifndef ISOSCOPE_CORE_SOURCE_VTI_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_VTI_HEADER_H_
