@@ -59,8 +59,7 @@ class CancelBench {
       if (is_cold) {
         ISOSCOPE_RETURN_IF_ERROR(StartCluster());
       }
-      line.Update(absl::StrFormat("cancelled %d of %d", result_.frames.size(),
-                                  plan_.cancel_count));
+      line.Update(absl::StrFormat("cancelled %d of %d", result_.frames.size(), plan_.cancel_count));
       ISOSCOPE_RETURN_IF_ERROR(CancelOne(is_cold));
     }
     return std::move(result_);
@@ -71,13 +70,11 @@ class CancelBench {
     cluster_.reset();
     ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
     cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt);
-    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset,
-                              client.GetDataset("", kMaxWait));
+    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, client.GetDataset("", kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
-                              cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     return absl::OkStatus();
   }
 
@@ -206,8 +203,8 @@ absl::StatusOr<CancelBenchResult> RunCancelBench(const CancelBenchPlan& plan,
 }
 
 std::string DescribeCancelBench(const CancelBenchResult& result) {
-  cli::Table table({"frames", "cancels", "idle ms, median", "p99", "max", "answer ms, median",
-                    "p99", "max"});
+  cli::Table table(
+      {"frames", "cancels", "idle ms, median", "p99", "max", "answer ms, median", "p99", "max"});
   const std::pair<const char*, std::function<bool(const CancelledFrame&)>> rows[] = {
       {"cold", [](const CancelledFrame& frame) { return frame.is_cold; }},
       {"following", [](const CancelledFrame& frame) { return !frame.is_cold; }},
@@ -220,8 +217,7 @@ std::string DescribeCancelBench(const CancelBenchResult& result) {
       if (cells.size() == 1) {
         cells.push_back(absl::StrCat(values.size()));
       }
-      for (const double value :
-           {Median(values), Percentile(values, 0.99), Percentile(values, 1)}) {
+      for (const double value : {Median(values), Percentile(values, 0.99), Percentile(values, 1)}) {
         cells.push_back(values.empty() ? "-" : TwoDecimals(value));
       }
     }
@@ -233,8 +229,8 @@ std::string DescribeCancelBench(const CancelBenchResult& result) {
 nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelBenchPlan& plan,
                                          const CancelBenchResult& result, const Machine& machine,
                                          absl::string_view timestamp) {
-  const std::vector<double> idle_ms = Select(result.frames, &CancelledFrame::idle_ms,
-                                             [](const CancelledFrame&) { return true; });
+  const std::vector<double> idle_ms =
+      Select(result.frames, &CancelledFrame::idle_ms, [](const CancelledFrame&) { return true; });
   Json json;
   json["machine"] = ToString(machine);
   json["date"] = std::string(timestamp);

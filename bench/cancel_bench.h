@@ -51,8 +51,8 @@ struct CancelBenchResult {
   int complete_count = 0;
 };
 
-// Cancels `cancel_count` frames. CANCELLED on an interrupt; DEADLINE_EXCEEDED if agents are not idle
-// within a minute; errors of EmbeddedCluster::Start and of rendering.
+// Cancels `cancel_count` frames. CANCELLED on an interrupt; DEADLINE_EXCEEDED if agents are not
+// idle within a minute; errors of EmbeddedCluster::Start and of rendering.
 absl::StatusOr<CancelBenchResult> RunCancelBench(const CancelBenchPlan& plan,
                                                  const cli::Context& context);
 

@@ -86,6 +86,11 @@ CancelBenchPlan PlanOf(const CancelBenchFlags& flags) {
   plan.cluster.max_frame_duration = absl::Hours(24);
   plan.cluster.expected_viewport = flags.request.viewport();
   plan.request = flags.request;
+  cli::CameraFlags& camera = plan.request.camera;
+  if (!camera.eye && !camera.target && !camera.up && !camera.fov_y_degrees) {
+    camera.azimuth_degrees = camera.azimuth_degrees.value_or(kDefaultAzimuth);
+    camera.elevation_degrees = camera.elevation_degrees.value_or(kDefaultElevation);
+  }
   plan.cancel_count = static_cast<int>(flags.cancel_count.value_or(plan.cancel_count));
   plan.frames_per_start = static_cast<int>(flags.frames_per_start.value_or(plan.frames_per_start));
   plan.seed = flags.seed.value_or(plan.seed);
@@ -100,8 +105,7 @@ absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   base::SetLogLevel(base::LogLevel::kOff);
   ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
   CancelBenchPlan plan = PlanOf(flags);
-  ISOSCOPE_ASSIGN_OR_RETURN(plan.cluster.dataset_directory,
-                            PrepareDataset(flags, folder, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(plan.cluster.dataset_directory, PrepareDataset(flags, folder, context));
   const Machine machine = DescribeMachine();
   const std::string timestamp = Timestamp();
   ISOSCOPE_ASSIGN_OR_RETURN(const CancelBenchResult result, RunCancelBench(plan, context));
@@ -123,8 +127,6 @@ absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
 
 cli::Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<CancelBenchFlags>();
-  flags->request.camera.azimuth_degrees = kDefaultAzimuth;
-  flags->request.camera.elevation_degrees = kDefaultElevation;
   cli::AddFlag(app, "input", "INPUT|DIR", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it, or a dataset folder");
   cli::AddFlag(app, "--shards", "P", &flags->shard_count, cli::ParseShardCount,
@@ -154,15 +156,18 @@ cli::Action RegisterFlags(CLI::App* app) {
 }  // namespace
 
 cli::Command CancelBenchCommand() {
-  return {.name = "bench cancel",
-          .summary = "Cancels frames at random moments: how long until all agents are idle",
-          .usage = "INPUT | DIR --isovalue V [OPTIONS]",
-          .examples =
-              "  isoscope bench cancel head.nii.gz --isovalue 60 --shards 4\n"
-              "  isoscope bench cancel head --isovalue 60 --cancels 100 --json cancel.json\n"
-              "\nCoordinator and agents run in this process. Median and p99 of the time from the\n"
-              "client's cancel until its call has returned, and until all agents are idle.\n",
-          .register_flags = RegisterFlags};
+  return {
+      .name = "bench cancel",
+      .summary = "Cancels frames at random moments: how long until all agents are idle",
+      .usage = "INPUT | DIR --isovalue V [OPTIONS]",
+      .examples =
+          "  isoscope bench cancel head.nii.gz --isovalue 60 --shards 4\n"
+          "  isoscope bench cancel head --isovalue 60 --cancels 100 --json cancel.json\n"
+          "\nCoordinator and agents run in this process. Median and p99 of the time from the\n"
+          "client's cancel until its call has returned, and until all agents are idle.\n"
+          "Without camera flags the default camera turns by --azimuth 30 --elevation 20, and by\n"
+          "7 degrees more after each frame.\n",
+      .register_flags = RegisterFlags};
 }
 
 }  // namespace isoscope::bench

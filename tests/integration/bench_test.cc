@@ -177,12 +177,12 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
 }
 
 TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
-  const CommandResult result = RunIsoscope(
-      Arguments({"bench", "cancel"},
-                {"--isovalue", "128", "--shards", "2", "--cancels", "7", "--frames-per-start", "3",
-                 "--width", "256", "--height", "256", "--renderer", "cpu", "--json",
-                 folder_.Sub("cancel.json")}),
-      Options(kSystemPath));
+  const CommandResult result =
+      RunIsoscope(Arguments({"bench", "cancel"},
+                            {"--isovalue", "128", "--shards", "2", "--cancels", "7",
+                             "--frames-per-start", "3", "--width", "256", "--height", "256",
+                             "--renderer", "cpu", "--json", folder_.Sub("cancel.json")}),
+                  Options(kSystemPath));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("2 agents in this process"));
   EXPECT_THAT(result.out, HasSubstr("idle ms, median"));
@@ -195,8 +195,8 @@ TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
     EXPECT_GE(frame["idle_ms"], 0.0);
     EXPECT_GE(frame["answer_ms"], 0.0);
   }
-  const CommandResult refused = RunIsoscope(
-      Arguments({"bench", "cancel"}, {"--cancels", "7"}), Options(kSystemPath));
+  const CommandResult refused =
+      RunIsoscope(Arguments({"bench", "cancel"}, {"--cancels", "7"}), Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--isovalue V is missing"));
 }
