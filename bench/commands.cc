@@ -2,6 +2,8 @@
 
 namespace isoscope::bench {
 
-std::vector<cli::Command> Commands() { return {FrameBenchCommand(), PaperBenchCommand()}; }
+std::vector<cli::Command> Commands() {
+  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand()};
+}
 
 }  // namespace isoscope::bench

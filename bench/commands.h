@@ -11,6 +11,7 @@ namespace isoscope::bench {
 
 cli::Command FrameBenchCommand();
 cli::Command PaperBenchCommand();
+cli::Command CancelBenchCommand();
 
 // All of them, in the order of --help.
 std::vector<cli::Command> Commands();

@@ -100,6 +100,14 @@ EmbeddedCluster::~EmbeddedCluster() {
   agents_.clear();
 }
 
+int EmbeddedCluster::frames_in_work() const {
+  int sum = 0;
+  for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {
+    sum += agent->frames_in_work();
+  }
+  return sum;
+}
+
 void EmbeddedCluster::Shutdown(absl::Duration grace) {
   coordinator_->Shutdown(grace);
   for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {

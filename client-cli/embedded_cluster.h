@@ -55,6 +55,8 @@ class EmbeddedCluster {
   // The bound port, or 0 without one.
   [[nodiscard]] int port() const { return coordinator_->port(); }
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
+  // Of all agents together, as AgentServer::frames_in_work.
+  [[nodiscard]] int frames_in_work() const;
   // What draws, for people.
   [[nodiscard]] std::string renderer_description() const { return renderer_->description(); }
   // Lets frames in work finish for at most `grace`. Blocks.

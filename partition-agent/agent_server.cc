@@ -124,6 +124,8 @@ class AgentServerImpl final : public AgentServer {
 
   [[nodiscard]] std::string shard_summary() const override { return summary_; }
 
+  [[nodiscard]] int frames_in_work() const override { return service_.frames_in_work(); }
+
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {
       return;  // never listened

@@ -47,6 +47,8 @@ class AgentServer {
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
   // For people: "head 0,2 of 4; noise 1 of 2".
   [[nodiscard]] virtual std::string shard_summary() const = 0;
+  // Frames whose call has not ended yet; 0: no step of any frame runs.
+  [[nodiscard]] virtual int frames_in_work() const = 0;
   // Health NOT_SERVING, no new calls, waits for those in work up to `grace`, then cancels them.
   // Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

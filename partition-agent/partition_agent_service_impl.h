@@ -46,6 +46,9 @@ class PartitionAgentServiceImpl final
   explicit PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options);
   ~PartitionAgentServiceImpl() override;
 
+  // Frames whose call has not ended yet.
+  [[nodiscard]] int frames_in_work() const { return frame_count_.load(); }
+
   grpc::ServerUnaryReactor* DescribeShards(
       grpc::CallbackServerContext* context,
       const isoscope::internal::v1::DescribeShardsRequest* request,
