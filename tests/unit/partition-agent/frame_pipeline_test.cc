@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
 #include <thread>
@@ -795,6 +796,88 @@ TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
   EXPECT_EQ(frame.statistics.active_block_count, 0);
   EXPECT_TRUE(frame.image ==
               image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
+}
+
+// A frame of several surfaces is the composite of frames of each, and reads a block once.
+TEST_F(FramePipelineTest, SeveralSurfacesAreTheCompositeOfEach) {
+  const SmallDataset dataset{2};
+  const Shards shards = dataset.OpenShards();
+  const std::vector<double> isovalues{SmallDataset::kIsovalue, SmallDataset::kIsovalue + 25,
+                                      SmallDataset::kIsovalue - 25};
+  const auto block_count = static_cast<std::uint32_t>(dataset.layout().block_count());
+  const image::FragmentOrder order{.block_count = block_count, .ties = image::TieRule::kColor};
+  FrameTask task = dataset.Request();
+  task.spec.surfaces.clear();
+  image::FrameImage expected(task.spec.viewport.width_px, task.spec.viewport.height_px);
+  frame::AgentStatistics sum;
+  std::set<volume::BlockId> active;
+  for (std::uint32_t i = 0; i < isovalues.size(); ++i) {
+    FrameTask alone = dataset.Request();
+    alone.spec.surfaces[0].isovalue = isovalues[i];
+    alone.spec.surfaces[0].appearance.base_color = {static_cast<std::uint8_t>(80 + 60 * i), 90, 70,
+                                                    255};
+    task.spec.surfaces.push_back(alone.spec.surfaces[0]);
+    ForgetAll();
+    frame::AgentStatistics statistics;
+    image::FrameImage image = RenderAll(shards, alone, &statistics);
+    for (std::uint64_t& key : image.keys) {
+      if (key != image::kBackgroundKey) {
+        key = image::FragmentKey(image::DepthOf(key), order.OwnerOf(i, image::OwnerOf(key)));
+      }
+    }
+    composite::CompositeInto(image, order, &expected);
+    sum.triangle_count += statistics.triangle_count;
+    sum.unique_vertex_count += statistics.unique_vertex_count;
+    sum.read_bytes = std::max(sum.read_bytes, statistics.read_bytes);
+    for (const volume::BlockId id : shards[0]->reader->ranges().ActiveBlocks(isovalues[i]).Ids()) {
+      active.insert(id);
+    }
+  }
+  ForgetAll();
+  frame::AgentStatistics statistics;
+  EXPECT_TRUE(RenderAll(shards, task, &statistics) == expected);
+  EXPECT_EQ(statistics.triangle_count, sum.triangle_count);
+  EXPECT_EQ(statistics.unique_vertex_count, sum.unique_vertex_count);
+  EXPECT_EQ(statistics.active_block_count, static_cast<std::int64_t>(active.size()));
+  EXPECT_EQ(statistics.visible_block_count, static_cast<std::int64_t>(active.size()));
+  // The steps with culling give the same picture.
+  Frame frame;
+  task.spec.culling = frame::Culling::kDepth;
+  RunAlone(shards, task, dataset, &frame);
+  EXPECT_TRUE(frame.image == expected);
+}
+
+TEST_F(FramePipelineTest, ABlockIsReadOnceForAllSurfaces) {
+  const SmallDataset dataset{1};
+  const Shards shards = dataset.OpenShards();
+  FrameTask one = dataset.Request();
+  frame::AgentStatistics of_one;
+  RenderAll(shards, one, &of_one);
+  FrameTask twice = one;
+  twice.spec.surfaces.push_back(one.spec.surfaces[0]);
+  ForgetAll();
+  frame::AgentStatistics of_twice;
+  RenderAll(shards, twice, &of_twice);
+  EXPECT_GT(of_one.read_bytes, 0);
+  // The tree is asked twice at most; blocks are most of the bytes.
+  EXPECT_LT(of_twice.read_bytes, of_one.read_bytes + of_one.read_bytes / 4);
+  EXPECT_EQ(of_twice.triangle_count, 2 * of_one.triangle_count);
+  EXPECT_EQ(of_twice.visible_block_count, of_one.visible_block_count);
+}
+
+TEST_F(FramePipelineTest, AFrameWithoutACameraIsRefused) {
+  const SmallDataset dataset{1};
+  FrameTask task = dataset.Request();
+  task.spec.camera.reset();
+  EXPECT_THAT(Make(dataset.OpenShards(), task),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("camera")));
+}
+
+TEST_F(FramePipelineTest, AStepOutOfOrderEndsTheProcess) {
+  const SmallDataset dataset{1};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), dataset.Request()));
+  EXPECT_DEATH(pipeline->RenderOccluders({}).IgnoreError(), "next_step_");
+  EXPECT_DEATH(pipeline->RenderVisible({}, "").IgnoreError(), "next_step_");
 }
 
 }  // namespace
