@@ -1,3 +1,27 @@
+// The life of a pass:
+//
+// 1. Add, on any thread, keeps its meshes until they are shaded and gives each a range of primitive
+//    ids. A range begins at a multiple of 64, so that a table finds the mesh of an id. Then Add
+//    rasterises mesh by mesh into the thread's buffer of 4096 fragments.
+// 2. Merge puts a full buffer into the picture. While a pass draws, a pixel is one word:
+//    depth bits << 32 | primitive id. Of two words of different depth, the smaller one is the
+//    nearer fragment. Merge holds the locks of the 64 x 64 pixel lock tiles that the buffer's
+//    bounds meet, and notes in them which image tiles, and which rows of them, it may have touched.
+// 3. Where two fragments have one depth, their colours decide (docs/numerics.md, "Depth, fragments
+//    and exact culling"). WinsTie shades both at once, with the kernel of step 4: the same bits.
+// 4. Finish goes through the touched rows, gathers the pixels that have a fragment, shades up to
+// 512
+//    at a time, and writes key and colour into the image. It leaves no fragment behind, so that the
+//    buffers can serve the next pass.
+//
+// Early shading bounds memory. When the kept meshes exceed their limit, Add shades every pixel that
+// has a fragment and drops the meshes. A shaded pixel keeps its depth and has the primitive id
+// kShaded; its key and colour are in the image. A nearer fragment replaces it as any other, and a
+// tie with it is decided by the key and colour in the image. So the picture does not change.
+//
+// Locks, in this order: shading_mutex_ (shared while drawing, exclusive while shading), then lock
+// tiles row by row, then meshes_mutex_.
+
 #include "core/render/cpu_renderer.h"
 
 #include <algorithm>
@@ -78,7 +102,7 @@ class CpuPass final : public RenderPass {
     }
     bool must_shade = false;
     {
-      // Shared: many meshes are drawn at a time; exclusive: kept meshes are shaded and dropped.
+      // Shared, because many threads draw at a time. Shading, which drops meshes, is exclusive.
       const base::ReaderMutexLock drawing(&shading_mutex_);
       PassResources::Scratch& scratch = resources_->LocalScratch();
       scratch.first_primitive_ids.clear();
@@ -110,7 +134,7 @@ class CpuPass final : public RenderPass {
       const base::WriterMutexLock exclusive(&shading_mutex_);
       bool is_still_full = false;
       {
-        // Another thread may have done it meanwhile.
+        // Another thread may have shaded meanwhile.
         const base::MutexLock lock(&meshes_mutex_);
         is_still_full = IsFull();
       }
@@ -133,11 +157,11 @@ class CpuPass final : public RenderPass {
   }
 
  private:
-  // An image tile with fragments to shade.
+  // A lock tile with image tiles to shade, which are bits as in LockTile::touched.
   struct TileIndex {
     int lock_tile = 0;
-    std::uint32_t touched = 0;  // in
-    std::uint32_t drawn = 0;    // out: the image tiles that do have fragments
+    std::uint32_t touched = 0;  // in: the image tiles that may have fragments
+    std::uint32_t drawn = 0;    // out: those that do
   };
 
   [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
@@ -152,7 +176,7 @@ class CpuPass final : public RenderPass {
         static_cast<std::uint32_t>((mesh.triangles.size() + kPrimitiveUnit - 1) / kPrimitiveUnit);
     const auto first_primitive_id = static_cast<std::uint32_t>(next_primitive_id_);
     next_primitive_id_ += std::uint64_t{units} * kPrimitiveUnit;
-    // Several threads may find the pass not full and add meshes: there is still room for theirs.
+    // Several threads may find the pass not full and add meshes. There is room for all of them.
     ISOSCOPE_CHECK_LT(next_primitive_id_, std::uint64_t{kShaded});
     kept_bytes_ += mesh.size_bytes();
     buffers_->mesh_of_unit.insert(buffers_->mesh_of_unit.end(), units,
@@ -205,8 +229,8 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Puts the fragments of one mesh into the picture. Every thread takes the locks row by row, so
-  // that none waits for another in a circle.
+  // Puts fragments of one mesh into the picture. Every thread takes the locks row by row, so that
+  // no threads wait for each other in a circle.
   void Merge(const FragmentBatch& batch,
              std::uint32_t first_primitive_id) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     ForEachLockTile(batch.bounds, [&](int row, int column, LockTile& tile) {
@@ -229,8 +253,8 @@ class CpuPass final : public RenderPass {
     ForEachLockTile(batch.bounds, [](int, int, LockTile& tile) { tile.Unlock(); });
   }
 
-  // Whether `fragment` comes before `old`, which has the same depth. Their colours decide, so both
-  // are shaded now, by the kernel that shades pixels at the end: the same bits.
+  // Returns whether `fragment` comes before `old`, which has the same depth. Their colours decide,
+  // so both are shaded now, by the kernel that shades pixels at the end. It gives the same bits.
   bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel) {
     const std::size_t index =
         image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
@@ -253,7 +277,7 @@ class CpuPass final : public RenderPass {
     return (fragment >> 32 << 32) | std::uint64_t{MeshOf(PrimitiveIdOf(fragment)).owner};
   }
 
-  // Adds a pixel and its fragment to those to shade.
+  // Adds a pixel and its fragment to the batch.
   void AddToBatch(std::uint32_t pixel_index, Fragment fragment,
                   PassResources::Scratch* scratch) const {
     const std::uint32_t width = static_cast<std::uint32_t>(width_);
@@ -265,9 +289,9 @@ class CpuPass final : public RenderPass {
     ++batch.count;
   }
 
-  // Shades every pixel whose triangle is kept and drops the meshes. Which pixels are shaded early
-  // does not change the picture: a later, nearer fragment replaces them. The last time also takes
-  // the fragments out of the buffers; a cancelled one stops between tiles and leaves the rest.
+  // Shades every pixel whose triangle is kept, and drops the meshes. The last call of a pass also
+  // takes the fragments out of the buffers. If `cancellation` fires, it stops between lock tiles
+  // and leaves the rest.
   void ShadeKept(bool is_last, const base::Cancellation* cancellation)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
     const base::MutexLock lock(&meshes_mutex_);
@@ -325,8 +349,8 @@ class CpuPass final : public RenderPass {
     next_primitive_id_ = 0;
   }
 
-  // Asks for the fragments of an image tile in these rows of pixels, which are too far apart for
-  // the processor to guess.
+  // Prefetches the fragments of an image tile in the given rows of pixels. The rows are too far
+  // apart for the processor to guess.
   void PrefetchFragments(int column, int row, std::uint16_t rows) const {
     constexpr int kTilePx = image::TileSet::kTilePx;
     constexpr std::size_t kLineFragments = 64 / sizeof(Fragment);
@@ -340,8 +364,9 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Adds the pixels of the image tile to those to shade; whether it has any. `touched`: rows of
-  // pixels. Tiles of an agent among many hold a few: they are shaded together.
+  // Adds the pixels of an image tile that have a fragment to the batch. Returns false if there are
+  // none. `touched` has a bit for each row of pixels to look at. With many agents a tile holds few
+  // pixels, so one batch takes several tiles.
   bool GatherTile(int column, int row, std::uint16_t touched, bool is_last,
                   PassResources::Scratch* scratch) {
     constexpr int kTilePx = image::TileSet::kTilePx;
@@ -355,7 +380,7 @@ class CpuPass final : public RenderPass {
     const int columns = std::min(kTilePx, width_ - begin_x);
     const int rows = std::min(kTilePx, height_ - begin_y);
     const std::size_t first = image_.IndexOf(begin_x, begin_y);
-    // No fragment is kShaded too. Most tiles of an agent among many hold a few fragments or none.
+    // With the ignored bits set, a shaded pixel and a pixel without fragment look the same.
     const image::TileMask unshaded =
         image::CoverageOf(buffers_->fragments.data() + first, static_cast<std::size_t>(width_),
                           columns, touched, kNoFragment, ~Fragment{kShaded});
@@ -366,7 +391,7 @@ class CpuPass final : public RenderPass {
       const std::size_t begin = image_.IndexOf(begin_x, begin_y + y);
       Fragment* fragments = buffers_->fragments.data() + begin;
       if (of_row != 0) {
-        // Planes of the image come from a pool and have left the cache.
+        // The image comes from a pool; its planes have left the processor's cache.
         for (int x = 0; x < columns; x += 8) {
           __builtin_prefetch(&image_.keys[begin + static_cast<std::size_t>(x)], 1);
         }
@@ -394,7 +419,7 @@ class CpuPass final : public RenderPass {
     return true;
   }
 
-  // Shades what was gathered.
+  // Shades the batch, writes it into the image, and empties it.
   void ShadePixels(PassResources::Scratch* scratch) {
     ShadeBatch& batch = scratch->batch;
     if (batch.count == 0) {
@@ -412,7 +437,8 @@ class CpuPass final : public RenderPass {
   // Fills `colors` for the pixels and fragments of the batch. meshes_mutex_ is held.
   void ComputeColors(PassResources::Scratch* scratch) const {
     ShadeBatch& batch = scratch->batch;
-    // Meshes have left the cache since they were drawn: ask for all that is needed before it is.
+    // The meshes have left the processor's cache since they were drawn, so everything is prefetched
+    // one loop before it is used.
     for (std::size_t i = 0; i < batch.count; ++i) {
       const std::uint32_t primitive_id = PrimitiveIdOf(scratch->fragments[i]);
       const KeptMesh& mesh = MeshOf(primitive_id);
@@ -461,7 +487,7 @@ class CpuPass final : public RenderPass {
     return buffers_->meshes[buffers_->mesh_of_unit[primitive_id / kPrimitiveUnit]];
   }
 
-  // What ComputeShadeSteps computes, in doubles.
+  // Computes in doubles the step that ComputeShadeSteps computes in floats.
   [[nodiscard]] std::uint32_t ShadeStep(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                         int x, int y) const {
     const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view_, x, y);
@@ -483,13 +509,13 @@ class CpuPass final : public RenderPass {
       to_eye = view_.camera().eye - math::TransformPoint(view_.world_from_index(), position);
     }
     const double scale = math::Dot(normal, normal) * math::Dot(to_eye, to_eye);
-    // No normal: as if it faced the eye.
+    // Without a normal the surface is shaded as if it faced the eye.
     const double cosine =
         scale > 0 ? std::min(std::abs(math::Dot(normal, to_eye)) / std::sqrt(scale), 1.0) : 1.0;
     return static_cast<std::uint32_t>(std::lround(cosine * kShadeSteps));
   }
 
-  // Takes the fragments and meshes of a pass that was given up out of the buffers.
+  // Takes the fragments and meshes of an abandoned pass out of the buffers.
   void Clear() {
     const base::MutexLock lock(&meshes_mutex_);
     for (int row = 0; row < buffers_->lock_rows; ++row) {
@@ -526,10 +552,10 @@ class CpuPass final : public RenderPass {
   std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
   base::SharedMutex shading_mutex_;
   base::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
-  // Written while shading only. Keys and colours of the pixels whose fragment is kShaded.
+  // Holds keys and colours of the pixels whose primitive id is kShaded. Only shading writes it.
   image::FrameImage image_;
-  // Fragments are guarded by their lock tile while drawing, by shading_mutex_ while shading; meshes
-  // by meshes_mutex_.
+  // Lock tiles guard fragments while a thread draws, shading_mutex_ guards them while one shades.
+  // meshes_mutex_ guards the meshes.
   std::unique_ptr<PassBuffers> buffers_;
   bool is_clean_ = false;
   bool has_shaded_ = false;  // guarded by shading_mutex_
@@ -558,7 +584,7 @@ class CpuRenderer final : public Renderer {
       try {
         resources_->Prepare(viewport.width_px, viewport.height_px);
       } catch (const std::bad_alloc&) {
-        // Whoever begins a pass is told.
+        // BeginPass reports it.
       }
     });
   }

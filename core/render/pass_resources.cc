@@ -8,7 +8,7 @@
 namespace isoscope::render {
 namespace {
 
-// Of 16 KiB each: those of two frames with as many surfaces as there can be.
+// Enough tables, of 16 KiB each, for two frames with as many surfaces as a frame can have.
 constexpr std::size_t kMaxShadeTables = 2 * frame::kMaxSurfaces;
 
 std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
