@@ -260,7 +260,7 @@ class Bench {
     const std::vector<volume::BlockId> active = whole_->ActiveBlocks(isovalue);
     std::set_difference(active.begin(), active.end(), culled.drawn.begin(), culled.drawn.end(),
                         std::back_inserter(left_out));
-    side.appearance.base_color = kRed;
+    side.surfaces[0].appearance.base_color = kRed;
     ISOSCOPE_ASSIGN_OR_RETURN(const BlocksPicture rest,
                               whole_->DrawBlocks(side, left_out, cancellation_));
     result_.side_views.push_back(

@@ -174,6 +174,8 @@ void Draw(benchmark::State& state, Renderer* renderer, std::int64_t block_edge, 
 void EmptyPass(benchmark::State& state, Renderer* renderer) {
   const Blocks& blocks = BlocksOf(8);
   const view::View view = MakeView(2);
+  frame::FrameSpec spec;
+  spec.surfaces.resize(1);
   for (auto unused : state) {
     auto pass = renderer->BeginPass(view, blocks.layout, spec).value();
     benchmark::DoNotOptimize(pass->Finish(base::Cancellation()));

@@ -3,11 +3,11 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <set>
-#include <cstdlib>
 #include <string>
 #include <thread>
 #include <tuple>
@@ -475,8 +475,8 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfSeveralSurfaces) {
                                     datasets.Get(8, 1, store::Distribution::kRandom));
       spec.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
-      const image::FragmentOrder order{
-          .block_count = static_cast<std::uint32_t>(datasets.BlockCount(8))};
+      const image::FragmentOrder order{.block_count =
+                                           static_cast<std::uint32_t>(datasets.BlockCount(8))};
       for (const std::uint64_t key : reference.image.keys) {
         if (key != image::kBackgroundKey) {
           surfaces_seen.insert(order.SurfaceOf(image::OwnerOf(key)));

@@ -12,7 +12,6 @@
 #include "core/image/frame_image.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
-#include "partition-agent/frame_spec.h"
 #include "server/frame_coordinator.h"
 
 namespace isoscope::testing {

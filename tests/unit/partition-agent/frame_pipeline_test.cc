@@ -717,6 +717,9 @@ class CancellingRenderer final : public render::Renderer {
     }
     return std::make_unique<Pass>(*std::move(pass), cancellation_);
   }
+  [[nodiscard]] frame::PictureRevision picture_revision() const override {
+    return renderer_->picture_revision();
+  }
   [[nodiscard]] std::string description() const override { return renderer_->description(); }
 
  private:

@@ -50,6 +50,13 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeWithBatches(RendererKind kind, std
 
 // The contract of both back ends. One renderer for all tests of a back end: starting Mesa takes a
 // while.
+// A frame of one surface.
+frame::FrameSpec SpecOf(const frame::Appearance& appearance = {}) {
+  frame::FrameSpec spec;
+  spec.surfaces = {{.isovalue = 0, .appearance = appearance}};
+  return spec;
+}
+
 class RendererTest : public ::testing::TestWithParam<RendererKind> {
  protected:
   void SetUp() override {
@@ -61,12 +68,6 @@ class RendererTest : public ::testing::TestWithParam<RendererKind> {
   }
   static void TearDownTestSuite() { renderers_.clear(); }
 
-  // A frame of one surface.
-  static frame::FrameSpec SpecOf(const frame::Appearance& appearance = {}) {
-    frame::FrameSpec spec;
-    spec.surfaces = {{.isovalue = 0, .appearance = appearance}};
-    return spec;
-  }
   [[nodiscard]] image::FragmentOrder OrderOf(const volume::BlockLayout& layout) const {
     return {.block_count = static_cast<std::uint32_t>(layout.block_count()),
             .ties = frame::TieRuleOf(renderer_->picture_revision().back_end)};
@@ -181,17 +182,23 @@ TEST_P(RendererTest, BlockSizeDoesNotChangeColourOrUnclampedDepth) {
   EXPECT_LT(different, CoveredCount(a) / 1000);
 }
 
-TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockWhateverTheOrderOrPass) {
-  const Scene scene = EmptyScene();
-  // The face between block (3, 3, 3) and those beside it belongs to all of them.
-  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
-  const volume::BlockId low = scene.layout.IdOf({3, 3, 3});
-  const volume::BlockId high = scene.layout.IdOf({3, 3, 4});
+// Two triangles in one place: the one of the lower block faces the eye and is the lighter one.
+struct TiedTriangles {
+  MeshPtr low;   // of the lower block, light
+  MeshPtr high;  // of the higher block, dark
+};
+TiedTriangles MakeTiedTriangles(const Scene& scene) {
   const math::Vec3f a{32, 32, 32};
   const math::Vec3f b{28, 32, 32};
   const math::Vec3f c{32, 28, 32};
-  const MeshPtr low_mesh = MakeTriangle(low, a, b, c, kTowardEye);
-  const MeshPtr high_mesh = MakeTriangle(high, a, b, c, {1, 0, 0});
+  return {MakeTriangle(scene.layout.IdOf({3, 3, 3}), a, b, c, kTowardEye),
+          MakeTriangle(scene.layout.IdOf({3, 3, 4}), a, b, c, {1, 0, 0})};
+}
+
+TEST_P(RendererTest, EqualDepthsGoToTheSmallerColorOrTheLowerBlockWhateverTheOrderOrPass) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
   const FrameImage low_only = Draw(view, scene.layout, {low_mesh});
   const FrameImage high_only = Draw(view, scene.layout, {high_mesh});
   ASSERT_GT(CoveredCount(low_only), 50);
@@ -199,14 +206,62 @@ TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockWhateverTheOrderOrPass) {
     ASSERT_EQ(image::DepthOf(low_only.keys[i]), image::DepthOf(high_only.keys[i])) << i;
   }
   ASSERT_NE(low_only.colors, high_only.colors);
-  EXPECT_EQ(Draw(view, scene.layout, {low_mesh, high_mesh}), low_only);
-  EXPECT_EQ(Draw(view, scene.layout, {high_mesh, low_mesh}), low_only);
-  FrameImage composited = high_only;
-  composite::CompositeInto(low_only, OrderOf(scene.layout), &composited);
-  EXPECT_EQ(composited, low_only);
+  const bool color_decides = OrderOf(scene.layout).ties == image::TieRule::kColor;
+  const FrameImage& expected = color_decides ? high_only : low_only;
+  EXPECT_EQ(Draw(view, scene.layout, {low_mesh, high_mesh}), expected);
+  EXPECT_EQ(Draw(view, scene.layout, {high_mesh, low_mesh}), expected);
+  for (const auto& [into, from] :
+       {std::pair(&low_only, &high_only), std::pair(&high_only, &low_only)}) {
+    FrameImage composited = *into;
+    composite::CompositeInto(*from, OrderOf(scene.layout), &composited);
+    EXPECT_EQ(composited, expected);
+  }
 }
 
-TEST_P(RendererTest, EqualDepthsInABlockGoToTheFirstTriangle) {
+TEST_P(RendererTest, EqualDepthsGoToTheEarlierSurfaceWhateverItsColor) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
+  frame::FrameSpec spec = SpecOf();
+  spec.surfaces.push_back(spec.surfaces[0]);
+  // The lighter triangle, in whichever block it lies, is of the first surface.
+  for (const bool is_reversed : {false, true}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer_->BeginPass(view, scene.layout, spec));
+    std::vector<MeshToDraw> meshes(2);
+    meshes[0] = {.mesh = high_mesh, .surface_index = 1};
+    meshes[1] = {.mesh = low_mesh, .surface_index = 0};
+    if (is_reversed) {
+      std::swap(meshes[0], meshes[1]);
+    }
+    ISOSCOPE_ASSERT_OK(pass->Add(meshes));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage image, pass->Finish(base::Cancellation()));
+    EXPECT_EQ(image, Draw(view, scene.layout, {low_mesh}));
+  }
+}
+
+TEST_P(RendererTest, SurfacesHaveTheirOwnLookAndOwners) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const MeshPtr mesh = MakeTiedTriangles(scene).low;
+  frame::Appearance red;
+  red.base_color = {200, 10, 10, 255};
+  frame::FrameSpec spec = SpecOf();
+  spec.surfaces.push_back({.isovalue = 1, .appearance = red});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer_->BeginPass(view, scene.layout, spec));
+  const MeshToDraw second{.mesh = mesh, .surface_index = 1};
+  ISOSCOPE_ASSERT_OK(pass->Add(std::span(&second, 1)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage image, pass->Finish(base::Cancellation()));
+  const FrameImage alone = Draw(view, scene.layout, {mesh}, red);
+  EXPECT_EQ(image.colors, alone.colors);
+  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+    if (image.keys[i] != image::kBackgroundKey) {
+      EXPECT_EQ(image::OwnerOf(image.keys[i]),
+                OrderOf(scene.layout).OwnerOf(1, image::OwnerOf(alone.keys[i])));
+    }
+  }
+}
+
+TEST_P(RendererTest, EqualDepthsInABlockGoToTheSmallerColorOrTheFirstTriangle) {
   const Scene scene = EmptyScene();
   const view::View view = MakeOrthographicView(scene, 32, 32, 4, {28, 28, 28});
   mesh::BlockMesh both;
@@ -215,13 +270,19 @@ TEST_P(RendererTest, EqualDepthsInABlockGoToTheFirstTriangle) {
                     {26, 26, 28}, {30, 26, 28}, {26, 30, 28}};
   both.normals = {kTowardEye, kTowardEye, kTowardEye, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}};
   both.indices = {0, 1, 2, 3, 4, 5};
-  mesh::BlockMesh first = both;
-  first.indices = {0, 1, 2};
+  mesh::BlockMesh light = both;
+  light.indices = {0, 1, 2};
+  mesh::BlockMesh dark = both;
+  dark.indices = {3, 4, 5};
   mesh::BlockMesh swapped = both;
   swapped.indices = {3, 4, 5, 0, 1, 2};
-  const FrameImage expected = Draw(view, scene.layout, {mesh::Compact(first)});
-  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(both)}), expected);
-  EXPECT_NE(Draw(view, scene.layout, {mesh::Compact(swapped)}), expected);
+  const bool color_decides = OrderOf(scene.layout).ties == image::TieRule::kColor;
+  const FrameImage light_image = Draw(view, scene.layout, {mesh::Compact(light)});
+  const FrameImage dark_image = Draw(view, scene.layout, {mesh::Compact(dark)});
+  ASSERT_NE(light_image, dark_image);
+  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(both)}),
+            color_decides ? dark_image : light_image);
+  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(swapped)}), dark_image);
 }
 
 TEST_P(RendererTest, FragmentsKeepToTheFootprintOfTheirBlock) {
@@ -477,7 +538,7 @@ TEST_P(RendererTest, ACancelledFrameEndsWithItsErrorAndLeavesTheNextAlone) {
 TEST_P(RendererTest, PassesWithoutTrianglesAreBackground) {
   const Scene scene = EmptyScene();
   const view::View view = MakeView(scene, 31, 17);
-  EXPECT_EQ(Draw(view, scene.layout, SpecOf()), FrameImage(31, 17));
+  EXPECT_EQ(Draw(view, scene.layout, {}), FrameImage(31, 17));
   EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact({})}), FrameImage(31, 17));
 }
 
@@ -650,18 +711,16 @@ TEST_P(RendererTest, NothingOfEarlierPassesShows) {
   }
 }
 
-TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockInAnyBatch) {
+// Pixels of the first batch are shaded when the second one comes.
+TEST_P(RendererTest, EqualDepthsAreDecidedAlikeInAnyBatch) {
   const Scene scene = EmptyScene();
   const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
-  const math::Vec3f a{32, 32, 32};
-  const math::Vec3f b{28, 32, 32};
-  const math::Vec3f c{32, 28, 32};
-  const MeshPtr low_mesh = MakeTriangle(scene.layout.IdOf({3, 3, 3}), a, b, c, kTowardEye);
-  const MeshPtr high_mesh = MakeTriangle(scene.layout.IdOf({3, 3, 4}), a, b, c, {1, 0, 0});
-  const FrameImage low_only = Draw(view, scene.layout, {low_mesh});
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
+  const bool color_decides = OrderOf(scene.layout).ties == image::TieRule::kColor;
+  const FrameImage expected = Draw(view, scene.layout, {color_decides ? high_mesh : low_mesh});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer, MakeWithBatches(GetParam(), 1));
-  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {low_mesh, high_mesh}), low_only);
-  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {high_mesh, low_mesh}), low_only);
+  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {low_mesh, high_mesh}), expected);
+  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {high_mesh, low_mesh}), expected);
 }
 
 TEST_P(RendererTest, DescriptionNamesTheBackEnd) {
