@@ -15,6 +15,8 @@
 #include "gtest/gtest.h"
 
 #include "core/base/mutex.h"
+#include "core/frame/picture_revision.h"
+#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/make_shard.h"
 
@@ -89,6 +91,7 @@ class FakeCluster {
           probe.answer = absl::UnavailableError("connection refused");
         } else {
           isoscope::internal::v1::DescribeShardsResponse answer;
+          *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision());
           answer.mutable_shards()->Assign(found->second.begin(), found->second.end());
           probe.answer = std::move(answer);
         }

@@ -7,6 +7,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/frame/picture_revision.h"
+#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/make_shard.h"
 
@@ -100,11 +102,32 @@ TEST(DatasetsOfTest, OfReplicasTheFirstReachableByAddressIsTaken) {
   EXPECT_EQ(datasets.at("head").agents[0].address, "b:1");
 }
 
+TEST(DatasetsOfTest, AgentsThatWouldDrawDifferentPicturesDoNotServeADataset) {
+  AgentState other = Answering("b:1", {MakeShard("head", 1, 2)});
+  other.picture_revision.back_end = frame::BackEnd::kEgl;
+  other.picture_revision.driver = "llvmpipe";
+  const auto datasets = DatasetsOf({Answering("a:1", {MakeShard("head", 0, 2)}), other});
+  EXPECT_THAT(datasets.at("head").status,
+              StatusIs(absl::StatusCode::kFailedPrecondition,
+                       AllOf(HasSubstr("a:1 has picture revision"), HasSubstr("b:1 has"),
+                             HasSubstr("egl (llvmpipe)"))));
+  EXPECT_TRUE(datasets.at("head").agents.empty());
+  EXPECT_TRUE(datasets.at("head").is_served);
+  // An agent that does not work on the dataset does not matter.
+  const auto spared = DatasetsOf({Answering("a:1", {MakeShard("head", 0, 1)}), [] {
+                                    AgentState spare = Answering("b:1", {MakeShard("head", 0, 1)});
+                                    spare.picture_revision.number = 1;
+                                    return spare;
+                                  }()});
+  EXPECT_THAT(spared.at("head").status, IsOk());
+}
+
 isoscope::internal::v1::DescribeShardsResponse AnswerOf(
     const isoscope::internal::v1::ShardDescription& shard) {
   isoscope::internal::v1::DescribeShardsResponse answer;
   answer.set_version("1.2.3");
   answer.set_renderer("fake");
+  *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision());
   *answer.add_shards() = shard;
   return answer;
 }
@@ -116,6 +139,7 @@ TEST(AdoptAnswerTest, ALostAgentIsRememberedForItsShardsAndALiarIsNot) {
   EXPECT_EQ(agent.version, "1.2.3");
   EXPECT_EQ(agent.renderer, "fake");
   EXPECT_EQ(agent.shards.size(), 1u);
+  EXPECT_EQ(agent.picture_revision, frame::PictureRevision());
 
   AdoptAnswer(absl::UnavailableError("gone"), &agent);
   EXPECT_THAT(agent.status, StatusIs(absl::StatusCode::kUnavailable));

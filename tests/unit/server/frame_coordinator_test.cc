@@ -47,7 +47,6 @@ struct VisibleBlocks {
   std::string open_pixels;
 };
 
-constexpr image::FragmentOrder kOrder{.block_count = 1 << 20, .ties = image::TieRule::kColor};
 constexpr int kWidth = 37;
 constexpr int kHeight = 29;
 constexpr math::Index3 kDims{17, 17, 17};
@@ -317,6 +316,9 @@ class FrameCoordinatorTest : public ::testing::Test {
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
   tbb::task_arena arena_{2};
+  const image::FragmentOrder order_{
+      .block_count = static_cast<std::uint32_t>(layout_.block_count()),
+      .ties = image::TieRule::kColor};
   std::shared_ptr<const ActiveBlocks> known_active_;
   std::vector<AgentFailure> failures_;  // of the last frame
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
@@ -485,12 +487,12 @@ TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
     for (std::uint64_t agent = 0; agent < 5; ++agent) {
       const image::FrameImage first = RandomImage(100 * seed + 2 * agent, 0.15);
       rest.push_back(RandomImage(100 * seed + 2 * agent + 1, 0.15));
-      composite::CompositeInto(first, kOrder, &occluders);
+      composite::CompositeInto(first, order_, &occluders);
       scripts.push_back(Behave({}, {}, first, rest.back(), 100 * seed + agent));
     }
     image::FrameImage expected = occluders;
     for (const image::FrameImage& image : rest) {
-      composite::CompositeInto(image, kOrder, &expected);
+      composite::CompositeInto(image, order_, &expected);
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
     EXPECT_TRUE(result.image == expected);
@@ -502,7 +504,7 @@ TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
   std::vector<Script> scripts;
   for (std::uint64_t agent = 0; agent < 3; ++agent) {
     const image::FrameImage image = RandomImage(agent, 0.4);
-    composite::CompositeInto(image, kOrder, &expected);
+    composite::CompositeInto(image, order_, &expected);
     scripts.push_back([image, agent](Agent& self) {
       for (std::string& band : ShuffledBands(image, agent)) {
         self.coordinator().OnPixels({std::move(band)});
@@ -674,8 +676,9 @@ TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
     using enum Say;
     const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
     const auto result = Run(frame::Culling::kDepth, {other, script, other});
-    EXPECT_EQ(result.status(),
-              absl::DataLossError("agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
+    EXPECT_EQ(
+        result.status(),
+        absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
     // As data, for who repeats the agent's part.
     ASSERT_EQ(failures_.size(), 1U);
     EXPECT_EQ(failures_[0].agent_index, 1U);
@@ -735,7 +738,7 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
   cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(30));
   EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), Wait()}),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       EndsWith("not answered: agent-0 (shard 0), agent-1 (shard 1)")));
+                       EndsWith("not answered: agent agent-0 (shard 0), agent agent-1 (shard 1)")));
   EXPECT_TRUE(agents_[0]->is_cancelled());
   EXPECT_TRUE(agents_[1]->is_cancelled());
 }
@@ -758,7 +761,7 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
   };
   EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
-                       EndsWith("not answered: agent-1 (shard 1), agent-3 (shard 3)")));
+                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-3 (shard 3)")));
 
   answered = 0;
   const Script draws = [&](Agent& self) -> absl::Status {
@@ -776,9 +779,9 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
     ++answered;
     return self.AwaitCancel();
   };
-  EXPECT_THAT(
-      Run(frame::Culling::kDepth, {draws, draws, draws}),
-      StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-2 (shard 2)")));
+  EXPECT_THAT(Run(frame::Culling::kDepth, {draws, draws, draws}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-2 (shard 2)")));
 }
 
 TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {

@@ -231,6 +231,10 @@ TEST_F(IsosurfaceServiceTest, BadRequestsAreRefusedNamingTheField) {
   request = Request();
   request.mutable_camera();
   expect_bad(request, "camera.eye");
+  // A parameter of a newer version: without it the picture might be another one.
+  request = Request();
+  request.GetReflection()->MutableUnknownFields(&request)->AddVarint(99, 1);
+  expect_bad(request, "number 99");
   request = Request();
   request.set_dataset("haed");
   EXPECT_THAT(Render(request), StatusIs(absl::StatusCode::kNotFound, HasSubstr("head")));

@@ -41,10 +41,12 @@ image::FrameImage MakeImage(std::uint64_t seed, std::uint32_t agent) {
 }
 
 // By the definition, one pixel at a time.
+constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
+
 image::FrameImage Reference(const image::FrameImage& a, const image::FrameImage& b) {
   image::FrameImage out = a;
   for (std::size_t i = 0; i < out.pixel_count(); ++i) {
-    if (b.keys[i] < a.keys[i]) {
+    if (kOrder.IsBefore(b.keys[i], b.colors[i], a.keys[i], a.colors[i])) {
       out.keys[i] = b.keys[i];
       out.colors[i] = b.colors[i];
     }
@@ -67,15 +69,13 @@ void ExpectCoveredWhereDrawn(const image::FrameImage& image) {
   }
 }
 
-constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
-
 image::FrameImage Composite(const image::FrameImage& a, const image::FrameImage& b) {
   image::FrameImage out = a;
   CompositeInto(b, kOrder, &out);
   return out;
 }
 
-TEST(DepthCompositeTest, TheSmallerFragmentKeyWins) {
+TEST(DepthCompositeTest, TheFirstFragmentInTheOrderWins) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const image::FrameImage a = MakeImage(2 * seed, 0);
     const image::FrameImage b = MakeImage(2 * seed + 1, 1);

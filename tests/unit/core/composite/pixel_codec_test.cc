@@ -64,8 +64,9 @@ image::FrameImage MakeSmooth(int width, int height) {
   return image;
 }
 
-// Owners are below 2^31 in most tests.
-constexpr image::FragmentOrder kOrder{.block_count = 1U << 31, .ties = image::TieRule::kColor};
+// One surface of as many blocks as there can be.
+constexpr image::FragmentOrder kOrder{.block_count = image::kNoOwner,
+                                      .ties = image::TieRule::kColor};
 
 image::FrameImage Decode(const std::vector<std::string>& bands, int width, int height) {
   image::FrameImage image(width, height);
