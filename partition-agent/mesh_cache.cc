@@ -5,8 +5,8 @@
 //   MeshSegment          memory that fills up with meshes, from its beginning on
 //
 // * Store copies a mesh into the segment that the writer fills, and enters it into the table. A
-//   writer that has no room left takes another segment. A mesh larger than a pool's chunk gets a
-//   segment of its own.
+//   writer that has no room left takes another segment. A mesh larger than 1 MiB gets a segment of
+//   its own.
 // * Find locks the weak pointer. If the segment is gone, the mesh is not kept. Otherwise the
 //   segment is marked as used in this round, and the returned pointer keeps all of it alive.
 // * Only TakeSegment forgets. It drops the segment with the lowest round until there is room, but

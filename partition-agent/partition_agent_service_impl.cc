@@ -15,8 +15,8 @@
 //
 // gRPC calls the reactions (OnReadDone, OnCancel, ...) on its threads; they only check and hand
 // over. A step runs on frame_executor_, and a frame has at most one step there. mutex_ guards the
-// phase. A step enters the next phase before it sends its answer, because the coordinator may reply
-// at once.
+// phase. A step enters kExpect... before it sends its answer, because the coordinator may reply at
+// once.
 //
 // ExtractSurfaceCall has one task, on extraction_executor_: it extracts batch by batch and sends
 // messages of about 1 MiB. Both calls wait while kMaxQueuedBytes wait for the network.
