@@ -11,8 +11,8 @@
 // 1. A thread that constructs or destroys a Callback, or calls Cancel(), holds no mutex that the
 //    callback locks. AwaitOrCancelled has a Callback that locks the mutex given to it.
 //
-// 2. A callback is short: it sets a flag, signals, closes. It never waits for whoever destroys the
-//    Callback, and it runs on the thread that cancels, often one of gRPC's.
+// 2. A callback is short: it sets a flag, signals, closes. It never waits for the thread that
+//    destroys the Callback, and it runs on the thread that cancels, often one of gRPC's.
 
 #ifndef ISOSCOPE_CORE_BASE_CANCELLATION_H_
 #define ISOSCOPE_CORE_BASE_CANCELLATION_H_

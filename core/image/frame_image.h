@@ -23,7 +23,7 @@ class FrameImagePool;
 // Two planes of width * height elements each, row by row from the top. Thread-compatible.
 //
 // Every pixel outside the tiles of `touched`, and in them outside `covered`, is background in both
-// planes. Whoever draws a pixel marks it in both. So clearing, scanning and encoding cost as
+// planes. Code that draws a pixel marks it in both. So clearing, scanning and encoding cost as
 // much as was drawn, not as much as the viewport holds.
 class FrameImage {
  public:
