@@ -1,4 +1,4 @@
-// What the frames and exports of an agent share; it outlives them.
+// The resources that the frames and exports of an agent share. They outlive them.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_RESOURCES_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_RESOURCES_H_

@@ -40,9 +40,9 @@
 namespace isoscope::agent {
 namespace {
 
-// Rays one task casts: some hundred microseconds.
+// One task casts this many rays, in some hundred microseconds.
 constexpr std::int64_t kRaysPerTask = 1024;
-// Blocks whose footprints one task computes.
+// One task computes the footprints of this many blocks.
 constexpr std::size_t kFootprintsPerTask = 128;
 
 }  // namespace
@@ -118,7 +118,7 @@ class FramePipeline::Impl {
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
  private:
-  // What may be called next; kFirst: SelectOccluders or RenderAll.
+  // The call that may come next. kFirst: SelectOccluders or RenderAll.
   enum class Step { kFirst, kRenderOccluders, kRenderVisible, kNone };
 
   void Take(Step step, Step next) {
@@ -167,7 +167,7 @@ class FramePipeline::Impl {
     return hits.Ids();
   }
 
-  // Where the blocks fall on the screen: the shapes of their masks of open pixels follow from it.
+  // Returns the pixels that each block can cover. The shape of its open pixels follows from them.
   [[nodiscard]] std::vector<view::PixelRect> RectsOf(
       const std::vector<volume::BlockId>& blocks) const {
     std::vector<view::PixelRect> rects(blocks.size());
@@ -187,7 +187,7 @@ class FramePipeline::Impl {
     return rects;
   }
 
-  // Steps 2 and 3: one pass over the chosen meshes, which are those of `block_count` blocks.
+  // Steps 2 and 3: draws the chosen meshes, of `block_count` blocks, in one pass.
   absl::StatusOr<image::FrameImage> Draw(const std::vector<ChosenMesh>& chosen,
                                          std::size_t block_count) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());

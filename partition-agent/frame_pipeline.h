@@ -22,14 +22,14 @@
 
 namespace isoscope::agent {
 
-// What step 1 finds.
+// The result of step 1.
 struct RaySelection {
   std::vector<volume::BlockId> hits;    // blocks of any agent, ascending
   std::vector<volume::BlockId> active;  // the agent's own active blocks, ascending; if asked for
 };
 
-// Call the steps in order, each once, from one thread at a time; they block. A step out of order
-// ends the process. After an error no further step may be called. Cancellation must outlive it.
+// Call the steps in order, each once, from one thread at a time. They block. A step out of order
+// ends the process. Call no step after an error. The cancellation must outlive the pipeline.
 //
 //   kDepth, kMask: SelectOccluders, RenderOccluders, RenderVisible
 //   kNone:         RenderAll
@@ -54,7 +54,7 @@ class FramePipeline {
                                                   absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
-  // What a step drew as bands (composite::EncodePixels), after that step.
+  // Encodes the image of a step as bands (composite::EncodePixels). Call it after that step.
   std::vector<std::string> Encode(const image::FrameImage& image);
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const;

@@ -1,4 +1,4 @@
-// What one agent is asked to do for one frame; no wire types.
+// The task of one agent for one frame. No wire types.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_FRAME_TASK_H_
 #define ISOSCOPE_PARTITION_AGENT_FRAME_TASK_H_

@@ -1,14 +1,13 @@
 // A delivery has two parts, so that no thread of the arena waits for a disk:
 //
-//   1. Tasks of 8 to 128 meshes go through what is chosen. A mesh that is kept is handed on as it
-//      is. If the samples of its block are kept, it is extracted at once. What has neither is left.
-//   2. The blocks that are left are sorted by ordinal and read as disk runs. What arrives is
-//   checked
-//      and extracted, for all surfaces that want the block, while other disk runs are under way.
+//   1. Tasks of 8 to 128 meshes go through the chosen meshes. A kept mesh is handed on as it is. If
+//      the samples of its block are kept, it is extracted at once. Part 2 makes the others.
+//   2. The blocks that are left are sorted by ordinal and read as disk runs. A block that arrives
+//      is checked, and extracted for all surfaces that want it, while others are under way.
 //
-// Each thread collects what it has found or extracted and hands it on a few dozen meshes at a time:
-// a call takes locks, and so few are still in the processor's cache when they are drawn. Extracted
-// meshes are kept where the cache has room.
+// Each thread collects meshes and hands on a few dozen at a time: a call takes locks, and a few
+// dozen meshes are still in the processor's cache when they are drawn. Extracted meshes are kept
+// where the cache has room.
 
 #include "partition-agent/mesh_supply.h"
 
@@ -33,16 +32,16 @@
 namespace isoscope::agent {
 namespace {
 
-// Meshes one task takes from the cache, and how many tasks each thread should find: few meshes in
-// large parts leave threads without work.
+// The fewest meshes of a task, and the number of tasks for each thread. Too few tasks would leave
+// threads without work.
 constexpr std::size_t kMinMeshesPerTask = 8;
 constexpr std::size_t kMaxMeshesPerTask = 128;
 constexpr std::size_t kTasksPerThread = 8;
-// Meshes handed on at a time, at most; and how many are worth a call.
+// The most meshes that are handed on at a time, and the number that is worth a call.
 constexpr std::size_t kMaxMeshesPerDelivery = 64;
 constexpr std::size_t kMeshesWorthDelivering = 16;
 
-// What one thread keeps between its tasks.
+// The state that one thread keeps between its tasks.
 struct Worker {
   Worker(const Shard& shard, MeshCache* cache, std::uint64_t round)
       : extractor(shard.reader->manifest().geometry, shard.reader->layout(), shard.shapes),
@@ -57,7 +56,7 @@ struct Worker {
   absl::Duration deliver_time;
 };
 
-// The blocks of one shard that are read.
+// The blocks to read of one shard.
 struct ShardReads {
   std::vector<std::uint32_t> ordinals;    // ascending, each once
   std::vector<std::size_t> first_wanted;  // of each ordinal, in the list of wanted meshes
@@ -136,7 +135,7 @@ class MeshSupply::Impl {
     return *tables_[mesh.shard_index * blocks_.isovalues().size() + mesh.surface_index];
   }
 
-  // Finds where meshes are kept.
+  // Finds the tables of kept meshes.
   void OpenTables() {
     if (!tables_.empty()) {
       return;
@@ -150,7 +149,7 @@ class MeshSupply::Impl {
     }
   }
 
-  // Part 1: delivers what is kept, as meshes or as samples, and marks the others.
+  // Part 1: delivers meshes that are kept, or whose samples are kept, and marks the others.
   absl::Status DeliverKept(const std::vector<ChosenMesh>& chosen, const Deliver& deliver,
                            std::vector<char>* is_missing) {
     const auto threads = static_cast<std::size_t>(arena_.max_concurrency());
@@ -283,7 +282,7 @@ class MeshSupply::Impl {
                                                          : HandOn(&worker, deliver);
   }
 
-  // Hands on what the worker holds, a part at a time, so that a cancelled frame ends soon.
+  // Hands on the worker's meshes, a part at a time, so that a cancelled frame ends soon.
   absl::Status HandOn(Worker* worker, const Deliver& deliver) const {
     const base::ScopedTimer timer(&worker->deliver_time);
     for (const render::MeshToDraw& item : worker->meshes) {
@@ -316,7 +315,7 @@ class MeshSupply::Impl {
     return error.status();
   }
 
-  // Threads extract and deliver in turn: the wall time is shared out by what they spent on each.
+  // Threads extract and deliver in turn. The wall time is shared out in proportion to their times.
   void AddUpWorkers(absl::Duration wall, SupplyCost* cost) {
     absl::Duration extract_time;
     absl::Duration deliver_time;

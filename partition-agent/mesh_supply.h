@@ -22,7 +22,7 @@
 
 namespace isoscope::agent {
 
-// What a delivery took.
+// The cost of a delivery.
 struct SupplyCost {
   std::int64_t triangle_count = 0;
   // Crossed grid edges, each counted once in the volume and surface.
@@ -33,11 +33,11 @@ struct SupplyCost {
   absl::Duration deliver_duration;
 };
 
-// For one thread at a time. What it is given outlives it; the shards and surfaces are those of
+// For one thread at a time. Its arguments outlive it. The shards and surfaces are those of
 // `blocks`.
 class MeshSupply {
  public:
-  // cache_round: what BlockCache::BeginRound gave for the frame.
+  // cache_round: the result of BlockCache::BeginRound for the frame.
   MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
              const AgentResources& resources, const base::Cancellation* cancellation);
   ~MeshSupply();
@@ -52,7 +52,7 @@ class MeshSupply {
   absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
                                            const Deliver& deliver);
 
-  // The mesh of chosen[i] with edge keys in place i. They are not kept. Errors as DeliverMeshes.
+  // Extracts the mesh of chosen[i] as element i, with edge keys. Errors as DeliverMeshes.
   absl::StatusOr<std::vector<mesh::BlockMesh>> ExtractWithEdgeKeys(
       const std::vector<ChosenMesh>& chosen);
 

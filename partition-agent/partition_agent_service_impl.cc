@@ -1,3 +1,26 @@
+// A frame on an agent (RenderFrameCall), phase by event:
+//
+//   phase                 event           action                               next phase
+//   kExpectBegin          begin           admits the frame, schedules Begin    kSelecting
+//   kSelecting            steps 0, 1 end  sends ray_hits                       kExpectOccluders
+//                         CULLING_NONE    Begin draws all active blocks        kRenderingRest
+//   kExpectOccluders      occluders       schedules RenderOccluders            kRenderingOccluders
+//   kRenderingOccluders   step 2 ends     sends bands, occluders_done          kExpectVisibleBlocks
+//   kExpectVisibleBlocks  visible_blocks  schedules RenderVisible              kRenderingRest
+//   kRenderingRest        step 3 ends     sends bands, frame_done, ends OK     kEnded
+//   any but kEnded        error, cancel   stops the step, ends with the error  kEnded
+//
+// A message in any other phase is INVALID_ARGUMENT. So is the end of the coordinator's messages
+// before kRenderingRest; after that it means nothing.
+//
+// gRPC calls the reactions (OnReadDone, OnCancel, ...) on its threads; they only check and hand
+// over. A step runs on frame_executor_, and a frame has at most one step there. mutex_ guards the
+// phase. A step enters kExpect... before it sends its answer, because the coordinator may reply at
+// once.
+//
+// ExtractSurfaceCall has one task, on extraction_executor_: it extracts batch by batch and sends
+// messages of about 1 MiB. Both calls wait while kMaxQueuedBytes wait for the network.
+
 #include "partition-agent/partition_agent_service_impl.h"
 
 #include <algorithm>
@@ -32,9 +55,9 @@ namespace {
 
 namespace v1 = isoscope::internal::v1;
 
-// Pixels or surface that wait for the network before the worker waits too: a few messages.
+// If this many bytes of pixels or surface wait for the network, the worker waits too.
 constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
-// A message has at most so many bytes of bands, or one band.
+// A message has at most this many bytes of bands, or one band.
 constexpr std::size_t kMaxBandsBytes = 1 * base::kMiB;
 // A message of ExtractSurface is sent once it has this many bytes.
 constexpr std::size_t kSurfaceMessageBytes = 1 * base::kMiB;
@@ -67,7 +90,7 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
 }
 
 absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
-  // Of the request too: a field that this agent does not know may decide pixels.
+  // This looks into the request, too: a field that this agent does not know may decide pixels.
   ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
   FrameTask task;
   task.frame_number = begin.frame_number();
@@ -99,7 +122,7 @@ void AddBlock(const mesh::BlockMesh& mesh, v1::ExtractSurfaceResponse* response)
 
 }  // namespace
 
-// One frame. It owns itself until gRPC is done with it; a running step shares it.
+// One frame. It owns itself until gRPC is done with it. A running step shares it.
 class PartitionAgentServiceImpl::RenderFrameCall final
     : public grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
@@ -142,7 +165,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   void OnDone() override { const std::shared_ptr<RenderFrameCall> last_use = std::move(self_); }
 
  private:
-  // What happens next: the coordinator speaks (kExpect...) or a step runs.
+  // In kExpect... the coordinator's message is due. In the others a step runs, until kEnded.
   enum class Phase {
     kExpectBegin,
     kSelecting,
@@ -179,7 +202,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return "";
   }
 
-  // Checks that the message is the one that is due and hands it to the executor.
+  // Checks that the message is due, and hands it to the executor.
   absl::Status Accept(v1::RenderFrameRequest message) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     using Message = v1::RenderFrameRequest;
@@ -220,7 +243,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::OkStatus();
   }
 
-  // Runs `step` on the executor. Room for one step of each admitted frame is always there.
+  // Runs `step` on the executor, which always has room for one step of each admitted frame.
   template <typename Step>
   absl::Status Schedule(Step step) {
     const bool is_scheduled =
@@ -249,7 +272,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     Fail(absl::InvalidArgumentError("the coordinator ended its side before the frame was done"));
   }
 
-  // The step is over; messages may come now. Called before what the coordinator answers to is sent.
+  // Ends the current step's phase. A step calls it before it sends its answer.
   void EnterPhase(Phase phase) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     if (phase_ != Phase::kEnded) {
@@ -265,13 +288,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::CancelledError("the stream has ended");
   }
 
-  // For one step: its image, and its bands until they are queued.
+  // Reserves the memory of one step: its image, and its bands until they are queued.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
     return service_->memory_->ReserveStep(task_.spec.viewport, cancellation_);
   }
 
-  // Sends the bands of an image but for the last ones, which go with the message that ends the
-  // step: messages cost more than their bytes.
+  // Sends the bands of an image, except the last ones. Those go into `last`, the message that ends
+  // the step, because a message costs more than its bytes.
   absl::Status SendBands(const image::FrameImage& image, v1::RenderFrameResponse* last) {
     v1::RenderFrameResponse message;
     std::size_t bytes = 0;
@@ -288,7 +311,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::OkStatus();
   }
 
-  // Steps 0 and 1; the whole frame with CULLING_NONE.
+  // Steps 0 and 1. With CULLING_NONE: the whole frame.
   absl::Status Begin(const v1::BeginFrame& begin) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::shared_ptr<const Shard>> shards,
@@ -338,7 +361,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return SendLast(image);
   }
 
-  // The last pixels, the statistics, and the end.
+  // Sends the last pixels and the statistics, and ends the stream.
   absl::Status SendLast(const image::FrameImage& image) {
     v1::RenderFrameResponse message;
     ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
@@ -360,7 +383,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::OkStatus();
   }
 
-  // Ends the frame with an error; only the first one counts.
+  // Ends the frame with an error. Only the first error counts.
   void Fail(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
     std::int64_t frame_number = 0;
     {
@@ -391,7 +414,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   std::int64_t frame_number_ = 0;  // set before the first step
   bool is_admitted_ = false;       // set before the first step
 
-  // Used by the steps, one after the other.
+  // The steps use these, one after the other.
   FrameTask task_;
   std::vector<int> shard_indices_;
   std::int64_t block_count_ = 0;
@@ -505,7 +528,7 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
       description_(Describe(options.shards, *options.renderer)),
       frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
-                      // A refused frame never gets here, so each frame's one step fits.
+                      // Refused frames never get here, so the step of each frame fits.
                       static_cast<std::size_t>(max_frames_)),
       extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions) {}
 
@@ -558,14 +581,14 @@ absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> PartitionAgentServiceI
       rpc::ShardIndicesFromProto(shard_indices, shard_count, "shard_indices"));
   std::vector<std::shared_ptr<const Shard>> found;
   for (const int index : wanted) {
-    const auto place = std::find(served.begin(), served.end(), index);
-    if (place == served.end()) {
+    const auto position = std::find(served.begin(), served.end(), index);
+    if (position == served.end()) {
       std::sort(served.begin(), served.end());
       return absl::FailedPreconditionError(absl::StrCat(
           "shard ", index, " of dataset \"", of_dataset.front()->reader->manifest().name,
           "\" is not served by this agent (any more); it serves ", absl::StrJoin(served, ", ")));
     }
-    found.push_back(of_dataset[static_cast<std::size_t>(place - served.begin())]);
+    found.push_back(of_dataset[static_cast<std::size_t>(position - served.begin())]);
   }
   return found;
 }

@@ -32,7 +32,7 @@ absl::StatusOr<ActiveList> QueryTree(const Shard& shard, double isovalue, IndexC
     }
     ids.Insert(interval.block_id);
   }
-  // The rank of its id among all is where each block goes: cheaper than sorting.
+  // The rank of a block's id is its index in the result. This is cheaper than sorting.
   const volume::BlockRanks ranks(ids);
   auto active = std::make_shared<std::vector<ActiveBlock>>(ranks.count());
   for (const index::BlockInterval& interval : result.active) {

@@ -27,7 +27,7 @@ class SurfaceExtraction::Impl {
 
   absl::StatusOr<std::vector<mesh::BlockMesh>> NextBatch() {
     std::vector<mesh::BlockMesh> meshes;
-    // A batch can be all empty meshes: active blocks need not have triangles (NaN).
+    // All meshes of a batch can be empty: next to NaN, an active block may have no triangle.
     while (meshes.empty() && next_ < chosen_.size()) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
       ISOSCOPE_ASSIGN_OR_RETURN(meshes, supply_.ExtractWithEdgeKeys(TakeBatch()));

@@ -1,4 +1,4 @@
-// The whole surface of an agent's shards, block by block: what ExtractSurface streams. No gRPC
+// Extracts the whole surface of an agent's shards, block by block, for ExtractSurface. No gRPC
 // types.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
@@ -17,11 +17,11 @@
 
 namespace isoscope::agent {
 
-// Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of
-// a batch are read and extracted in parallel in the arena, the next one only when it is asked for.
-// Memory is that of one batch: of its samples, at most kMaxBatchSampleBytes (or one block), those
-// that are under way, at most resources.max_read_bytes (or one disk run); and the meshes of all.
-// Thread-compatible. What it is given must outlive it.
+// Walks the active blocks of all shards in ascending order of block ids, in batches. The arena
+// reads and extracts the blocks of a batch in parallel, when NextBatch asks for it. Memory holds
+// the meshes of one batch, whose samples take at most kMaxBatchSampleBytes (or one block), and the
+// reads under way, at most resources.max_read_bytes (or one disk run). Thread-compatible. Its
+// arguments must outlive it.
 class SurfaceExtraction {
  public:
   // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.

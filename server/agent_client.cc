@@ -1,3 +1,23 @@
+// A frame on an agent, as a reactor of gRPC (FrameStream):
+//
+//   event         action
+//   Start         queues `begin`, starts the first read, holds the stream, starts the call
+//   Send          queues a message; writes follow one another, one at a time
+//   OnReadDone    hands the message to the listener and starts the next read; the first malformed
+//                 message is kept as the error, and cancels the call
+//   reads end     releases the hold, and drops messages that come later
+//   OnDone        tells the listener how the call ended, then wakes WaitUntilEnded
+//
+// The hold is needed because writes start outside reactions: without it gRPC could finish the
+// stream between two of them. OnDone is the last call. GrpcAgentLink cancels and waits for it
+// before it destroys the stream.
+//
+// The status for the listener is, in this order: INTERNAL for a malformed message, INTERNAL for a
+// stream that ended with OK before the frame was done, else CallStatus of gRPC's status.
+//
+// A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
+// one and checks each: the next message is read only when somebody asks for it.
+
 #include "server/agent_client.h"
 
 #include <cstring>
@@ -26,7 +46,7 @@ void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
   }
 }
 
-// Fills `values` from little-endian bytes. False if they are no whole number of values.
+// Fills `values` from little-endian bytes. False if their size is not a multiple of a value's.
 template <typename T>
 bool Unpack(const std::string& bytes, std::vector<T>* values) {
   if (bytes.size() % sizeof(T) != 0) {
@@ -73,8 +93,8 @@ absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayou
   return absl::OkStatus();
 }
 
-// The stream of one frame. Its owner waits until it has ended before destroying it: if a reaction
-// dropped the last reference to a channel, gRPC would join the reaction's own thread.
+// The stream of one frame. Its owner waits until it has ended, and then destroys it. If a reaction
+// dropped the last reference to a channel instead, gRPC would join the reaction's own thread.
 class FrameStream final
     : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
@@ -89,7 +109,7 @@ class FrameStream final
 
   static void Start(FrameStream* stream, v1::BeginFrame begin) {
     stream->stub_->async()->RenderFrame(&stream->context_, stream);
-    // Writes start outside reactions: the hold keeps the stream alive until reads have ended.
+    // The hold keeps the stream alive until reads have ended.
     stream->AddHold();
     v1::RenderFrameRequest request;
     *request.mutable_begin() = std::move(begin);
@@ -101,7 +121,7 @@ class FrameStream final
   void Send(v1::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     if (reads_have_ended_) {
-      return;  // OnEnd says why
+      return;  // OnEnd reports why
     }
     outgoing_.push_back(std::move(request));
     StartNextWrite();
@@ -129,7 +149,7 @@ class FrameStream final
       return;
     }
     network_bytes_.fetch_add(static_cast<std::int64_t>(incoming_.ByteSizeLong()));
-    // After a bad message only the end of the stream matters.
+    // After a malformed message only the end of the stream matters.
     if (message_error_.ok()) {
       message_error_ = Deliver(&incoming_);
       if (!message_error_.ok()) {
@@ -143,7 +163,7 @@ class FrameStream final
     const base::MutexLock lock(&mutex_);
     is_writing_ = false;
     if (!ok) {
-      outgoing_.clear();  // the stream is broken: reads end too
+      outgoing_.clear();  // the stream is broken, so reads end, too
       return;
     }
     outgoing_.pop_front();
@@ -154,7 +174,8 @@ class FrameStream final
     listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
     const base::MutexLock lock(&mutex_);
     has_ended_ = true;
-    // With the mutex held: who waits may destroy this as soon as it has the mutex.
+    // It signals with the mutex held: the waiting thread may destroy this as soon as it has the
+    // mutex.
     ended_.SignalAll();
   }
 
@@ -223,7 +244,7 @@ class FrameStream final
   std::atomic<bool> was_cancelled_{false};
   std::atomic<std::int64_t> network_bytes_{0};
 
-  // Touched by reads only, which follow one another.
+  // Only reads touch these, and they follow one another.
   v1::RenderFrameResponse incoming_;
   absl::Status message_error_;
   bool is_frame_done_ = false;

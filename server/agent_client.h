@@ -1,5 +1,5 @@
-// The coordinator's calls to agents for one frame and one surface. Here, in agent_prober and in the
-// service implementations gRPC begins; frame_coordinator knows AgentLink.
+// The coordinator's calls to agents for a frame and for a surface. Only this file, agent_prober and
+// the service implementations know gRPC; frame_coordinator knows AgentLink.
 
 #ifndef ISOSCOPE_SERVER_AGENT_CLIENT_H_
 #define ISOSCOPE_SERVER_AGENT_CLIENT_H_
@@ -36,25 +36,25 @@ struct AgentAssignment {
   [[nodiscard]] AgentIdentity identity() const { return {address, shard_indices}; }
 };
 
-// How a call to an agent ended, as AgentFailure::status has it. Codes are kept, but for those that
-// would tell the client something wrong: INVALID_ARGUMENT (the coordinator's message was bad)
-// becomes INTERNAL, and a stream that was cut without us becomes UNAVAILABLE.
+// Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
+// would mislead the client: INVALID_ARGUMENT (the coordinator's message was wrong) becomes
+// INTERNAL, and a stream that was cut, but not by us, becomes UNAVAILABLE.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
-// Begins a frame on an agent. `begin`: complete but for shard_indices. `block_count`: of the whole
-// volume. The listener outlives the link. `deadline`: when the call ends by itself.
+// Begins a frame on an agent. `begin`: complete except for shard_indices. `block_count`: blocks of
+// the volume. `deadline`: the call ends by itself then. The listener outlives the link.
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              isoscope::internal::v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
                                              AgentListener* listener);
 
-// The surface of one agent's blocks, pulled message by message: while nobody pulls, gRPC's flow
-// control stops the agent. Cancel is thread-safe, the rest is for one thread.
+// The surface of one agent's blocks, pulled message by message. While nobody pulls, gRPC's flow
+// control stops the agent. Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public SurfaceSource {
  public:
   SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
                 const volume::BlockLayout& layout, double isovalue, absl::Time deadline);
-  // Cancels, if it has not ended.
+  // Cancels the call if it has not ended.
   ~SurfaceStream() override;
   SurfaceStream(const SurfaceStream&) = delete;
   SurfaceStream& operator=(const SurfaceStream&) = delete;
@@ -63,12 +63,12 @@ class SurfaceStream final : public SurfaceSource {
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
   void Cancel();
 
-  // OK, or why Next failed, without the agent's name.
+  // Returns OK, or the error of Next without the agent's name.
   [[nodiscard]] const absl::Status& status() const { return status_; }
   [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
 
  private:
-  // Keeps the status, and names the agent in it.
+  // Keeps the status, and returns it with the agent's name.
   absl::Status Fail(absl::Status status);
 
   const AgentIdentity agent_;
@@ -78,7 +78,7 @@ class SurfaceStream final : public SurfaceSource {
   grpc::ClientContext context_;
   std::unique_ptr<grpc::ClientReader<isoscope::internal::v1::ExtractSurfaceResponse>> reader_;
   isoscope::internal::v1::ExtractSurfaceResponse message_;
-  int next_block_ = 0;  // of message_
+  int next_block_ = 0;  // index in message_
   std::atomic<bool> was_cancelled_{false};
   bool has_ended_ = false;
 };

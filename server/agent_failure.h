@@ -1,4 +1,4 @@
-// An agent that failed in a frame, as data: who calls can report it, or repeat the agent's part
+// An agent that failed in a frame, as data. The caller can report it, or repeat the agent's part
 // elsewhere, because parts are idempotent.
 
 #ifndef ISOSCOPE_SERVER_AGENT_FAILURE_H_
@@ -23,7 +23,7 @@ struct AgentIdentity {
 // "agent 10.0.0.7:50052 (shards 3, 7)".
 std::string NameOf(const AgentIdentity& agent);
 
-// How far an agent is with its part of a frame. In ascending order.
+// The stages of an agent's part of a frame, in order.
 enum class FrameStage {
   kSelectingOccluders,  // step 1
   kRenderingOccluders,  // step 2
@@ -39,11 +39,11 @@ struct AgentFailure {
   std::size_t agent_index = 0;  // among the frame's agents
   AgentIdentity agent;
   FrameStage stage = FrameStage::kSelectingOccluders;
-  // Why: UNAVAILABLE, the agent or the way to it was lost; DEADLINE_EXCEEDED, it had not answered;
-  // DATA_LOSS, what it sent or read is damaged; else its own error. Does not name the agent.
+  // UNAVAILABLE: the agent or the way to it was lost. DEADLINE_EXCEEDED: it had not answered.
+  // DATA_LOSS: it sent or read damaged bytes. Else its own error. Does not name the agent.
   absl::Status status;
 
-  // The failure as clients see it: names agent and shards.
+  // Returns the status for clients, which names agent and shards.
   [[nodiscard]] absl::Status ToStatus() const;
 };
 

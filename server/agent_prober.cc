@@ -32,8 +32,8 @@ void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancel
     return;
   }
   const absl::Time deadline = std::min(absl::Now() + kProbeTimeout, cancellation.deadline());
-  // Destroyed on this thread, after the calls: a reaction that dropped the last reference to a
-  // channel would make gRPC join the reaction's own thread.
+  // This thread destroys the calls after they have ended. If a reaction dropped the last reference
+  // to a channel instead, gRPC would join the reaction's own thread.
   std::vector<Call> calls(probes.size());
   absl::BlockingCounter unanswered(static_cast<int>(probes.size()));
   for (std::size_t i = 0; i < probes.size(); ++i) {

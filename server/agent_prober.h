@@ -1,4 +1,4 @@
-// Asking agents what they serve: a DescribeShards call to each, all at the same time.
+// Asks agents what they serve: makes a DescribeShards call to each, all at the same time.
 
 #ifndef ISOSCOPE_SERVER_AGENT_PROBER_H_
 #define ISOSCOPE_SERVER_AGENT_PROBER_H_
@@ -20,17 +20,17 @@ namespace isoscope::server {
 // One agent to ask, and its answer.
 struct AgentProbe {
   std::string address;
-  // The channel to ask over. Null: a fresh one, which dials at once and which is left here.
+  // The channel to use. If it is null, ProbeAgents puts a fresh one here, which dials at once.
   std::shared_ptr<grpc::Channel> channel;
   absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer =
       absl::UnavailableError("not asked");
 };
 
-// How long an agent may take to answer.
+// The longest time that an agent may take to answer.
 inline constexpr absl::Duration kProbeTimeout = absl::Seconds(1);
 
-// Asks all of them and waits for all answers: an agent that does not answer within kProbeTimeout,
-// or before `cancellation` fires, has that as its error.
+// Asks all agents and waits for all answers. An agent that does not answer within kProbeTimeout, or
+// before `cancellation` fires, gets that as its error.
 void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server

@@ -1,10 +1,12 @@
 // One probe, on the registry's thread:
 //
-// 1. The endpoints become members: a plain target is one member; a name in the DNS is one for each
-//    of its addresses. An address that the name no longer stands for stays as long as it answers.
-// 2. All members are asked what they serve, at the same time. A member that failed gets a fresh
-//    channel: one that met an error waits before it dials again.
-// 3. Answers become states, states become datasets, and all of it replaces what was there.
+// 1. The endpoints become members. A plain target is one member. A name in the DNS is one member
+//    for each of its addresses. An address that the name has lost stays as long as the agent
+//    answers.
+// 2. All members are asked at the same time what they serve. A member that failed gets a fresh
+//    channel, because a channel that met an error waits before it dials again.
+// 3. Answers become states, and states become datasets. Both replace the old ones at once, under
+//    the lock.
 //
 // A call that fails makes its agent suspect (ReportFailure). The next frame then waits for a probe
 // that begins after the failure. A failure reported while a probe is under way still counts.
@@ -26,7 +28,7 @@
 namespace isoscope::server {
 namespace {
 
-// How often agents that are awaited are asked again.
+// The pause between two probes while WaitUntilReady waits.
 constexpr absl::Duration kRetryInterval = absl::Milliseconds(50);
 
 }  // namespace
@@ -102,7 +104,7 @@ AgentRegistry::Members AgentRegistry::ResolveMembers(Members members) const {
     }
     const absl::StatusOr<std::vector<std::string>> addresses = options_.resolve(**name);
     if (!addresses.ok()) {
-      // A resolver that fails says nothing about agents: keep those that are known.
+      // A resolver that fails says nothing about agents, so the known ones stay.
       const bool is_known = std::any_of(members.begin(), members.end(), [&](const auto& entry) {
         return entry.second.endpoint_index == i && entry.first != endpoint.target;
       });
@@ -158,7 +160,7 @@ void AgentRegistry::Probe() {
     base::MutexLock lock(&mutex_);
     members = members_;
     for (auto& [address, member] : members_) {
-      member.is_suspect = false;  // a failure from now on is news
+      member.is_suspect = false;  // the next probe sees only later failures
     }
   }
   members = ResolveMembers(std::move(members));

@@ -1,11 +1,11 @@
-// Which agents there are: the members of the cluster. It resolves their addresses, has them asked,
-// and keeps what they answered and which datasets they make.
+// The members of the cluster: its agents. The registry resolves their addresses, has them asked,
+// and keeps their answers and the datasets that they make together.
 //
-// Every agent is asked at start, then every poll interval, and at once when a frame needs a dataset
-// that is not complete or follows the loss of an agent.
+// It asks every agent at start, then at every poll interval, and at once when a frame needs a
+// dataset that is not complete, or follows the loss of an agent.
 //
-// The other parts of this work have files of their own: dns_target finds addresses, agent_prober
-// asks, dataset_catalog says what the answers make together.
+// Other files have the other parts of this work: dns_target finds addresses, agent_prober asks,
+// dataset_catalog combines the answers.
 
 #ifndef ISOSCOPE_SERVER_AGENT_REGISTRY_H_
 #define ISOSCOPE_SERVER_AGENT_REGISTRY_H_
@@ -37,9 +37,9 @@ namespace isoscope::server {
 struct AgentRegistryOptions {
   std::vector<AgentEndpoint> endpoints;  // at least one
   absl::Duration poll_interval = absl::Seconds(2);
-  // Called on the registry's thread whenever it changes whether any dataset is complete.
+  // Called on the registry's thread when a first dataset is complete, or none is complete any more.
   std::function<void(bool is_any_complete)> on_readiness;
-  // Replaced by tests. Both are called on the registry's thread and may block; `cancellation` fires
+  // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
   // when the registry is destroyed.
   std::function<absl::StatusOr<std::vector<std::string>>(const DnsName&)> resolve =
       ResolveAddresses;
@@ -50,7 +50,7 @@ struct AgentRegistryOptions {
 // Thread-safe.
 class AgentRegistry {
  public:
-  // How long a frame waits for answers of agents.
+  // The longest time that a frame waits for the answers of agents.
   static constexpr absl::Duration kMaxFrameWait = absl::Seconds(2);
 
   // INVALID_ARGUMENT: no endpoint, two with one target, or a malformed target.
@@ -60,16 +60,16 @@ class AgentRegistry {
   AgentRegistry(const AgentRegistry&) = delete;
   AgentRegistry& operator=(const AgentRegistry&) = delete;
 
-  // The dataset of that name ("": the only one), complete. If it is not complete, or an agent was
-  // lost since the last poll, asks the agents again and waits for the answers, at most for
-  // kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND, INVALID_ARGUMENT,
+  // Returns the complete dataset of that name ("": the only one). If it is not complete, or an
+  // agent was lost since the last poll, asks the agents again and waits for the answers, at most
+  // for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND, INVALID_ARGUMENT,
   // FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that fires. May block.
   absl::StatusOr<DatasetState> FindComplete(const std::string& name,
                                             const base::Cancellation& cancellation);
-  // The dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as DatasetService
-  // says. Does not block.
+  // Returns the dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as
+  // DatasetService says. Does not block.
   absl::StatusOr<DatasetState> Find(const std::string& name) const;
-  // A call to the agent failed: it is asked again before the next frame.
+  // Reports that a call to the agent failed. The agent is asked again before the next frame.
   void ReportFailure(const std::string& address);
 
   // By address.
@@ -77,32 +77,32 @@ class AgentRegistry {
   // By name.
   [[nodiscard]] std::map<std::string, DatasetState> datasets() const;
 
-  // As CoordinatorServer::WaitUntilReady.
+  // Does what CoordinatorServer::WaitUntilReady does.
   absl::Status WaitUntilReady(absl::Time deadline);
 
  private:
-  // An agent, and how it came to be known.
+  // An agent, and the endpoint that named it.
   struct Member {
     AgentState state;
     std::size_t endpoint_index = 0;
-    bool is_listed = true;    // the name still stands for this address
-    bool is_suspect = false;  // failed since it was last asked
+    bool is_listed = true;    // its endpoint's name still has this address
+    bool is_suspect = false;  // a call failed since it was last asked
     bool has_fixed_channel = false;
-    bool is_name = false;  // that could not be resolved: nobody to ask
+    bool is_name = false;  // a name without known addresses: there is nobody to ask
   };
   using Members = std::map<std::string, Member>;  // by address
 
   explicit AgentRegistry(AgentRegistryOptions options);
   void Run();
   void Probe();
-  // The members of now, and those that the endpoints stand for. Blocks on the resolver.
+  // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
   Members ResolveMembers(Members members) const;
   void AskMembers(Members* members) const;
   void AdoptMembers(Members members) ABSL_LOCKS_EXCLUDED(mutex_);
   void LogMembers(const Members& members) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   void LogDatasets(const std::map<std::string, DatasetState>& datasets) const
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Asks for a probe that begins after now. Waits for its end, until `deadline`, until
+  // Requests a probe that begins after now. Waits for its end, until `deadline`, until
   // `cancellation` fires, or until the registry stops.
   void ProbeNow(absl::Time deadline, const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_);
@@ -110,13 +110,13 @@ class AgentRegistry {
   const AgentRegistryOptions options_;
   base::Cancellation stopping_;
   mutable base::Mutex mutex_;
-  base::CondVar changed_;  // a number of a probe, or it stops
+  base::CondVar changed_;  // a probe number below has changed, or the registry stops
   Members members_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, DatasetState> datasets_ ABSL_GUARDED_BY(mutex_);
   std::string unreachable_ ABSL_GUARDED_BY(mutex_);  // DescribeUnreachable of the members
   bool is_any_complete_ ABSL_GUARDED_BY(mutex_) = false;
-  // Probes are numbered from 1 on. Who needs one that begins after now wants the number after the
-  // last one begun, and waits until it has ended.
+  // Probes are numbered from 1 on. A thread that needs a probe that begins after now wants the
+  // number after started_probe_, and waits until finished_probe_ has reached it.
   std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;
   std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;
   std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;

@@ -11,8 +11,7 @@
 namespace isoscope::server {
 namespace {
 
-// What is wrong with an agent that answers: the error of a dataset it serves that contradicts
-// others.
+// Returns the error of an agent that answers: that of one of its datasets that contradicts others.
 std::string Complaint(const AgentState& agent,
                       const std::map<std::string, DatasetState>& datasets) {
   std::set<std::string> complaints;

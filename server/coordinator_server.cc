@@ -34,8 +34,8 @@ isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOpti
   return capabilities;
 }
 
-// Sets health as datasets become complete and as the server stops. Thread-safe; it begins when both
-// the server and the registry's first answer are there, in any order.
+// Reports health when datasets become complete and when the server stops. It begins once it has
+// both the server and the registry's first answer, in any order. Thread-safe.
 class HealthReporter {
  public:
   void SetReady(bool is_ready) {
@@ -43,7 +43,7 @@ class HealthReporter {
     is_ready_ = is_ready;
     Report();
   }
-  // Null when the server stops: then nothing is serving.
+  // Null when the server stops. Then nothing is serving.
   void SetServer(grpc::Server* server) {
     base::MutexLock lock(&mutex_);
     if (server == nullptr && server_ != nullptr) {

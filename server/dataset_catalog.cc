@@ -17,7 +17,7 @@ namespace {
 
 namespace v1 = isoscope::internal::v1;
 
-// How many shards a message names before it says "...".
+// A message names this many shards, and then says "...".
 constexpr std::size_t kMaxNamedShards = 16;
 
 std::string Identity(const v1::ShardDescription& shard) {
@@ -26,7 +26,7 @@ std::string Identity(const v1::ShardDescription& shard) {
                          shard.manifest_crc32c(), shard.range_table_crc32c());
 }
 
-// The first thing that is wrong with what an agent said.
+// Returns the first error in an agent's answer.
 absl::Status Validate(const v1::DescribeShardsResponse& response) {
   for (int i = 0; i < response.shards_size(); ++i) {
     const v1::ShardDescription& shard = response.shards(i);
@@ -51,7 +51,7 @@ std::string JoinShards(const std::vector<int>& shards) {
       ", ... (", shards.size(), " in all)");
 }
 
-// One dataset while the agents are gone through.
+// One dataset, while DatasetsOf goes through the agents.
 struct Draft {
   const v1::ShardDescription* reference = nullptr;
   std::string reference_address;
@@ -62,7 +62,7 @@ struct Draft {
 
 void AddToDraft(const AgentState& agent, const v1::ShardDescription& shard, Draft* draft) {
   const bool is_served = agent.status.ok();
-  // An agent that answers decides. One that was lost only tells that there is such a dataset.
+  // An agent that answers is the reference. A lost agent only shows that there is such a dataset.
   if (draft->reference == nullptr || (is_served && !draft->is_reference_served)) {
     draft->reference = &shard;
     draft->reference_address = agent.address;
@@ -82,7 +82,7 @@ void AddToDraft(const AgentState& agent, const v1::ShardDescription& shard, Draf
   draft->owners.emplace(shard.shard_index(), &agent);
 }
 
-// All that work on a dataset must draw the same pixels.
+// Checks that all agents of a dataset draw the same pixels.
 absl::Status CheckRevisions(const std::string& name, const Draft& draft) {
   const AgentState& first = *draft.owners.begin()->second;
   for (const auto& [shard, owner] : draft.owners) {
@@ -126,7 +126,7 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
     return state;
   }
   state.picture_revision = draft.owners.begin()->second->picture_revision;
-  // The owners in order of their first shards: the order of agents does not depend on addresses.
+  // Owners are in the order of their first shards, so their order does not depend on addresses.
   std::map<const AgentState*, std::size_t> agent_index_of;
   for (const auto& [shard, owner] : draft.owners) {
     const auto [entry, is_new] = agent_index_of.emplace(owner, state.agents.size());

@@ -1,5 +1,5 @@
-// The datasets that agents make together: who serves which shards, whether all shards of a dataset
-// are there, whether agents contradict each other, and the sentences that say so. Pure functions.
+// The datasets that agents make together: the agent of each shard, missing shards, agents that
+// contradict each other, and the messages about these. Pure functions.
 //
 // A dataset has a name. Agents whose shards bear the same name must agree on its identity: id,
 // number of shards, checksums of manifest and range table. For each name, the first reachable agent
@@ -30,19 +30,19 @@ namespace isoscope::server {
 struct AgentState {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
-  // OK: it answered. Else why it did not; or what is wrong with what it said.
+  // OK if it answered. Otherwise the reason why it did not, or the error in its answer.
   absl::Status status = absl::UnavailableError("not asked yet");
   std::string version;
   std::string renderer;
   frame::PictureRevision picture_revision;
-  // What it serves; of an agent that does not answer: what it served when it last did.
+  // The shards of its last answer, even if it does not answer any more.
   std::vector<isoscope::internal::v1::ShardDescription> shards;
 };
 
 // One dataset of the cluster.
 struct DatasetState {
   isoscope::v1::Dataset dataset;  // with missing_shards
-  // OK: frames can be rendered. FAILED_PRECONDITION: says what is missing or contradictory.
+  // OK if frames can be rendered. FAILED_PRECONDITION names the missing or contradicting part.
   absl::Status status;
   // Each shard once, in order of the agents' first shards. Only if `status` is OK.
   std::vector<AgentAssignment> agents;
@@ -50,18 +50,18 @@ struct DatasetState {
   bool is_served = false;                   // at least one shard is
 };
 
-// Takes an agent's answer, or the error instead of one, into its state.
+// Puts an agent's answer, or the error instead of one, into its state.
 void AdoptAnswer(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer,
                  AgentState* agent);
 
-// By name. `agents`: by address.
+// Returns the datasets by name. `agents`: in ascending order of address.
 std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents);
 
-// "agents that can't be reached: a:1 (why), b:1 (why)"; empty if all can.
+// Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached.
 std::string DescribeUnreachable(const std::vector<AgentState>& agents);
 
-// The dataset of that name ("": the only one). NOT_FOUND, INVALID_ARGUMENT and FAILED_PRECONDITION
-// as DatasetService says, with the names that there are and with `unreachable`.
+// Finds the dataset of that name ("": the only one). NOT_FOUND, INVALID_ARGUMENT, or
+// FAILED_PRECONDITION as DatasetService says, with the names of all datasets and `unreachable`.
 absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
                                          const std::string& name, const std::string& unreachable);
 

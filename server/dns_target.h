@@ -1,5 +1,5 @@
-// Targets of agents that are names in the DNS: "dns:///NAME:PORT" stands for an agent at every
-// address behind the name. gRPC would pick one of the addresses, so they are resolved here.
+// Agent targets that are names in the DNS. "dns:///NAME:PORT" stands for an agent at every address
+// of the name. gRPC would use only one of the addresses, so this file resolves them.
 
 #ifndef ISOSCOPE_SERVER_DNS_TARGET_H_
 #define ISOSCOPE_SERVER_DNS_TARGET_H_
@@ -18,11 +18,11 @@ struct DnsName {
   std::string port;
 };
 
-// The name behind "dns:///host:port"; none for a target of another scheme, which gRPC dials as it
-// is. INVALID_ARGUMENT: an empty target, or a malformed name.
+// Returns the name in "dns:///host:port". Returns none for a target of another scheme, which gRPC
+// dials as it is. INVALID_ARGUMENT: an empty target, or a malformed name.
 absl::StatusOr<std::optional<DnsName>> ParseDnsTarget(absl::string_view target);
 
-// All addresses behind a name, as gRPC dials them, ascending. UNAVAILABLE. Blocks.
+// Returns all addresses of a name, as gRPC dials them, ascending. UNAVAILABLE if it fails. Blocks.
 absl::StatusOr<std::vector<std::string>> ResolveAddresses(const DnsName& name);
 
 }  // namespace isoscope::server

@@ -1,22 +1,20 @@
-// A frame runs on one thread, which waits for what the agents say. Each agent is at a stage; a step
-// of the frame begins when the last agent has reached it.
+// A frame runs on one thread, which waits for the events of the agents. Each agent is at a stage. A
+// step of the frame begins when the last agent has reached its stage.
 //
-//   event            allowed at          then                       when all agents are there
-//   ray hits         kSelectingOccluders kRenderingOccluders        union of the hits; each agent
-//   is
-//                                                                   sent its occluding blocks
-//   pixels           kRenderingOccluders the arena composites them  -
-//                    kRenderingVisible
-//   occluders done   kRenderingOccluders kRenderingVisible          occlusion map; each agent is
-//   sent
-//                                                                   its blocks that are not hidden
-//   frame done       kRenderingVisible   kDone                      -
-//   end, OK          kDone               kEnded                     the frame is complete
-//   end, error       any                 the frame fails
+//   event           allowed at           then                 when all agents are there
+//   ray hits        kSelectingOccluders  kRenderingOccluders  union of the hits; each agent gets
+//                                                             its occluding blocks
+//   pixels          kRenderingOccluders  the arena            -
+//                   kRenderingVisible    composites them
+//   occluders done  kRenderingOccluders  kRenderingVisible    occlusion map; each agent gets its
+//                                                             blocks that are not hidden
+//   frame done      kRenderingVisible    kDone                -
+//   end, OK         kDone                kEnded               the frame is complete
+//   end, error      any                  the frame fails
 //
-// Any other event is an agent that does not keep to the protocol: INTERNAL. With Culling::kNone
-// agents begin at kRenderingVisible. A frame that fails cancels all agents and waits until their
-// streams have ended, so that nobody works for it any more when RunFrame returns.
+// Any other event breaks the protocol: INTERNAL. With Culling::kNone agents begin at
+// kRenderingVisible. A frame that fails cancels all agents and waits until their streams have
+// ended, so that nobody works for it when RunFrame returns.
 
 #include "server/frame_coordinator.h"
 
@@ -48,7 +46,7 @@
 namespace isoscope::server {
 namespace {
 
-// Blocks that one task tests: some hundred microseconds.
+// One task tests this many blocks, in some hundred microseconds.
 constexpr std::size_t kBlocksPerTask = 512;
 
 struct RayHits {
@@ -59,7 +57,7 @@ struct Pixels {
   std::vector<std::string> bands;
 };
 struct OccludersDone {};
-struct PixelsDamaged {};  // said by the thread that decoded them
+struct PixelsDamaged {};  // from the thread that decoded them
 struct FrameDone {
   frame::AgentStatistics statistics;
 };
@@ -73,7 +71,7 @@ struct Event {
   std::variant<RayHits, Pixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
 };
 
-// What the agents say, in order of arrival. Thread-safe.
+// The events of the agents, in order of arrival. Thread-safe.
 class EventQueue {
  public:
   void Push(Event event) ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -82,7 +80,8 @@ class EventQueue {
     arrived_.Signal();
   }
 
-  // All events that have come, at least one; the cancellation's error if it fires first.
+  // Waits for an event and returns all that have come. Returns the cancellation's error if it fires
+  // first.
   absl::StatusOr<std::deque<Event>> PopAll(const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     std::deque<Event> events;
@@ -235,7 +234,7 @@ class Frame {
     return absl::OkStatus();
   }
 
-  // Lets the arena composite the bands, while others come.
+  // Lets the arena composite the bands while others arrive.
   absl::Status HandlePixels(std::size_t agent_index, std::vector<std::string> bands) {
     const Agent& agent = agents_[agent_index];
     if (!IsAt(agent, FrameStage::kRenderingOccluders) &&
@@ -264,7 +263,7 @@ class Frame {
     }
   }
 
-  // Returns once all bands that came are in the image.
+  // Returns once all bands that have arrived are in the image.
   absl::Status FinishCompositing() ABSL_LOCKS_EXCLUDED(damage_mutex_) {
     setup_.arena->execute([&] { compositing_.wait(); });
     absl::Status damage;
@@ -329,7 +328,7 @@ class Frame {
     });
   }
 
-  // What each agent draws in one step.
+  // The part of one agent in a step: the blocks that it draws.
   struct AgentPart {
     std::vector<volume::BlockId> blocks;
     std::vector<image::PixelMask> open;  // the pixels that each could win; or none
@@ -411,18 +410,20 @@ class Frame {
     }
   }
 
-  // True if every agent is at `stage` or further.
+  // Returns true if every agent is at `stage` or farther.
   [[nodiscard]] bool AllAt(FrameStage stage) const {
     return std::all_of(agents_.begin(), agents_.end(),
                        [stage](const Agent& agent) { return agent.stage >= stage; });
   }
 
-  // True if `agent` is at `stage` and was asked for it: the step begins once all agents are there.
+  // Returns true if `agent` is at `stage` and was asked for it. A step begins once all agents are
+  // there.
   [[nodiscard]] bool IsAt(const Agent& agent, FrameStage stage) const {
     return agent.stage == stage && AllAt(stage);
   }
 
-  // The last phase ends when the last agent's last word came; what follows is compositing.
+  // Notes the time since the last phase ended. The last phase ends with the last agent's last
+  // event; compositing follows.
   void EndPhase(absl::Duration* duration) {
     const absl::Time now =
         duration == &result_.visibility_culling_duration ? last_arrival_ : absl::Now();
@@ -430,7 +431,7 @@ class Frame {
     phase_start_ = std::max(now, phase_start_);
   }
 
-  // Notes who is to blame, and ends the frame.
+  // Notes the agent that failed, and ends the frame.
   absl::Status Fail(std::size_t agent_index, absl::Status status) {
     const Agent& agent = agents_[agent_index];
     failures_.push_back({.agent_index = agent_index,
@@ -445,7 +446,7 @@ class Frame {
                                  "sent %s out of order; its version may differ", what)));
   }
 
-  // The agents that the frame waits for are those at the earliest stage.
+  // Returns the error of a passed deadline. The frame waits for the agents at the earliest stage.
   absl::Status DeadlineError() {
     FrameStage slowest = FrameStage::kEnded;
     for (const Agent& agent : agents_) {
@@ -478,7 +479,7 @@ class Frame {
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
   composite::RowLocks row_locks_;  // of its image
-  // Decodes bands into the image while others come.
+  // Decodes bands into the image while others arrive.
   tbb::task_group compositing_;
   base::Mutex damage_mutex_;
   absl::Status damage_ ABSL_GUARDED_BY(damage_mutex_);  // the first one

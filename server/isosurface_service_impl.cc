@@ -1,3 +1,23 @@
+// A frame (RenderCall):
+//
+// 1. Start, on gRPC's thread, converts the request. An error that no state of the cluster could
+//    change is answered at once. Then it counts the frame, refuses it if too many are in work or
+//    wait, and queues Run.
+// 2. Run, on a frame thread, finds the dataset, which may wait for a probe of the agents, and then
+//    makes camera, view and layout.
+// 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
+//    are active, agents need not report them; otherwise their report goes into the cache.
+// 4. The picture becomes a PNG, in the arena. The frame gives its place to another one before the
+//    client gets the answer, so that the client's next request finds it free.
+//
+// The frame ends a tenth of the client's time, at most 200 ms, before the client's deadline, so
+// that the client still hears which agent is late.
+//
+// An export (ExportCall) opens a stream to each agent and lets ExportSurface merge them, on an
+// export thread. Its chunks wait in outgoing_. When 4 MiB wait for a slow client, the merge waits,
+// and gRPC's flow control then stops the agents. OnCancel cancels the streams, which wakes the
+// merge.
+
 #include "server/isosurface_service_impl.h"
 
 #include <algorithm>
@@ -36,18 +56,18 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// Chunks of a mesh that wait for a slow client before the merge waits too.
+// If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
-// Active blocks of some isovalues: 4 bytes a block.
+// Room for the active blocks of some isovalues, 4 bytes a block.
 constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
-// Images that no frame uses: four of 2048 x 2048 pixels.
+// Room for images that no frame uses: four of 2048 x 2048 pixels.
 constexpr std::size_t kMaxUnusedImageBytes = 192 * base::kMiB;
 
-// When a frame that began at `start` must end so that its client still hears which agent is late: a
-// client whose own clock runs out first knows nothing but that.
+// Returns when a frame that began at `start` must end so that its client still hears which agent is
+// late. A client whose own clock runs out first learns nothing.
 absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
   constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
-  constexpr int kMarginShare = 10;                                // of what the client allows
+  constexpr int kMarginShare = 10;                                // of the client's time
   const absl::Duration margin = std::min((client_deadline - start) / kMarginShare, kMaxMargin);
   return client_deadline - std::max(margin, absl::ZeroDuration());
 }
@@ -60,7 +80,7 @@ absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& datase
 
 }  // namespace
 
-// One frame. It owns itself until gRPC is done with it; the thread that renders shares it.
+// One frame. It owns itself until gRPC is done with it. The thread that renders shares it.
 class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor {
  public:
   static RenderCall* Start(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
@@ -68,7 +88,7 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                            isoscope::v1::RenderIsosurfaceResponse* response) {
     std::shared_ptr<RenderCall> call(new RenderCall(service, context, request, response));
     call->self_ = call;
-    // What can't be right whatever the cluster holds never waits.
+    // A request that can't be right in any state of the cluster does not wait.
     absl::StatusOr<frame::FrameSpec> spec = rpc::FrameSpecFromProto(*request);
     if (!spec.ok()) {
       call->Finish(rpc::ToGrpcStatus(spec.status()));
@@ -125,7 +145,7 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                                         {"duration_ms", duration},
                                         {"status", status}});
     }
-    Leave();  // before the client hears of it: its next request finds the place free
+    Leave();  // before the client gets its answer: its next request finds the place free
     Finish(rpc::ToGrpcStatus(status));
   }
 
@@ -136,7 +156,7 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     }
   }
 
-  // Leaves the picture in `image`.
+  // Renders the frame into `image` and fills the response.
   absl::Status Render(std::int64_t frame_number, image::FrameImage* image) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
@@ -327,7 +347,7 @@ class IsosurfaceServiceImpl::ExportCall final
     return status;
   }
 
-  // Lets OnCancel reach the streams, as long as they live.
+  // Lets OnCancel reach the streams while they live.
   void ShareStreams(const std::vector<std::unique_ptr<SurfaceStream>>& streams) {
     const base::MutexLock lock(&streams_mutex_);
     streams_.clear();
@@ -369,11 +389,11 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
       images_(image::FrameImagePool::Make(kMaxUnusedImageBytes)),
       frame_executor_(
           static_cast<std::size_t>(options.max_concurrent_frames),
-          // frame_count_ bounds the frames; each of them fits.
+          // frame_count_ bounds the frames, so each of them fits.
           static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
   if (options.expected_viewport) {
-    // One is still being cleared when the next frame begins.
+    // Two, because one may still be cleared when the next frame begins.
     for (int i = 0; i < 2; ++i) {
       images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
     }

@@ -1,4 +1,4 @@
-// What a frame took, as clients see it.
+// The cost of a frame, as clients see it.
 
 #ifndef ISOSCOPE_SERVER_RENDER_STATISTICS_H_
 #define ISOSCOPE_SERVER_RENDER_STATISTICS_H_
@@ -8,7 +8,7 @@
 
 namespace isoscope::server {
 
-// Sums over agents, and what the coordinator measured; without the PNG's size and time.
+// Returns sums over agents and the coordinator's own times, without size and time of the PNG.
 isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result);
 
 }  // namespace isoscope::server

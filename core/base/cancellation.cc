@@ -41,7 +41,7 @@ Cancellation::Callback::Callback(const Cancellation& cancellation,
                                  absl::AnyInvocable<void()> function)
     : cancellation_(cancellation), function_(std::move(function)) {
   {
-    // The flag is set under the lock: Cancel() either finds this callback, or is seen here.
+    // Cancel() sets the flag under the lock. So it either finds this callback, or has set the flag.
     MutexLock lock(&cancellation_.mutex_);
     if (!cancellation_.is_cancelled()) {
       cancellation_.callbacks_.push_back(this);
@@ -77,7 +77,8 @@ absl::Status AwaitOrCancelled(const Cancellation& cancellation, Mutex* mutex, Co
     }
   }
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  // With the lock: a thread that has just seen the flag unset is not yet waiting.
+  // The callback signals under the lock, because a thread that has just seen the flag unset may not
+  // wait yet.
   const Cancellation::Callback wake(cancellation, [mutex, changed] {
     MutexLock lock(mutex);
     changed->SignalAll();

@@ -16,7 +16,7 @@
 
 namespace isoscope::base {
 
-// Thread-safe. The destructor runs what is queued, then joins the threads.
+// Thread-safe. The destructor runs the queued tasks, then joins the threads.
 class Executor {
  public:
   using Task = absl::AnyInvocable<void() &&>;
@@ -37,7 +37,7 @@ class Executor {
 
   const std::size_t max_queued_;
   Mutex mutex_;
-  CondVar changed_;  // something was queued, or it stops
+  CondVar changed_;  // a task was queued, or the executor stops
   std::deque<Task> queue_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;

@@ -18,7 +18,7 @@ class FirstError {
  public:
   // Cheap: for tasks that stop once another has failed.
   [[nodiscard]] bool has_error() const { return has_error_.load(std::memory_order_relaxed); }
-  // Nothing, if `status` is OK or not the first error.
+  // Keeps `status` if it is the first error.
   void Set(absl::Status status) {
     if (status.ok()) {
       return;

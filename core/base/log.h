@@ -47,10 +47,10 @@ inline void LogError(absl::string_view event, std::initializer_list<LogField> fi
   Log(LogLevel::kError, event, fields);
 }
 
-// `event key=value ...` as Log writes it after time and level.
+// Returns `event key=value ...`, which Log writes after time and level.
 std::string FormatLogLine(absl::string_view event, std::initializer_list<LogField> fields);
 
-// "12.3": a duration as a field in milliseconds.
+// Returns a duration in milliseconds, as a field: "12.3".
 std::string LogMilliseconds(absl::Duration duration);
 
 }  // namespace isoscope::base

@@ -12,7 +12,7 @@ absl::StatusOr<MemoryBudget::Reservation> MemoryBudget::Reserve(std::size_t byte
     return absl::ResourceExhaustedError(absl::StrCat(bytes, " bytes are needed and at most ",
                                                      capacity_bytes_, " may be used for it"));
   }
-  // Also where there is room: who was cancelled gets nothing.
+  // A cancelled caller gets nothing, even where there is room.
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
   ISOSCOPE_RETURN_IF_ERROR(AwaitOrCancelled(cancellation, &mutex_, &freed_,
                                             [this, bytes]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -28,7 +28,7 @@ absl::StatusOr<MemoryBudget::Reservation> MemoryBudget::Reserve(std::size_t byte
 void MemoryBudget::Release(std::size_t bytes) {
   MutexLock lock(&mutex_);
   free_bytes_ += bytes;
-  freed_.SignalAll();  // they wait for different numbers of bytes
+  freed_.SignalAll();  // threads wait for different numbers of bytes
 }
 
 }  // namespace isoscope::base

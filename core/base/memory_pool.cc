@@ -38,7 +38,7 @@ void MemoryPool::Populate(std::size_t bytes) {
     MutexLock lock(&mutex_);
     AddRegion();
     char* const region = regions_.back();
-    // Chunks are taken from its beginning on.
+    // Chunks are taken from the beginning of the region on.
     const std::size_t end = std::min(kRegionBytes, bytes - done);
     for (std::size_t offset = 0; offset < end; offset += kPageBytes) {
       static_cast<volatile char*>(region)[offset] = 0;

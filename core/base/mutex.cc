@@ -7,13 +7,13 @@
 namespace isoscope::base {
 namespace {
 
-// A deadline that is farther away than this is waited for in parts, so that no library and no
-// kernel has to do sums with it.
+// A wait for a deadline that is farther away than this goes in parts, so that neither a library nor
+// the kernel computes with large times.
 constexpr absl::Duration kMaxWait = absl::Hours(24);
 
 }  // namespace
 
-// Neither function locks or unlocks as the analysis sees it.
+// The analysis does not see that the functions below release and take the mutex.
 void CondVar::Wait(Mutex* mutex) ABSL_NO_THREAD_SAFETY_ANALYSIS {
   std::unique_lock<std::mutex> lock(mutex->mutex_, std::adopt_lock);
   condition_.wait(lock);
@@ -30,7 +30,7 @@ bool CondVar::WaitUntil(Mutex* mutex, absl::Time deadline) ABSL_NO_THREAD_SAFETY
     return false;
   }
   std::unique_lock<std::mutex> lock(mutex->mutex_, std::adopt_lock);
-  // By the system's clock, as absl::Time counts.
+  // The system's clock counts, as for absl::Time.
   condition_.wait_until(lock, absl::ToChronoTime(std::min(deadline, now + kMaxWait)));
   lock.release();
   return absl::Now() < deadline;

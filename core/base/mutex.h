@@ -1,10 +1,10 @@
 // Locks and a condition variable: the standard library's, with the annotations that clang's lock
 // checker (-Wthread-safety) reads.
 //
-// The standard library's and not abseil's, because ThreadSanitizer understands the calls of pthread
-// below them. Debian's abseil is not built for it, so it takes whatever an absl::Mutex orders for a
-// race. What absl::Mutex does by itself is done by hand here: who changes what a predicate looks at
-// must signal.
+// They are not abseil's, because ThreadSanitizer understands only the calls of pthread below the
+// standard library's. Debian's abseil is not built for it, so it reports a race for everything that
+// an absl::Mutex orders. In contrast to absl::Mutex, code that makes a predicate true must signal
+// by hand.
 //
 //   void Put(Item item) {
 //     base::MutexLock lock(&mutex_);
@@ -19,7 +19,7 @@
 //     ...
 //   }
 //
-// A wait that a cancellation ends: AwaitOrCancelled in cancellation.h.
+// AwaitOrCancelled in cancellation.h waits until a cancellation fires, too.
 
 #ifndef ISOSCOPE_CORE_BASE_MUTEX_H_
 #define ISOSCOPE_CORE_BASE_MUTEX_H_
@@ -50,7 +50,7 @@ class ABSL_LOCKABLE Mutex {
   std::mutex mutex_;
 };
 
-// Many readers or one writer. Not recursive; nobody may turn a reader's lock into a writer's.
+// Many readers or one writer. Not recursive. A reader's lock can't become a writer's.
 class ABSL_LOCKABLE SharedMutex {
  public:
   SharedMutex() = default;
@@ -125,28 +125,28 @@ class ABSL_SCOPED_LOCKABLE WriterMutexLock {
   SharedMutex* const mutex_;
 };
 
-// Signals may be given with or without the mutex. All who wait at one time name the same mutex.
+// A thread may signal with or without the mutex. All that wait at one time pass the same mutex.
 //
 // Predicates are called with the mutex held, before the first wait and after each. They may change
-// what the mutex guards.
+// anything that the mutex guards.
 class CondVar {
  public:
   CondVar() = default;
   CondVar(const CondVar&) = delete;
   CondVar& operator=(const CondVar&) = delete;
 
-  // Wakes one that waits. Whoever it is must be able to use what changed: if those who wait do not
-  // all wait for the same, SignalAll.
+  // Wakes one waiting thread. Any of them must be able to use the change. If they wait for
+  // different things, call SignalAll.
   void Signal() { condition_.notify_one(); }
   void SignalAll() { condition_.notify_all(); }
 
-  // Waits for a signal, without the mutex meanwhile. May return without one.
+  // Releases the mutex, waits for a signal, and takes it again. May return without a signal.
   void Wait(Mutex* mutex) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex);
-  // The same, but not after `deadline`; absl::InfiniteFuture() is none. False once `deadline` has
-  // passed. May return true without a signal.
+  // Does the same, but not after `deadline`, which may be absl::InfiniteFuture(). Returns false
+  // once `deadline` has passed. May return true without a signal.
   bool WaitUntil(Mutex* mutex, absl::Time deadline) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex);
 
-  // The analysis cannot know that the predicate's lock is `mutex`.
+  // The analysis can't know that the predicate's lock is `mutex`.
   template <typename Predicate>
   void Await(Mutex* mutex, Predicate predicate)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex) ABSL_NO_THREAD_SAFETY_ANALYSIS {
@@ -154,7 +154,7 @@ class CondVar {
       Wait(mutex);
     }
   }
-  // Whether the predicate was true at last. It is called at least once, whatever `deadline` is.
+  // Returns the last result of the predicate, which is called at least once for any `deadline`.
   template <typename Predicate>
   bool AwaitUntil(Mutex* mutex, absl::Time deadline, Predicate predicate)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex) ABSL_NO_THREAD_SAFETY_ANALYSIS {

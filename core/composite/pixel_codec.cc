@@ -17,18 +17,19 @@
 namespace isoscope::composite {
 namespace {
 
-// Of a tile: coverage, dictionary size.
+// The most bytes that a tile takes besides its pixels: coverage and dictionary size.
 constexpr std::size_t kMaxTileOverhead = 2 * kTilePx + 1;
-// If each pixel has a block of its own: block id, label, control byte, extra bits.
+// The most bytes that a pixel takes, if each has an owner of its own: owner, label, control byte,
+// extra bits of depth and colour.
 constexpr std::size_t kMaxPixelBytes = 4 + 1 + 1 + 4 + 4;
-// Header, palette, and what Zstandard adds to bytes that it can't make less of.
+// Room for header, palette, and the bytes that Zstandard adds where it can't compress.
 constexpr std::size_t kMaxFixedBytes = std::size_t{1} << 15;
-// One row of tiles of the widest image, with its bits of presence, must fit into a band.
+// The columns of the widest image. One of its rows of tiles must fit into a band.
 constexpr std::size_t kMaxColumns = 16384 / kTilePx;
 static_assert((kMaxTileOverhead + kTilePixels * kMaxPixelBytes) * kMaxColumns + kMaxColumns / 8 +
                   kMaxFixedBytes <
               kMaxBandBytes);
-// Fewer do not pay for a band of their own; more bands than wanted do not keep more cores busy.
+// Fewer pixels are not worth a band of their own. More bands do not keep more cores busy.
 constexpr std::size_t kMinBandPixels = std::size_t{1} << 14;
 constexpr std::size_t kBandsWanted = 16;
 
@@ -45,8 +46,8 @@ TileRow FindCovered(const image::FrameImage& image, int tile_y) {
   return row;
 }
 
-// The bands of an image: none without a covered pixel, and not more than it needs, as each has a
-// header, a palette and a Zstandard frame of its own.
+// Cuts the rows of an image into bands. An image without covered pixels has none. There are no more
+// bands than pay, because each has a header, a palette and a Zstandard frame.
 std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t row_bytes) {
   std::size_t pixels_in_all = 0;
   for (const TileRow& row : rows) {
@@ -79,7 +80,7 @@ std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t
   return bands;
 }
 
-// The covered pixels of one tile.
+// Composites the covered pixels of one tile.
 void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
                    const image::Rgba8* color, const image::FragmentOrder& order,
                    image::FrameImage* into) {

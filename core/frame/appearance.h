@@ -1,4 +1,4 @@
-// How a surface looks.
+// The look of a surface.
 
 #ifndef ISOSCOPE_CORE_FRAME_APPEARANCE_H_
 #define ISOSCOPE_CORE_FRAME_APPEARANCE_H_

@@ -1,5 +1,5 @@
-// A frame as it was asked for, in core types: what rpc::FrameSpecFromProto makes of a request, and
-// what coordinator and agents derive everything else from. A new parameter of a frame becomes a
+// A request for a frame, in core types. rpc::FrameSpecFromProto makes it from the message, and the
+// coordinator and the agents derive everything else from it. A new parameter of a frame becomes a
 // member here.
 
 #ifndef ISOSCOPE_CORE_FRAME_FRAME_SPEC_H_
@@ -30,9 +30,9 @@ struct Surface {
 inline constexpr std::size_t kMaxSurfaces = 16;
 
 struct FrameSpec {
-  // 1 to kMaxSurfaces. Of fragments of equal depth the earlier surface's shows.
+  // 1 to kMaxSurfaces. Of fragments of equal depth, the one of the earlier surface shows.
   std::vector<Surface> surfaces;
-  // None: the default camera of the dataset. The coordinator resolves it before agents see it.
+  // Not set: the default camera of the dataset. The coordinator sets it before agents see it.
   std::optional<view::Camera> camera;
   view::Viewport viewport;
   Culling culling = Culling::kDepth;
@@ -42,11 +42,11 @@ struct FrameSpec {
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
 
-// The isovalues of its surfaces, in their order.
+// Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);
 
-// INVALID_ARGUMENT if `surface_count` surfaces of a volume of `block_count` blocks have more owners
-// of fragments than there are numbers for (image::FragmentOrder).
+// INVALID_ARGUMENT if the owners of fragments of `surface_count` surfaces, in a volume of
+// `block_count` blocks, do not fit into 32 bits (image::FragmentOrder).
 absl::Status CheckOwners(std::size_t surface_count, std::int64_t block_count);
 
 }  // namespace isoscope::frame

@@ -1,5 +1,5 @@
-// What decides the pixels that an agent draws, beside the request and the samples. A frame uses
-// agents of one revision: pictures of two revisions may differ.
+// The code, back end and driver that decide an agent's pixels, beside the request and the samples.
+// A frame uses agents of one revision, because pictures of two revisions may differ.
 
 #ifndef ISOSCOPE_CORE_FRAME_PICTURE_REVISION_H_
 #define ISOSCOPE_CORE_FRAME_PICTURE_REVISION_H_
@@ -20,13 +20,13 @@ enum class BackEnd { kCpu, kEgl };
 struct PictureRevision {
   int number = kPictureRevisionNumber;
   BackEnd back_end = BackEnd::kCpu;
-  // What draws for kEgl: OpenGL's vendor, renderer and version. Empty for kCpu.
+  // The OpenGL that draws for kEgl: vendor, renderer and version. Empty for kCpu.
   std::string driver;
 
   friend bool operator==(const PictureRevision&, const PictureRevision&) = default;
 };
 
-// "2 cpu", "2 egl (llvmpipe ..., OpenGL 4.5 ...)": for messages and logs.
+// Returns "2 cpu", "2 egl (llvmpipe ..., OpenGL 4.5 ...)", for messages and logs.
 std::string ToString(const PictureRevision& revision);
 
 // OpenGL settles fragments of equal depth before their colours can be compared.

@@ -13,7 +13,7 @@ std::size_t SizeBytes(const FrameImage& image) {
          image.covered.capacity() * sizeof(TileMask);
 }
 
-// Makes what is covered background again.
+// Makes the covered pixels background again.
 void Clear(FrameImage* image) {
   for (int row = 0; row < image->touched.rows(); ++row) {
     image->touched.ForEachInRow(row, [&](int column) {
@@ -22,7 +22,7 @@ void Clear(FrameImage* image) {
       TileMask& covered = image->CoveredOf(column, row);
       const int rows = std::min(TileSet::kTilePx, image->height - row * TileSet::kTilePx);
       for (int y = 0; y < rows; ++y) {
-        // The whole row of the tile: stores without branches.
+        // Clears the whole row of the tile, because stores without branches are faster.
         if (covered[static_cast<std::size_t>(y)] != 0) {
           const auto begin =
               static_cast<std::ptrdiff_t>(image->IndexOf(begin_x, row * TileSet::kTilePx + y));

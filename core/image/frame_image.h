@@ -23,12 +23,12 @@ class FrameImagePool;
 // Two planes of width * height elements each, row by row from the top. Thread-compatible.
 //
 // Every pixel outside the tiles of `touched`, and in them outside `covered`, is background in both
-// planes, so that clearing, scanning and encoding cost what was drawn and not what the viewport
-// holds: whoever draws a pixel says so in both.
+// planes. Code that draws a pixel marks it in both. So clearing, scanning and encoding cost as
+// much as was drawn, not as much as the viewport holds.
 class FrameImage {
  public:
   FrameImage() = default;
-  // All background: transparent black, kBackgroundKey; nothing touched.
+  // Makes an image that is all background (transparent black, kBackgroundKey) and touched nowhere.
   FrameImage(int image_width, int image_height);
   ~FrameImage();
   FrameImage(FrameImage&&) noexcept;
@@ -47,12 +47,12 @@ class FrameImage {
     return covered[TileIndex(column, row)];
   }
   [[nodiscard]] TileMask& CoveredOf(int column, int row) { return covered[TileIndex(column, row)]; }
-  // One fragment, and its pixel covered: for tests and sparse writers.
+  // Writes one fragment and marks its pixel as covered. For tests and sparse writers.
   void Set(int x, int y, std::uint64_t key, Rgba8 color);
-  // For whoever writes all pixels.
+  // Marks all pixels as covered, for writers that write all of them.
   void CoverAll();
 
-  // The same picture; what was touched or covered does not count.
+  // Returns true if both are the same picture. Touched tiles and covered pixels do not count.
   friend bool operator==(const FrameImage& a, const FrameImage& b) {
     return a.width == b.width && a.height == b.height && a.keys == b.keys && a.colors == b.colors;
   }
@@ -73,17 +73,17 @@ class FrameImage {
   std::shared_ptr<FrameImagePool> pool_;  // takes the planes back; null: none does
 };
 
-// Keeps the planes of images that are no longer used, cleared, so that a frame neither allocates
+// Clears and keeps the planes of images that are no longer used, so that a frame neither allocates
 // nor touches fresh pages. Thread-safe.
 class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
  public:
   // Keeps at most this many bytes of unused images.
   static std::shared_ptr<FrameImagePool> Make(std::size_t max_bytes);
 
-  // An image that is all background. It goes back when it is destroyed.
+  // Returns an image that is all background. It goes back to the pool when it is destroyed.
   FrameImage Take(int width, int height);
-  // Adds an unused image, its pages touched, for a Take to come; none if that were too much to
-  // keep.
+  // Adds an unused image for a later Take, and touches its pages. Does nothing if the image is too
+  // large to keep.
   void Prepare(int width, int height);
 
  private:

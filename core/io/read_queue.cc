@@ -1,3 +1,25 @@
+// The life of a slot, which is a buffer on its way through the queue:
+//
+//   state      held by               next
+//   free       free_                 Claim: a read is due and the bounds leave room
+//   claimed    the caller of TryTake arrival, if memory had all bytes; else Start
+//   started    started_              the ring's thread, or one of the reading threads, takes it
+//   under way  that thread           its last byte, or its error, has come
+//   arrived    arrived_              TryTake gives it out
+//   arrival    Arrival               ~Arrival releases it: free again
+//
+// A read takes the shortest way that works. TryTake copies the bytes that the system holds in
+// memory. io_uring, or pread on at most kMaxThreads threads, reads the others. If no thread can be
+// made, the caller reads by itself. A short read goes on with its rest; EAGAIN from io_uring
+// falls back to pread.
+//
+// Cold files. Trying memory first is a system call, and reads that start one by one are submitted
+// one by one. After kColdReads misses in a row the files are taken to be cold. With io_uring,
+// FillRing then starts reads without trying memory until the bounds are reached. The next ones wait
+// until a quarter of those slots is free again (MayBegin). One hit ends this.
+//
+// mutex_ guards free_, started_ and arrived_. Nobody holds it while bytes are read.
+
 #include "core/io/read_queue.h"
 
 #include <liburing.h>
@@ -18,12 +40,11 @@
 namespace isoscope::io {
 namespace {
 
-// Threads that block in pread: enough to keep a disk busy with merged reads.
+// The most threads that block in pread. They keep a disk busy with merged reads.
 constexpr std::size_t kMaxThreads = 8;
-// Buffers are of multiples of it, so that runs of similar sizes can share them.
+// Buffer sizes are multiples of this, so that reads of similar sizes can use the same buffers.
 constexpr std::size_t kBufferStepBytes = 64 * static_cast<std::size_t>(base::kKiB);
-// So many reads in a row that were not in memory, and the files are taken to be cold: asking for
-// each costs more than it finds, and one by one they are submitted one by one.
+// After this many reads in a row that were not in memory, the files are taken to be cold.
 constexpr std::size_t kColdReads = 8;
 
 ReadBackend Resolve(ReadBackend backend) {
@@ -46,13 +67,13 @@ struct ReadQueue::Slot {
   std::size_t capacity = 0;
 };
 
-// The ring of one queue, and the event that wakes its thread.
+// The io_uring of one queue, and the event that wakes its thread.
 class ReadQueue::Ring {
  public:
-  // Null where the kernel or its rules refuse.
+  // Returns null where the kernel, or a rule of the container, refuses io_uring.
   static std::unique_ptr<Ring> Make(std::size_t max_requests) {
     std::unique_ptr<Ring> ring(new Ring);
-    // A cancellation for each request, and the event.
+    // There is room for each request, a cancellation of each, and the event.
     const auto entries = static_cast<unsigned>(2 * max_requests + 1);
     if (ring->event_ < 0 || io_uring_queue_init(entries, &ring->uring_, 0) != 0) {
       return nullptr;
@@ -83,7 +104,7 @@ class ReadQueue::Ring {
     ISOSCOPE_CHECK_EQ(write(event_, &one, sizeof(one)), static_cast<ssize_t>(sizeof(one)));
   }
 
-  // Only the ring's thread calls these. What was queued starts with the next SubmitAndWait.
+  // Only the ring's thread calls these. Queued requests start with the next SubmitAndWait.
   void QueueWait() {
     io_uring_sqe* const sqe = NextEntry();
     io_uring_prep_read(sqe, event_, &event_count_, sizeof(event_count_), 0);
@@ -102,7 +123,8 @@ class ReadQueue::Ring {
   }
   [[nodiscard]] bool IsWait(const void* data) const { return data == &event_count_; }
 
-  // Calls visit(data, result) for each that ended: at least one.
+  // Starts the queued requests, waits until at least one has ended, and calls visit(data, result)
+  // for each that has.
   template <typename Visit>
   void SubmitAndWait(Visit visit) {
     int result = 0;
@@ -125,7 +147,7 @@ class ReadQueue::Ring {
 
   io_uring_sqe* NextEntry() {
     io_uring_sqe* sqe = io_uring_get_sqe(&uring_);
-    if (sqe == nullptr) {  // retries of many short reads at once
+    if (sqe == nullptr) {  // many short reads go on at once
       io_uring_submit(&uring_);
       sqe = io_uring_get_sqe(&uring_);
     }
@@ -207,7 +229,7 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
     return nullptr;
   }
   std::unique_ptr<Slot> slot;
-  // The buffer used last is the likeliest to be in the processor's cache.
+  // The buffer that was used last is most likely in the processor's cache.
   const auto fits = std::find_if(
       free_.rbegin(), free_.rend(), [&](const auto& candidate) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
         return candidate->capacity >= capacity && HasRoom(candidate->capacity);
@@ -267,7 +289,7 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
     if (!slot->status.ok() || slot->done == read.size) {
       if (missed_.exchange(0, std::memory_order_relaxed) >= kColdReads) {
         base::MutexLock lock(&mutex_);
-        changed_.SignalAll();  // MayBegin
+        changed_.SignalAll();  // MayBegin may be true now
       }
       return Arrival(this, std::move(slot));
     }
@@ -281,7 +303,7 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
 }
 
 bool ReadQueue::MayBegin() const {
-  // From cold files a quarter of the slots at a time.
+  // Reads of cold files begin a quarter of the slots at a time.
   return next_ < reads_.size() && (missed_.load(std::memory_order_relaxed) < kColdReads ||
                                    ring_ == nullptr || used_count_ <= last_fill_ - last_fill_ / 4);
 }
@@ -417,7 +439,7 @@ void ReadQueue::RunRing() {
                      std::min(read.size - slot->done, options_.max_transfer_bytes),
                      slot->buffer.get() + slot->done, slot);
   };
-  // True if the read ended; else its rest is queued.
+  // Returns true if the read has ended. Otherwise it queues the rest.
   const auto take_result = [&](Slot* slot, int result) {
     const Read& read = reads_[slot->index];
     if (result > 0) {
@@ -425,7 +447,7 @@ void ReadQueue::RunRing() {
     } else if (result == 0) {
       slot->status = FileTooShort(*read.file, read.offset, read.size,
                                   read.offset + static_cast<std::int64_t>(slot->done));
-    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't do it without blocking
+    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't read without blocking
       ReadRest(slot);
       return true;
     } else if (result != -EINTR || is_stopping) {
@@ -444,11 +466,11 @@ void ReadQueue::RunRing() {
       if (ring_->IsWait(data)) {
         ring_->QueueWait();
       } else if (data != nullptr && take_result(static_cast<Slot*>(data), result)) {
-        const auto place =
+        const auto found =
             std::find_if(under_way.begin(), under_way.end(),
                          [&](const auto& candidate) { return candidate.get() == data; });
-        ended.push_back(std::move(*place));
-        under_way.erase(place);
+        ended.push_back(std::move(*found));
+        under_way.erase(found);
       }
     });
     bool stops_now = false;

@@ -7,12 +7,12 @@
 //    depth bits << 32 | primitive id. Of two words of different depth, the smaller one is the
 //    nearer fragment. Merge holds the locks of the 64 x 64 pixel lock tiles that the buffer's
 //    bounds meet, and notes in them which image tiles, and which rows of them, it may have touched.
-// 3. Where two fragments have one depth, their colours decide (docs/numerics.md, "Depth, fragments
-//    and exact culling"). WinsTie shades both at once, with the kernel of step 4: the same bits.
-// 4. Finish goes through the touched rows, gathers the pixels that have a fragment, shades up to
-// 512
-//    at a time, and writes key and colour into the image. It leaves no fragment behind, so that the
-//    buffers can serve the next pass.
+// 3. Where two fragments have one depth, surface and then colour decide (docs/numerics.md, "Depth,
+//    fragments and exact culling"). WinsTie shades both at once, with the kernel of step 4, which
+//    gives the same bits.
+// 4. Finish goes through the touched rows, gathers the pixels that have a fragment, shades at most
+//    512 at a time, and writes key and colour into the image. It leaves no fragment behind, so that
+//    the buffers can serve the next pass.
 //
 // Early shading bounds memory. When the kept meshes exceed their limit, Add shades every pixel that
 // has a fragment and drops the meshes. A shaded pixel keeps its depth and has the primitive id

@@ -16,10 +16,10 @@ namespace isoscope::render {
 // in Finish, or earlier once the kept meshes exceed one of these limits.
 struct CpuRendererOptions {
   std::size_t max_kept_bytes = std::size_t{512} << 20;
-  // Primitive ids; each mesh takes as many as it has triangles, rounded up to a multiple of 64. At
-  // most 2^31.
+  // A mesh takes one primitive id for each triangle, rounded up to a multiple of 64. This limit is
+  // at most 2^31.
   std::uint64_t max_kept_primitives = std::uint64_t{1} << 31;
-  // Of images and buffers that no pass uses.
+  // Bounds images and buffers that no pass uses.
   std::size_t max_unused_bytes = std::size_t{256} << 20;
 };
 

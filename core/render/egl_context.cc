@@ -85,7 +85,7 @@ bool HasClientExtension(absl::string_view extension) {
   return ContainsWord(eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS), extension);
 }
 
-// epoxy aborts the process if a library it needs is missing, so that is asked first.
+// epoxy aborts the process if a library that it needs is missing, so this checks first.
 absl::Status CheckLibraries() {
   if (!epoxy_has_egl()) {
     return absl::FailedPreconditionError("libEGL.so.1 can't be loaded");
@@ -198,7 +198,7 @@ struct EglContextMaker {
     if (display == EGL_NO_DISPLAY) {
       return EglFailure("there is no such display");
     }
-    // Displays belong to the process: eglTerminate would take this one from other contexts, so
+    // Displays belong to the process. eglTerminate would take this one from other contexts, so
     // nobody ever calls it.
     EGLint major = 0;
     EGLint minor = 0;
@@ -218,7 +218,7 @@ struct EglContextMaker {
                                            EGL_CONTEXT_OPENGL_PROFILE_MASK,
                                            EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
                                            EGL_NONE};
-    // Owns what is made from here on, so that a failure below gives it back.
+    // It owns the objects that are made from here on, so that a failure below frees them.
     std::unique_ptr<EglContext> made(new EglContext);
     made->display_ = display;
     made->origin_ = std::string(origin);
@@ -334,7 +334,7 @@ bool EglContext::is_hardware() const { return !IsSoftwareGlRenderer(gl_renderer_
 absl::StatusOr<std::vector<EglDevice>> ListEglDevices() {
   absl::Status error;
   std::vector<EglDevice> listed;
-  // On a thread of its own, so that contexts current on the caller's stay so.
+  // This runs on a thread of its own, so that the caller's current context stays current.
   std::thread([&error, &listed]() {
     error = CheckLibraries();
     if (!error.ok()) {

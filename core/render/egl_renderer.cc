@@ -25,8 +25,8 @@
 namespace isoscope::render {
 namespace {
 
-// What a pass hands to the GL thread. Shared by both, so that neither has to wait for the other
-// when a frame is given up.
+// The work that a pass hands to the GL thread. Both share it, so that neither waits for the other
+// when a frame is abandoned.
 struct Batch {
   Batch(const view::View& batch_view, std::vector<frame::Surface> batch_surfaces,
         const image::FragmentOrder& batch_order, std::vector<DrawItem> batch_items)
@@ -92,8 +92,8 @@ class EglRenderPass : public RenderPass {
     const base::MutexLock drawing_lock(&drawing_mutex_);
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
-    // An empty pass is drawn too if nothing was before: a picture that is too large fails whether
-    // or not a block is on it.
+    // An empty pass draws once, too: a picture that is too large fails whether or not a block is on
+    // it.
     if (!image_.has_value() || HasCollected()) {
       SubmitCollected();
       ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
@@ -122,7 +122,7 @@ class EglRenderPass : public RenderPass {
     {
       const base::MutexLock lock(&mutex_);
       collected_bytes_ += mesh->size_bytes();
-      // The mask is copied: the GL thread may still draw after a pass that was given up is gone.
+      // The mask is copied, because the GL thread may still draw when an abandoned pass is gone.
       collected_.push_back(
           {.mesh = mesh,
            .surface_index = item.surface_index,
@@ -134,13 +134,13 @@ class EglRenderPass : public RenderPass {
     }
     const base::MutexLock drawing_lock(&drawing_mutex_);
     {
-      // Another thread may have drawn it while this one waited for its turn.
+      // Another thread may have drawn the batch while this one waited for its turn.
       const base::MutexLock lock(&mutex_);
       if (collected_bytes_ < batch_bytes_) {
         return absl::OkStatus();
       }
     }
-    // At most one batch is with the GL thread while the next is collected.
+    // The GL thread has at most one batch while the pass collects the next.
     ISOSCOPE_RETURN_IF_ERROR(Absorb(nullptr));
     SubmitCollected();
     return absl::OkStatus();
@@ -172,7 +172,7 @@ class EglRenderPass : public RenderPass {
     });
   }
 
-  // Waits for the batch in flight, if any, and composites it. The error of drawing sticks.
+  // Waits for the batch in flight, if any, and composites it. An error of drawing stays.
   absl::Status Absorb(const base::Cancellation* cancellation)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(drawing_mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(status_);
@@ -207,7 +207,7 @@ class EglRenderPass : public RenderPass {
   GlThread& thread_;
   GlMeshDrawer& drawer_;
 
-  // Held while a batch is exchanged with the GL thread; taken before mutex_.
+  // A thread holds it while it exchanges a batch with the GL thread. It is taken before mutex_.
   base::Mutex drawing_mutex_;
   std::shared_ptr<Batch> in_flight_ ABSL_GUARDED_BY(drawing_mutex_);
   std::optional<image::FrameImage> image_ ABSL_GUARDED_BY(drawing_mutex_);
@@ -246,14 +246,14 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
                                   static_cast<std::size_t>(viewport.height_px) *
                                   (sizeof(std::uint64_t) + sizeof(image::Rgba8));
   if (image_bytes > max_unused_bytes_) {
-    return;  // too large to be kept, maybe to be drawn
+    return;  // too large to keep, maybe too large to draw
   }
   try {
     for (int i = 0; i < pass_count; ++i) {
       images_->Prepare(viewport.width_px, viewport.height_px);
     }
   } catch (const std::bad_alloc&) {
-    return;  // whoever begins a pass is told
+    return;  // BeginPass reports it
   }
   volume::GridGeometry geometry;
   geometry.sample_dims = {2, 2, 2};

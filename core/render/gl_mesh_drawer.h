@@ -1,11 +1,11 @@
-// Draws block meshes with OpenGL into a FrameImage. How the promise of renderer.h is kept:
+// Draws block meshes with OpenGL into a FrameImage. It keeps the promise of renderer.h like this:
 //
 // * A fragment's colour and depth come from its triangle and the view alone: one program, vertex
 //   positions relative to one point of the volume, no blending, dithering or multisampling.
-// * Depth is written by the fragment shader: the interpolated depth, clamped from below to the
-//   block's nearest depth. Fragments outside the block's rectangle or mask are dropped.
+// * The fragment shader writes the interpolated depth, clamped from below to the block's nearest
+//   depth. It drops fragments outside the block's rectangle or mask.
 // * The depth test is GL_LEQUAL, so of equal depths the last drawn stays. Meshes are drawn from the
-//   highest owner (surface, then block) to the lowest and triangles from the last to the first. So
+//   highest owner (surface, then block) to the lowest, and triangles from the last to the first. So
 //   image::TieRule::kOwner decides, and even depth 1 wins over the background.
 
 #ifndef ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
@@ -32,7 +32,7 @@
 
 namespace isoscope::render {
 
-// A mesh, where its block can appear, and outside what its fragments are dropped.
+// A mesh, the pixels that its block can cover, and the pixels that it may still win.
 struct DrawItem {
   std::shared_ptr<const mesh::CompactMesh> mesh;
   std::uint32_t surface_index = 0;
@@ -43,18 +43,18 @@ struct DrawItem {
 // GL thread only.
 class GlMeshDrawer {
  public:
-  // Its pictures come from `images`.
+  // Makes a drawer whose pictures come from `images`.
   static absl::StatusOr<std::unique_ptr<GlMeshDrawer>> Make(
       std::shared_ptr<image::FrameImagePool> images);
   ~GlMeshDrawer();
   GlMeshDrawer(const GlMeshDrawer&) = delete;
   GlMeshDrawer& operator=(const GlMeshDrawer&) = delete;
 
-  // Draws `items`, in any order, on a background of its own.
+  // Draws `items`, in any order, on an empty picture.
   //
-  // surfaces: those of the frame; items point into them.
+  // surfaces: the surfaces of the frame; items have an index into them.
   // poll: called between draws; its error ends the work and is returned.
-  // RESOURCE_EXHAUSTED if the driver can't have so large a picture or mask, or has no memory.
+  // RESOURCE_EXHAUSTED if the picture or a mask is too large for the driver, or memory runs out.
   absl::StatusOr<image::FrameImage> Draw(const view::View& view,
                                          std::span<const frame::Surface> surfaces,
                                          const image::FragmentOrder& order,

@@ -36,7 +36,7 @@ absl::Status GlStatus(const char* what) {
   if (first == GL_NO_ERROR) [[likely]] {
     return absl::OkStatus();
   }
-  // Several may be pending; a lost context would answer for ever.
+  // Several errors may be pending. The limit is for a lost context, which reports errors for ever.
   for (int i = 0; i < 100 && glGetError() != GL_NO_ERROR; ++i) {
   }
   if (first == GL_OUT_OF_MEMORY) {
@@ -58,7 +58,7 @@ absl::StatusOr<void*> GlStreamBuffer::Map(std::size_t size_bytes) {
   }
   Bind();
   if (size_bytes > capacity_bytes_) {
-    // Half as much again, so that chunks of slowly growing size don't reallocate each time.
+    // Half as much again, so that a slowly growing size does not reallocate each time.
     const std::size_t capacity = size_bytes + size_bytes / 2;
     glBufferData(target_, static_cast<GLsizeiptr>(capacity), nullptr, GL_STREAM_DRAW);
     ISOSCOPE_RETURN_IF_ERROR(GlStatus("allocate a vertex buffer"));

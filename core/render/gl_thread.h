@@ -1,4 +1,4 @@
-// The one thread that owns an OpenGL context. Everybody else hands it work.
+// The one thread that owns an OpenGL context. Other threads hand it their work.
 
 #ifndef ISOSCOPE_CORE_RENDER_GL_THREAD_H_
 #define ISOSCOPE_CORE_RENDER_GL_THREAD_H_
@@ -17,25 +17,25 @@
 
 namespace isoscope::render {
 
-// Thread-safe. The destructor runs what is queued, then destroys the context on its thread.
+// Thread-safe. The destructor runs the queued jobs, then destroys the context on its thread.
 class GlThread {
  public:
   using Job = absl::AnyInvocable<void() &&>;
 
-  // EglContext::Make's errors.
+  // Returns the errors of EglContext::Make.
   static absl::StatusOr<std::unique_ptr<GlThread>> Start(int egl_device);
   ~GlThread();
 
   GlThread(const GlThread&) = delete;
   GlThread& operator=(const GlThread&) = delete;
 
-  // Queues `job`; jobs run one after another in the order they came, with the context current.
+  // Queues `job`. Jobs run one at a time, in the order of the calls, with the context current.
   void Submit(Job job);
 
   // "egl: llvmpipe (...), OpenGL 4.5 (Core Profile) Mesa 22.3.6, device 0 (software)".
   [[nodiscard]] const std::string& description() const { return description_; }
-  // What decides the pixels: "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa
-  // ...".
+  // The driver that decides the pixels: "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core
+  // Profile) Mesa ...".
   [[nodiscard]] const std::string& driver() const { return driver_; }
   [[nodiscard]] bool is_hardware() const { return is_hardware_; }
 

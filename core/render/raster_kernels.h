@@ -42,7 +42,7 @@ struct Projection {
 };
 
 // The vertices of a mesh on the screen: x and y in 1/256 pixel from the top left, window depth z.
-// The vectors only grow, and are FragmentBuffer::kSlack elements longer than `count`.
+// The vectors only grow, and are at least FragmentBuffer::kSlack elements longer than `count`.
 struct ScreenVertices {
   std::size_t count = 0;
   std::vector<std::int32_t> x;

@@ -1,5 +1,5 @@
-// Drawing block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and
-// CPU (docs/architecture.md).
+// Draws block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and CPU
+// (docs/architecture.md).
 //
 // The promise that makes culling exact: a pixel shows the fragment that comes first in the frame's
 // image::FragmentOrder, whose tie rule is that of the back end (frame::TieRuleOf), and neither
@@ -33,29 +33,29 @@
 namespace isoscope::render {
 
 struct MeshToDraw {
-  // Not null; no longer changes; one normal a position.
+  // Not null, and changes no more. Has one normal for each position.
   std::shared_ptr<const mesh::CompactMesh> mesh;
-  // Of the frame's surfaces, the one that the mesh is part of.
+  // The surface of the frame that the mesh is part of.
   std::uint32_t surface_index = 0;
-  // Fragments at other pixels are dropped; null: none is. Outlives the pass.
+  // Drops fragments at other pixels. Null: all pixels are open. Outlives the pass.
   const image::PixelMask* open = nullptr;
 };
 
-// What a back end answers that has no memory for a picture: RESOURCE_EXHAUSTED.
+// The error of a back end that has no memory for a picture: RESOURCE_EXHAUSTED.
 inline absl::Status NoMemoryFor(const view::Viewport& viewport) {
   return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ", viewport.width_px,
                                                    " x ", viewport.height_px, " pixels"));
 }
 
-// One picture in the making. Destroying it unfinished abandons it.
+// One picture in the making. Destroying the pass before Finish abandons the picture.
 class RenderPass {
  public:
   virtual ~RenderPass() = default;
 
-  // Draws meshes, now or by Finish(). Thread-safe; any order. Each block at most once a surface; an
-  // empty mesh is fine. May wait for earlier meshes to be drawn, so that memory stays bounded.
-  // INVALID_ARGUMENT if the layout has no such block. An error of earlier drawing is returned here
-  // or by Finish().
+  // Draws meshes, now or by Finish(), in any order. A block comes at most once for a surface, and
+  // may be empty. May wait until earlier meshes are drawn, so that memory stays bounded.
+  // INVALID_ARGUMENT if the layout has no such block. Returns an error of earlier drawing, unless
+  // Finish() does. Thread-safe.
   virtual absl::Status Add(std::span<const MeshToDraw> meshes) = 0;
   absl::Status Add(std::shared_ptr<const mesh::CompactMesh> mesh,
                    const image::PixelMask* open = nullptr) {
@@ -63,9 +63,9 @@ class RenderPass {
     return Add(std::span(&one, 1));
   }
 
-  // Completes the picture. Call once, after every Add has returned. Returns the error of
-  // `cancellation` if it fires, without waiting for what is being drawn; RESOURCE_EXHAUSTED if the
-  // back end can't draw so large a picture or has no memory.
+  // Completes the picture. Call it once, after every Add has returned. Returns the error of
+  // `cancellation` if it fires, without waiting for draws under way. RESOURCE_EXHAUSTED if the
+  // picture is too large for the back end, or memory runs out.
   virtual absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) = 0;
 };
 
@@ -74,18 +74,18 @@ class Renderer {
  public:
   virtual ~Renderer() = default;
 
-  // A pass of the frame `spec`. Everything is copied; `view` is the spec's, `layout` that of the
-  // blocks to come. RESOURCE_EXHAUSTED if there is no memory for the picture.
+  // Begins a pass of the frame `spec`, with the spec's view and the layout of the volume's blocks.
+  // Copies its arguments. RESOURCE_EXHAUSTED if there is no memory for the picture.
   // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
   virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                                 const volume::BlockLayout& layout,
                                                                 const frame::FrameSpec& spec) = 0;
 
-  // Takes the memory of `pass_count` passes of this size, as far as it may keep it unused, so that
-  // the first frames find it touched. May do nothing.
+  // Takes the memory of `pass_count` passes of this size, as far as its limit for unused memory
+  // allows, and touches it for the first frames. May do nothing.
   virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/) {}
 
-  // What decides the pixels it draws.
+  // Returns the code and driver that decide its pixels.
   [[nodiscard]] virtual frame::PictureRevision picture_revision() const = 0;
 
   // For people: "cpu: software rasterizer, AVX2", "egl: llvmpipe (LLVM 15.0.6, 256 bits),

@@ -1,7 +1,6 @@
 // The shade of a pixel whose triangle is known, one pixel in each lane:
 //
-// 1. Set up the ray through the pixel's centre. Its origin and direction are linear over the
-// picture
+// 1. Set up the ray through the pixel's centre. Origin and direction are linear over the picture
 //    (PixelRays), so they cost two multiplications a component.
 // 2. Find where the ray meets the plane of the triangle a, b, c, as weights of b and c. With
 //    p = direction x (c - a), q = (origin - a) x (b - a) and determinant = (b - a) . p, they are

@@ -1,4 +1,4 @@
-// Fields that a request has and this program does not know.
+// Finds fields of a request that this program does not know.
 
 #ifndef ISOSCOPE_CORE_RPC_KNOWN_FIELDS_H_
 #define ISOSCOPE_CORE_RPC_KNOWN_FIELDS_H_
@@ -9,8 +9,8 @@
 namespace isoscope::rpc {
 
 // INVALID_ARGUMENT if `request`, or a message in it at any depth, has a field that this program's
-// version of the schema lacks: names its number and the message it is in. Protocol buffers would
-// ignore it, and the answer would silently be one to another request. O(size of the message).
+// version of the schema lacks; names its number and its message. Protocol buffers would ignore the
+// field, and the answer would silently belong to another request. O(size of the message).
 absl::Status CheckKnownFields(const google::protobuf::Message& request);
 
 }  // namespace isoscope::rpc

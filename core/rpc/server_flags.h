@@ -18,11 +18,11 @@ struct ServerFlags {
   std::string log_level = "info";  // "debug", "info", "warning", "error" or "off"
 };
 
-// Adds them, each with its environment variable; `flags` holds the defaults and must outlive the
-// parsing.
+// Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
+// the parsing.
 void AddServerFlags(CLI::App* app, ServerFlags* flags);
 
-// `listen_address` with the port that was bound in place of its own: what a log line tells.
+// Returns `listen_address` with the bound port instead of its own, for a log line.
 std::string BoundAddress(absl::string_view listen_address, int port);
 
 }  // namespace isoscope::rpc

@@ -21,8 +21,7 @@ constexpr int kDone = 0;
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
-// Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them: statuses tell what goes
-// wrong.
+// Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them. Statuses have the errors.
 void SilenceGrpcLog() {
   constexpr int kKeepExisting = 0;
   // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet.
@@ -52,7 +51,7 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
 }
 
 int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
-  // Debian builds abseil with it: every lock would take a global one.
+  // Debian builds abseil with the detection on, so every lock would take a global one.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;

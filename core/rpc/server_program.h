@@ -31,8 +31,8 @@ struct ServerProgram {
   ServerFlags defaults;
   // Adds the program's own flags. A callback of CLI11 that throws CLI::ParseError is wrong usage.
   std::function<void(CLI::App* app)> add_flags;
-  // Starts the server once all flags are read, and logs that it serves. Empty: there is nothing to
-  // serve, the program has done what its flags asked for.
+  // Starts the server once all flags are read, and logs that it serves. Returns an empty function
+  // if the flags asked for something else, which it has done.
   std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start;
 };
 

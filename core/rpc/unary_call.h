@@ -1,4 +1,4 @@
-// Answering a unary call at once: what the handlers of cheap questions have in common.
+// Answers a unary call at once, for the handlers of cheap questions.
 
 #ifndef ISOSCOPE_CORE_RPC_UNARY_CALL_H_
 #define ISOSCOPE_CORE_RPC_UNARY_CALL_H_

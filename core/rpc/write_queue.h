@@ -1,6 +1,6 @@
-// The sending half of a streaming reaction: one write in flight, a queue bounded by bytes, and an
-// end that waits for what was queued. Worker threads push and block when the peer is slow; gRPC's
-// reactions only hand over and never block.
+// The sending half of a streaming reaction: one write in flight, a queue bounded in bytes, and an
+// end that waits for the queued messages. Worker threads push, and block when the peer is slow.
+// gRPC's reactions only hand over and never block.
 
 #ifndef ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_
 #define ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_
@@ -20,9 +20,9 @@ namespace isoscope::rpc {
 
 // `Message` is movable and has ByteSizeLong(). Thread-safe.
 //
-// `start_write(message)` begins a write; its end is reported by OnWriteDone. `finish(status)` is
-// called once, when Finish was called and no write is in flight; nothing follows it. Both are
-// called with the queue's lock held: they must not block nor call back.
+// `start_write(message)` begins a write; OnWriteDone reports its end. `finish(status)` is called
+// once, when Finish was called and no write is in flight; nothing follows it. Both are called with
+// the queue's lock held, so they must neither block nor call back.
 template <typename Message>
 class WriteQueue {
  public:
@@ -30,8 +30,8 @@ class WriteQueue {
              std::function<void(const absl::Status&)> finish)
       : max_bytes_(max_bytes), start_write_(std::move(start_write)), finish_(std::move(finish)) {}
 
-  // Queues `message`, waiting while `max_bytes` or more are queued. Returns false, and drops the
-  // message, once the queue is closed or finished: the caller stops working.
+  // Waits while `max_bytes` or more are queued, then queues `message`. Once the queue is closed or
+  // finished, drops the message and returns false: the caller should stop working.
   bool Push(Message message) {
     base::MutexLock lock(&mutex_);
     changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
@@ -46,7 +46,7 @@ class WriteQueue {
     return true;
   }
 
-  // The write in flight has ended. `ok` false: the stream is broken; the queue closes.
+  // Ends the write in flight. If `ok` is false, the stream is broken, and the queue closes.
   void OnWriteDone(bool ok) {
     base::MutexLock lock(&mutex_);
     is_writing_ = false;
@@ -58,7 +58,7 @@ class WriteQueue {
     StartNext();
   }
 
-  // Drops what is queued and wakes who waits in Push. Finish must still be called.
+  // Drops the queued messages and wakes threads that wait in Push. Finish must still be called.
   void Close() {
     base::MutexLock lock(&mutex_);
     closed_ = true;
@@ -66,8 +66,8 @@ class WriteQueue {
     changed_.SignalAll();
   }
 
-  // Ends the stream: with OK after all that is queued was written, with an error after the write in
-  // flight. Only the first call counts.
+  // Ends the stream: with OK after all queued messages were written, with an error after the write
+  // in flight. Only the first call counts.
   void Finish(const absl::Status& status) {
     base::MutexLock lock(&mutex_);
     if (status_.has_value()) {
