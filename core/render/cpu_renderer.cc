@@ -8,8 +8,9 @@
 //    nearer fragment. Merge holds the locks of the 64 x 64 pixel lock tiles that the buffer's
 //    bounds meet, and notes in them which image tiles, and which rows of them, it may have touched.
 // 3. Where two fragments have one depth, surface and then colour decide (docs/numerics.md, "Depth,
-//    fragments and exact culling"). WinsTie shades both at once, with the kernel of step 4, which
-//    gives the same bits.
+//    fragments and exact culling"). Merge keeps the later one in a list of its lock tile. Once the
+//    tile's pixels are shaded, those of the list that still have the depth of their pixel are
+//    shaded too, by the same kernel, and the first in the order stays. Most are hidden by then.
 // 4. Finish goes through the touched rows, gathers the pixels that have a fragment, shades at most
 //    512 at a time, and writes key and colour into the image. It leaves no fragment behind, so that
 //    the buffers can serve the next pass.
@@ -17,7 +18,7 @@
 // Early shading bounds memory. When the kept meshes exceed their limit, Add shades every pixel that
 // has a fragment and drops the meshes. A shaded pixel keeps its depth and has the primitive id
 // kShaded; its key and colour are in the image. A nearer fragment replaces it as any other, and a
-// tie with it is decided by the key and colour in the image. So the picture does not change.
+// tie with it is settled the next time. So the picture does not change.
 //
 // Locks, in this order: shading_mutex_ (shared while drawing, exclusive while shading), then lock
 // tiles row by row, then meshes_mutex_.
@@ -26,6 +27,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -165,7 +167,8 @@ class CpuPass final : public RenderPass {
   };
 
   [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
-    return kept_bytes_ > options_.max_kept_bytes ||
+    const std::size_t tie_bytes = tie_count_.load(std::memory_order_relaxed) * sizeof(TiedFragment);
+    return kept_bytes_ + tie_bytes > options_.max_kept_bytes ||
            next_primitive_id_ > options_.max_kept_primitives;
   }
 
@@ -246,35 +249,48 @@ class CpuPass final : public RenderPass {
           Fragment{batch.depths[i]} << 32 | (first_primitive_id + batch.triangles[i]);
       if ((old ^ fragment) >> 32 != 0) [[likely]] {
         old = std::min(old, fragment);
-      } else if (WinsTie(fragment, old, pixel)) {
-        old = fragment;
+      } else {
+        AddTie(fragment, pixel);
       }
     }
     ForEachLockTile(batch.bounds, [](int, int, LockTile& tile) { tile.Unlock(); });
   }
 
-  // Returns whether `fragment` comes before `old`, which has the same depth. Their colours decide,
-  // so both are shaded now, by the kernel that shades pixels at the end. It gives the same bits.
-  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel) {
-    const std::size_t index =
-        image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
-    PassResources::Scratch& scratch = resources_->LocalScratch();
-    ISOSCOPE_CHECK_EQ(scratch.batch.count, 0U);
-    const base::MutexLock lock(&meshes_mutex_);
-    AddToBatch(static_cast<std::uint32_t>(index), fragment, &scratch);
-    const bool is_old_shaded = PrimitiveIdOf(old) == kShaded;
-    if (!is_old_shaded) {
-      AddToBatch(static_cast<std::uint32_t>(index), old, &scratch);
-    }
-    ComputeColors(&scratch);
-    scratch.batch.count = 0;
-    return order_.IsBefore(KeyOf(fragment), scratch.colors[0],
-                           is_old_shaded ? image_.keys[index] : KeyOf(old),
-                           is_old_shaded ? image_.colors[index] : scratch.colors[1]);
+  // Keeps a fragment whose pixel has another one of its depth. The lock of its tile is held.
+  void AddTie(Fragment fragment, std::uint32_t pixel) {
+    const int x = static_cast<int>(pixel & 0xffff);
+    const int y = static_cast<int>(pixel >> 16);
+    const int lock_tile = y / kLockTilePx * buffers_->lock_columns + x / kLockTilePx;
+    buffers_->lock_tiles[static_cast<std::size_t>(lock_tile)].ties.push_back(
+        {fragment, static_cast<std::uint32_t>(image_.IndexOf(x, y))});
+    tie_count_.fetch_add(1, std::memory_order_relaxed);
   }
 
-  [[nodiscard]] std::uint64_t KeyOf(Fragment fragment) const {
-    return (fragment >> 32 << 32) | std::uint64_t{MeshOf(PrimitiveIdOf(fragment)).owner};
+  // Decides the ties of a lock tile whose pixels are shaded: of the fragments that have the depth
+  // of their pixel, the first in the order stays. Most have been hidden since they came.
+  void SettleTies(std::vector<TiedFragment>* ties, PassResources::Scratch* scratch) {
+    for (std::size_t begin = 0; begin < ties->size();) {
+      std::size_t end = begin;
+      for (; end < ties->size() && scratch->batch.count < ShadeBatch::kCapacity; ++end) {
+        const TiedFragment& tied = (*ties)[end];
+        if (image::HaveEqualDepth(image_.keys[tied.pixel], tied.fragment)) {
+          AddToBatch(tied.pixel, tied.fragment, scratch);
+        }
+      }
+      ComputeColors(scratch);
+      for (std::size_t i = 0; i < scratch->batch.count; ++i) {
+        const std::uint64_t key =
+            (scratch->fragments[i] >> 32 << 32) | std::uint64_t{scratch->meshes[i]->owner};
+        const std::uint32_t pixel = scratch->pixels[i];
+        if (order_.IsBefore(key, scratch->colors[i], image_.keys[pixel], image_.colors[pixel])) {
+          image_.keys[pixel] = key;
+          image_.colors[pixel] = scratch->colors[i];
+        }
+      }
+      scratch->batch.count = 0;
+      begin = end;
+    }
+    ties->clear();
   }
 
   // Adds a pixel and its fragment to the batch.
@@ -324,6 +340,9 @@ class CpuPass final : public RenderPass {
         }
       }
       ShadePixels(&scratch);
+      if (!tile.ties.empty()) {
+        SettleTies(&tile.ties, &scratch);
+      }
       if (is_last) {
         tile.touched = 0;
         tile.touched_rows = {};
@@ -346,6 +365,7 @@ class CpuPass final : public RenderPass {
     buffers_->meshes.clear();
     buffers_->mesh_of_unit.clear();
     kept_bytes_ = 0;
+    tie_count_.store(0, std::memory_order_relaxed);
     next_primitive_id_ = 0;
   }
 
@@ -526,6 +546,7 @@ class CpuPass final : public RenderPass {
         if (tile.touched == 0) {
           continue;
         }
+        tile.ties.clear();
         tile.touched = 0;
         tile.touched_rows = {};
         const int begin_x = column * kLockTilePx;
@@ -561,6 +582,7 @@ class CpuPass final : public RenderPass {
   bool has_shaded_ = false;  // guarded by shading_mutex_
   std::uint64_t next_primitive_id_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
   std::size_t kept_bytes_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
+  std::atomic<std::size_t> tie_count_{0};  // since the meshes were dropped
 };
 
 class CpuRenderer final : public Renderer {

@@ -47,6 +47,12 @@ constexpr std::uint32_t PrimitiveIdOf(Fragment fragment) {
   return static_cast<std::uint32_t>(fragment);
 }
 
+// A fragment whose colour must be compared with that of its pixel, an index of the image's planes.
+struct TiedFragment {
+  Fragment fragment = kNoFragment;
+  std::uint32_t pixel = 0;
+};
+
 // A square of pixels that one thread at a time draws into. A thread holds it for well under a
 // microsecond, so waiting is spinning. A waiter yields in case the holder has lost its core.
 class alignas(64) LockTile {
@@ -64,6 +70,8 @@ class alignas(64) LockTile {
   // touched_rows has a bit for each of its rows of pixels that may. The lock guards both.
   std::uint32_t touched = 0;
   std::array<std::uint16_t, std::size_t{kImageTileColumns} * kImageTileColumns> touched_rows{};
+  // Fragments that came to a pixel with the depth of the one that was there. The lock guards it.
+  std::vector<TiedFragment> ties;
 
  private:
   std::atomic_flag is_locked_;
