@@ -142,7 +142,7 @@ absl::StatusOr<ChildResult> RunChild(const std::vector<std::string>& argv,
   err.CloseWriteEnd();
   ChildResult result;
   {
-    // The process is not reaped before the scope ends: until then nobody else gets its id.
+    // The process is not reaped before the scope ends: the number stays its own.
     const cli::Interrupt::Scope on_interrupt(interrupt, [pid] { kill(-pid, SIGTERM); });
     ReadAll(out, err, &result);
     siginfo_t info{};

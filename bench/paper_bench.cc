@@ -89,7 +89,7 @@ class Bench {
     return request;
   }
 
-  // A frame whose times are the least over the bench runs.
+  // A frame whose times are the least over the runs.
   absl::StatusOr<IsolatedFrame> Measure(IsolatedCluster* cluster,
                                         const agent::FrameRequest& request) {
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<IsolatedFrame> least,

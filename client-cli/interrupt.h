@@ -42,7 +42,7 @@ class Interrupt {
   // the interrupt must live as long as the process.
   void InstallForProcess();
 
-  // Cancels, as the first signal does.
+  // What the first signal does.
   void Trigger();
   // Blocks until Trigger().
   void Wait();
