@@ -35,8 +35,8 @@ constexpr absl::Duration kPollInterval = absl::Microseconds(50);
 constexpr absl::Duration kQuiet = absl::Milliseconds(5);
 constexpr absl::Duration kMaxWait = absl::Minutes(1);
 constexpr int kFollowingFrameCount = 3;  // whose median is the time of a following frame
-// A frame may be complete before its moment. Of so many times the frames that are asked for, enough
-// are not.
+// Frames that are complete before their moment don't count: more are asked for than are to be
+// cancelled, up to this many times as many.
 constexpr int kMaxAttemptsPerCancel = 10;
 
 class CancelBench {

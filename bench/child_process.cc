@@ -64,7 +64,8 @@ class Pipe {
   int write_end_;
 };
 
-// What the child starts with: its own group, no signal blocked, the two that we handle as usual.
+// Starts the child in a process group of its own, with no signal blocked and with the default
+// action for those that this process handles.
 absl::StatusOr<pid_t> Spawn(const std::vector<std::string>& argv,
                             const std::string& working_directory, const Pipe& out,
                             const Pipe& err) {
@@ -83,8 +84,8 @@ absl::StatusOr<pid_t> Spawn(const std::vector<std::string>& argv,
   sigset_t signals;
   sigemptyset(&signals);
   posix_spawnattr_setsigmask(&attributes, &signals);
-  for (const int number : {SIGINT, SIGTERM, SIGPIPE}) {
-    sigaddset(&signals, number);
+  for (const int signal_number : {SIGINT, SIGTERM, SIGPIPE}) {
+    sigaddset(&signals, signal_number);
   }
   posix_spawnattr_setsigdefault(&attributes, &signals);
   posix_spawnattr_setpgroup(&attributes, 0);
@@ -105,7 +106,7 @@ absl::StatusOr<pid_t> Spawn(const std::vector<std::string>& argv,
   return pid;
 }
 
-// Reads both to their ends.
+// Reads both pipes to their ends.
 void ReadAll(const Pipe& out, const Pipe& err, ChildResult* result) {
   std::array<pollfd, 2> polled{pollfd{out.read_end(), POLLIN, 0},
                                pollfd{err.read_end(), POLLIN, 0}};

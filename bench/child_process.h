@@ -13,7 +13,7 @@
 namespace isoscope::bench {
 
 struct ChildResult {
-  // 128 + the number of the signal that ended it.
+  // 128 + the signal that ended it, if one did.
   int exit_code = 0;
   std::string out;
   std::string err;
@@ -27,7 +27,7 @@ absl::StatusOr<ChildResult> RunChild(const std::vector<std::string>& argv,
                                      const std::string& working_directory,
                                      cli::Interrupt* interrupt);
 
-// The last line of `text` that is not empty: what a program that failed said at the end.
+// The last line of `text` that is not empty: the last words of a program that failed.
 std::string LastLine(const std::string& text);
 
 }  // namespace isoscope::bench

@@ -147,7 +147,7 @@ PeerFigures MedianOfRuns(const std::vector<PeerFigures>& runs) {
           .triangle_count = runs.front().triangle_count};
 }
 
-// What a case's runs have given so far.
+// The figures of a case's bench runs so far.
 struct CaseRuns {
   std::vector<FrameFigures> firsts;
   std::vector<FrameFigures> followings;

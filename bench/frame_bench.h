@@ -1,5 +1,6 @@
-// Whole frames as a client sees them: each run in a fresh process of this program, so that its
-// first frame is a cold one. Measuring only; bench_frame_report prints.
+// Whole frames as a client sees them. Each bench run, one repetition of a case (`--runs`), is a
+// fresh process of this program, so that its first frame is a cold one. This file measures;
+// frame_bench_report prints.
 
 #ifndef ISOSCOPE_BENCH_FRAME_BENCH_H_
 #define ISOSCOPE_BENCH_FRAME_BENCH_H_
@@ -36,7 +37,7 @@ struct FrameFigures {
   std::vector<double> busy_ms;  // by agent
 };
 
-// What `render --stats` wrote; INTERNAL says what is missing.
+// Reads the JSON that `render --stats` wrote; INTERNAL says which member is missing.
 absl::StatusOr<std::vector<FrameFigures>> FramesFromJson(absl::string_view text);
 
 // The median of each figure by itself. REQUIRES: at least one; all of as many agents.
@@ -65,21 +66,21 @@ struct FrameBenchPlan {
   std::optional<PeerCall> peer;
 };
 
-// What was measured one way.
+// The measurements of one combination of isovalue, dataset, culling and renderer.
 struct FrameCase {
   double isovalue = 0;
   int shard_count = 0;
   std::string culling;
   std::string renderer;
-  FrameFigures first = {};                        // medians over runs
-  FrameFigures following = {};                    // of each run's median over its frames 1, 2, ...
-  std::vector<std::vector<double>> wall_ms = {};  // by run and frame
+  FrameFigures first = {};      // medians over bench runs
+  FrameFigures following = {};  // of each bench run's median over frames 1, 2, ...
+  std::vector<std::vector<double>> wall_ms = {};  // by bench run and frame
 };
 
 // The peer at one isovalue.
 struct PeerCase {
   double isovalue = 0;
-  PeerFigures figures = {};  // medians over runs
+  PeerFigures figures = {};  // medians over bench runs
   std::vector<PeerFigures> runs = {};
 };
 

@@ -91,7 +91,8 @@ absl::Status CheckUsage(const FrameBenchFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
-// What can't be used with a dataset folder, which is cut already and has no samples to hand on.
+// UsageError for flags that make no sense for a dataset folder: it is partitioned already, and has
+// no samples to hand on to a peer.
 absl::Status CheckFolderUsage(const FrameBenchFlags& flags) {
   const char* given = !flags.shard_counts.empty() ? "--shards"
                       : flags.block_cells         ? "--block-cells"

@@ -1,4 +1,4 @@
-// What `bench frame` prints: a table of frames, one of their steps, and JSON.
+// The output of `bench frame`: a table of frames, one of their steps, and JSON.
 
 #ifndef ISOSCOPE_BENCH_FRAME_BENCH_REPORT_H_
 #define ISOSCOPE_BENCH_FRAME_BENCH_REPORT_H_
@@ -13,9 +13,9 @@
 
 namespace isoscope::bench {
 
-// One row for each case: times, the peer's and how many times ours they are, triangles, network
-// bytes and how many times those of the fewest agents, busy time of the agents; then the steps of
-// the first and of the following frames.
+// Two tables. Frames, a row for each case: our times, the peer's and their ratio to ours,
+// triangles, network bytes and their ratio to those of the fewest agents, busy time of the agents.
+// Steps: those of the first and of the following frames.
 std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult& result);
 
 // {"machine", "date", "volume", "width", "height", "frames", "runs", "orbit", "azimuth",

@@ -23,7 +23,7 @@ namespace {
 
 constexpr std::size_t kCacheBytes = std::size_t{1} << 30;
 
-// What the coordinator tells one agent in a frame: with it, the agent's part can be repeated.
+// The coordinator's messages to one agent in a frame: with them, the agent's share can be repeated.
 struct AgentOrders {
   std::vector<volume::BlockId> occluding;
   std::vector<volume::BlockId> visible;

@@ -1,6 +1,6 @@
-// A coordinator and its agents in this process whose agents work one after the other, each alone on
-// one thread: what an agent takes is then what it would take on a machine of its own, however few
-// cores this one has. The same pipeline, reduces and encodings as everywhere, without gRPC.
+// A coordinator and its agents in this process. The agents work one after the other, each alone on
+// one thread: each takes as long as it would on a machine of its own, however few cores this one
+// has. Pipeline, reduces and encodings are those of a real cluster, without gRPC.
 
 #ifndef ISOSCOPE_BENCH_ISOLATED_CLUSTER_H_
 #define ISOSCOPE_BENCH_ISOLATED_CLUSTER_H_
@@ -24,7 +24,7 @@
 
 namespace isoscope::bench {
 
-// One agent's part of a frame.
+// One agent's share of a frame.
 struct IsolatedAgent {
   std::int64_t active_block_count = 0;
   std::int64_t drawn_block_count = 0;

@@ -28,7 +28,7 @@ constexpr image::Rgba8 kRed{214, 39, 40, 255};
 // Theorem 2.2 is stated with constants to choose; these are the weakest claim that says something.
 constexpr double kTheoremC = 1;
 
-// One run of the whole evaluation.
+// The whole evaluation, once.
 class Bench {
  public:
   Bench(const PaperBenchPlan& plan, PartitionInto partition, render::Renderer* renderer,
@@ -95,7 +95,7 @@ class Bench {
     return std::move(least.front());
   }
 
-  // Frames to compare with each other, run by run: what slows the machine down for a while slows
+  // Frames to compare with each other take turns: whatever slows the machine down for a while slows
   // all of them.
   struct FrameToMeasure {
     IsolatedCluster* cluster;

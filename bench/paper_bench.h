@@ -1,6 +1,6 @@
 // The measurements behind the paper's figures 1, 6, 7, 8 and 9 (references.bib:
-// zhang-random-distribution), on any volume. Measuring only: bench_paper_report makes tables of
-// them, bench_paper_plots pictures.
+// zhang-random-distribution), on any volume. This file measures:
+// paper_bench_report makes tables of the figures, paper_bench_plots pictures.
 
 #ifndef ISOSCOPE_BENCH_PAPER_BENCH_H_
 #define ISOSCOPE_BENCH_PAPER_BENCH_H_
@@ -141,7 +141,7 @@ struct PaperBenchResult {
 // Makes a dataset of the volume with so many shards and returns its folder. That of one shard, the
 // first that is asked for, stays to the end, any other until the next call.
 using PartitionInto = absl::FunctionRef<absl::StatusOr<std::string>(store::Distribution, int)>;
-// Is told what comes next.
+// Called with a line on each measurement before it begins.
 using PaperProgress = absl::FunctionRef<void(const std::string&)>;
 
 // Measures everything; agents one at a time (IsolatedCluster). Minutes. CANCELLED; errors of

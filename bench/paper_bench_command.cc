@@ -88,7 +88,7 @@ absl::Status CheckUsage(const PaperBenchFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
-// " --azimuth 30": those that are given, as they are typed.
+// " --azimuth 30": the flags that are given, as they are typed.
 std::string DescribeFlags(const cli::CameraFlags& flags) {
   std::string text;
   const auto add_vector = [&](const char* name, const std::optional<math::Vec3d>& value) {
@@ -142,7 +142,7 @@ PaperBenchPlan PlanOf(const PaperBenchFlags& flags) {
   return plan;
 }
 
-// What to type for the same again.
+// The command line that repeats the evaluation.
 std::string CommandOf(const PaperBenchFlags& flags, const PaperBenchPlan& plan,
                       const PaperBenchResult& result) {
   const auto append_number = [](std::string* out, double value) {

@@ -114,7 +114,7 @@ std::string MarkdownHeader(const std::vector<std::string>& cells) {
 std::string Ratio(double value) { return absl::StrFormat("%.2f", value); }
 std::string Level(double value) { return absl::StrFormat("%g", value); }
 
-// What the isovalues of one distribution and number of agents gave.
+// The imbalances at all isovalues, of one distribution and count of agents.
 struct Balances {
   std::vector<double> blocks;
   std::vector<double> triangles;

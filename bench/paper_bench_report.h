@@ -22,7 +22,7 @@ struct OutputFile {
 // figure8.csv, figure9.csv: every measured figure, one row each.
 std::vector<OutputFile> PaperTables(const PaperBenchResult& result);
 
-// What the page says besides the figures.
+// The facts on the page beside the figures.
 struct PaperReportFacts {
   Machine machine;
   std::string timestamp;

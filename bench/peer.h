@@ -1,4 +1,4 @@
-// The yardstick beside `bench frame`: another program that draws the same volume and views.
+// The peer of `bench frame`: another program that draws the same volume from the same views.
 
 #ifndef ISOSCOPE_BENCH_PEER_H_
 #define ISOSCOPE_BENCH_PEER_H_
@@ -19,12 +19,12 @@ namespace isoscope::bench {
 
 // Times in milliseconds.
 struct PeerFigures {
-  double cold_ms = 0;       // "cold_total" of what it prints
+  double cold_ms = 0;       // "cold_total" of the JSON it prints
   double following_ms = 0;  // "next_total"
   std::int64_t triangle_count = 0;
 };
 
-// What to call it with.
+// The arguments of the peer's script.
 struct PeerCall {
   std::string script;
   std::string raw_path;

@@ -8,8 +8,8 @@
 namespace isoscope::bench {
 
 absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
-  const char* place = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): nobody sets any
-  const std::string parent = place != nullptr && *place == '/' ? place : "/tmp";
+  const char* variable = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): nobody sets any
+  const std::string parent = variable != nullptr && *variable == '/' ? variable : "/tmp";
   std::string path = absl::StrCat(parent, "/isoscope-XXXXXX");
   if (mkdtemp(path.data()) == nullptr) {
     return io::ErrnoToStatus(errno, "can't make a temporary folder in (set TMPDIR to another)",

@@ -1,4 +1,4 @@
-// A folder for what a command needs only while it runs.
+// A folder for files that a command needs only while it works.
 
 #ifndef ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
 #define ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
@@ -16,7 +16,7 @@ namespace isoscope::bench {
 // command as any error does. Thread-compatible.
 class TemporaryFolder {
  public:
-  // A new one, of this user alone, in $TMPDIR or /tmp. The error names the place.
+  // A new one, of this user alone, in $TMPDIR or /tmp. The error names that folder.
   static absl::StatusOr<TemporaryFolder> Make();
   ~TemporaryFolder();
   TemporaryFolder(TemporaryFolder&& other) noexcept : path_(std::exchange(other.path_, "")) {}

@@ -56,12 +56,11 @@ std::string ToText(const std::string& folder, std::int64_t limit_bytes,
                    const std::vector<CacheEntry>& entries) {
   std::string text;
   if (!entries.empty()) {
-    Table table({"name", "size", "last used", "", "source"});
+    Table table({"source", "name", "size", "last used", ""});
     for (const CacheEntry& entry : entries) {
-      table.AddRow({entry.name, FormatMebibytes(entry.size_bytes),
+      table.AddRow({entry.source, entry.name, FormatMebibytes(entry.size_bytes),
                     absl::FormatTime("%Y-%m-%d %H:%M", entry.last_used, absl::LocalTimeZone()),
-                    entry.is_damaged ? "damaged" : (entry.is_in_use ? "in use" : ""),
-                    entry.source});
+                    entry.is_damaged ? "damaged" : (entry.is_in_use ? "in use" : "")});
     }
     text = table.ToString() + "\n";
   }

@@ -57,7 +57,7 @@ bool IsFileAt(const std::string& path, int descriptor) {
              std::tie(of_descriptor.st_dev, of_descriptor.st_ino);
 }
 
-// Of all files below, as far as they can be looked at.
+// The sizes of all files below that can be looked at, added up.
 std::int64_t SizeOfTree(const fs::path& directory) {
   std::int64_t size_bytes = 0;
   std::error_code error;
@@ -140,7 +140,7 @@ absl::StatusOr<EntryLock> UseEntry(const std::string& directory, absl::string_vi
     if (!IsFileAt(path, descriptor)) {
       continue;  // removed while this waited; perhaps made anew since
     }
-    // That the text or the time can't be written must not stop who only wants to read the dataset.
+    // The dataset can be read all the same if neither the text nor the time can be written.
     struct stat info {};
     if (fstat(descriptor, &info) == 0 && info.st_size == 0) {
       const std::string text = absl::StrCat(source, "\n");

@@ -7,10 +7,10 @@
 //                               the one that removes it
 //     manifest.json, ...
 //
-// An entry goes away by a rename into a work folder, under the exclusive lock. Who waited for the
-// shared one meanwhile finds that the file it has locked is no longer the one at the path, and
-// takes the entry for absent. Entries made before there was a .cache-entry get it at their next
-// use.
+// To remove an entry, a process locks it exclusively and renames it into a work folder. A process
+// that waited for the shared lock meanwhile finds that the file it has locked is no longer the one
+// at the path, and takes the entry for absent. An older entry without a .cache-entry gets one at
+// its next use.
 
 #ifndef ISOSCOPE_CLIENT_CLI_CACHE_ENTRY_H_
 #define ISOSCOPE_CLIENT_CLI_CACHE_ENTRY_H_
@@ -48,7 +48,7 @@ class EntryLock {
   int descriptor_ = -1;
 };
 
-// Locks the entry in `directory` for use and makes now the time of its last use. `source` is the
+// Locks the entry in `directory` for use, and sets the time of its last use to now. `source` is the
 // path that .cache-entry names. NOT_FOUND if there is no such entry, or no longer. Where the file
 // can't be locked or made (a full disk, a file system without locks), the lock holds nothing: the
 // entry can be used all the same.

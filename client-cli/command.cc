@@ -61,7 +61,7 @@ class CommandFormatter : public CLI::Formatter {
   const std::string usage_;
 };
 
-// Reads `arguments` (behind the command's name) and runs the command.
+// Reads `arguments`, those behind the command's name, and runs the command.
 absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
                  const Context& context) {
   CLI::App app(command.summary);

@@ -1,4 +1,4 @@
-// A sub-command of the command line, and what runs it.
+// The commands of the command line: how they are described, found and run.
 
 #ifndef ISOSCOPE_CLIENT_CLI_COMMAND_H_
 #define ISOSCOPE_CLIENT_CLI_COMMAND_H_
@@ -18,7 +18,7 @@ class App;
 
 namespace isoscope::cli {
 
-// What a command works with. Nothing is owned.
+// The surroundings of a command. Nothing is owned.
 struct Context {
   std::ostream* out = nullptr;  // standard output
   std::ostream* err = nullptr;  // standard error: progress, and text beside `--stats -`
@@ -26,7 +26,7 @@ struct Context {
   Interrupt* interrupt = nullptr;
 };
 
-// What a command does once its flags are read. A UsageError ends the process with 2, any other
+// The work of a command, once its flags are read. A UsageError ends the process with 2, any other
 // error with 1.
 using Action = std::function<absl::Status(const Context&)>;
 
@@ -35,7 +35,7 @@ struct Command {
   std::string summary;   // one line
   std::string usage;     // what follows "isoscope NAME" in the first line of --help
   std::string examples;  // the last lines of --help
-  // Adds the flags to `app`. The action owns what they are read into.
+  // Adds the flags to `app`. The action owns the variables that they are read into.
   Action (*register_flags)(CLI::App* app);
 };
 

@@ -212,8 +212,8 @@ absl::StatusOr<std::int64_t> CacheLimitBytes(const std::optional<std::int64_t>& 
 
 absl::StatusOr<std::vector<CacheEntry>> TrimCache(const std::string& cache_directory,
                                                   std::int64_t limit_bytes) {
-  // One process at a time, or two would each remove what is too much. Where folders can't be
-  // locked, that is all that happens.
+  // One process at a time: two would remove more than is needed. Where folders can't be locked,
+  // that is the worst that happens.
   const int descriptor = open(cache_directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor >= 0) {
     flock(descriptor, LOCK_EX);

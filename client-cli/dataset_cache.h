@@ -50,8 +50,8 @@ struct CachedDataset {
 };
 
 // The dataset directory `cache_directory`/`key`: as it is if `verify` accepts it, else made anew.
-// It is made under another name and renamed, so that a crash leaves nothing that looks whole; what
-// a crash has left is removed by the next call that makes something. Of two processes that make the
+// It is made under another name and renamed, so that a crash leaves nothing that looks whole. The
+// next call that makes something removes the leftovers of a crash. Of two processes that make the
 // same at the same time, both use what the first has finished. `source`: the path of the source
 // volume, for people.
 absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directory,

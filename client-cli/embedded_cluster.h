@@ -57,7 +57,7 @@ class EmbeddedCluster {
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
   // Of all agents together, as AgentServer::frames_in_work.
   [[nodiscard]] int frames_in_work() const;
-  // What draws, for people.
+  // Names the back end and its device, for people.
   [[nodiscard]] std::string renderer_description() const { return renderer_->description(); }
   // Lets frames in work finish for at most `grace`. Blocks.
   void Shutdown(absl::Duration grace);

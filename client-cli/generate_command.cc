@@ -144,7 +144,7 @@ source::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
   return p;
 }
 
-// Where a generated value of 0.5 lies in samples of `type`.
+// The sample value of `type` that a generated value of 0.5 becomes.
 double MiddleOf(volume::ScalarType type) {
   return volume::VisitScalarType(type, []<typename T>() {
     if constexpr (std::is_floating_point_v<T>) {
@@ -235,7 +235,7 @@ std::string HelpOfFields() {
   }
   absl::StrAppend(
       &text,
-      "Levels are parts of the type's range: of uint8 0.5 is 127.5, of uint16 32767.5,\n"
+      "Levels are fractions of the type's range: of uint8 0.5 is 127.5, of uint16 32767.5,\n"
       "of signed types the middle is -0.5; float32 and float64 hold 0 to 1 themselves.\n");
   return text;
 }

@@ -1,4 +1,4 @@
-// Isovalues at which a dataset has no surface: the picture is empty, and its maker is told why.
+// Isovalues at which a dataset has no surface: the picture is empty, and the user is told why.
 
 #ifndef ISOSCOPE_CLIENT_CLI_NO_SURFACE_H_
 #define ISOSCOPE_CLIENT_CLI_NO_SURFACE_H_

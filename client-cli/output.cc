@@ -216,7 +216,7 @@ absl::Status WriteFileAtomically(const std::string& path, absl::string_view byte
     status = io::RenamePath(partial, path);
   }
   if (!status.ok()) {
-    // What went wrong first is what counts.
+    // The first error is the one to report.
     io::RemoveRecursively(partial).IgnoreError();
   }
   return status;

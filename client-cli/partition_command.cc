@@ -97,7 +97,7 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(app, "--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
-          "parts, one for each agent (default: 1)");
+          "shards to make, one for each agent (default: 1)");
   AddFlag(
       app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
       "cells of a block (default: 16 from about 512 x 512 x 512 samples on, 12 from 384 x 384 x "

@@ -41,8 +41,8 @@ absl::Status VerifyDatasetDirectory(const std::string& directory) {
   return absl::OkStatus();
 }
 
-// Keeps the cache to its limit now that an entry was added, and says where something large went.
-// An error of that is only told: the request itself can go on.
+// Keeps the cache to its limit now that an entry was added, and says so if that entry is large. An
+// error is reported but does not end the request.
 void TrimAfterMaking(const std::string& cache_directory, std::int64_t limit_bytes,
                      const CachedDataset& made, const Context& context) {
   const absl::StatusOr<std::vector<CacheEntry>> removed = TrimCache(cache_directory, limit_bytes);

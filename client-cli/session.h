@@ -1,4 +1,4 @@
-// What `render` and `export` work on: a source volume, a dataset directory or a server.
+// The input of `render` and `export`, opened: a source volume, a dataset directory or a server.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_H_
@@ -43,17 +43,17 @@ void AddCacheLimitFlag(CLI::App* app, std::optional<std::int64_t>* limit_bytes);
 // Registers --renderer, which only `render` has.
 void AddRendererFlag(CLI::App* app, SessionFlags* flags);
 
-// UsageError if it is not exactly one of input and server, or flags do not fit what it is.
+// UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
 
-// An opened one. Thread-safe.
+// A way to ask for frames of one dataset. Thread-safe.
 class Session {
  public:
-  // Partitions a source volume into the cache first, if it is not there, and starts an embedded
-  // cluster for it or for a dataset directory.
-  // UsageError if --shards differs from what the dataset has. Other errors as partition::Partition
-  // and EmbeddedCluster::Start. Memory is taken early for frames of `expected_viewport`; null: none
-  // are expected.
+  // Connects to a server; or starts an embedded cluster for a dataset directory, or for a source
+  // volume, which is partitioned into the cache first unless it is there already. Memory is taken
+  // early for frames of `expected_viewport`; null: none are expected.
+  // UsageError if --shards differs from the dataset's. Other errors as partition::Partition and
+  // EmbeddedCluster::Start.
   static absl::StatusOr<std::unique_ptr<Session>> Open(
       const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
       const Context& context);
