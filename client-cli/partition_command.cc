@@ -92,8 +92,9 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(app, "input", "INPUT", &flags->input, ParseText,
-          "a NIfTI, NRRD, MetaImage or VTK ImageData (.vti) file, file.h5:/dataset, a folder or a "
-          "file of a DICOM series, a folder or 'pattern*.tif' of slices, or a raw file");
+          "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
+          "several), file.vti[:array[:component]], file.h5:/dataset, a folder or a file of a DICOM "
+          "series, a folder or 'pattern*.tif' of slices, or a raw file");
   AddFlag(app, "--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,

@@ -113,6 +113,11 @@ class BandDecoder {
     if (pixels_.areas.size() != header_.tile_count) {
       return Damaged("there are fewer tiles than the header states");
     }
+    return CheckContents();
+  }
+
+  // The masks, dictionaries and labels of the tiles, and how many extra bits they ask for.
+  absl::Status CheckContents() const {
     std::size_t pixel_count = 0;
     std::size_t entry_count = 0;
     std::size_t label_count = 0;

@@ -70,6 +70,36 @@ struct ReadQueue::Slot {
 // The io_uring of one queue, and the event that wakes its thread.
 class ReadQueue::Ring {
  public:
+  // Queues a read of the bytes of `slot` that are still missing, at most what one call moves.
+  void QueueRest(const ReadQueue& queue, Slot* slot) {
+    const Read& read = queue.reads_[slot->index];
+    QueueRead(read.file->descriptor(), read.offset + static_cast<std::int64_t>(slot->done),
+              std::min(read.size - slot->done, queue.options_.max_transfer_bytes),
+              slot->buffer.get() + slot->done, slot);
+  }
+
+  // Takes what the kernel answered. Returns true if the read has ended. Otherwise it queues the
+  // rest.
+  bool TakeResult(const ReadQueue& queue, Slot* slot, int result, bool is_stopping) {
+    const Read& read = queue.reads_[slot->index];
+    if (result > 0) {
+      slot->done += static_cast<std::size_t>(result);
+    } else if (result == 0) {
+      slot->status = FileTooShort(*read.file, read.offset, read.size,
+                                  read.offset + static_cast<std::int64_t>(slot->done));
+    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't read without blocking
+      queue.ReadRest(slot);
+      return true;
+    } else if (result != -EINTR || is_stopping) {
+      slot->status = ReadFailed(-result, *read.file, read.offset, read.size);
+    }
+    if (!slot->status.ok() || slot->done == read.size) {
+      return true;
+    }
+    QueueRest(queue, slot);
+    return false;
+  }
+
   // Returns null where the kernel, or a rule of the container, refuses io_uring.
   static std::unique_ptr<Ring> Make(std::size_t max_requests) {
     std::unique_ptr<Ring> ring(new Ring);
@@ -433,39 +463,13 @@ void ReadQueue::RunRing() {
   std::deque<std::unique_ptr<Slot>> fresh;
   std::deque<std::unique_ptr<Slot>> ended;
   bool is_stopping = false;
-  const auto queue_read = [&](Slot* slot) {
-    const Read& read = reads_[slot->index];
-    ring_->QueueRead(read.file->descriptor(), read.offset + static_cast<std::int64_t>(slot->done),
-                     std::min(read.size - slot->done, options_.max_transfer_bytes),
-                     slot->buffer.get() + slot->done, slot);
-  };
-  // Returns true if the read has ended. Otherwise it queues the rest.
-  const auto take_result = [&](Slot* slot, int result) {
-    const Read& read = reads_[slot->index];
-    if (result > 0) {
-      slot->done += static_cast<std::size_t>(result);
-    } else if (result == 0) {
-      slot->status = FileTooShort(*read.file, read.offset, read.size,
-                                  read.offset + static_cast<std::int64_t>(slot->done));
-    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't read without blocking
-      ReadRest(slot);
-      return true;
-    } else if (result != -EINTR || is_stopping) {
-      slot->status = ReadFailed(-result, *read.file, read.offset, read.size);
-    }
-    if (!slot->status.ok() || slot->done == read.size) {
-      return true;
-    }
-    queue_read(slot);
-    return false;
-  };
-
   ring_->QueueWait();
   while (!is_stopping || !under_way.empty()) {
     ring_->SubmitAndWait([&](void* data, int result) {
       if (ring_->IsWait(data)) {
         ring_->QueueWait();
-      } else if (data != nullptr && take_result(static_cast<Slot*>(data), result)) {
+      } else if (data != nullptr &&
+                 ring_->TakeResult(*this, static_cast<Slot*>(data), result, is_stopping)) {
         const auto found =
             std::find_if(under_way.begin(), under_way.end(),
                          [&](const auto& candidate) { return candidate.get() == data; });
@@ -494,7 +498,7 @@ void ReadQueue::RunRing() {
     }
     for (auto& slot : fresh) {
       if (reads_[slot->index].file->descriptor() >= 0) {
-        queue_read(slot.get());
+        ring_->QueueRest(*this, slot.get());
         under_way.push_back(std::move(slot));
       } else {
         ReadRest(slot.get());
