@@ -4,10 +4,10 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+
 #include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 
 namespace isoscope::cli {

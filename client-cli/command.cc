@@ -10,72 +10,15 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "client-cli/generate_command.h"
-#include "client-cli/usage.h"
 #include <CLI/CLI.hpp>
 
+#include "client-cli/usage.h"
 #include "core/base/version.h"
 
 namespace isoscope::cli {
 namespace {
 
 bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
-
-// One line for each command whose name starts with `prefix`.
-std::string ListOfCommands(const std::string& prefix) {
-  std::string text;
-  for (const Command& command : Commands()) {
-    if (absl::StartsWith(command.name, prefix)) {
-      absl::StrAppendFormat(&text, "  %-12s %s\n", command.name, command.summary);
-    }
-  }
-  return text;
-}
-
-std::string Overview() {
-  return absl::StrCat(
-      "isoscope: isosurfaces of volumes too large for one machine\n\n"
-      "Usage: isoscope COMMAND ...\n\nCommands:\n",
-      ListOfCommands(""),
-      "\nOptions:\n"
-      "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
-      "  --version   print the version\n"
-      "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
-      "\nExample:\n"
-      "  isoscope render head.nii.gz --isovalue 60 --output head.png\n");
-}
-
-std::vector<std::string> CommandNames() {
-  std::vector<std::string> names;
-  for (const Command& command : Commands()) {
-    names.push_back(command.name);
-  }
-  return names;
-}
-
-const Command* FindCommand(const std::string& name) {
-  const std::vector<Command>& commands = Commands();
-  const auto found = std::find_if(commands.begin(), commands.end(),
-                                  [&](const Command& command) { return command.name == name; });
-  return found == commands.end() ? nullptr : &*found;
-}
-
-absl::Status UnknownCommand(const std::string& name) {
-  std::vector<std::string> longer;  // where `name` is the first of two words
-  for (const std::string& known : CommandNames()) {
-    if (absl::StartsWith(known, name + " ")) {
-      longer.push_back(known);
-    }
-  }
-  if (!longer.empty()) {
-    return UsageError(absl::StrCat(
-        "'", name, "' is the first of two words; there are: ", absl::StrJoin(longer, ", ")));
-  }
-  const std::string nearest = NearestName(name, CommandNames());
-  return UsageError(absl::StrCat("'", name, "' is no command",
-                                 nearest.empty() ? "." : ", did you mean '" + nearest + "'?",
-                                 " There are: ", absl::StrJoin(CommandNames(), ", ")));
-}
 
 // CLI11 takes "-.5" for flags of one letter; "-0.5" it knows.
 std::string ReadableNumber(const std::string& argument) {
@@ -118,7 +61,7 @@ class CommandFormatter : public CLI::Formatter {
   const std::string usage_;
 };
 
-// Reads `arguments` (behind the command's name) and runs the command.
+// Reads `arguments`, those behind the command's name, and runs the command.
 absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
                  const Context& context) {
   CLI::App app(command.summary);
@@ -146,14 +89,88 @@ absl::Status Run(const Command& command, const std::vector<std::string>& argumen
   return action(context);
 }
 
-absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* command_name,
-                      const Context& context) {
+// The commands of the program, found by name.
+class CommandTable {
+ public:
+  explicit CommandTable(const std::vector<Command>& commands) : commands_(commands) {}
+
+  // Null if there is none.
+  [[nodiscard]] const Command* Find(const std::string& name) const {
+    const auto found = std::find_if(commands_.begin(), commands_.end(),
+                                    [&](const Command& command) { return command.name == name; });
+    return found == commands_.end() ? nullptr : &*found;
+  }
+
+  // One line for each command whose name starts with `prefix`.
+  [[nodiscard]] std::string List(const std::string& prefix) const {
+    std::string text;
+    for (const Command& command : commands_) {
+      if (absl::StartsWith(command.name, prefix)) {
+        absl::StrAppendFormat(&text, "  %-12s %s\n", command.name, command.summary);
+      }
+    }
+    return text;
+  }
+
+  // "partition, info, ...".
+  [[nodiscard]] std::string JoinedNames() const { return absl::StrJoin(Names(), ", "); }
+
+  // The text of `isoscope --help`.
+  [[nodiscard]] std::string Overview() const {
+    return absl::StrCat(
+        "isoscope: isosurfaces of volumes too large for one machine\n\n"
+        "Usage: isoscope COMMAND ...\n\nCommands:\n",
+        List(""),
+        "\nOptions:\n"
+        "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
+        "  --version   print the version\n"
+        "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
+        "\nExample:\n"
+        "  isoscope render head.nii.gz --isovalue 60 --output head.png\n");
+  }
+
+  // The error for a `name` that Find doesn't know: names the commands that may have been meant.
+  [[nodiscard]] absl::Status Unknown(const std::string& name) const {
+    if (absl::StartsWith(name, "-")) {
+      return UsageError(
+          absl::StrCat("unknown flag ", name, "; a command comes first: ", JoinedNames()));
+    }
+    std::vector<std::string> longer;  // where `name` is the first of two words
+    for (const std::string& known : Names()) {
+      if (absl::StartsWith(known, name + " ")) {
+        longer.push_back(known);
+      }
+    }
+    if (!longer.empty()) {
+      return UsageError(absl::StrCat(
+          "'", name, "' is the first of two words; there are: ", absl::StrJoin(longer, ", ")));
+    }
+    const std::string nearest = NearestName(name, Names());
+    return UsageError(absl::StrCat("'", name, "' is no command",
+                                   nearest.empty() ? "." : ", did you mean '" + nearest + "'?",
+                                   " There are: ", JoinedNames()));
+  }
+
+ private:
+  [[nodiscard]] std::vector<std::string> Names() const {
+    std::vector<std::string> names;
+    names.reserve(commands_.size());
+    for (const Command& command : commands_) {
+      names.push_back(command.name);
+    }
+    return names;
+  }
+
+  const std::vector<Command>& commands_;
+};
+
+absl::Status Dispatch(const CommandTable& commands, const std::vector<std::string>& arguments,
+                      std::string* command_name, const Context& context) {
   if (arguments.empty()) {
-    return UsageError(
-        absl::StrCat("a command is missing; there are: ", absl::StrJoin(CommandNames(), ", ")));
+    return UsageError(absl::StrCat("a command is missing; there are: ", commands.JoinedNames()));
   }
   if (IsHelp(arguments[0]) || (arguments[0] == "help" && arguments.size() == 1)) {
-    *context.out << Overview();
+    *context.out << commands.Overview();
     return absl::OkStatus();
   }
   if (arguments[0] == "--version") {
@@ -165,21 +182,18 @@ absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* co
   if (name == "help") {
     name = absl::StrJoin(rest, " ");
     rest = {"--help"};
-  } else if (!rest.empty() && FindCommand(absl::StrCat(name, " ", rest[0])) != nullptr) {
+  } else if (!rest.empty() && commands.Find(absl::StrCat(name, " ", rest[0])) != nullptr) {
     absl::StrAppend(&name, " ", rest[0]);
     rest.erase(rest.begin());
   }
-  const Command* command = FindCommand(name);
+  const Command* command = commands.Find(name);
   if (command == nullptr) {
-    const std::string of_two_words = ListOfCommands(name + " ");
+    const std::string of_two_words = commands.List(name + " ");
     if (!of_two_words.empty() && !rest.empty() && IsHelp(rest[0])) {
       *context.out << "Commands:\n" << of_two_words;
       return absl::OkStatus();
     }
-    return absl::StartsWith(name, "-")
-               ? UsageError(absl::StrCat("unknown flag ", name, "; a command comes first: ",
-                                         absl::StrJoin(CommandNames(), ", ")))
-               : UnknownCommand(name);
+    return commands.Unknown(name);
   }
   *command_name = name;
   return Run(*command, rest, context);
@@ -187,16 +201,15 @@ absl::Status Dispatch(const std::vector<std::string>& arguments, std::string* co
 
 }  // namespace
 
-const std::vector<Command>& Commands() {
-  static const auto* const commands = new std::vector<Command>{
-      PartitionCommand(), InfoCommand(),     ServeCommand(),      RenderCommand(),
-      ExportCommand(),    GenerateCommand(), BenchFrameCommand(), BenchPaperCommand()};
-  return *commands;
+std::vector<Command> Commands() {
+  return {PartitionCommand(), InfoCommand(),     ServeCommand(),     RenderCommand(),
+          ExportCommand(),    GenerateCommand(), CacheListCommand(), CacheClearCommand()};
 }
 
-int RunCommandLine(const std::vector<std::string>& arguments, const Context& context) {
+int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,
+                   const Context& context) {
   std::string command;
-  const absl::Status status = Dispatch(arguments, &command, context);
+  const absl::Status status = Dispatch(CommandTable(commands), arguments, &command, context);
   context.out->flush();
   if (!status.ok()) {
     *context.err << FormatError(command, status) << std::endl;

@@ -1,4 +1,4 @@
-// A sub-command of the command line, and what runs it.
+// The commands of the command line: how they are described, found and run.
 
 #ifndef ISOSCOPE_CLIENT_CLI_COMMAND_H_
 #define ISOSCOPE_CLIENT_CLI_COMMAND_H_
@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+
 #include "client-cli/interrupt.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): theirs
@@ -17,7 +18,7 @@ class App;
 
 namespace isoscope::cli {
 
-// What a command works with. Nothing is owned.
+// The surroundings of a command. Nothing is owned.
 struct Context {
   std::ostream* out = nullptr;  // standard output
   std::ostream* err = nullptr;  // standard error: progress, and text beside `--stats -`
@@ -25,7 +26,7 @@ struct Context {
   Interrupt* interrupt = nullptr;
 };
 
-// What a command does once its flags are read. A UsageError ends the process with 2, any other
+// The work of a command, once its flags are read. A UsageError ends the process with 2, any other
 // error with 1.
 using Action = std::function<absl::Status(const Context&)>;
 
@@ -34,7 +35,7 @@ struct Command {
   std::string summary;   // one line
   std::string usage;     // what follows "isoscope NAME" in the first line of --help
   std::string examples;  // the last lines of --help
-  // Adds the flags to `app`. The action owns what they are read into.
+  // Adds the flags to `app`. The action owns the variables that they are read into.
   Action (*register_flags)(CLI::App* app);
 };
 
@@ -43,14 +44,17 @@ Command InfoCommand();
 Command ServeCommand();
 Command RenderCommand();
 Command ExportCommand();
-Command BenchFrameCommand();
-Command BenchPaperCommand();
+Command GenerateCommand();
+Command CacheListCommand();
+Command CacheClearCommand();
 
-// All of them, in the order of --help.
-const std::vector<Command>& Commands();
+// All commands of this room, in the order of --help.
+std::vector<Command> Commands();
 
-// Runs the command line without the program's name; returns the exit code.
-int RunCommandLine(const std::vector<std::string>& arguments, const Context& context);
+// Runs the command line, given without the program's name, with one of `commands`; --help lists
+// them in their order. Returns the exit code.
+int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,
+                   const Context& context);
 
 }  // namespace isoscope::cli
 

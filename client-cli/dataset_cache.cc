@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -22,7 +23,12 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/usage.h"
+#include "client-cli/work_folder.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/io/file.h"
 
 namespace isoscope::cli {
@@ -32,8 +38,9 @@ namespace fs = std::filesystem;
 
 // Raised when the same source and parameters no longer give the same dataset.
 constexpr absl::string_view kKeyVersion = "isoscope-cache-2";
-constexpr absl::string_view kWorkPrefix = ".making-";
-constexpr const char* kLockName = "lock";
+constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
+constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
+constexpr std::int64_t kDefaultShareOfFileSystem = 10;  // one tenth
 
 std::string Environment(const char* name) {
   const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nobody sets any
@@ -57,16 +64,6 @@ absl::Status MakeOwnDirectory(const std::string& directory) {
         absl::StrCat("'", directory, "' is no folder of this user that can be written"));
   }
   return absl::OkStatus();
-}
-
-// With links resolved, as far as it exists: what it names need be no file.
-absl::StatusOr<std::string> AbsolutePath(const std::string& path) {
-  std::error_code error;
-  std::string absolute = fs::weakly_canonical(path, error).string();
-  if (error) {
-    return io::ErrnoToStatus(error.value(), "can't resolve", path);
-  }
-  return absolute;
 }
 
 absl::StatusOr<std::string> StampOf(const std::string& file) {
@@ -101,75 +98,6 @@ std::string ReadableStem(const std::string& path) {
   return stem.substr(0, 40);
 }
 
-// A folder for making a dataset in. The lock tells others that its maker lives; both end with the
-// object.
-class WorkFolder {
- public:
-  static absl::StatusOr<WorkFolder> Make(const std::string& cache_directory) {
-    std::string pattern = absl::StrCat(cache_directory, "/", kWorkPrefix, "XXXXXX");
-    if (mkdtemp(pattern.data()) == nullptr) {
-      return io::ErrnoToStatus(errno, "can't make a folder in", cache_directory);
-    }
-    // Gets its name once it is held: others would take a lock that is free for a leftover.
-    const std::string path = absl::StrCat(pattern, "/", kLockName);
-    const std::string unnamed = path + ".new";
-    const int lock = open(unnamed.c_str(), O_CREAT | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
-    if (lock < 0 || flock(lock, LOCK_EX | LOCK_NB) != 0 ||
-        rename(unnamed.c_str(), path.c_str()) != 0) {
-      const absl::Status status = io::ErrnoToStatus(errno, "can't lock", pattern);
-      if (lock >= 0) {
-        close(lock);
-      }
-      return status;
-    }
-    return WorkFolder(std::move(pattern), lock);
-  }
-
-  WorkFolder(WorkFolder&& other) noexcept
-      : path_(std::move(other.path_)), lock_(std::exchange(other.lock_, -1)) {}
-  WorkFolder(const WorkFolder&) = delete;
-  WorkFolder& operator=(const WorkFolder&) = delete;
-  WorkFolder& operator=(WorkFolder&&) = delete;
-  ~WorkFolder() {
-    if (lock_ >= 0) {
-      std::error_code ignored;  // the next maker tries again
-      fs::remove_all(path_, ignored);
-      close(lock_);
-    }
-  }
-
-  [[nodiscard]] const std::string& path() const { return path_; }
-
- private:
-  WorkFolder(std::string path, int lock) : path_(std::move(path)), lock_(lock) {}
-
-  std::string path_;
-  int lock_;
-};
-
-// Removes work folders whose makers are gone.
-void RemoveLeftovers(const std::string& cache_directory) {
-  std::error_code error;
-  std::vector<fs::path> folders;
-  for (fs::directory_iterator entry(cache_directory, error), end; !error && entry != end;
-       entry.increment(error)) {
-    if (absl::StartsWith(entry->path().filename().string(), kWorkPrefix)) {
-      folders.push_back(entry->path());
-    }
-  }
-  for (const fs::path& folder : folders) {
-    const int lock = open((folder / kLockName).c_str(), O_RDWR | O_CLOEXEC);
-    if (lock < 0) {
-      continue;  // being made at this moment, or removed
-    }
-    if (flock(lock, LOCK_EX | LOCK_NB) == 0) {
-      std::error_code ignored;
-      fs::remove_all(folder, ignored);
-    }
-    close(lock);
-  }
-}
-
 }  // namespace
 
 absl::StatusOr<std::string> CacheDirectory() {
@@ -197,6 +125,15 @@ absl::StatusOr<std::string> CacheDirectory() {
                    "; set XDG_CACHE_HOME, or partition the volume first"));
 }
 
+absl::StatusOr<std::string> AbsolutePath(const std::string& path) {
+  std::error_code error;
+  std::string absolute = fs::weakly_canonical(path, error).string();
+  if (error) {
+    return io::ErrnoToStatus(error.value(), "can't resolve", path);
+  }
+  return absolute;
+}
+
 absl::StatusOr<std::string> CacheKey(const std::string& source_path,
                                      const std::vector<std::string>& files,
                                      absl::string_view parameters) {
@@ -210,31 +147,107 @@ absl::StatusOr<std::string> CacheKey(const std::string& source_path,
   return absl::StrCat(ReadableStem(path), "-", Sha256Hex(text).substr(0, 16));
 }
 
-absl::StatusOr<std::string> FindOrMakeDataset(const std::string& cache_directory,
-                                              const std::string& key, MakeDataset make,
-                                              VerifyDataset verify) {
-  const std::string directory = absl::StrCat(cache_directory, "/", key);
-  if (io::PathExists(directory) && verify(directory).ok()) {
-    return directory;
+absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directory,
+                                                const std::string& key, absl::string_view source,
+                                                MakeDataset make, VerifyDataset verify) {
+  CachedDataset dataset{.directory = absl::StrCat(cache_directory, "/", key)};
+  const auto find = [&] {
+    absl::StatusOr<EntryLock> lock = UseEntry(dataset.directory, source);
+    if (!lock.ok() || !verify(dataset.directory).ok()) {
+      return false;
+    }
+    dataset.lock = *std::move(lock);
+    return true;
+  };
+  if (io::PathExists(dataset.directory) && find()) {
+    return dataset;
   }
   RemoveLeftovers(cache_directory);
   ISOSCOPE_ASSIGN_OR_RETURN(const WorkFolder work, WorkFolder::Make(cache_directory));
   const std::string made = absl::StrCat(work.path(), "/", key);
   ISOSCOPE_RETURN_IF_ERROR(make(made));
+  // In use before others can see it.
+  ISOSCOPE_ASSIGN_OR_RETURN(EntryLock lock, UseEntry(made, source));
   // Another process may have finished the same meanwhile: then that one is used. One that can't be
   // opened goes away with the work folder.
-  if (io::PathExists(directory)) {
-    if (verify(directory).ok()) {
-      return directory;
+  if (io::PathExists(dataset.directory)) {
+    if (find()) {
+      return dataset;
     }
     std::error_code ignored;  // a third process may have moved it; the rename below tells
-    fs::rename(directory, work.path() + "/damaged", ignored);
+    fs::rename(dataset.directory, work.path() + "/damaged", ignored);
   }
-  const absl::Status renamed = io::RenamePath(made, directory);
-  if (!renamed.ok() && !verify(directory).ok()) {
-    return renamed;
+  const absl::Status renamed = io::RenamePath(made, dataset.directory);
+  if (renamed.ok()) {
+    dataset.lock = std::move(lock);
+    dataset.was_made = true;
+    return dataset;
   }
-  return directory;
+  return find() ? absl::StatusOr<CachedDataset>(std::move(dataset)) : renamed;
+}
+
+absl::StatusOr<std::int64_t> CacheLimitBytes(const std::optional<std::int64_t>& flag,
+                                             const std::string& cache_directory) {
+  if (flag) {
+    return *flag;
+  }
+  if (const std::string text = Environment(kLimitVariable); !text.empty()) {
+    absl::StatusOr<std::int64_t> limit_bytes = ParseByteSize(text);
+    return limit_bytes.ok() ? limit_bytes
+                            : UsageError(absl::StrCat("the environment variable ", kLimitVariable,
+                                                      ": ", limit_bytes.status().message()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<CacheEntry> entries, ListEntries(cache_directory));
+  std::error_code error;
+  const fs::space_info space = fs::space(cache_directory, error);
+  if (error) {
+    return kMaxDefaultLimitBytes;
+  }
+  const std::uintmax_t tenth =
+      (space.available + static_cast<std::uintmax_t>(TotalBytes(entries))) /
+      kDefaultShareOfFileSystem;
+  return static_cast<std::int64_t>(
+      std::min(tenth, static_cast<std::uintmax_t>(kMaxDefaultLimitBytes)));
+}
+
+absl::StatusOr<std::vector<CacheEntry>> TrimCache(const std::string& cache_directory,
+                                                  std::int64_t limit_bytes) {
+  // One process at a time: two would remove more than is needed. Where folders can't be locked,
+  // that is the worst that happens.
+  const int descriptor = open(cache_directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor >= 0) {
+    flock(descriptor, LOCK_EX);
+  }
+  const EntryLock turn(descriptor);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<CacheEntry> entries, ListEntries(cache_directory));
+  std::int64_t total_bytes = TotalBytes(entries);
+  std::vector<CacheEntry> removed;
+  for (; total_bytes > limit_bytes && !entries.empty(); entries.pop_back()) {
+    CacheEntry& oldest = entries.back();
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool is_gone, RemoveEntry(cache_directory, oldest.name));
+    if (is_gone) {
+      total_bytes -= oldest.size_bytes;
+      removed.push_back(std::move(oldest));
+    }
+  }
+  return removed;
+}
+
+std::string DescribeLargeEntry(const std::string& cache_directory, std::int64_t limit_bytes,
+                               const std::vector<CacheEntry>& entries,
+                               const std::string& directory) {
+  const std::string name = fs::path(directory).filename().string();
+  const auto made = std::find_if(entries.begin(), entries.end(),
+                                 [&](const CacheEntry& entry) { return entry.name == name; });
+  if (made == entries.end() || made->size_bytes <= kLargeEntryBytes) {
+    return "";
+  }
+  const std::int64_t total_bytes = TotalBytes(entries);
+  return absl::StrCat(
+      "the partitioned volume, ", FormatMebibytes(made->size_bytes), ", is kept in the cache, ",
+      cache_directory, ", which now has ", FormatMebibytes(total_bytes),
+      total_bytes > limit_bytes ? ", more than its limit of " : " of at most ",
+      FormatMebibytes(limit_bytes), "; 'isoscope cache clear ", name, "' removes it");
 }
 
 }  // namespace isoscope::cli

@@ -8,8 +8,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
-#include "client-cli/output.h"
 
+#include "client-cli/output.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {
@@ -114,6 +114,7 @@ Json AgentToJson(const v1::AgentStatus& agent) {
   json["message"] = agent.message();
   json["version"] = agent.version();
   json["renderer"] = agent.renderer();
+  json["picture_revision"] = agent.picture_revision();
   json["shards"] = Json::array();
   for (const v1::ServedShard& shard : agent.shards()) {
     json["shards"].push_back({{"dataset", shard.dataset()},

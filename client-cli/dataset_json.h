@@ -1,4 +1,4 @@
-// What `info` prints: volumes, datasets and agents as JSON and as text.
+// The output of `info`: volumes, datasets and agents as JSON and as text.
 
 #ifndef ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_
 #define ISOSCOPE_CLIENT_CLI_DATASET_JSON_H_
@@ -27,8 +27,9 @@ Json VolumeToJson(const source::VolumeSource& source, const volume::ScalarSpan& 
 // {"address", "state", "message", "version", "renderer", "shards": [{"dataset", "shard",
 // "block_count"}]}; state is "reachable", "unreachable" or "unknown".
 Json AgentToJson(const isoscope::v1::AgentStatus& agent);
-// DatasetToJson with what only the folder knows: "distribution", "seed", and "shards": [{"shard",
-// "block_count", "block_bytes"}].
+// DatasetToJson with three members that only the folder knows: "distribution", "seed", and
+// "shards":
+// [{"shard", "block_count", "block_bytes"}].
 Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 
 // The same for people, from the JSON above.

@@ -7,8 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
-#include "client-cli/parse_value.h"
 
+#include "client-cli/parse_value.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/units.h"
@@ -98,6 +98,14 @@ EmbeddedCluster::~EmbeddedCluster() {
   // The coordinator calls the agents: it goes first.
   coordinator_.reset();
   agents_.clear();
+}
+
+int EmbeddedCluster::frames_in_work() const {
+  int sum = 0;
+  for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {
+    sum += agent->frames_in_work();
+  }
+  return sum;
 }
 
 void EmbeddedCluster::Shutdown(absl::Duration grace) {

@@ -55,7 +55,9 @@ class EmbeddedCluster {
   // The bound port, or 0 without one.
   [[nodiscard]] int port() const { return coordinator_->port(); }
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
-  // What draws, for people.
+  // Of all agents together, as AgentServer::frames_in_work.
+  [[nodiscard]] int frames_in_work() const;
+  // Names the back end and its device, for people.
   [[nodiscard]] std::string renderer_description() const { return renderer_->description(); }
   // Lets frames in work finish for at most `grace`. Blocks.
   void Shutdown(absl::Duration grace);

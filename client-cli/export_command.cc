@@ -7,14 +7,15 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
+#include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/ply_writer.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 
 namespace isoscope::cli {
@@ -34,7 +35,7 @@ absl::Status CheckUsage(const ExportFlags& flags) {
   if (!flags.output) {
     return UsageError("--output FILE.ply is missing: the mesh to write");
   }
-  return absl::OkStatus();
+  return CheckSuffix(*flags.output, ".ply", "PLY");
 }
 
 absl::Status Run(const ExportFlags& flags, const Context& context) {
@@ -42,11 +43,15 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.output));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, std::nullopt, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const isoscope::v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->timeout()));
+  WarnIfNoSurface(dataset, *flags.isovalue, context);
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<PlyWriter> writer,
                             PlyWriter::Create(*flags.output));
   isoscope::v1::ExportIsosurfaceRequest request;
-  request.set_dataset(session->dataset_name());
+  request.set_dataset(dataset.name());
   request.set_isovalue(*flags.isovalue);
   {
     ProgressLine line(context.err, context.err_is_terminal);

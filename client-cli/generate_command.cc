@@ -1,4 +1,4 @@
-#include "client-cli/generate_command.h"
+// isoscope generate FIELD --dims X,Y,Z --output FILE
 
 #include <array>
 #include <cstdint>
@@ -14,11 +14,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+
+#include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/math/vec.h"
 #include "core/source/volume_file.h"
@@ -143,7 +144,7 @@ source::GeneratorParameters ParametersOf(const GenerateFlags& flags) {
   return p;
 }
 
-// Where a generated value of 0.5 lies in samples of `type`.
+// The sample value of `type` that a generated value of 0.5 becomes.
 double MiddleOf(volume::ScalarType type) {
   return volume::VisitScalarType(type, []<typename T>() {
     if constexpr (std::is_floating_point_v<T>) {
@@ -234,7 +235,7 @@ std::string HelpOfFields() {
   }
   absl::StrAppend(
       &text,
-      "Levels are parts of the type's range: of uint8 0.5 is 127.5, of uint16 32767.5,\n"
+      "Levels are fractions of the type's range: of uint8 0.5 is 127.5, of uint16 32767.5,\n"
       "of signed types the middle is -0.5; float32 and float64 hold 0 to 1 themselves.\n");
   return text;
 }

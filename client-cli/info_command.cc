@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+
 #include "client-cli/command.h"
 #include "client-cli/dataset_json.h"
 #include "client-cli/flags.h"
@@ -16,7 +17,6 @@
 #include "client-cli/service_client.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/source/value_range.h"

@@ -5,24 +5,11 @@
 #include <unistd.h>
 
 #include <thread>
-#include <utility>
 
 #include "client-cli/usage.h"
+#include "core/base/mutex.h"
 
 namespace isoscope::cli {
-
-Interrupt::Scope::Scope(Interrupt* interrupt, Callback callback) : interrupt_(interrupt) {
-  absl::MutexLock lock(&interrupt_->mutex_);
-  if (interrupt_->is_triggered_) {
-    callback();
-  }
-  position_ = interrupt_->callbacks_.insert(interrupt_->callbacks_.end(), std::move(callback));
-}
-
-Interrupt::Scope::~Scope() {
-  absl::MutexLock lock(&interrupt_->mutex_);
-  interrupt_->callbacks_.erase(position_);
-}
 
 void Interrupt::InstallForProcess() {
   sigset_t signals;
@@ -39,18 +26,10 @@ void Interrupt::InstallForProcess() {
   }).detach();
 }
 
-void Interrupt::Trigger() {
-  cancellation_.Cancel();
-  absl::MutexLock lock(&mutex_);
-  is_triggered_ = true;
-  for (const Callback& callback : callbacks_) {
-    callback();
-  }
-}
-
 void Interrupt::Wait() {
-  absl::MutexLock lock(&mutex_);
-  mutex_.Await(absl::Condition(&is_triggered_));
+  base::Mutex mutex;
+  base::CondVar never;
+  base::AwaitOrCancelled(cancellation_, &mutex, &never, [] { return false; }).IgnoreError();
 }
 
 }  // namespace isoscope::cli

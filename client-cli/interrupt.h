@@ -3,13 +3,6 @@
 #ifndef ISOSCOPE_CLIENT_CLI_INTERRUPT_H_
 #define ISOSCOPE_CLIENT_CLI_INTERRUPT_H_
 
-#include <functional>
-#include <list>
-
-#include "absl/base/thread_annotations.h"
-#include "absl/status/status.h"
-#include "absl/synchronization/mutex.h"
-
 #include "core/base/cancellation.h"
 
 namespace isoscope::cli {
@@ -17,22 +10,6 @@ namespace isoscope::cli {
 // Thread-safe.
 class Interrupt {
  public:
-  using Callback = std::function<void()>;
-
-  // Calls a function when the interrupt comes, at once if it has come. Thread-compatible.
-  class Scope {
-   public:
-    Scope(Interrupt* interrupt, Callback callback);
-    // The function is not running any more, and will not.
-    ~Scope();
-    Scope(const Scope&) = delete;
-    Scope& operator=(const Scope&) = delete;
-
-   private:
-    Interrupt* const interrupt_;
-    std::list<Callback>::iterator position_;
-  };
-
   Interrupt() = default;
   Interrupt(const Interrupt&) = delete;
   Interrupt& operator=(const Interrupt&) = delete;
@@ -43,7 +20,7 @@ class Interrupt {
   void InstallForProcess();
 
   // What the first signal does.
-  void Trigger();
+  void Trigger() { cancellation_.Cancel(); }
   // Blocks until Trigger().
   void Wait();
 
@@ -51,9 +28,6 @@ class Interrupt {
 
  private:
   base::Cancellation cancellation_;
-  absl::Mutex mutex_;
-  bool is_triggered_ ABSL_GUARDED_BY(mutex_) = false;
-  std::list<Callback> callbacks_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace isoscope::cli

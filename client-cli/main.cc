@@ -1,16 +1,18 @@
-// The command line of Isoscope. Everything is in the library isoscope::cli.
+// The command line of Isoscope: the commands of client-cli and of bench in one program.
 
 #include <unistd.h>
 
 #include <iostream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/synchronization/mutex.h"
-#include "client-cli/command.h"
-#include "client-cli/interrupt.h"
 #include <oneapi/tbb/info.h>
 
+#include "bench/commands.h"
+#include "client-cli/command.h"
+#include "client-cli/interrupt.h"
 #include "core/base/memory_info.h"
 
 int main(int argc, char** argv) {
@@ -25,5 +27,10 @@ int main(int argc, char** argv) {
                                        .err = &std::cerr,
                                        .err_is_terminal = isatty(STDERR_FILENO) == 1,
                                        .interrupt = interrupt};
-  return isoscope::cli::RunCommandLine(std::vector<std::string>(argv + 1, argv + argc), context);
+  std::vector<isoscope::cli::Command> commands = isoscope::cli::Commands();
+  for (isoscope::cli::Command& command : isoscope::bench::Commands()) {
+    commands.push_back(std::move(command));
+  }
+  return isoscope::cli::RunCommandLine(std::vector<std::string>(argv + 1, argv + argc), commands,
+                                       context);
 }

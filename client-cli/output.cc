@@ -11,10 +11,12 @@
 #include <system_error>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/usage.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -170,6 +172,18 @@ std::string PartialName(const std::string& path) {
   return absl::StrCat(path, ".partial-", getpid());
 }
 
+absl::Status CheckSuffix(const std::string& path, absl::string_view suffix,
+                         absl::string_view format) {
+  const std::filesystem::path name(path);
+  const std::string actual = name.extension().string();
+  if (actual.empty() || absl::EqualsIgnoreCase(actual, suffix) || IsSpecialFile(path)) {
+    return absl::OkStatus();
+  }
+  return UsageError(absl::StrCat("--output '", path, "': the suffix '", actual,
+                                 "' is not that of the format written, ", format, "; expected '",
+                                 name.stem().string(), suffix, "'"));
+}
+
 absl::Status CheckWritable(const std::string& path) {
   if (IsSpecialFile(path)) {
     return absl::OkStatus();
@@ -202,7 +216,7 @@ absl::Status WriteFileAtomically(const std::string& path, absl::string_view byte
     status = io::RenamePath(partial, path);
   }
   if (!status.ok()) {
-    // What went wrong first is what counts.
+    // The first error is the one to report.
     io::RemoveRecursively(partial).IgnoreError();
   }
   return status;

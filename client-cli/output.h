@@ -69,6 +69,12 @@ class ProgressLine {
   bool is_drawn_ = false;
 };
 
+// UsageError if the name of `path` has another suffix than `suffix` (".png"; letters of any case):
+// it would promise a format that is not written. A name without a suffix promises nothing, nor does
+// a device or a pipe. `format` says what is written: "PNG".
+absl::Status CheckSuffix(const std::string& path, absl::string_view suffix,
+                         absl::string_view format);
+
 // OK if a file can be made at `path`, or one there be replaced; leaves no trace. Errors name the
 // path and the reason.
 absl::Status CheckWritable(const std::string& path);

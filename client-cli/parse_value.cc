@@ -25,14 +25,14 @@ absl::Status Malformed(absl::string_view text, absl::string_view expected) {
 // `count` numbers between commas.
 absl::StatusOr<std::vector<double>> ParseList(absl::string_view text, std::size_t min_count,
                                               std::size_t max_count, absl::string_view expected) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(text, ',');
-  if (parts.size() < min_count || parts.size() > max_count) {
+  const std::vector<absl::string_view> elements = absl::StrSplit(text, ',');
+  if (elements.size() < min_count || elements.size() > max_count) {
     return Malformed(text, expected);
   }
   std::vector<double> values;
-  for (const absl::string_view part : parts) {
+  for (const absl::string_view element : elements) {
     double value = 0;
-    if (!absl::SimpleAtod(part, &value) || !std::isfinite(value)) {
+    if (!absl::SimpleAtod(element, &value) || !std::isfinite(value)) {
       return Malformed(text, expected);
     }
     values.push_back(value);
@@ -42,14 +42,14 @@ absl::StatusOr<std::vector<double>> ParseList(absl::string_view text, std::size_
 
 absl::StatusOr<math::Index3> ParseIndex3(absl::string_view text, char separator, std::int64_t min,
                                          std::int64_t max, absl::string_view expected) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(text, separator);
-  if (parts.size() != 3) {
+  const std::vector<absl::string_view> elements = absl::StrSplit(text, separator);
+  if (elements.size() != 3) {
     return Malformed(text, expected);
   }
   math::Index3 result;
   for (int axis = 0; axis < 3; ++axis) {
     std::int64_t value = 0;
-    if (!absl::SimpleAtoi(parts[static_cast<std::size_t>(axis)], &value) || value < min ||
+    if (!absl::SimpleAtoi(elements[static_cast<std::size_t>(axis)], &value) || value < min ||
         value > max) {
       return Malformed(text, expected);
     }
@@ -135,24 +135,24 @@ absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text) {
       "a size of at least one byte: a number, then K, M, G, T, KiB, MiB, GiB, TiB or nothing";
   constexpr std::array<std::pair<absl::string_view, std::int64_t>, 4> kUnits = {
       {{"K", base::kKiB}, {"M", base::kMiB}, {"G", base::kGiB}, {"T", 1024 * base::kGiB}}};
-  absl::string_view number = text;
+  absl::string_view digits = text;
   std::int64_t unit = 1;
   for (const auto& [name, factor] : kUnits) {
-    if (absl::EndsWith(number, absl::StrCat(name, "iB"))) {
-      number.remove_suffix(3);
+    if (absl::EndsWith(digits, absl::StrCat(name, "iB"))) {
+      digits.remove_suffix(3);
       unit = factor;
       break;
     }
-    if (absl::EndsWith(number, name)) {
-      number.remove_suffix(1);
+    if (absl::EndsWith(digits, name)) {
+      digits.remove_suffix(1);
       unit = factor;
       break;
     }
   }
   double value = 0;
   // A digit at the end rules out "1 K", "infK" and "1e".
-  if (number.empty() || !absl::ascii_isdigit(static_cast<unsigned char>(number.back())) ||
-      !absl::SimpleAtod(number, &value)) {
+  if (digits.empty() || !absl::ascii_isdigit(static_cast<unsigned char>(digits.back())) ||
+      !absl::SimpleAtod(digits, &value)) {
     return Malformed(text, kExpected);
   }
   const double bytes = std::floor(value * static_cast<double>(unit));
@@ -186,9 +186,9 @@ absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
   const absl::string_view host = text.substr(0, colon);
   const absl::string_view port = text.substr(colon + 1);
   const bool is_bracketed = host.size() > 2 && host.front() == '[' && host.back() == ']';
-  std::int64_t number = 0;
+  std::int64_t port_value = 0;
   if ((absl::StrContains(host, ':') && !is_bracketed) || absl::StrContains(text, ' ') ||
-      !absl::SimpleAtoi(port, &number) || number < 0 || number > 65535) {
+      !absl::SimpleAtoi(port, &port_value) || port_value < 0 || port_value > 65535) {
     return Malformed(text, kExpected);
   }
   return absl::StrCat(text);

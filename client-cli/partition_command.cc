@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
@@ -15,7 +16,6 @@
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
@@ -92,12 +92,13 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
 Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<PartitionFlags>();
   AddFlag(app, "input", "INPUT", &flags->input, ParseText,
-          "a NIfTI, NRRD, MetaImage or VTK ImageData (.vti) file, file.h5:/dataset, a folder or a "
-          "file of a DICOM series, a folder or 'pattern*.tif' of slices, or a raw file");
+          "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
+          "several), file.vti[:array[:component]], file.h5:/dataset, a folder or a file of a DICOM "
+          "series, a folder or 'pattern*.tif' of slices, or a raw file");
   AddFlag(app, "--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
-          "parts, one for each agent (default: 1)");
+          "shards to make, one for each agent (default: 1)");
   AddFlag(
       app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
       "cells of a block (default: 16 from about 512 x 512 x 512 samples on, 12 from 384 x 384 x "

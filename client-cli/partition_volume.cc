@@ -4,7 +4,6 @@
 
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
-
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/store/shard_format.h"
@@ -12,7 +11,7 @@
 namespace isoscope::cli {
 namespace {
 
-// What the process holds beside the partitioner's tables and samples: code, libraries, stacks.
+// The memory of the process beside the partitioner's tables and samples: code, libraries, stacks.
 // Measured before the first block: 37 MiB.
 constexpr std::int64_t kProcessBytes = 40 * base::kMiB;
 

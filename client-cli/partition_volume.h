@@ -1,4 +1,4 @@
-// Partitioning with progress on standard error: what `partition` does, and `render` for a volume.
+// Partitioning with progress on standard error: for `partition`, and for `render` of a volume.
 
 #ifndef ISOSCOPE_CLIENT_CLI_PARTITION_VOLUME_H_
 #define ISOSCOPE_CLIENT_CLI_PARTITION_VOLUME_H_
@@ -8,9 +8,9 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+
 #include "client-cli/command.h"
 #include "client-cli/source_flags.h"
-
 #include "core/partition/partitioner.h"
 #include "core/store/manifest.h"
 

@@ -4,8 +4,8 @@
 #include <cstddef>
 
 #include "absl/strings/str_cat.h"
-#include "client-cli/output.h"
 
+#include "client-cli/output.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -61,7 +61,7 @@ absl::Status PlyWriter::AddChunk(absl::string_view positions, absl::string_view 
   if (positions.size() % kVectorBytes != 0 || normals.size() != positions.size() ||
       triangles.size() % kTriangleBytes != 0) {
     return absl::DataLossError(absl::StrCat(
-        "malformed part of a mesh: ", positions.size(), " bytes of positions, ", normals.size(),
+        "malformed chunk of a mesh: ", positions.size(), " bytes of positions, ", normals.size(),
         " of normals, ", triangles.size(), " of triangles; expected multiples of ", kVectorBytes,
         ", the same, and of ", kTriangleBytes));
   }
@@ -69,7 +69,7 @@ absl::Status PlyWriter::AddChunk(absl::string_view positions, absl::string_view 
   if (static_cast<std::int64_t>(new_vertex_count) > kMaxVertexCount - vertex_count_) {
     return absl::OutOfRangeError(absl::StrCat("the isosurface has more than ",
                                               FormatCount(kMaxVertexCount),
-                                              " vertices, the most that a PLY file can number"));
+                                              " vertices, the most that a PLY file can hold"));
   }
   std::string vertices(2 * positions.size(), '\0');
   for (std::size_t i = 0; i < new_vertex_count; ++i) {
@@ -85,9 +85,10 @@ absl::Status PlyWriter::AddChunk(absl::string_view positions, absl::string_view 
     const auto vertex =
         base::LoadLittleEndian<std::int64_t>(triangles.data() + i * sizeof(std::int64_t));
     if (vertex < 0 || vertex >= vertex_count_) {
-      return absl::DataLossError(absl::StrCat(
-          "malformed part of a mesh: triangle ", triangle_count_ + static_cast<std::int64_t>(i / 3),
-          " has vertex ", vertex, "; there are ", vertex_count_, " so far"));
+      return absl::DataLossError(absl::StrCat("malformed chunk of a mesh: triangle ",
+                                              triangle_count_ + static_cast<std::int64_t>(i / 3),
+                                              " has vertex ", vertex, "; there are ", vertex_count_,
+                                              " so far"));
     }
     if (i % 3 == 0) {
       base::AppendLittleEndian(std::uint8_t{3}, &faces);

@@ -19,11 +19,11 @@
 
 namespace isoscope::cli {
 
-// Life: Create, AddChunk for every part, Finish. Without Finish the destructor removes what was
-// written. Thread-compatible.
+// Create, then AddChunk for every chunk, then Finish. Without Finish the destructor removes the
+// files written so far. Thread-compatible.
 class PlyWriter {
  public:
-  // The limit of the format's 32-bit vertex numbers.
+  // The limit of the format's 32-bit vertex indices.
   static constexpr std::int64_t kMaxVertexCount = 0x7fffffff;
 
   // `path` appears at Finish, in one step. Errors as io::CreateWritableFile.
@@ -33,8 +33,8 @@ class PlyWriter {
   PlyWriter& operator=(const PlyWriter&) = delete;
 
   // positions, normals: x, y, z of the new vertices, little-endian float32, as many of one as of
-  // the other. triangles: three vertex numbers each, counted over all chunks, little-endian int64,
-  // each below the number of vertices so far, these included.
+  // the other. triangles: three vertex indices each, counted over all chunks, little-endian int64,
+  // each below the count of vertices so far, these included.
   // DATA_LOSS if the bytes are not that; OUT_OF_RANGE above kMaxVertexCount vertices.
   absl::Status AddChunk(absl::string_view positions, absl::string_view normals,
                         absl::string_view triangles);

@@ -11,16 +11,17 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/frame_statistics.h"
+#include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
-
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
 
@@ -44,6 +45,7 @@ absl::Status CheckUsage(const RenderFlags& flags) {
   if (!flags.output) {
     return UsageError("--output FILE.png is missing: the picture to write");
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(FrameFileName(*flags.output, 0), ".png", "PNG"));
   if (flags.orbit_degrees && flags.repeat_count.value_or(1) == 1) {
     return UsageError("--orbit turns the camera between frames: it needs --repeat N with N > 1");
   }
@@ -79,6 +81,7 @@ absl::Status Run(const RenderFlags& flags, const Context& context) {
       session->client().GetDataset(session->dataset_name(), session->timeout()));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+  WarnIfNoSurface(dataset, flags.request.isovalue.value_or(0), context);
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
                             ResolveCamera(flags.request.camera, geometry.Bounds()));
 
@@ -112,7 +115,7 @@ Action RegisterFlags(CLI::App* app) {
   AddSessionFlags(app, &flags->session);
   AddRendererFlag(app, &flags->session);
   AddFlag(app, "--output", "FILE.png", &flags->output, ParseText,
-          "the picture; with %d or {} in its name one for each frame, numbered from 0");
+          "the picture, a PNG; with %d or {} in its name one for each frame, numbered from 0");
   AddRequestFlags(app, &flags->request);
   AddFlag(
       app, "--repeat", "N", &flags->repeat_count,

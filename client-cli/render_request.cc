@@ -4,9 +4,9 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+
 #include "client-cli/flags.h"
 #include "client-cli/usage.h"
-
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {
@@ -74,11 +74,11 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
 }
 
 std::string FrameFileName(absl::string_view pattern, int frame_index) {
-  for (const absl::string_view place : {absl::string_view("%d"), absl::string_view("{}")}) {
-    const std::size_t position = pattern.find(place);
+  for (const absl::string_view placeholder : {absl::string_view("%d"), absl::string_view("{}")}) {
+    const std::size_t position = pattern.find(placeholder);
     if (position != absl::string_view::npos) {
       return absl::StrCat(pattern.substr(0, position), frame_index,
-                          pattern.substr(position + place.size()));
+                          pattern.substr(position + placeholder.size()));
     }
   }
   return absl::StrCat(pattern);

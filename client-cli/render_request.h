@@ -1,4 +1,4 @@
-// What a frame is asked for with, from flags.
+// The flags of a frame, and the request that they make.
 
 #ifndef ISOSCOPE_CLIENT_CLI_RENDER_REQUEST_H_
 #define ISOSCOPE_CLIENT_CLI_RENDER_REQUEST_H_
@@ -9,9 +9,9 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
+
 #include "client-cli/camera_flags.h"
 #include "client-cli/parse_value.h"
-
 #include "core/frame/culling.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -44,7 +44,7 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
 
-// `pattern` with its first "%d" or "{}" replaced by the number; as it is if it has none.
+// `pattern` with its first "%d" or "{}" replaced by the frame index; unchanged if it has none.
 std::string FrameFileName(absl::string_view pattern, int frame_index);
 
 }  // namespace isoscope::cli

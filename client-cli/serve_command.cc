@@ -8,12 +8,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+
 #include "client-cli/command.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
-
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/render/renderer_factory.h"

@@ -44,7 +44,8 @@ absl::Status ServiceClient::Call(absl::Duration timeout,
   if (timeout < absl::InfiniteDuration()) {
     context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
   }
-  const Interrupt::Scope on_interrupt(interrupt_, [&context] { context.TryCancel(); });
+  const base::Cancellation::Callback on_interrupt(interrupt_->cancellation(),
+                                                  [&context] { context.TryCancel(); });
   return Explain(call(&context));
 }
 

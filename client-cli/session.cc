@@ -5,13 +5,13 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+
 #include "client-cli/dataset_cache.h"
 #include "client-cli/flags.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/usage.h"
-
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
@@ -41,10 +41,28 @@ absl::Status VerifyDatasetDirectory(const std::string& directory) {
   return absl::OkStatus();
 }
 
+// Keeps the cache to its limit now that an entry was added, and says so if that entry is large. An
+// error is reported but does not end the request.
+void TrimAfterMaking(const std::string& cache_directory, std::int64_t limit_bytes,
+                     const CachedDataset& made, const Context& context) {
+  const absl::StatusOr<std::vector<CacheEntry>> removed = TrimCache(cache_directory, limit_bytes);
+  const absl::StatusOr<std::vector<CacheEntry>> entries = ListEntries(cache_directory);
+  if (!removed.ok() || !entries.ok()) {
+    *context.err << "isoscope: the cache was not kept to its limit: "
+                 << (removed.ok() ? entries.status() : removed.status()).message() << std::endl;
+    return;
+  }
+  const std::string note =
+      DescribeLargeEntry(cache_directory, limit_bytes, *entries, made.directory);
+  if (!note.empty()) {
+    *context.err << "isoscope: " << note << std::endl;
+  }
+}
+
 // The cached dataset of a source volume, which is read from `files`.
-absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags,
-                                          const std::vector<std::string>& files,
-                                          const Context& context) {
+absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
+                                            const std::vector<std::string>& files,
+                                            const Context& context) {
   const std::string& input = *flags.input;
   partition::PartitionOptions options;
   options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
@@ -53,9 +71,9 @@ absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags,
       CacheKey(input, files,
                absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count)));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory());
-  bool was_made = false;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t limit_bytes,
+                            CacheLimitBytes(flags.cache_limit_bytes, cache_directory));
   const auto make = [&](const std::string& directory) -> absl::Status {
-    was_made = true;
     if (context.err_is_terminal) {
       *context.err << "partitioning '" << input << "' into the cache, " << cache_directory
                    << std::endl;
@@ -63,16 +81,19 @@ absl::StatusOr<std::string> PrepareVolume(const SessionFlags& flags,
     options.output_directory = directory;
     return PartitionVolume(flags.source, input, options, context).status();
   };
-  ISOSCOPE_ASSIGN_OR_RETURN(std::string directory,
-                            FindOrMakeDataset(cache_directory, key, make, VerifyDatasetDirectory));
-  if (context.err_is_terminal && !was_made) {
-    *context.err << "using the cached dataset " << directory << std::endl;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, AbsolutePath(input));
+  ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, FindOrMakeDataset(cache_directory, key, source,
+                                                                     make, VerifyDatasetDirectory));
+  if (dataset.was_made) {
+    TrimAfterMaking(cache_directory, limit_bytes, dataset, context);
+  } else if (context.err_is_terminal) {
+    *context.err << "using the cached dataset " << dataset.directory << std::endl;
   }
-  return directory;
+  return dataset;
 }
 
 // A dataset directory, as it is.
-absl::StatusOr<std::string> PrepareDataset(const SessionFlags& flags) {
+absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
   const std::string& input = *flags.input;
   if (flags.shard_count) {
     ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(input));
@@ -82,11 +103,11 @@ absl::StatusOr<std::string> PrepareDataset(const SessionFlags& flags) {
                                      " shards; leave --shards out, or partition anew"));
     }
   }
-  return input;
+  return CachedDataset{.directory = input};
 }
 
 // The dataset directory that the flags mean.
-absl::StatusOr<std::string> PrepareInput(const SessionFlags& flags, const Context& context) {
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context) {
   if (store::IsDatasetDirectory(*flags.input)) {
     return PrepareDataset(flags);
   }
@@ -112,10 +133,17 @@ void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
   AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
           "memory of the embedded agents together, as in 512MiB or 2G (default: a quarter of the "
           "machine's)");
+  AddCacheLimitFlag(app, &flags->cache_limit_bytes);
   AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "give up a request after this time (default: the server's limit)");
   app->add_flag("--verbose", flags->is_verbose, "log lines of the embedded servers");
   AddSourceFlags(app, &flags->source);
+}
+
+void AddCacheLimitFlag(CLI::App* app, std::optional<std::int64_t>* limit_bytes) {
+  AddFlag(app, "--cache-limit", "BYTES", limit_bytes, ParseByteSize,
+          "size of the cache of partitioned volumes, as in 4GiB (default: $ISOSCOPE_CACHE_LIMIT, "
+          "else 20GiB or a tenth of the free space, whichever is less)");
 }
 
 void AddRendererFlag(CLI::App* app, SessionFlags* flags) {
@@ -133,6 +161,7 @@ absl::Status CheckUsage(const SessionFlags& flags) {
                                 : flags.shard_count        ? "--shards"
                                 : flags.thread_count       ? "--threads"
                                 : flags.memory_limit_bytes ? "--memory-limit"
+                                : flags.cache_limit_bytes  ? "--cache-limit"
                                                            : flags.source.FirstGiven();
     if (embedded_only != nullptr) {
       return UsageError(absl::StrCat(embedded_only,
@@ -159,8 +188,10 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
                                                        *flags.server, context.interrupt);
     return session;
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
+  session->dataset_lock_ = std::move(dataset.lock);
   EmbeddedClusterOptions options;
-  ISOSCOPE_ASSIGN_OR_RETURN(options.dataset_directory, PrepareInput(flags, context));
+  options.dataset_directory = dataset.directory;
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));

@@ -1,4 +1,4 @@
-// What `render` and `export` work on: a source volume, a dataset directory or a server.
+// The input of `render` and `export`, opened: a source volume, a dataset directory or a server.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SESSION_H_
 #define ISOSCOPE_CLIENT_CLI_SESSION_H_
@@ -11,11 +11,12 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+
+#include "client-cli/cache_entry.h"
 #include "client-cli/command.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/service_client.h"
 #include "client-cli/source_flags.h"
-
 #include "core/render/renderer_factory.h"
 #include "core/view/camera.h"
 
@@ -29,6 +30,7 @@ struct SessionFlags {
   std::optional<std::int64_t> shard_count;
   std::optional<std::int64_t> thread_count;
   std::optional<std::int64_t> memory_limit_bytes;
+  std::optional<std::int64_t> cache_limit_bytes;
   std::optional<render::RendererKind> renderer;
   std::optional<absl::Duration> timeout;
   bool is_verbose = false;
@@ -36,20 +38,22 @@ struct SessionFlags {
 
 // `flags` must outlive the parsing.
 void AddSessionFlags(CLI::App* app, SessionFlags* flags);
+// Registers --cache-limit.
+void AddCacheLimitFlag(CLI::App* app, std::optional<std::int64_t>* limit_bytes);
 // Registers --renderer, which only `render` has.
 void AddRendererFlag(CLI::App* app, SessionFlags* flags);
 
-// UsageError if it is not exactly one of input and server, or flags do not fit what it is.
+// UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);
 
-// An opened one. Thread-safe.
+// A way to ask for frames of one dataset. Thread-safe.
 class Session {
  public:
-  // Partitions a source volume into the cache first, if it is not there, and starts an embedded
-  // cluster for it or for a dataset directory.
-  // UsageError if --shards differs from what the dataset has. Other errors as partition::Partition
-  // and EmbeddedCluster::Start. Memory is taken early for frames of `expected_viewport`; null: none
-  // are expected.
+  // Connects to a server; or starts an embedded cluster for a dataset directory, or for a source
+  // volume, which is partitioned into the cache first unless it is there already. Memory is taken
+  // early for frames of `expected_viewport`; null: none are expected.
+  // UsageError if --shards differs from the dataset's. Other errors as partition::Partition and
+  // EmbeddedCluster::Start.
   static absl::StatusOr<std::unique_ptr<Session>> Open(
       const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
       const Context& context);
@@ -63,6 +67,7 @@ class Session {
  private:
   Session() = default;
 
+  EntryLock dataset_lock_;                    // of a cached dataset; outlives the cluster
   std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
   std::unique_ptr<ServiceClient> client_;
   std::string dataset_name_;

@@ -6,12 +6,13 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+
 #include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
-
 #include "core/io/file.h"
 #include "core/source/hdf5_source.h"
+#include "core/source/vti_source.h"
 #include "core/store/shard_reader.h"
 
 namespace isoscope::cli {
@@ -54,7 +55,8 @@ void AddSourceFlags(CLI::App* app, SourceFlags* flags) {
 
 bool HasSelfDescribingName(const std::string& path) {
   source::Hdf5Path hdf5;
-  if (source::SplitHdf5Path(path, &hdf5)) {
+  source::PartPath vti;
+  if (source::SplitHdf5Path(path, &hdf5) || source::SplitVtiPath(path, &vti)) {
     return true;
   }
   const std::string name = absl::AsciiStrToLower(path);

@@ -11,7 +11,7 @@
 
 namespace isoscope::cli {
 
-// What a process ends with: a contract with scripts.
+// The exit codes: a contract with scripts.
 enum ExitCode : int {
   kExitDone = 0,
   kExitFailed = 1,

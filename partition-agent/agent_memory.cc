@@ -13,21 +13,22 @@
 namespace isoscope::agent {
 namespace {
 
-// Key and colour of a pixel, its fragment while it is drawn; its bands while they are encoded and
-// wait for the network.
+// For a pixel, 12 bytes are for the image (key and colour), 8 for the fragment while a pass draws,
+// and 12 for bands while they are encoded and wait for the network.
 constexpr std::size_t kStepBytesPerPixel = 12 + 8 + 12;
-// Of reads under way. More than the most does not make a step faster.
+// The share of reads under way, and their maximum. More does not make a step faster.
 constexpr std::size_t kReadShare = 32;
 constexpr std::size_t kMaxReadBytes = 16 * base::kMiB;
 static_assert(AgentMemory::kMinLimitBytes / kReadShare >=
-                  static_cast<std::size_t>(store::ShardReader::kMaxRunBytes),
+                  static_cast<std::size_t>(store::ShardReader::kMaxDiskRunBytes),
               "a run of blocks is read at once");
-// The caches get half of what is left: allocators, stacks and messages take their part.
+// The caches get half of the remainder. Allocators, stacks and messages take the other half.
 constexpr double kCacheShare = 0.5;
-// Of the limit, without what frames may take.
+// The share of the limit without steps and idle images.
 constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16;
 constexpr std::size_t kMinCacheBytes = 8 * base::kMiB;
-// Enough for some five million triangles; takes milliseconds.
+// The most memory that is touched at start: enough for some five million triangles. It takes
+// milliseconds.
 constexpr std::size_t kMaxPopulatedBytes = 128 * base::kMiB;
 
 double Mebibytes(std::size_t bytes) {

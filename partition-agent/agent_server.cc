@@ -23,13 +23,13 @@
 namespace isoscope::agent {
 namespace {
 
-// The shard directories behind one directory of the options.
+// Returns the shard directories of one directory of the options.
 absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& directory) {
   if (store::IsShardDirectory(directory)) {
     return std::vector<std::string>{directory};
   }
   if (!store::IsDatasetDirectory(directory)) {
-    // A folder of another user looks empty: say so.
+    // A folder that this user may not read looks empty, so this checks.
     const absl::Status readable =
         io::OpenRandomAccessFile(absl::StrCat(directory, "/", store::kManifestFileName)).status();
     if (absl::IsPermissionDenied(readable)) {
@@ -56,7 +56,7 @@ absl::StatusOr<std::vector<std::string>> ShardDirectoriesOf(const std::string& d
   return present;
 }
 
-// INVALID_ARGUMENT if two shards are the same one, or of two datasets that share a name.
+// INVALID_ARGUMENT if a shard comes twice, or if two datasets share a name.
 absl::Status CheckConsistent(const std::vector<std::shared_ptr<const Shard>>& shards) {
   std::map<std::string, const store::ShardReader*> by_name;
   std::map<std::pair<std::string, int>, const store::ShardReader*> by_index;
@@ -123,6 +123,8 @@ class AgentServerImpl final : public AgentServer {
   }
 
   [[nodiscard]] std::string shard_summary() const override { return summary_; }
+
+  [[nodiscard]] int frames_in_work() const override { return service_.frames_in_work(); }
 
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {

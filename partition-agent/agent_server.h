@@ -1,5 +1,5 @@
-// A running agent: its shards behind a gRPC server. Used by isoscope-agent's main and by the
-// embedded cluster of the command line.
+// A running agent: its shards behind a gRPC server. The main function of isoscope-agent and the
+// embedded cluster of the command line use it.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
 #define ISOSCOPE_PARTITION_AGENT_AGENT_SERVER_H_
@@ -28,7 +28,7 @@ struct AgentServerOptions {
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<tbb::task_arena> arena;
   std::shared_ptr<AgentMemory> memory;
-  // Frames in work at a time; more wait, then are refused with RESOURCE_EXHAUSTED.
+  // The most frames in work at a time. Others wait, or are refused with RESOURCE_EXHAUSTED.
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;
 };
@@ -39,7 +39,7 @@ class AgentServer {
   // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as
   // OpenShard; UNAVAILABLE if the address can't be bound.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
-  // Shutdown with no grace.
+  // Calls Shutdown without grace.
   virtual ~AgentServer() = default;
 
   // The bound port, or 0 without one.
@@ -47,8 +47,10 @@ class AgentServer {
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
   // For people: "head 0,2 of 4; noise 1 of 2".
   [[nodiscard]] virtual std::string shard_summary() const = 0;
-  // Health NOT_SERVING, no new calls, waits for those in work up to `grace`, then cancels them.
-  // Blocks.
+  // Frames whose call has not ended yet; 0: no step of any frame runs.
+  [[nodiscard]] virtual int frames_in_work() const = 0;
+  // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for calls in work, then
+  // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;
 };
 

@@ -1,5 +1,5 @@
-// What an agent keeps between frames, bounded in bytes: a new view extracts nothing again, and an
-// isovalue that was left and comes back reads nothing again.
+// Meshes, samples and active blocks that an agent keeps between frames, bounded in bytes. A new
+// view extracts no kept mesh again, and an isovalue that comes back reads no kept block again.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
 #define ISOSCOPE_PARTITION_AGENT_BLOCK_CACHE_H_
@@ -50,7 +50,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   // Takes memory for meshes from the kernel, so that the first frame need not. Blocks.
   void Populate(std::size_t bytes) { pool_->Populate(bytes); }
 
-  // A frame begins; `frame_number` tells it from others.
+  // Begins a frame, which `frame_number` tells from others. Returns its round.
   std::uint64_t BeginRound(std::int64_t frame_number) {
     const std::uint64_t round = meshes_.BeginRound(frame_number);
     samples_.SetRound(round);
@@ -60,11 +60,11 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
 
   [[nodiscard]] MeshCache* meshes() { return &meshes_; }
 
-  // The stored samples of a block; null if they are not kept.
+  // Returns the stored samples of a block; null if they are not kept.
   std::shared_ptr<const std::string> FindSamples(const Shard& shard, std::uint32_t ordinal) {
     return samples_.Find({shard.number, ordinal});
   }
-  // Keeps a copy of samples that were read before: a block that is read once may never be again.
+  // Keeps a copy of the samples if the block was read before. A block may be read only once.
   void OfferSamples(const Shard& shard, std::uint32_t ordinal, absl::string_view samples) {
     const BlockKey key{shard.number, ordinal};
     const std::size_t bit = absl::Hash<BlockKey>{}(key) % (64 * kSeenWords);
@@ -74,7 +74,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
     }
   }
 
-  // The active blocks of a shard, ascending by block id; null if they are not kept.
+  // Returns the active blocks of a shard, ascending by block id; null if they are not kept.
   std::shared_ptr<const std::vector<ActiveBlock>> FindActive(const Shard& shard, double isovalue) {
     return actives_.Find({shard.number, BitsOf(isovalue)});
   }
@@ -101,7 +101,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   MeshCache meshes_;
   base::LruCache<BlockKey, std::string> samples_;
   base::LruCache<ActiveKey, std::vector<ActiveBlock>, 1> actives_;
-  // One bit for each hash of a block that was read. Two blocks may share one: then one is kept
+  // A bit for each hash of a block that was read. If two blocks share a bit, one of them is kept
   // early.
   static constexpr std::size_t kSeenWords = std::size_t{1} << 16;
   std::vector<std::atomic<std::uint64_t>> seen_;

@@ -4,7 +4,6 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 #define ISOSCOPE_PARTITION_AGENT_FRAME_PIPELINE_H_
 
-#include <cstddef>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,51 +11,41 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/frame/agent_statistics.h"
 #include "core/image/frame_image.h"
-#include "core/io/read_queue.h"
-#include "core/render/renderer.h"
 #include "core/volume/block_layout.h"
-#include "partition-agent/block_cache.h"
-#include "partition-agent/frame_request.h"
+#include "partition-agent/agent_resources.h"
+#include "partition-agent/frame_task.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
 
-// What step 1 finds.
+// The result of step 1.
 struct RaySelection {
   std::vector<volume::BlockId> hits;    // blocks of any agent, ascending
   std::vector<volume::BlockId> active;  // the agent's own active blocks, ascending; if asked for
 };
 
-// What the frames of an agent share; it outlives them.
-struct AgentResources {
-  render::Renderer* renderer = nullptr;
-  tbb::task_arena* arena = nullptr;
-  BlockCache* cache = nullptr;
-  std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way
-};
-
-// Call the steps in order, each once, from one thread at a time; they block. After an error no
-// further step may be called. Cancellation must outlive it.
+// Call the steps in order, each once, from one thread at a time. They block. A step out of order
+// ends the process. Call no step after an error. The cancellation must outlive the pipeline.
 //
 //   kDepth, kMask: SelectOccluders, RenderOccluders, RenderVisible
 //   kNone:         RenderAll
 class FramePipeline {
  public:
-  // All shards are of one dataset. INVALID_ARGUMENT if the request's camera or viewport is.
+  // All shards are of one dataset. INVALID_ARGUMENT if the camera is not set, or camera or viewport
+  // do not validate, or surfaces times blocks are too many (frame::CheckOwners).
   static absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
-      std::vector<std::shared_ptr<const Shard>> shards, const FrameRequest& request,
+      std::vector<std::shared_ptr<const Shard>> shards, const FrameTask& task,
       const AgentResources& resources, const base::Cancellation* cancellation);
   ~FramePipeline();
 
   // Steps 0 and 1: queries the interval trees and casts the agent's share of the rays.
   absl::StatusOr<RaySelection> SelectOccluders();
-  // Step 2: draws `blocks`, ascending: the agent's own occluding blocks. INVALID_ARGUMENT if one is
-  // not an active block of its.
+  // Step 2: draws `blocks`, ascending: the agent's own occluding blocks. INVALID_ARGUMENT if one of
+  // them is not an active block of the agent.
   absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks);
   // Step 3: draws `blocks`, ascending: the agent's own other blocks that the occluders do not hide.
   // `open_pixels`: visibility::EncodeOpenPixels of those they could win; empty: all.
@@ -65,7 +54,7 @@ class FramePipeline {
                                                   absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
-  // What a step drew as bands (composite::EncodePixels), after that step.
+  // Encodes the image of a step as bands (composite::EncodePixels). Call it after that step.
   std::vector<std::string> Encode(const image::FrameImage& image);
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const;

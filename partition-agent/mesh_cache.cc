@@ -1,3 +1,24 @@
+// The way to a mesh:
+//
+//   MeshCache::tables_   (shard, isovalue) to MeshTable, the last used first
+//   MeshTable::slots_    active index to the mesh and a weak pointer to its segment
+//   MeshSegment          memory that fills up with meshes, from its beginning on
+//
+// * Store copies a mesh into the segment that the writer fills, and enters it into the table. A
+//   writer that has no room left takes another segment. A mesh larger than 1 MiB gets a segment of
+//   its own.
+// * Find locks the weak pointer. If the segment is gone, the mesh is not kept. Otherwise the
+//   segment is marked as used in this round, and the returned pointer keeps all of it alive.
+// * Only TakeSegment forgets. It drops the segment with the lowest round until there is room, but
+//   no segment that this round or the last one has used. If there is no room then, the new segment
+//   is not kept: it serves its frame, and its meshes do not enter the table.
+//
+// A round is a frame. Agents of one process that draw the same frame share its round. Tables may
+// take an eighth of the bytes, segments the rest.
+//
+// Threads: each mutex of a table guards the slots of some active indices. One writer at a time
+// fills a segment. The mutex of the cache guards the lists.
+
 #include "partition-agent/mesh_cache.h"
 
 #include <algorithm>
@@ -7,10 +28,11 @@
 
 namespace isoscope::agent {
 
-std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t place, std::uint64_t round) {
-  ISOSCOPE_DCHECK(place < slots_.size());
-  absl::MutexLock lock(&LockOf(place));
-  const Slot& slot = slots_[place];
+std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t active_index,
+                                                         std::uint64_t round) {
+  ISOSCOPE_DCHECK(active_index < slots_.size());
+  base::MutexLock lock(&LockOf(active_index));
+  const Slot& slot = slots_[active_index];
   const std::shared_ptr<MeshSegment> segment = slot.segment.lock();
   if (segment == nullptr) {
     return nullptr;
@@ -19,18 +41,18 @@ std::shared_ptr<const mesh::CompactMesh> MeshTable::Find(std::size_t place, std:
   return {segment, slot.mesh};
 }
 
-void MeshTable::Set(std::size_t place, Slot slot) {
-  absl::MutexLock lock(&LockOf(place));
-  slots_[place] = std::move(slot);
+void MeshTable::Set(std::size_t active_index, Slot slot) {
+  base::MutexLock lock(&LockOf(active_index));
+  slots_[active_index] = std::move(slot);
 }
 
 void MeshCache::SetMaxBytes(std::size_t max_bytes) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   max_bytes_ = max_bytes;
 }
 
 std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   if (frame_number != frame_number_) {
     frame_number_ = frame_number;
     ++round_;
@@ -42,7 +64,7 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
                                               std::size_t block_count) {
   // + 0.0 makes -0 the key of 0.
   const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
     return keyed.shard_number == shard_number && keyed.isovalue_bits == bits;
   });
@@ -53,7 +75,7 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
   auto table = std::make_shared<MeshTable>(block_count);
   tables_.push_front({shard_number, bits, table});
   table_bytes_ += table->size_bytes();
-  while (table_bytes_ > max_bytes_ / kTableShare) {  // at last the new one itself
+  while (table_bytes_ > max_bytes_ / kTableShare) {  // the new one goes last
     table_bytes_ -= tables_.back().table->size_bytes();
     tables_.pop_back();
   }
@@ -68,7 +90,7 @@ MeshCache::Writer::~Writer() {
 
 std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::BlockMeshView& mesh,
                                                                   MeshTable* table,
-                                                                  std::size_t place) {
+                                                                  std::size_t active_index) {
   const std::size_t size = mesh::CompactSizeBytes(mesh);
   if (segment_ == nullptr || segment_->size_bytes - segment_->used_bytes < size) {
     segment_ = cache_->TakeSegment(size, round_);
@@ -77,7 +99,7 @@ std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::Bl
       mesh::CompactInto(mesh, segment_->memory.get() + segment_->used_bytes);
   segment_->used_bytes += size;
   if (segment_->is_kept.load(std::memory_order_relaxed)) {
-    table->Set(place, {compact, segment_});
+    table->Set(active_index, {compact, segment_});
   }
   return {segment_, compact};
 }
@@ -88,7 +110,7 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
   segment->size_bytes = std::max(size_bytes, base::MemoryPool::kChunkBytes);
   segment->round.store(round, std::memory_order_relaxed);
   {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     for (auto open = open_.begin(); open != open_.end(); ++open) {
       if ((*open)->size_bytes - (*open)->used_bytes >= size_bytes) {
         std::shared_ptr<MeshSegment> found = std::move(*open);
@@ -97,8 +119,8 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
         return found;
       }
     }
-    // What this round or the last one used stays: frames look at much the same blocks, and what was
-    // forgotten for a new mesh would be missed next.
+    // A segment that this round or the last one has used stays. Frames look at much the same
+    // blocks, so its meshes would be missed next.
     const std::size_t max_segment_bytes = max_bytes_ - max_bytes_ / kTableShare;
     while (segment->size_bytes <= max_segment_bytes &&
            segment_bytes_ + segment->size_bytes > max_segment_bytes && !segments_.empty()) {
@@ -131,14 +153,14 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
 }
 
 void MeshCache::GiveBack(std::shared_ptr<MeshSegment> segment) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   if (segment->is_kept.load(std::memory_order_relaxed)) {
     open_.push_back(std::move(segment));
   }
 }
 
 std::size_t MeshCache::size_bytes() const {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   return segment_bytes_ + table_bytes_;
 }
 

@@ -1,8 +1,8 @@
 // Extracted meshes, kept between frames, bounded in bytes.
 //
-// Meshes lie one after the other in segments of memory; what is forgotten is a whole segment, the
-// one that was least recently used. So the bound holds for memory as it is, nothing is allocated
-// for a mesh, and finding one costs neither a hash nor a list.
+// Meshes lie one after the other in segments of memory. The cache forgets whole segments, the least
+// recently used first. So the bound counts the real memory, no mesh needs an allocation, and
+// finding one needs neither a hash nor a list.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
@@ -17,9 +17,9 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/memory_pool.h"
+#include "core/base/mutex.h"
 #include "core/mesh/block_mesh.h"
 #include "core/mesh/compact_mesh.h"
 
@@ -30,11 +30,11 @@ struct MeshSegment {
   std::shared_ptr<char[]> memory;
   std::size_t size_bytes = 0;
   std::size_t used_bytes = 0;
-  std::atomic<std::uint64_t> round{0};  // when it was last used
-  std::atomic<bool> is_kept{true};      // by the cache, beyond those who hold it
+  std::atomic<std::uint64_t> round{0};  // the last round that used it
+  std::atomic<bool> is_kept{true};      // false: it lives only as long as somebody holds a mesh
 };
 
-// The meshes of one shard at one isovalue, by place in the shard's list of active blocks.
+// The meshes of one shard at one isovalue, by active index in the shard's list of active blocks.
 // Thread-safe.
 class MeshTable {
  public:
@@ -43,8 +43,8 @@ class MeshTable {
     return sizeof(MeshTable) + slots_.capacity() * sizeof(Slot);
   }
 
-  // Null if it is not there. REQUIRES: place < block_count.
-  std::shared_ptr<const mesh::CompactMesh> Find(std::size_t place, std::uint64_t round);
+  // Returns null if the mesh is not kept. REQUIRES: active_index < block_count.
+  std::shared_ptr<const mesh::CompactMesh> Find(std::size_t active_index, std::uint64_t round);
 
  private:
   friend class MeshCache;
@@ -54,11 +54,11 @@ class MeshTable {
   };
   static constexpr std::size_t kLockCount = 64;
 
-  absl::Mutex& LockOf(std::size_t place) { return locks_[place / 64 % kLockCount]; }
-  void Set(std::size_t place, Slot slot);
+  base::Mutex& LockOf(std::size_t active_index) { return locks_[active_index / 64 % kLockCount]; }
+  void Set(std::size_t active_index, Slot slot);
 
-  std::array<absl::Mutex, kLockCount> locks_;  // of runs of 64 places
-  std::vector<Slot> slots_;
+  std::array<base::Mutex, kLockCount> locks_;  // each guards every 64th group of 64 slots
+  std::vector<Slot> slots_;                    // by active index
 };
 
 // Thread-safe.
@@ -66,19 +66,19 @@ class MeshCache {
  public:
   explicit MeshCache(std::shared_ptr<base::MemoryPool> pool) : pool_(std::move(pool)) {}
 
-  // Takes effect as segments are taken. 0: nothing is kept beyond the frame.
+  // Sets the bound, which holds from the next segment on. 0: nothing is kept beyond the frame.
   void SetMaxBytes(std::size_t max_bytes);
 
-  // A frame begins; agents of one process may say so for the same frame.
+  // Begins a frame and returns its round. Agents of one process may call it for the same frame.
   std::uint64_t BeginRound(std::int64_t frame_number);
 
-  // The table of a shard (by Shard::number) at an isovalue; made if it is not there. The least
-  // recently used are forgotten when all tables take more than 1 / kTableShare of the bytes.
+  // Returns the table of a shard (by Shard::number) at an isovalue, and makes it if there is none.
+  // Forgets the least recently used tables if all take more than 1 / kTableShare of the bytes.
   std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
                                      std::size_t block_count);
 
-  // Copies meshes into segments for one thread at a time. What it stores lives as long as somebody
-  // holds it, whether the cache keeps it or not.
+  // Copies meshes into segments, for one thread at a time. A stored mesh lives as long as somebody
+  // holds it, even if the cache does not keep it.
   class Writer {
    public:
     Writer(MeshCache* cache, std::uint64_t round) : cache_(cache), round_(round) {}
@@ -88,7 +88,7 @@ class MeshCache {
     Writer& operator=(Writer&&) = delete;
 
     std::shared_ptr<const mesh::CompactMesh> Store(const mesh::BlockMeshView& mesh,
-                                                   MeshTable* table, std::size_t place);
+                                                   MeshTable* table, std::size_t active_index);
 
    private:
     MeshCache* const cache_;
@@ -106,18 +106,18 @@ class MeshCache {
   };
   static constexpr std::size_t kTableShare = 8;
 
-  // A segment with at least `size_bytes` of room.
+  // Returns a segment with at least `size_bytes` of room.
   std::shared_ptr<MeshSegment> TakeSegment(std::size_t size_bytes, std::uint64_t round);
-  // Another writer may go on with it.
+  // Lets another writer fill the rest of the segment.
   void GiveBack(std::shared_ptr<MeshSegment> segment);
 
   const std::shared_ptr<base::MemoryPool> pool_;
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
   std::size_t max_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::size_t segment_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::size_t table_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::vector<std::shared_ptr<MeshSegment>> segments_ ABSL_GUARDED_BY(mutex_);  // that are kept
-  std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);      // that have room
+  std::vector<std::shared_ptr<MeshSegment>> segments_ ABSL_GUARDED_BY(mutex_);  // all kept ones
+  std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);      // with room
   std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // the last used first
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;

@@ -1,3 +1,26 @@
+// A frame on an agent (RenderFrameCall), phase by event:
+//
+//   phase                 event           action                               next phase
+//   kExpectBegin          begin           admits the frame, schedules Begin    kSelecting
+//   kSelecting            steps 0, 1 end  sends ray_hits                       kExpectOccluders
+//                         CULLING_NONE    Begin draws all active blocks        kRenderingRest
+//   kExpectOccluders      occluders       schedules RenderOccluders            kRenderingOccluders
+//   kRenderingOccluders   step 2 ends     sends bands, occluders_done          kExpectVisibleBlocks
+//   kExpectVisibleBlocks  visible_blocks  schedules RenderVisible              kRenderingRest
+//   kRenderingRest        step 3 ends     sends bands, frame_done, ends OK     kEnded
+//   any but kEnded        error, cancel   stops the step, ends with the error  kEnded
+//
+// A message in any other phase is INVALID_ARGUMENT. So is the end of the coordinator's messages
+// before kRenderingRest; after that it means nothing.
+//
+// gRPC calls the reactions (OnReadDone, OnCancel, ...) on its threads; they only check and hand
+// over. A step runs on frame_executor_, and a frame has at most one step there. mutex_ guards the
+// phase. A step enters kExpect... before it sends its answer, because the coordinator may reply at
+// once.
+//
+// ExtractSurfaceCall has one task, on extraction_executor_: it extracts batch by batch and sends
+// messages of about 1 MiB. Both calls wait while kMaxQueuedBytes wait for the network.
+
 #include "partition-agent/partition_agent_service_impl.h"
 
 #include <algorithm>
@@ -6,22 +29,25 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
 #include "partition-agent/frame_pipeline.h"
+#include "partition-agent/frame_task.h"
 #include "partition-agent/surface_extraction.h"
 
 namespace isoscope::agent {
@@ -29,9 +55,9 @@ namespace {
 
 namespace v1 = isoscope::internal::v1;
 
-// Pixels or surface that wait for the network before the worker waits too: a few messages.
+// If this many bytes of pixels or surface wait for the network, the worker waits too.
 constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
-// A message has at most so many bytes of bands, or one band.
+// A message has at most this many bytes of bands, or one band.
 constexpr std::size_t kMaxBandsBytes = 1 * base::kMiB;
 // A message of ExtractSurface is sent once it has this many bytes.
 constexpr std::size_t kSurfaceMessageBytes = 1 * base::kMiB;
@@ -41,6 +67,7 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
   v1::DescribeShardsResponse description;
   description.set_version(std::string(base::Version()));
   description.set_renderer(renderer.description());
+  *description.mutable_picture_revision() = rpc::ToProto(renderer.picture_revision());
   std::vector<const store::ShardReader*> readers;
   readers.reserve(shards.size());
   for (const std::shared_ptr<const Shard>& shard : shards) {
@@ -62,30 +89,21 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
   return description;
 }
 
-absl::StatusOr<FrameRequest> FrameRequestFromProto(const v1::BeginFrame& begin) {
-  FrameRequest request;
-  request.frame_number = begin.frame_number();
-  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(begin.isovalue(), "begin.isovalue"));
-  request.isovalue = begin.isovalue();
-  ISOSCOPE_ASSIGN_OR_RETURN(request.camera, rpc::CameraFromProto(begin.camera(), "begin.camera"));
-  ISOSCOPE_ASSIGN_OR_RETURN(request.viewport,
-                            rpc::ViewportFromProto(begin.viewport(), "begin.viewport"));
-  ISOSCOPE_ASSIGN_OR_RETURN(request.culling,
-                            rpc::CullingFromProto(begin.culling(), "begin.culling"));
-  if (begin.has_base_color()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(request.appearance.base_color,
-                              rpc::ColorFromProto(begin.base_color(), "begin.base_color"));
-  }
-  request.ray_seed = static_cast<std::uint64_t>(begin.ray_seed());
-  request.agent_index = begin.agent_index();
-  request.agent_count = begin.agent_count();
-  request.report_active_blocks = begin.report_active_blocks();
-  if (request.agent_index < 0 || request.agent_index >= request.agent_count) {
-    return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", request.agent_index,
-                                                   " of begin.agent_count ", request.agent_count,
+absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
+  // This looks into the request, too: a field that this agent does not know may decide pixels.
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
+  FrameTask task;
+  task.frame_number = begin.frame_number();
+  ISOSCOPE_ASSIGN_OR_RETURN(task.spec, rpc::FrameSpecFromProto(begin.request()));
+  task.agent_index = begin.agent_index();
+  task.agent_count = begin.agent_count();
+  task.report_active_blocks = begin.report_active_blocks();
+  if (task.agent_index < 0 || task.agent_index >= task.agent_count) {
+    return absl::InvalidArgumentError(absl::StrCat("begin.agent_index is ", task.agent_index,
+                                                   " of begin.agent_count ", task.agent_count,
                                                    ": must lie in [0, agent_count)"));
   }
-  return request;
+  return task;
 }
 
 template <typename T>
@@ -102,13 +120,9 @@ void AddBlock(const mesh::BlockMesh& mesh, v1::ExtractSurfaceResponse* response)
   block->set_triangles(AsBytes(mesh.indices));
 }
 
-std::string Milliseconds(absl::Duration duration) {
-  return absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(duration));
-}
-
 }  // namespace
 
-// One frame. It owns itself until gRPC is done with it; a running step shares it.
+// One frame. It owns itself until gRPC is done with it. A running step shares it.
 class PartitionAgentServiceImpl::RenderFrameCall final
     : public grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
@@ -151,7 +165,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   void OnDone() override { const std::shared_ptr<RenderFrameCall> last_use = std::move(self_); }
 
  private:
-  // What happens next: the coordinator speaks (kExpect...) or a step runs.
+  // In kExpect... the coordinator's message is due. In the others a step runs, until kEnded.
   enum class Phase {
     kExpectBegin,
     kSelecting,
@@ -188,9 +202,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return "";
   }
 
-  // Checks that the message is the one that is due and hands it to the executor.
+  // Checks that the message is due, and hands it to the executor.
   absl::Status Accept(v1::RenderFrameRequest message) ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     using Message = v1::RenderFrameRequest;
     if (phase_ == Phase::kExpectBegin && message.message_case() == Message::kBegin) {
       ISOSCOPE_RETURN_IF_ERROR(Admit());
@@ -229,7 +243,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::OkStatus();
   }
 
-  // Runs `step` on the executor. Room for one step of each admitted frame is always there.
+  // Runs `step` on the executor, which always has room for one step of each admitted frame.
   template <typename Step>
   absl::Status Schedule(Step step) {
     const bool is_scheduled =
@@ -250,7 +264,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
       return;  // OnCancel ends the frame
     }
     {
-      absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       if (phase_ == Phase::kRenderingRest || phase_ == Phase::kEnded) {
         return;
       }
@@ -258,9 +272,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     Fail(absl::InvalidArgumentError("the coordinator ended its side before the frame was done"));
   }
 
-  // The step is over; messages may come now. Called before what the coordinator answers to is sent.
+  // Ends the current step's phase. A step calls it before it sends its answer.
   void EnterPhase(Phase phase) ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (phase_ != Phase::kEnded) {
       phase_ = phase;
     }
@@ -274,13 +288,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::CancelledError("the stream has ended");
   }
 
-  // For one step: its image, and its bands until they are queued.
+  // Reserves the memory of one step: its image, and its bands until they are queued.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
-    return service_->memory_->ReserveStep(request_.viewport, cancellation_);
+    return service_->memory_->ReserveStep(task_.spec.viewport, cancellation_);
   }
 
-  // Sends the bands of an image but for the last ones, which go with the message that ends the
-  // step: messages cost more than their bytes.
+  // Sends the bands of an image, except the last ones. Those go into `last`, the message that ends
+  // the step, because a message costs more than its bytes.
   absl::Status SendBands(const image::FrameImage& image, v1::RenderFrameResponse* last) {
     v1::RenderFrameResponse message;
     std::size_t bytes = 0;
@@ -297,22 +311,18 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::OkStatus();
   }
 
-  // Steps 0 and 1; the whole frame with CULLING_NONE.
+  // Steps 0 and 1. With CULLING_NONE: the whole frame.
   absl::Status Begin(const v1::BeginFrame& begin) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::shared_ptr<const Shard>> shards,
                               service_->FindShards(begin.dataset_id(), begin.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(request_, FrameRequestFromProto(begin));
+    ISOSCOPE_ASSIGN_OR_RETURN(task_, FrameTaskFromProto(begin));
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
     ISOSCOPE_ASSIGN_OR_RETURN(
-        pipeline_, FramePipeline::Make(std::move(shards), request_,
-                                       {.renderer = service_->renderer_.get(),
-                                        .arena = service_->arena_.get(),
-                                        .cache = service_->memory_->cache(),
-                                        .max_read_bytes = service_->memory_->read_bytes()},
-                                       &cancellation_));
-    if (request_.culling == frame::Culling::kNone) {
+        pipeline_,
+        FramePipeline::Make(std::move(shards), task_, service_->Resources(), &cancellation_));
+    if (task_.spec.culling == frame::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
       ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
       ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
@@ -351,7 +361,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return SendLast(image);
   }
 
-  // The last pixels, the statistics, and the end.
+  // Sends the last pixels and the statistics, and ends the stream.
   absl::Status SendLast(const image::FrameImage& image) {
     v1::RenderFrameResponse message;
     ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
@@ -365,19 +375,19 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     EnterPhase(Phase::kEnded);
     outgoing_.Finish(absl::OkStatus());
     base::LogInfo("frame_done", {{"frame", frame_number_},
-                                 {"duration_ms", Milliseconds(absl::Now() - start_)},
-                                 {"busy_ms", Milliseconds(statistics.busy_duration)},
+                                 {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
+                                 {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
                                  {"active_blocks", statistics.active_block_count},
                                  {"visible_blocks", statistics.visible_block_count},
                                  {"triangles", statistics.triangle_count}});
     return absl::OkStatus();
   }
 
-  // Ends the frame with an error; only the first one counts.
+  // Ends the frame with an error. Only the first error counts.
   void Fail(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
     std::int64_t frame_number = 0;
     {
-      absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       if (phase_ == Phase::kEnded) {
         return;
       }
@@ -387,7 +397,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     cancellation_.Cancel();  // a step may still run
     outgoing_.Finish(status);
     base::LogWarning("frame_failed", {{"frame", frame_number},
-                                      {"duration_ms", Milliseconds(absl::Now() - start_)},
+                                      {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
                                       {"status", status}});
   }
 
@@ -399,13 +409,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   v1::RenderFrameRequest incoming_;
   std::shared_ptr<RenderFrameCall> self_;  // reset by OnDone
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   Phase phase_ ABSL_GUARDED_BY(mutex_) = Phase::kExpectBegin;
   std::int64_t frame_number_ = 0;  // set before the first step
   bool is_admitted_ = false;       // set before the first step
 
-  // Used by the steps, one after the other.
-  FrameRequest request_;
+  // The steps use these, one after the other.
+  FrameTask task_;
   std::vector<int> shard_indices_;
   std::int64_t block_count_ = 0;
   std::unique_ptr<FramePipeline> pipeline_;
@@ -458,20 +468,20 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
               status.ok() ? "extraction_done" : "extraction_failed",
               {{"dataset_id", request_.dataset_id()},
                {"isovalue", request_.isovalue()},
-               {"duration_ms", Milliseconds(absl::Now() - start)},
+               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"triangles", triangle_count_},
                {"status", status}});
   }
 
   absl::Status Extract() {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const std::unique_ptr<SurfaceExtraction> extraction,
-        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), service_->arena_.get(),
-                                service_->memory_->read_bytes(), &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
+                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(),
+                                                      service_->Resources(), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {
@@ -518,19 +528,26 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
       description_(Describe(options.shards, *options.renderer)),
       frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
-                      // A refused frame never gets here, so each frame's one step fits.
+                      // Refused frames never get here, so the step of each frame fits.
                       static_cast<std::size_t>(max_frames_)),
       extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions) {}
 
 PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
 
+AgentResources PartitionAgentServiceImpl::Resources() const {
+  return {.renderer = renderer_.get(),
+          .arena = arena_.get(),
+          .cache = memory_->cache(),
+          .max_read_bytes = memory_->read_bytes()};
+}
+
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
-    grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* /*request*/,
+    grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* request,
     v1::DescribeShardsResponse* response) {
-  *response = description_;
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status::OK);
-  return reactor;
+  return rpc::AnswerUnary(context, *request, [&] {
+    *response = description_;
+    return absl::OkStatus();
+  });
 }
 
 grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse>*
@@ -564,14 +581,14 @@ absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> PartitionAgentServiceI
       rpc::ShardIndicesFromProto(shard_indices, shard_count, "shard_indices"));
   std::vector<std::shared_ptr<const Shard>> found;
   for (const int index : wanted) {
-    const auto place = std::find(served.begin(), served.end(), index);
-    if (place == served.end()) {
+    const auto position = std::find(served.begin(), served.end(), index);
+    if (position == served.end()) {
       std::sort(served.begin(), served.end());
       return absl::FailedPreconditionError(absl::StrCat(
           "shard ", index, " of dataset \"", of_dataset.front()->reader->manifest().name,
           "\" is not served by this agent (any more); it serves ", absl::StrJoin(served, ", ")));
     }
-    found.push_back(of_dataset[static_cast<std::size_t>(place - served.begin())]);
+    found.push_back(of_dataset[static_cast<std::size_t>(position - served.begin())]);
   }
   return found;
 }

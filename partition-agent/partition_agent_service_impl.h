@@ -1,5 +1,5 @@
-// PartitionAgentService over gRPC's callback API: reactions hand over to executors; the work is in
-// frame_pipeline and surface_extraction.
+// PartitionAgentService over gRPC's callback API. Reactions hand over to executors; frame_pipeline
+// and surface_extraction do the work.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
 #define ISOSCOPE_PARTITION_AGENT_PARTITION_AGENT_SERVICE_IMPL_H_
@@ -17,6 +17,7 @@
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_memory.h"
+#include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
@@ -32,10 +33,10 @@ struct PartitionAgentServiceOptions {
 
 // Thread-safe. Destroy it only after its server has shut down.
 //
-// Frames in work hold a thread only while a step runs, not while they wait for the coordinator. At
-// most max_concurrent_frames + max_queued_frames frames have begun at a time. Surfaces are
-// extracted on threads of their own, kMaxConcurrentExtractions at a time, because a slow reader
-// holds one.
+// A frame holds a thread only while a step runs, not while it waits for the coordinator. At most
+// max_concurrent_frames + max_queued_frames frames are in work at a time. Extractions have threads
+// of their own, kMaxConcurrentExtractions at a time, because a slow reader holds one for as long as
+// it reads.
 class PartitionAgentServiceImpl final
     : public isoscope::internal::v1::PartitionAgentService::CallbackService {
  public:
@@ -44,6 +45,9 @@ class PartitionAgentServiceImpl final
 
   explicit PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options);
   ~PartitionAgentServiceImpl() override;
+
+  // Frames whose call has not ended yet.
+  [[nodiscard]] int frames_in_work() const { return frame_count_.load(); }
 
   grpc::ServerUnaryReactor* DescribeShards(
       grpc::CallbackServerContext* context,
@@ -60,8 +64,10 @@ class PartitionAgentServiceImpl final
   class RenderFrameCall;
   class ExtractSurfaceCall;
 
-  // The shards of a dataset by index. FAILED_PRECONDITION names what is not served;
-  // INVALID_ARGUMENT if the indices are malformed.
+  [[nodiscard]] AgentResources Resources() const;
+
+  // Finds the shards of a dataset by index. FAILED_PRECONDITION names the dataset or shard that is
+  // not served; INVALID_ARGUMENT if the indices are malformed.
   absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> FindShards(
       const std::string& dataset_id,
       const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const;
@@ -73,7 +79,7 @@ class PartitionAgentServiceImpl final
   const int max_frames_;
   isoscope::internal::v1::DescribeShardsResponse description_;
   std::atomic<int> frame_count_{0};  // begun and not yet ended
-  // Last: their threads use what is above.
+  // These come last, because their threads use the members above.
   base::Executor frame_executor_;
   base::Executor extraction_executor_;
 };

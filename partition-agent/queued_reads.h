@@ -1,4 +1,4 @@
-// Reads under way while what has arrived is worked on.
+// Works on reads that have arrived while others are under way.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_QUEUED_READS_H_
 #define ISOSCOPE_PARTITION_AGENT_QUEUED_READS_H_
@@ -12,9 +12,9 @@
 
 namespace isoscope::agent {
 
-// Calls `work` in the arena, on several threads at once, for each read of `queue` that arrives, and
-// returns when all were worked on: the first error of `work` or `cancellation`, after which no
-// further read is taken. Threads of the arena never wait for a disk; the calling one does.
+// Calls `work` for each read of `queue` that arrives, on several threads of the arena at once.
+// Returns when all are done, or the first error of `work` or `cancellation`; after an error it
+// takes no further read. Threads of the arena never wait for a disk. The calling thread does.
 absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
                             const base::Cancellation& cancellation,
                             absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work);

@@ -17,18 +17,19 @@
 namespace isoscope::agent {
 namespace {
 
-// Holds the upper levels of a tree of millions of blocks; the rest is read when asked for.
+// Holds the upper levels of a tree of millions of blocks. Other pages are read when they are
+// needed.
 constexpr std::int64_t kPageCacheBytes = 4 * base::kMiB;
 
-// The trees of two shards can agree in size and head. But a block is in one shard only, so any
-// answer of another shard's tree names blocks that are not at their places, and lacks those that
-// are.
+// Checks that the tree is that of the shard's blocks. The trees of two shards can agree in size and
+// head. But a block is in one shard only, so any answer of another shard's tree names blocks that
+// do not have these ordinals, and lacks those that do.
 absl::Status CheckTreeIsOfBlocks(const Shard& shard, const std::string& tree_path) {
   const store::ShardReader& reader = *shard.reader;
   for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
     const volume::ScalarSpan span = reader.ranges().Get(reader.block_id(ordinal));
     if (!std::isfinite(span.max) || !volume::IsActive(span, span.max)) {
-      continue;  // no isovalue to ask for it
+      continue;  // no isovalue finds this block
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const index::QueryResult result, shard.tree->Query(span.max));
     bool has_block = false;

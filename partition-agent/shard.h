@@ -17,10 +17,10 @@ namespace isoscope::agent {
 
 // Immutable; thread-safe.
 struct Shard {
-  std::uint32_t number = 0;  // tells it from all others that this process opened
+  std::uint32_t number = 0;  // unique among the shards that this process has opened
   std::unique_ptr<store::ShardReader> reader;
   std::unique_ptr<index::IntervalTree> tree;
-  std::shared_ptr<const extract::BlockShapes> shapes;  // for whoever extracts its blocks
+  std::shared_ptr<const extract::BlockShapes> shapes;  // for the extraction of its blocks
 };
 
 // Opens a shard directory. Errors as ShardReader::Open and IntervalTree::Open; DATA_LOSS also if

@@ -1,4 +1,4 @@
-// The whole surface of an agent's shards, block by block: what ExtractSurface streams. No gRPC
+// Extracts the whole surface of an agent's shards, block by block, for ExtractSurface. No gRPC
 // types.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_SURFACE_EXTRACTION_H_
@@ -9,30 +9,30 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
 #include "core/mesh/block_mesh.h"
+#include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
 
-// Walks the active blocks of all shards in ascending order of block ids, in batches: the blocks of
-// a batch are read and extracted in parallel in the arena, the next one only when it is asked for.
-// Memory is that of one batch: of its samples, at most kMaxBatchSampleBytes (or one block), those
-// that are under way, at most `max_read_bytes` (or one run); and the meshes of all.
-// Thread-compatible. What it is given must outlive it.
+// Walks the active blocks of all shards in ascending order of block ids, in batches. The arena
+// reads and extracts the blocks of a batch in parallel, when NextBatch asks for it. Memory holds
+// the meshes of one batch, whose samples take at most kMaxBatchSampleBytes (or one block), and the
+// reads under way, at most resources.max_read_bytes (or one disk run). Thread-compatible. Its
+// arguments must outlive it.
 class SurfaceExtraction {
  public:
   // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.
   // REQUIRES: isovalue is finite.
   static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
-      std::vector<std::shared_ptr<const Shard>> shards, double isovalue, tbb::task_arena* arena,
-      std::size_t max_read_bytes, const base::Cancellation* cancellation);
+      std::vector<std::shared_ptr<const Shard>> shards, double isovalue,
+      const AgentResources& resources, const base::Cancellation* cancellation);
   ~SurfaceExtraction();
 
   // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left
-  // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadRun; CANCELLED,
+  // out. Empty: there are no more. Errors: DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED,
   // DEADLINE_EXCEEDED. Blocks.
   absl::StatusOr<std::vector<mesh::BlockMesh>> NextBatch();
 

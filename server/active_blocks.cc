@@ -32,9 +32,11 @@ ActiveBlocks::ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_a
 
 std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
                                      const std::vector<std::vector<int>>& shard_indices_by_agent,
-                                     double isovalue) {
-  std::string key =
-      absl::StrCat(dataset_id, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+                                     const std::vector<double>& isovalues) {
+  std::string key = dataset_id;
+  for (const double isovalue : isovalues) {
+    absl::StrAppend(&key, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+  }
   for (const std::vector<int>& indices : shard_indices_by_agent) {
     absl::StrAppend(&key, "/", absl::StrJoin(indices, ","));
   }
@@ -42,7 +44,7 @@ std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
 }
 
 std::shared_ptr<const ActiveBlocks> ActiveBlocksCache::Find(const std::string& key) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.key == key; });
   if (found == entries_.end()) {
@@ -57,11 +59,11 @@ void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const Act
   if (size > max_bytes_) {
     return;
   }
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   const auto found = std::find_if(entries_.begin(), entries_.end(),
                                   [&](const Entry& entry) { return entry.key == key; });
   if (found != entries_.end()) {
-    return;  // another frame was quicker; both say the same
+    return;  // another frame was quicker; both have the same value
   }
   while (size_bytes_ + size > max_bytes_) {
     size_bytes_ -= entries_.back().size_bytes;

@@ -1,5 +1,5 @@
-// Which blocks are active at an isovalue, and whose they are: what agents report in step 1, kept so
-// that the next frame at the same isovalue need not ask.
+// The active blocks at an isovalue and the agents that own them. Agents report them in step 1. The
+// coordinator keeps them, so that the next frame at the same isovalue need not ask.
 
 #ifndef ISOSCOPE_SERVER_ACTIVE_BLOCKS_H_
 #define ISOSCOPE_SERVER_ACTIVE_BLOCKS_H_
@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 
+#include "core/base/mutex.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_set.h"
 
@@ -30,18 +30,18 @@ struct ActiveBlocks {
   volume::BlockSet set;
 };
 
-// The last few, least recently used, bounded in bytes. Thread-safe.
+// Keeps the active blocks of the last few keys, bounded in bytes. Thread-safe.
 class ActiveBlocksCache {
  public:
   explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
 
-  // What blocks are active, and who has them, is a function of the dataset's content, of how its
-  // shards are spread over the agents, and of the isovalue.
+  // Returns the key of a frame. The active blocks and their owners follow from the dataset's
+  // content, the shards of each agent, and the isovalues of the frame's surfaces.
   static std::string KeyOf(const std::string& dataset_id,
                            const std::vector<std::vector<int>>& shard_indices_by_agent,
-                           double isovalue);
+                           const std::vector<double>& isovalues);
 
-  // Null if it is not there.
+  // Returns null if there is no value.
   std::shared_ptr<const ActiveBlocks> Find(const std::string& key);
   void Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active);
 
@@ -53,7 +53,7 @@ class ActiveBlocksCache {
   };
 
   const std::size_t max_bytes_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // the last used first; few
   std::size_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };

@@ -1,3 +1,23 @@
+// A frame on an agent, as a reactor of gRPC (FrameStream):
+//
+//   event         action
+//   Start         queues `begin`, starts the first read, holds the stream, starts the call
+//   Send          queues a message; writes follow one another, one at a time
+//   OnReadDone    hands the message to the listener and starts the next read; the first malformed
+//                 message is kept as the error, and cancels the call
+//   reads end     releases the hold, and drops messages that come later
+//   OnDone        tells the listener how the call ended, then wakes WaitUntilEnded
+//
+// The hold is needed because writes start outside reactions: without it gRPC could finish the
+// stream between two of them. OnDone is the last call. GrpcAgentLink cancels and waits for it
+// before it destroys the stream.
+//
+// The status for the listener is, in this order: INTERNAL for a malformed message, INTERNAL for a
+// stream that ended with OK before the frame was done, else CallStatus of gRPC's status.
+//
+// A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
+// one and checks each: the next message is read only when somebody asks for it.
+
 #include "server/agent_client.h"
 
 #include <cstring>
@@ -8,10 +28,9 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
-#include "absl/synchronization/mutex.h"
 #include <grpcpp/support/client_callback.h>
 
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
@@ -27,7 +46,7 @@ void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
   }
 }
 
-// Fills `values` from little-endian bytes. False if they are no whole number of values.
+// Fills `values` from little-endian bytes. False if their size is not a multiple of a value's.
 template <typename T>
 bool Unpack(const std::string& bytes, std::vector<T>* values) {
   if (bytes.size() % sizeof(T) != 0) {
@@ -74,23 +93,23 @@ absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayou
   return absl::OkStatus();
 }
 
-// The stream of one frame. Its owner waits until it has ended before destroying it: if a reaction
-// dropped the last reference to a channel, gRPC would join the reaction's own thread.
+// The stream of one frame. Its owner waits until it has ended, and then destroys it. If a reaction
+// dropped the last reference to a channel instead, gRPC would join the reaction's own thread.
 class FrameStream final
     : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
-  FrameStream(AgentAssignment agent, std::int64_t block_count, absl::Time deadline,
+  FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
               AgentListener* listener)
-      : agent_(std::move(agent)),
+      : agent_(agent.identity()),
         block_count_(block_count),
         listener_(listener),
-        stub_(v1::PartitionAgentService::NewStub(agent_.channel)) {
+        stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
     SetDeadline(deadline, &context_);
   }
 
   static void Start(FrameStream* stream, v1::BeginFrame begin) {
     stream->stub_->async()->RenderFrame(&stream->context_, stream);
-    // Writes start outside reactions: the hold keeps the stream alive until reads have ended.
+    // The hold keeps the stream alive until reads have ended.
     stream->AddHold();
     v1::RenderFrameRequest request;
     *request.mutable_begin() = std::move(begin);
@@ -100,9 +119,9 @@ class FrameStream final
   }
 
   void Send(v1::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (reads_have_ended_) {
-      return;  // OnEnd says why
+      return;  // OnEnd reports why
     }
     outgoing_.push_back(std::move(request));
     StartNextWrite();
@@ -115,22 +134,22 @@ class FrameStream final
 
   // Waits until OnEnd has returned.
   void WaitUntilEnded() ABSL_LOCKS_EXCLUDED(mutex_) {
-    absl::MutexLock lock(&mutex_);
-    mutex_.Await(absl::Condition(&has_ended_));
+    const base::MutexLock lock(&mutex_);
+    ended_.Await(&mutex_, [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return has_ended_; });
   }
 
-  [[nodiscard]] const AgentAssignment& agent() const { return agent_; }
+  [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
   [[nodiscard]] std::int64_t network_bytes() const { return network_bytes_.load(); }
 
   void OnReadDone(bool ok) override {
     if (!ok) {
-      absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       reads_have_ended_ = true;
       RemoveHold();
       return;
     }
     network_bytes_.fetch_add(static_cast<std::int64_t>(incoming_.ByteSizeLong()));
-    // After a bad message only the end of the stream matters.
+    // After a malformed message only the end of the stream matters.
     if (message_error_.ok()) {
       message_error_ = Deliver(&incoming_);
       if (!message_error_.ok()) {
@@ -141,10 +160,10 @@ class FrameStream final
   }
 
   void OnWriteDone(bool ok) override {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     is_writing_ = false;
     if (!ok) {
-      outgoing_.clear();  // the stream is broken: reads end too
+      outgoing_.clear();  // the stream is broken, so reads end, too
       return;
     }
     outgoing_.pop_front();
@@ -153,8 +172,11 @@ class FrameStream final
 
   void OnDone(const grpc::Status& grpc_status) override {
     listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     has_ended_ = true;
+    // It signals with the mutex held: the waiting thread may destroy this as soon as it has the
+    // mutex.
+    ended_.SignalAll();
   }
 
  private:
@@ -206,19 +228,15 @@ class FrameStream final
   absl::Status EndStatus(const absl::Status& status) const {
     if (!message_error_.ok()) {
       return absl::InternalError(
-          absl::StrCat(NameOf(agent_), " sent a malformed message: ", message_error_.message()));
+          absl::StrCat("sent a malformed message: ", message_error_.message()));
     }
-    if (!status.ok()) {
-      return AgentError(agent_, status, was_cancelled_.load());
+    if (status.ok() && !is_frame_done_) {
+      return absl::InternalError("ended the stream before the frame was done");
     }
-    if (!is_frame_done_) {
-      return absl::InternalError(
-          absl::StrCat(NameOf(agent_), " ended the stream before the frame was done"));
-    }
-    return absl::OkStatus();
+    return CallStatus(status, was_cancelled_.load());
   }
 
-  const AgentAssignment agent_;
+  const AgentIdentity agent_;
   const std::int64_t block_count_;
   AgentListener* const listener_;
   const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
@@ -226,12 +244,13 @@ class FrameStream final
   std::atomic<bool> was_cancelled_{false};
   std::atomic<std::int64_t> network_bytes_{0};
 
-  // Touched by reads only, which follow one another.
+  // Only reads touch these, and they follow one another.
   v1::RenderFrameResponse incoming_;
   absl::Status message_error_;
   bool is_frame_done_ = false;
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar ended_;
   std::deque<v1::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_have_ended_ ABSL_GUARDED_BY(mutex_) = false;
@@ -259,7 +278,7 @@ class GrpcAgentLink final : public AgentLink {
     stream_->Send(std::move(request));
   }
   void Cancel() override { stream_->Cancel(); }
-  [[nodiscard]] std::string name() const override { return NameOf(stream_->agent()); }
+  [[nodiscard]] const AgentIdentity& agent() const override { return stream_->agent(); }
   [[nodiscard]] std::int64_t network_bytes() const override { return stream_->network_bytes(); }
 
  private:
@@ -268,48 +287,14 @@ class GrpcAgentLink final : public AgentLink {
 
 }  // namespace
 
-std::string NameOf(const AgentAssignment& agent) {
-  return absl::StrCat("agent ", agent.address,
-                      agent.shard_indices.size() == 1 ? " (shard " : " (shards ",
-                      absl::StrJoin(agent.shard_indices, ", "), ")");
-}
-
-absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status,
-                        bool was_cancelled_by_us) {
-  const std::string name = NameOf(agent);
+absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
   const bool is_cut =
       (absl::IsCancelled(status) && !was_cancelled_by_us) ||
       (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
-  if (absl::IsUnavailable(status) || is_cut) {
-    return absl::UnavailableError(absl::StrCat(name, " was lost: ", status.message()));
+  if (is_cut) {
+    return absl::UnavailableError(status.message());
   }
-  const absl::StatusCode code =
-      absl::IsInvalidArgument(status) ? absl::StatusCode::kInternal : status.code();
-  return {code, absl::StrCat(name, ": ", status.message())};
-}
-
-std::shared_ptr<void> DescribeShards(
-    const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
-    std::function<void(absl::StatusOr<v1::DescribeShardsResponse>)> done) {
-  struct Call {
-    std::unique_ptr<v1::PartitionAgentService::Stub> stub;
-    grpc::ClientContext context;
-    v1::DescribeShardsRequest request;
-    v1::DescribeShardsResponse response;
-  };
-  auto call = std::make_shared<Call>();
-  call->stub = v1::PartitionAgentService::NewStub(channel);
-  SetDeadline(deadline, &call->context);
-  call->stub->async()->DescribeShards(
-      &call->context, &call->request, &call->response,
-      [call = call.get(), done = std::move(done)](const grpc::Status& status) {
-        if (status.ok()) {
-          done(std::move(call->response));
-        } else {
-          done(rpc::ToAbslStatus(status));
-        }
-      });
-  return call;
+  return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
 }
 
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
@@ -327,7 +312,9 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
 SurfaceStream::SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
                              const volume::BlockLayout& layout, double isovalue,
                              absl::Time deadline)
-    : agent_(agent), layout_(layout), stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
+    : agent_(agent.identity()),
+      layout_(layout),
+      stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
   SetDeadline(deadline, &context_);
   v1::ExtractSurfaceRequest request;
   request.set_dataset_id(dataset_id);
@@ -350,6 +337,13 @@ void SurfaceStream::Cancel() {
   context_.TryCancel();
 }
 
+absl::Status SurfaceStream::Fail(absl::Status status) {
+  status_ = std::move(status);
+  return AgentFailure{
+      .agent_index = 0, .agent = agent_, .stage = FrameStage::kRenderingVisible, .status = status_}
+      .ToStatus();
+}
+
 absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
   while (next_block_ == message_.blocks_size()) {
     if (has_ended_) {
@@ -364,13 +358,12 @@ absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
     has_ended_ = true;
     const grpc::Status status = reader_->Finish();
     if (!status.ok()) {
-      return AgentError(agent_, rpc::ToAbslStatus(status), was_cancelled_.load());
+      return Fail(CallStatus(rpc::ToAbslStatus(status), was_cancelled_.load()));
     }
   }
   const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
   if (!status.ok()) {
-    return absl::InternalError(
-        absl::StrCat(NameOf(agent_), " sent a malformed block: ", status.message()));
+    return Fail(absl::InternalError(absl::StrCat("sent a malformed block: ", status.message())));
   }
   return true;
 }

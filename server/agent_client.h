@@ -1,5 +1,5 @@
-// The coordinator's calls to agents: asking what they serve, one frame, one surface. Here, in
-// agent_registry and in the service implementations gRPC begins; frame_coordinator knows AgentLink.
+// The coordinator's calls to agents for a frame and for a surface. Only this file, agent_prober and
+// the service implementations know gRPC; frame_coordinator knows AgentLink.
 
 #ifndef ISOSCOPE_SERVER_AGENT_CLIENT_H_
 #define ISOSCOPE_SERVER_AGENT_CLIENT_H_
@@ -32,38 +32,29 @@ struct AgentAssignment {
   std::string address;
   std::shared_ptr<grpc::Channel> channel;
   std::vector<int> shard_indices;  // ascending
+
+  [[nodiscard]] AgentIdentity identity() const { return {address, shard_indices}; }
 };
 
-// "agent 10.0.0.7:50052 (shards 3, 7)".
-std::string NameOf(const AgentAssignment& agent);
+// Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
+// would mislead the client: INVALID_ARGUMENT (the coordinator's message was wrong) becomes
+// INTERNAL, and a stream that was cut, but not by us, becomes UNAVAILABLE.
+absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
-// An agent's error as clients see it: it names the agent. Codes are kept, but for those that would
-// tell the client something wrong: INVALID_ARGUMENT (the coordinator's message was bad) becomes
-// INTERNAL, and a stream that was cut without us becomes UNAVAILABLE.
-absl::Status AgentError(const AgentAssignment& agent, const absl::Status& status,
-                        bool was_cancelled_by_us);
-
-// Asks an agent what it serves. `done` is called once, on one of gRPC's threads, no later than soon
-// after `deadline`: it must be quick. Keep what is returned until then, and drop it on a thread of
-// your own: a reaction that drops a channel's last reference makes gRPC join its own thread.
-std::shared_ptr<void> DescribeShards(
-    const std::shared_ptr<grpc::Channel>& channel, absl::Time deadline,
-    std::function<void(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse>)> done);
-
-// Begins a frame on an agent. `begin`: complete but for shard_indices. `block_count`: of the whole
-// volume. The listener outlives the link. `deadline`: when the call ends by itself.
+// Begins a frame on an agent. `begin`: complete except for shard_indices. `block_count`: blocks of
+// the volume. `deadline`: the call ends by itself then. The listener outlives the link.
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              isoscope::internal::v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
                                              AgentListener* listener);
 
-// The surface of one agent's blocks, pulled message by message: while nobody pulls, gRPC's flow
-// control stops the agent. Cancel is thread-safe, the rest is for one thread.
+// The surface of one agent's blocks, pulled message by message. While nobody pulls, gRPC's flow
+// control stops the agent. Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public SurfaceSource {
  public:
   SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
                 const volume::BlockLayout& layout, double isovalue, absl::Time deadline);
-  // Cancels, if it has not ended.
+  // Cancels the call if it has not ended.
   ~SurfaceStream() override;
   SurfaceStream(const SurfaceStream&) = delete;
   SurfaceStream& operator=(const SurfaceStream&) = delete;
@@ -72,16 +63,22 @@ class SurfaceStream final : public SurfaceSource {
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
   void Cancel();
 
-  [[nodiscard]] const AgentAssignment& agent() const { return agent_; }
+  // Returns OK, or the error of Next without the agent's name.
+  [[nodiscard]] const absl::Status& status() const { return status_; }
+  [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
 
  private:
-  const AgentAssignment agent_;
+  // Keeps the status, and returns it with the agent's name.
+  absl::Status Fail(absl::Status status);
+
+  const AgentIdentity agent_;
+  absl::Status status_;
   const volume::BlockLayout layout_;
   const std::unique_ptr<isoscope::internal::v1::PartitionAgentService::Stub> stub_;
   grpc::ClientContext context_;
   std::unique_ptr<grpc::ClientReader<isoscope::internal::v1::ExtractSurfaceResponse>> reader_;
   isoscope::internal::v1::ExtractSurfaceResponse message_;
-  int next_block_ = 0;  // of message_
+  int next_block_ = 0;  // index in message_
   std::atomic<bool> was_cancelled_{false};
   bool has_ended_ = false;
 };

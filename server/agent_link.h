@@ -1,5 +1,5 @@
-// One agent's part in one frame, as the coordinator sees it; no gRPC types. agent_client makes them
-// from streams, tests from FramePipeline directly.
+// One agent's part in one frame, as the coordinator sees it. No gRPC types. agent_client makes
+// links from streams, tests make them from FramePipeline.
 
 #ifndef ISOSCOPE_SERVER_AGENT_LINK_H_
 #define ISOSCOPE_SERVER_AGENT_LINK_H_
@@ -13,42 +13,42 @@
 
 #include "core/frame/agent_statistics.h"
 #include "core/volume/block_layout.h"
+#include "server/agent_failure.h"
 
 namespace isoscope::server {
 
-// What an agent says during a frame, in order of arrival. Called from any thread, never two calls
-// at a time for one agent; must be quick and must not call back into the link.
+// Receives the events of an agent during a frame, in order of arrival. Any thread may call it, but
+// one at a time for an agent. Functions must be quick and must not call back into the link.
 class AgentListener {
  public:
   virtual ~AgentListener() = default;
-  // `active`: the agent's own active blocks, ascending; empty if they were not asked for.
+  // `active`: the agent's own active blocks, ascending; empty unless they were asked for.
   virtual void OnRayHits(std::vector<volume::BlockId> hits,
                          std::vector<volume::BlockId> active) = 0;
   virtual void OnPixels(std::vector<std::string> bands) = 0;  // docs/format/wire.md
   virtual void OnOccludersDone() = 0;
   virtual void OnFrameDone(frame::AgentStatistics statistics) = 0;
-  // The last call. OK only after OnFrameDone. Errors name the agent and its shards.
+  // The last call. OK only after OnFrameDone. Errors are those of AgentFailure::status.
   virtual void OnEnd(absl::Status status) = 0;
 };
 
-// Thread-safe. The frame was begun when the link was made.
+// Thread-safe. Making the link has begun the frame.
 class AgentLink {
  public:
   // Cancels the frame if it has not ended, and waits until OnEnd has returned.
   virtual ~AgentLink() = default;
 
-  // The agent's own blocks to draw in step 2, ascending.
+  // Sends the agent's own blocks to draw in step 2, ascending.
   virtual void SendOccluders(const std::vector<volume::BlockId>& blocks) = 0;
-  // Those to draw in step 3, ascending, and visibility::EncodeOpenPixels of their open pixels (or
-  // nothing: all are open).
+  // Sends the blocks to draw in step 3, ascending, and visibility::EncodeOpenPixels of their open
+  // pixels. Empty: all pixels are open.
   virtual void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
                                  std::string open_pixels) = 0;
-  // Stops the agent's work; OnEnd follows soon.
+  // Stops the agent's work. OnEnd follows soon.
   virtual void Cancel() = 0;
 
-  // "agent 10.0.0.7:50052 (shards 3, 7)".
-  [[nodiscard]] virtual std::string name() const = 0;
-  // Bytes of messages so far, both ways.
+  [[nodiscard]] virtual const AgentIdentity& agent() const = 0;
+  // Returns the bytes of all messages so far, both ways.
   [[nodiscard]] virtual std::int64_t network_bytes() const = 0;
 };
 

@@ -1,85 +1,56 @@
-// Which agents there are, what they serve, and which datasets are complete.
+// The members of the cluster: its agents. The registry resolves their addresses, has them asked,
+// and keeps their answers and the datasets that they make together.
 //
-// Every agent is asked at start, then every poll interval, and at once when a frame needs a dataset
-// that is not complete or follows the loss of an agent.
+// It asks every agent at start, then at every poll interval, and at once when a frame needs a
+// dataset that is not complete, or follows the loss of an agent.
+//
+// Other files have the other parts of this work: dns_target finds addresses, agent_prober asks,
+// dataset_catalog combines the answers.
 
 #ifndef ISOSCOPE_SERVER_AGENT_REGISTRY_H_
 #define ISOSCOPE_SERVER_AGENT_REGISTRY_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <map>
 #include <memory>
 #include <string>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
-#include <grpcpp/channel.h>
+#include "absl/types/span.h"
 
-#include "isoscope/internal/v1/partition_agent_service.pb.h"
-#include "isoscope/v1/dataset.pb.h"
-#include "server/agent_client.h"
+#include "core/base/cancellation.h"
+#include "core/base/mutex.h"
+#include "server/agent_prober.h"
 #include "server/coordinator_server.h"
+#include "server/dataset_catalog.h"
+#include "server/dns_target.h"
 
 namespace isoscope::server {
-
-// One agent as it was last seen.
-struct AgentState {
-  std::string address;
-  std::shared_ptr<grpc::Channel> channel;
-  // OK: it answered. Else why it did not; or what is wrong with what it said.
-  absl::Status status = absl::UnavailableError("not asked yet");
-  std::string version;
-  std::string renderer;
-  // What it serves; of an agent that does not answer: what it served when it last did.
-  std::vector<isoscope::internal::v1::ShardDescription> shards;
-};
-
-// One dataset of the cluster.
-struct DatasetState {
-  isoscope::v1::Dataset dataset;  // with missing_shards
-  // OK: frames can be rendered. FAILED_PRECONDITION: says what is missing or contradictory.
-  absl::Status status;
-  // Each shard once, in order of the agents' first shards. Only if `status` is OK.
-  std::vector<AgentAssignment> agents;
-  bool is_served = false;  // at least one shard is
-};
-
-// What the agents make together, by dataset name. A pure function; `agents` by address: of several
-// agents that serve the same shard the first one is taken.
-std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents);
-
-// "host:port" behind "dns:///host:port"; INVALID_ARGUMENT if that is malformed. Other targets have
-// no host to be resolved here: none.
-struct DnsName {
-  std::string host;
-  std::string port;
-};
-absl::StatusOr<bool> ParseDnsTarget(const std::string& target, DnsName* name);
-// All addresses behind a name, as gRPC dials them, ascending. UNAVAILABLE. Blocks.
-absl::StatusOr<std::vector<std::string>> ResolveAddresses(const DnsName& name);
 
 struct AgentRegistryOptions {
   std::vector<AgentEndpoint> endpoints;  // at least one
   absl::Duration poll_interval = absl::Seconds(2);
-  // Called on the registry's thread whenever it changes whether any dataset is complete.
+  // Called on the registry's thread when a first dataset is complete, or none is complete any more.
   std::function<void(bool is_any_complete)> on_readiness;
-  // Replaces ResolveAddresses in tests.
-  std::function<absl::StatusOr<std::vector<std::string>>(const DnsName&)> resolve;
+  // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
+  // when the registry is destroyed.
+  std::function<absl::StatusOr<std::vector<std::string>>(const DnsName&)> resolve =
+      ResolveAddresses;
+  std::function<void(absl::Span<AgentProbe> probes, const base::Cancellation& cancellation)> probe =
+      ProbeAgents;
 };
 
 // Thread-safe.
 class AgentRegistry {
  public:
-  // How long an agent may take to answer, and how long a frame waits for such answers.
-  static constexpr absl::Duration kProbeTimeout = absl::Seconds(1);
+  // The longest time that a frame waits for the answers of agents.
   static constexpr absl::Duration kMaxFrameWait = absl::Seconds(2);
 
   // INVALID_ARGUMENT: no endpoint, two with one target, or a malformed target.
@@ -89,14 +60,16 @@ class AgentRegistry {
   AgentRegistry(const AgentRegistry&) = delete;
   AgentRegistry& operator=(const AgentRegistry&) = delete;
 
-  // The dataset of that name ("": the only one), complete. Asks the agents again, for kMaxFrameWait
-  // or until `deadline`, if it is not complete or an agent was lost since the last poll.
-  // NOT_FOUND, INVALID_ARGUMENT, FAILED_PRECONDITION as IsosurfaceService says. May block.
-  absl::StatusOr<DatasetState> FindComplete(const std::string& name, absl::Time deadline);
-  // The dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as DatasetService
-  // says. Does not block.
+  // Returns the complete dataset of that name ("": the only one). If it is not complete, or an
+  // agent was lost since the last poll, asks the agents again and waits for the answers, at most
+  // for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND, INVALID_ARGUMENT,
+  // FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that fires. May block.
+  absl::StatusOr<DatasetState> FindComplete(const std::string& name,
+                                            const base::Cancellation& cancellation);
+  // Returns the dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as
+  // DatasetService says. Does not block.
   absl::StatusOr<DatasetState> Find(const std::string& name) const;
-  // A call to the agent failed: it is asked again before the next frame.
+  // Reports that a call to the agent failed. The agent is asked again before the next frame.
   void ReportFailure(const std::string& address);
 
   // By address.
@@ -104,40 +77,49 @@ class AgentRegistry {
   // By name.
   [[nodiscard]] std::map<std::string, DatasetState> datasets() const;
 
-  // As CoordinatorServer::WaitUntilReady.
+  // Does what CoordinatorServer::WaitUntilReady does.
   absl::Status WaitUntilReady(absl::Time deadline);
 
  private:
-  // An agent's address and how it came to be known.
-  struct Link {
+  // An agent, and the endpoint that named it.
+  struct Member {
     AgentState state;
     std::size_t endpoint_index = 0;
-    bool is_listed = true;    // the name still stands for this address
-    bool is_suspect = false;  // failed since it was last asked
+    bool is_listed = true;    // its endpoint's name still has this address
+    bool is_suspect = false;  // a call failed since it was last asked
     bool has_fixed_channel = false;
+    bool is_name = false;  // a name without known addresses: there is nobody to ask
   };
+  using Members = std::map<std::string, Member>;  // by address
 
   explicit AgentRegistry(AgentRegistryOptions options);
   void Run();
   void Probe();
-  // What to ask: links by address, resolved anew. Blocks on the resolver.
-  std::map<std::string, Link> ResolveLinks(std::map<std::string, Link> links) const;
-  void AdoptLinks(std::map<std::string, Link> links) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Asks for a probe that begins after now and waits for its end, at most until `deadline`.
-  void ProbeNow(absl::Time deadline) ABSL_LOCKS_EXCLUDED(mutex_);
-  absl::StatusOr<DatasetState> FindLocked(const std::string& name) const
+  // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
+  Members ResolveMembers(Members members) const;
+  void AskMembers(Members* members) const;
+  void AdoptMembers(Members members) ABSL_LOCKS_EXCLUDED(mutex_);
+  void LogMembers(const Members& members) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  void LogDatasets(const std::map<std::string, DatasetState>& datasets) const
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  [[nodiscard]] std::string UnreachableAgents() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  // Requests a probe that begins after now. Waits for its end, until `deadline`, until
+  // `cancellation` fires, or until the registry stops.
+  void ProbeNow(absl::Time deadline, const base::Cancellation& cancellation)
+      ABSL_LOCKS_EXCLUDED(mutex_);
 
   const AgentRegistryOptions options_;
-  mutable absl::Mutex mutex_;
-  std::map<std::string, Link> links_ ABSL_GUARDED_BY(mutex_);  // by address
+  base::Cancellation stopping_;
+  mutable base::Mutex mutex_;
+  base::CondVar changed_;  // a probe number below has changed, or the registry stops
+  Members members_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, DatasetState> datasets_ ABSL_GUARDED_BY(mutex_);
+  std::string unreachable_ ABSL_GUARDED_BY(mutex_);  // DescribeUnreachable of the members
   bool is_any_complete_ ABSL_GUARDED_BY(mutex_) = false;
-  std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;    // number of the last one asked for
-  std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;   // of the last one begun
-  std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;  // of the last one ended
-  bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  // Probes are numbered from 1 on. A thread that needs a probe that begins after now wants the
+  // number after started_probe_, and waits until finished_probe_ has reached it.
+  std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;
+  std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;
   std::thread thread_;
 };
 

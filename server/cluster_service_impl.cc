@@ -6,11 +6,12 @@
 
 #include "absl/status/status.h"
 
+#include "core/rpc/unary_call.h"
+
 namespace isoscope::server {
 namespace {
 
-// What is wrong with an agent that answers: the error of a dataset it serves that contradicts
-// others.
+// Returns the error of an agent that answers: that of one of its datasets that contradicts others.
 std::string Complaint(const AgentState& agent,
                       const std::map<std::string, DatasetState>& datasets) {
   std::set<std::string> complaints;
@@ -35,6 +36,7 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent,
     return proto;
   }
   proto.set_state(isoscope::v1::AgentStatus::STATE_REACHABLE);
+  proto.set_picture_revision(frame::ToString(agent.picture_revision));
   proto.set_message(Complaint(agent, datasets));
   for (const isoscope::internal::v1::ShardDescription& shard : agent.shards) {
     isoscope::v1::ServedShard* served = proto.add_shards();
@@ -49,24 +51,24 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent,
 }  // namespace
 
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
-    grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* /*request*/,
+    grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
-  *response = capabilities_;
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status::OK);
-  return reactor;
+  return rpc::AnswerUnary(context, *request, [&] {
+    *response = capabilities_;
+    return absl::OkStatus();
+  });
 }
 
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
-    grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* /*request*/,
+    grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
-  const std::map<std::string, DatasetState> datasets = registry_->datasets();
-  for (const AgentState& agent : registry_->agents()) {
-    *response->add_agents() = ToProto(agent, datasets);
-  }
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status::OK);
-  return reactor;
+  return rpc::AnswerUnary(context, *request, [&] {
+    const std::map<std::string, DatasetState> datasets = registry_->datasets();
+    for (const AgentState& agent : registry_->agents()) {
+      *response->add_agents() = ToProto(agent, datasets);
+    }
+    return absl::OkStatus();
+  });
 }
 
 }  // namespace isoscope::server

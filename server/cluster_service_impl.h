@@ -1,4 +1,4 @@
-// ClusterService: limits, and the agents as the registry last saw them.
+// ClusterService: the limits, and the agents as the registry last saw them.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_

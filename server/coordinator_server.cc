@@ -4,12 +4,12 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
@@ -34,18 +34,18 @@ isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOpti
   return capabilities;
 }
 
-// Sets health as datasets become complete and as the server stops. Thread-safe; it begins when both
-// the server and the registry's first answer are there, in any order.
+// Reports health when datasets become complete and when the server stops. It begins once it has
+// both the server and the registry's first answer, in any order. Thread-safe.
 class HealthReporter {
  public:
   void SetReady(bool is_ready) {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     is_ready_ = is_ready;
     Report();
   }
-  // Null when the server stops: then nothing is serving.
+  // Null when the server stops. Then nothing is serving.
   void SetServer(grpc::Server* server) {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     if (server == nullptr && server_ != nullptr) {
       server_->GetHealthCheckService()->SetServingStatus(false);
       SetServing(isoscope::v1::IsosurfaceService::service_full_name(), false);
@@ -71,7 +71,7 @@ class HealthReporter {
     server_->GetHealthCheckService()->SetServingStatus(service, is_serving);
   }
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   grpc::Server* server_ ABSL_GUARDED_BY(mutex_) = nullptr;
   bool is_ready_ ABSL_GUARDED_BY(mutex_) = false;
 };

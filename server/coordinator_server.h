@@ -1,5 +1,5 @@
-// A running coordinator. Used by isoscope-coordinator's main and by the embedded cluster of the
-// command line.
+// A running coordinator. The main function of isoscope-coordinator and the embedded cluster of the
+// command line use it.
 
 #ifndef ISOSCOPE_SERVER_COORDINATOR_SERVER_H_
 #define ISOSCOPE_SERVER_COORDINATOR_SERVER_H_
@@ -19,12 +19,12 @@
 
 namespace isoscope::server {
 
-// Where an agent is.
+// The address of an agent, or a channel to it.
 struct AgentEndpoint {
-  // Any gRPC target. "dns:///NAME:PORT" stands for every address behind the name, and is resolved
-  // again when agents come and go.
+  // Any gRPC target. "dns:///NAME:PORT" stands for every address of the name. It is resolved at
+  // each poll, because agents come and go.
   std::string target;
-  // Used instead of dialling, if set: an embedded agent's in-process channel.
+  // If set, it is used instead of the target: an embedded agent's in-process channel.
   std::shared_ptr<grpc::Channel> channel;
 };
 
@@ -34,13 +34,13 @@ struct CoordinatorServerOptions {
   std::string listen_address;
   int max_concurrent_frames = 4;
   int max_queued_frames = 32;
-  // How long a frame without a deadline may take; also the cap of longer ones.
+  // The longest time of a frame. Shorter deadlines of clients hold.
   absl::Duration max_frame_duration = absl::Minutes(5);
-  // How often agents are asked what they hold.
+  // The time between two polls of the agents.
   absl::Duration poll_interval = absl::Seconds(2);
-  // Where the coordinator computes; null: on all cores.
+  // The arena of the coordinator's computations; null: an arena of all cores.
   std::shared_ptr<tbb::task_arena> arena;
-  // Memory is taken early for frames of this size; null: as they come.
+  // The coordinator takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
@@ -52,7 +52,7 @@ class CoordinatorServer {
   // malformed target. UNAVAILABLE: the address can't be bound.
   static absl::StatusOr<std::unique_ptr<CoordinatorServer>> Start(
       const CoordinatorServerOptions& options);
-  // Shutdown with no grace.
+  // Calls Shutdown without grace.
   virtual ~CoordinatorServer() = default;
 
   [[nodiscard]] virtual int port() const = 0;
@@ -60,8 +60,8 @@ class CoordinatorServer {
   // Blocks until every agent has answered at least once and at least one dataset is complete, or
   // until `deadline`. FAILED_PRECONDITION says what is missing.
   virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
-  // Health NOT_SERVING, no new calls, waits for frames in work up to `grace`, then cancels them.
-  // Blocks.
+  // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for frames in work, then
+  // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;
 };
 

@@ -1,4 +1,4 @@
-// DatasetService: answers from what the registry last saw.
+// DatasetService. It answers with the last state of the registry.
 
 #ifndef ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_

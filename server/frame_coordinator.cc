@@ -1,3 +1,21 @@
+// A frame runs on one thread, which waits for the events of the agents. Each agent is at a stage. A
+// step of the frame begins when the last agent has reached its stage.
+//
+//   event           allowed at           then                 when all agents are there
+//   ray hits        kSelectingOccluders  kRenderingOccluders  union of the hits; each agent gets
+//                                                             its occluding blocks
+//   pixels          kRenderingOccluders  the arena            -
+//                   kRenderingVisible    composites them
+//   occluders done  kRenderingOccluders  kRenderingVisible    occlusion map; each agent gets its
+//                                                             blocks that are not hidden
+//   frame done      kRenderingVisible    kDone                -
+//   end, OK         kDone                kEnded               the frame is complete
+//   end, error      any                  the frame fails
+//
+// Any other event breaks the protocol: INTERNAL. With Culling::kNone agents begin at
+// kRenderingVisible. A frame that fails cancels all agents and waits until their streams have
+// ended, so that nobody works for it when RunFrame returns.
+
 #include "server/frame_coordinator.h"
 
 #include <algorithm>
@@ -12,14 +30,13 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "absl/types/span.h"
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_group.h>
 
-#include "core/base/first_error.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
 #include "core/visibility/occluder_selection.h"
@@ -29,9 +46,7 @@
 namespace isoscope::server {
 namespace {
 
-// How late a cancellation may be noticed while no agent says anything.
-constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
-// Blocks that one task tests: some hundred microseconds.
+// One task tests this many blocks, in some hundred microseconds.
 constexpr std::size_t kBlocksPerTask = 512;
 
 struct RayHits {
@@ -42,6 +57,7 @@ struct Pixels {
   std::vector<std::string> bands;
 };
 struct OccludersDone {};
+struct PixelsDamaged {};  // from the thread that decoded them
 struct FrameDone {
   frame::AgentStatistics statistics;
 };
@@ -52,27 +68,35 @@ struct End {
 struct Event {
   std::size_t agent_index = 0;
   absl::Time arrival;
-  std::variant<RayHits, Pixels, OccludersDone, FrameDone, End> what;
+  std::variant<RayHits, Pixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
 };
 
-// What the agents say, in order of arrival. Thread-safe.
+// The events of the agents, in order of arrival. Thread-safe.
 class EventQueue {
  public:
-  void Push(Event event) {
-    absl::MutexLock lock(&mutex_);
+  void Push(Event event) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
     events_.push_back(std::move(event));
+    arrived_.Signal();
   }
 
-  // All events that have come, at least one unless `timeout` has passed.
-  std::deque<Event> PopAllWithTimeout(absl::Duration timeout) {
-    absl::MutexLock lock(&mutex_);
-    const auto has_event = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return !events_.empty(); };
-    mutex_.AwaitWithTimeout(absl::Condition(&has_event), timeout);
-    return std::exchange(events_, {});
+  // Waits for an event and returns all that have come. Returns the cancellation's error if it fires
+  // first.
+  absl::StatusOr<std::deque<Event>> PopAll(const base::Cancellation& cancellation)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::deque<Event> events;
+    ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(cancellation, &mutex_, &arrived_,
+                                                    [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+                                                      events.swap(events_);
+                                                      return !events.empty();
+                                                    }));
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    return events;
   }
 
  private:
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar arrived_;
   std::deque<Event> events_ ABSL_GUARDED_BY(mutex_);
 };
 
@@ -101,21 +125,20 @@ class QueueingListener final : public AgentListener {
   EventQueue* const queue_;
 };
 
-// How far an agent is.
-enum class Stage { kSelecting, kRenderingOccluders, kRenderingVisible, kDone, kEnded };
-
 class Frame {
  public:
   Frame(const FrameSetup& setup, const base::Cancellation& cancellation, image::FrameImage image)
       : setup_(setup),
         cancellation_(cancellation),
+        order_{.block_count = static_cast<std::uint32_t>(setup.layout->block_count()),
+               .ties = setup.ties},
         start_(absl::Now()),
         row_locks_(setup.view->viewport().height_px) {
     result_.image = std::move(image);
   }
 
-  absl::StatusOr<FrameResult> Run(const BeginAgentFrame& begin) {
-    const absl::Status status = BeginAndDrive(begin);
+  FrameOutcome Run(const BeginAgentFrame& begin) {
+    absl::Status status = BeginAndDrive(begin);
     if (!status.ok()) {
       for (Agent& agent : agents_) {
         agent.link->Cancel();
@@ -126,20 +149,22 @@ class Frame {
       result_.network_bytes += agent.link->network_bytes();
     }
     agents_.clear();
-    ISOSCOPE_RETURN_IF_ERROR(status);
+    if (!status.ok()) {
+      return {.status = std::move(status), .result = {}, .failures = std::move(failures_)};
+    }
     result_.composite_duration = absl::Now() - phase_start_;
     std::sort(result_.agents.begin(), result_.agents.end(),
               [](const frame::AgentStatistics& a, const frame::AgentStatistics& b) {
                 return a.shard_indices < b.shard_indices;
               });
-    return std::move(result_);
+    return {.status = absl::OkStatus(), .result = std::move(result_), .failures = {}};
   }
 
  private:
   struct Agent {
     std::unique_ptr<QueueingListener> listener;  // outlives the link
     std::unique_ptr<AgentLink> link;
-    Stage stage = Stage::kSelecting;
+    FrameStage stage = FrameStage::kSelectingOccluders;
   };
 
   absl::Status BeginAndDrive(const BeginAgentFrame& begin) {
@@ -148,50 +173,49 @@ class Frame {
     for (int i = 0; i < setup_.agent_count; ++i) {
       Agent agent;
       agent.listener = std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
-      agent.stage =
-          setup_.culling == frame::Culling::kNone ? Stage::kRenderingVisible : Stage::kSelecting;
+      agent.stage = setup_.spec->culling == frame::Culling::kNone ? FrameStage::kRenderingVisible
+                                                                  : FrameStage::kSelectingOccluders;
       ISOSCOPE_ASSIGN_OR_RETURN(agent.link, begin(i, agent.listener.get()));
       agents_.push_back(std::move(agent));
     }
-    if (setup_.active != nullptr && setup_.culling != frame::Culling::kNone) {
+    if (setup_.active != nullptr && setup_.spec->culling != frame::Culling::kNone) {
       FindFootprints(*setup_.active);  // while the agents cast rays
     }
-    while (!AllAt(Stage::kEnded)) {
-      const absl::Duration left = cancellation_.deadline() - absl::Now();
-      std::deque<Event> events =
-          queue_.PopAllWithTimeout(std::clamp(left, absl::ZeroDuration(), kCancellationPoll));
-      if (const absl::Status status = cancellation_.Check(); !status.ok()) {
-        return absl::IsDeadlineExceeded(status) ? DeadlineError() : status;
+    while (!AllAt(FrameStage::kEnded)) {
+      absl::StatusOr<std::deque<Event>> events = queue_.PopAll(cancellation_);
+      if (!events.ok()) {
+        return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
       }
-      for (Event& event : events) {
+      for (Event& event : *events) {
         ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
-      }
-      if (pixels_error_.has_error()) {
-        break;
       }
     }
     return FinishCompositing();
   }
 
   absl::Status Handle(Event event) {
-    Agent& agent = agents_[event.agent_index];
+    const std::size_t agent_index = event.agent_index;
+    Agent& agent = agents_[agent_index];
     last_arrival_ = event.arrival;
     if (auto* hits = std::get_if<RayHits>(&event.what)) {
-      return HandleRayHits(event.agent_index, std::move(*hits));
+      return HandleRayHits(agent_index, std::move(*hits));
     }
     if (auto* pixels = std::get_if<Pixels>(&event.what)) {
-      return HandlePixels(event.agent_index, std::move(pixels->bands));
+      return HandlePixels(agent_index, std::move(pixels->bands));
     }
     if (std::holds_alternative<OccludersDone>(event.what)) {
-      return HandleOccludersDone(&agent);
+      return HandleOccludersDone(agent_index);
+    }
+    if (std::holds_alternative<PixelsDamaged>(event.what)) {
+      return FinishCompositing();
     }
     if (auto* done = std::get_if<FrameDone>(&event.what)) {
-      if (!IsAt(agent, Stage::kRenderingVisible)) {
-        return OutOfOrder(agent, "the end of the frame");
+      if (!IsAt(agent, FrameStage::kRenderingVisible)) {
+        return OutOfOrder(agent_index, "the end of the frame");
       }
-      agent.stage = Stage::kDone;
+      agent.stage = FrameStage::kDone;
       result_.agents.push_back(std::move(done->statistics));
-      if (AllAt(Stage::kDone)) {
+      if (AllAt(FrameStage::kDone)) {
         EndPhase(&result_.visibility_culling_duration);
       }
       return absl::OkStatus();
@@ -200,19 +224,22 @@ class Frame {
     if (absl::IsDeadlineExceeded(status)) {
       return DeadlineError();
     }
-    ISOSCOPE_RETURN_IF_ERROR(status);
-    if (agent.stage != Stage::kDone) {
-      return OutOfOrder(agent, "the end of the stream");
+    if (!status.ok()) {
+      return Fail(agent_index, status);
     }
-    agent.stage = Stage::kEnded;
+    if (agent.stage != FrameStage::kDone) {
+      return OutOfOrder(agent_index, "the end of the stream");
+    }
+    agent.stage = FrameStage::kEnded;
     return absl::OkStatus();
   }
 
-  // Lets the arena composite the bands, while others come.
+  // Lets the arena composite the bands while others arrive.
   absl::Status HandlePixels(std::size_t agent_index, std::vector<std::string> bands) {
     const Agent& agent = agents_[agent_index];
-    if (!IsAt(agent, Stage::kRenderingOccluders) && !IsAt(agent, Stage::kRenderingVisible)) {
-      return OutOfOrder(agent, "pixels");
+    if (!IsAt(agent, FrameStage::kRenderingOccluders) &&
+        !IsAt(agent, FrameStage::kRenderingVisible)) {
+      return OutOfOrder(agent_index, "pixels");
     }
     setup_.arena->execute([&] {
       for (std::string& band : bands) {
@@ -224,31 +251,42 @@ class Frame {
   }
 
   void CompositeBand(std::size_t agent_index, absl::string_view band) {
-    const absl::Status status = composite::DecodePixelsInto(band, &result_.image, &row_locks_);
+    const absl::Status status =
+        composite::DecodePixelsInto(band, order_, &result_.image, &row_locks_);
     if (!status.ok()) {
-      pixels_error_.Set(
-          {status.code(),
-           absl::StrCat("pixels of ", agents_[agent_index].link->name(), ": ", status.message())});
+      const base::MutexLock lock(&damage_mutex_);
+      if (damage_.ok()) {
+        damage_ = {status.code(), absl::StrCat("pixels: ", status.message())};
+        damaging_agent_ = agent_index;
+        queue_.Push({agent_index, absl::Now(), PixelsDamaged{}});
+      }
     }
   }
 
-  // Returns once all bands that came are in the image.
-  absl::Status FinishCompositing() {
+  // Returns once all bands that have arrived are in the image.
+  absl::Status FinishCompositing() ABSL_LOCKS_EXCLUDED(damage_mutex_) {
     setup_.arena->execute([&] { compositing_.wait(); });
-    return pixels_error_.status();
+    absl::Status damage;
+    std::size_t agent_index = 0;
+    {
+      const base::MutexLock lock(&damage_mutex_);
+      damage = std::exchange(damage_, absl::OkStatus());
+      agent_index = damaging_agent_;
+    }
+    return damage.ok() ? damage : Fail(agent_index, damage);
   }
 
   absl::Status HandleRayHits(std::size_t agent_index, RayHits hits) {
     Agent& agent = agents_[agent_index];
-    if (agent.stage != Stage::kSelecting) {
-      return OutOfOrder(agent, "ray hits");
+    if (agent.stage != FrameStage::kSelectingOccluders) {
+      return OutOfOrder(agent_index, "ray hits");
     }
-    agent.stage = Stage::kRenderingOccluders;
+    agent.stage = FrameStage::kRenderingOccluders;
     hits_ = visibility::UnionOfHits(hits_, hits.hits);
     if (setup_.active == nullptr) {
       reported_[agent_index] = std::move(hits.active);
     }
-    if (AllAt(Stage::kRenderingOccluders)) {
+    if (AllAt(FrameStage::kRenderingOccluders)) {
       result_.active = setup_.active != nullptr ? setup_.active
                                                 : std::make_shared<const ActiveBlocks>(
                                                       reported_, setup_.layout->block_count());
@@ -265,11 +303,13 @@ class Frame {
     if (footprints_.empty()) {
       FindFootprints(active);
     }
-    const std::vector<AgentPart> parts = SelectBlocks([&](std::size_t place, AgentPart* part) {
-      if (occluding_.Contains(active.ids[place]) && !footprints_[place].rect.empty()) {
-        part->blocks.push_back(active.ids[place]);
-      }
-    });
+    const std::vector<AgentPart> parts =
+        SelectBlocks([&](std::size_t active_index, AgentPart* part) {
+          if (occluding_.Contains(active.ids[active_index]) &&
+              !footprints_[active_index].rect.empty()) {
+            part->blocks.push_back(active.ids[active_index]);
+          }
+        });
     for (std::size_t i = 0; i < agents_.size(); ++i) {
       agents_[i].link->SendOccluders(parts[i].blocks);
     }
@@ -288,14 +328,14 @@ class Frame {
     });
   }
 
-  // What each agent draws in one step.
+  // The part of one agent in a step: the blocks that it draws.
   struct AgentPart {
     std::vector<volume::BlockId> blocks;
     std::vector<image::PixelMask> open;  // the pixels that each could win; or none
   };
 
-  // Calls select(place in the active blocks, part to add it to) for every active block, in
-  // parallel, and joins the parts of each agent in order.
+  // Calls select(active index, part to add it to) for every active block, in parallel, and joins
+  // the parts of each agent in order.
   template <typename Fn>
   [[nodiscard]] std::vector<AgentPart> SelectBlocks(const Fn& select) const {
     const ActiveBlocks& active = *result_.active;
@@ -316,8 +356,8 @@ class Frame {
     setup_.arena->execute([&] {
       tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t index) {
         Task& task = tasks[index];
-        for (std::size_t place = task.begin; place < task.end; ++place) {
-          select(place, &task.part);
+        for (std::size_t active_index = task.begin; active_index < task.end; ++active_index) {
+          select(active_index, &task.part);
         }
       });
     });
@@ -330,12 +370,13 @@ class Frame {
     return parts;
   }
 
-  absl::Status HandleOccludersDone(Agent* agent) {
-    if (!IsAt(*agent, Stage::kRenderingOccluders)) {
-      return OutOfOrder(*agent, "the end of the occluders");
+  absl::Status HandleOccludersDone(std::size_t agent_index) {
+    Agent& agent = agents_[agent_index];
+    if (!IsAt(agent, FrameStage::kRenderingOccluders)) {
+      return OutOfOrder(agent_index, "the end of the occluders");
     }
-    agent->stage = Stage::kRenderingVisible;
-    if (AllAt(Stage::kRenderingVisible)) {
+    agent.stage = FrameStage::kRenderingVisible;
+    if (AllAt(FrameStage::kRenderingVisible)) {
       ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
       SendVisibleBlocks();
       EndPhase(&result_.occluder_rendering_duration);
@@ -344,42 +385,45 @@ class Frame {
   }
 
   void SendVisibleBlocks() {
-    const bool has_depth = setup_.culling == frame::Culling::kDepth;
+    const bool has_depth = setup_.spec->culling == frame::Culling::kDepth;
     const visibility::OcclusionMap map = setup_.arena->execute([&] {
       return visibility::OcclusionMap::FromImage(
           result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
     });
     const ActiveBlocks& active = *result_.active;
-    const std::vector<AgentPart> parts = SelectBlocks([&](std::size_t place, AgentPart* part) {
-      const view::Footprint& footprint = footprints_[place];
-      if (occluding_.Contains(active.ids[place]) || footprint.rect.empty() ||
-          map.Hides(footprint)) {
-        return;
-      }
-      part->blocks.push_back(active.ids[place]);
-      // The 1-bit mask is the paper's: it culls blocks, not fragments.
-      if (has_depth) {
-        part->open.push_back(map.OpenPixels(footprint));
-      }
-    });
+    const std::vector<AgentPart> parts =
+        SelectBlocks([&](std::size_t active_index, AgentPart* part) {
+          const view::Footprint& footprint = footprints_[active_index];
+          if (occluding_.Contains(active.ids[active_index]) || footprint.rect.empty() ||
+              map.Hides(footprint)) {
+            return;
+          }
+          part->blocks.push_back(active.ids[active_index]);
+          // The 1-bit mask is the paper's: it culls blocks, not fragments.
+          if (has_depth) {
+            part->open.push_back(map.OpenPixels(footprint));
+          }
+        });
     for (std::size_t i = 0; i < agents_.size(); ++i) {
       agents_[i].link->SendVisibleBlocks(
           parts[i].blocks, has_depth ? visibility::EncodeOpenPixels(parts[i].open) : std::string());
     }
   }
 
-  // True if every agent is at `stage` or further.
-  [[nodiscard]] bool AllAt(Stage stage) const {
+  // Returns true if every agent is at `stage` or farther.
+  [[nodiscard]] bool AllAt(FrameStage stage) const {
     return std::all_of(agents_.begin(), agents_.end(),
                        [stage](const Agent& agent) { return agent.stage >= stage; });
   }
 
-  // True if `agent` is at `stage` and was asked for it: the step begins once all agents are there.
-  [[nodiscard]] bool IsAt(const Agent& agent, Stage stage) const {
+  // Returns true if `agent` is at `stage` and was asked for it. A step begins once all agents are
+  // there.
+  [[nodiscard]] bool IsAt(const Agent& agent, FrameStage stage) const {
     return agent.stage == stage && AllAt(stage);
   }
 
-  // The last phase ends when the last agent's last word came; what follows is compositing.
+  // Notes the time since the last phase ended. The last phase ends with the last agent's last
+  // event; compositing follows.
   void EndPhase(absl::Duration* duration) {
     const absl::Time now =
         duration == &result_.visibility_culling_duration ? last_arrival_ : absl::Now();
@@ -387,20 +431,32 @@ class Frame {
     phase_start_ = std::max(now, phase_start_);
   }
 
-  static absl::Status OutOfOrder(const Agent& agent, const char* what) {
-    return absl::InternalError(absl::StrFormat("%s sent %s out of order; its version may differ",
-                                               agent.link->name(), what));
+  // Notes the agent that failed, and ends the frame.
+  absl::Status Fail(std::size_t agent_index, absl::Status status) {
+    const Agent& agent = agents_[agent_index];
+    failures_.push_back({.agent_index = agent_index,
+                         .agent = agent.link->agent(),
+                         .stage = agent.stage,
+                         .status = std::move(status)});
+    return failures_.back().ToStatus();
   }
 
-  absl::Status DeadlineError() const {
-    Stage slowest = Stage::kEnded;
+  absl::Status OutOfOrder(std::size_t agent_index, const char* what) {
+    return Fail(agent_index, absl::InternalError(absl::StrFormat(
+                                 "sent %s out of order; its version may differ", what)));
+  }
+
+  // Returns the error of a passed deadline. The frame waits for the agents at the earliest stage.
+  absl::Status DeadlineError() {
+    FrameStage slowest = FrameStage::kEnded;
     for (const Agent& agent : agents_) {
       slowest = std::min(slowest, agent.stage);
     }
     std::vector<std::string> waiting;
-    for (const Agent& agent : agents_) {
-      if (agent.stage == slowest) {
-        waiting.push_back(agent.link->name());
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      if (agents_[i].stage == slowest) {
+        waiting.push_back(NameOf(agents_[i].link->agent()));
+        Fail(i, absl::DeadlineExceededError("had not answered")).IgnoreError();
       }
     }
     return absl::DeadlineExceededError(absl::StrFormat(
@@ -411,6 +467,7 @@ class Frame {
 
   const FrameSetup& setup_;
   const base::Cancellation& cancellation_;
+  const image::FragmentOrder order_;
   const absl::Time start_;
   absl::Time phase_start_;
   absl::Time last_arrival_;
@@ -422,23 +479,28 @@ class Frame {
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
   composite::RowLocks row_locks_;  // of its image
-  // Decodes bands into the image while others come.
+  // Decodes bands into the image while others arrive.
   tbb::task_group compositing_;
-  base::FirstError pixels_error_;
+  base::Mutex damage_mutex_;
+  absl::Status damage_ ABSL_GUARDED_BY(damage_mutex_);  // the first one
+  std::size_t damaging_agent_ ABSL_GUARDED_BY(damage_mutex_) = 0;
+  std::vector<AgentFailure> failures_;
 };
 
 }  // namespace
 
-absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
-                                     const base::Cancellation& cancellation) {
+FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
+                      const base::Cancellation& cancellation) {
   const view::Viewport& viewport = setup.view->viewport();
   image::FrameImage image;
   try {
     image = setup.images->Take(viewport.width_px, viewport.height_px);
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(
-        absl::StrFormat("the coordinator has no memory for a picture of %d x %d pixels",
-                        viewport.width_px, viewport.height_px));
+    return {.status = absl::ResourceExhaustedError(
+                absl::StrFormat("the coordinator has no memory for a picture of %d x %d pixels",
+                                viewport.width_px, viewport.height_px)),
+            .result = {},
+            .failures = {}};
   }
   return Frame(setup, cancellation, std::move(image)).Run(begin);
 }

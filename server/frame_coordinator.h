@@ -2,9 +2,9 @@
 //
 // The reduces are pure functions of core: UnionOfHits (step 1), DecodePixelsInto (steps 2 and 3).
 // They are associative, commutative and idempotent, so neither the number of agents nor the order
-// of arrival shows in the result. What follows from a reduce is computed once, here, and each agent
-// is told its own part: its occluding blocks, then its blocks that the occluders do not hide. So
-// what crosses the network does not grow with the number of agents (docs/architecture.md).
+// of arrival shows in the result. The coordinator computes once all that follows from a reduce, and
+// tells each agent its own part: its occluding blocks, then its blocks that the occluders do not
+// hide. So these messages do not grow with the number of agents (docs/architecture.md).
 
 #ifndef ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
 #define ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
@@ -19,7 +19,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
-#include "core/frame/culling.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
@@ -28,13 +28,14 @@
 
 namespace isoscope::server {
 
-// What a frame is about. Everything pointed to outlives the frame.
+// The input of a frame. All objects that it points to outlive the frame.
 struct FrameSetup {
-  const view::View* view = nullptr;
+  const frame::FrameSpec* spec = nullptr;
+  const view::View* view = nullptr;  // the spec's
   const volume::BlockLayout* layout = nullptr;
-  frame::Culling culling = frame::Culling::kDepth;
+  image::TieRule ties = image::TieRule::kColor;  // of the agents' back end
   int agent_count = 0;
-  // What is active, if it is known: then agents are not to be asked to report it.
+  // The active blocks, if they are known: then no agent may be asked to report them. May be null.
   std::shared_ptr<const ActiveBlocks> active;
   image::FrameImagePool* images = nullptr;
   tbb::task_arena* arena = nullptr;  // for what the coordinator computes
@@ -42,7 +43,7 @@ struct FrameSetup {
 
 struct FrameResult {
   image::FrameImage image;
-  // As the setup's, or as reported; null with kNone.
+  // Those of the setup, or those that the agents reported. Null with kNone.
   std::shared_ptr<const ActiveBlocks> active;
   std::int64_t ray_hit_block_count = 0;
   std::int64_t network_bytes = 0;
@@ -53,16 +54,24 @@ struct FrameResult {
   std::vector<frame::AgentStatistics> agents;  // in order of their first shard
 };
 
+// A frame that ran to its end.
+struct FrameOutcome {
+  absl::Status status;  // OK: `result` is complete
+  FrameResult result;
+  // If the status is not OK: the agents that failed. Empty for a cancelled frame.
+  std::vector<AgentFailure> failures;
+};
+
 // Begins the frame on agent `agent_index` of all; `listener` outlives the link.
 using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>(
     int agent_index, AgentListener* listener)>;
 
-// Runs one frame to its end. Blocks. Any agent's error ends the frame with that error and cancels
-// the others; the frame ends no later than the cancellation's deadline, with DEADLINE_EXCEEDED
-// naming the agents that had not answered. Bands are decoded and composited as they come, side by
-// side in the setup's arena.
-absl::StatusOr<FrameResult> RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
-                                     const base::Cancellation& cancellation);
+// Runs one frame to its end. Blocks; a cancellation wakes it. A failure of any agent ends the frame
+// with AgentFailure::ToStatus and cancels the others. The frame ends no later than the deadline of
+// the cancellation, with a DEADLINE_EXCEEDED that names the agents that had not answered. The
+// setup's arena decodes and composites bands in parallel, as they arrive.
+FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
+                      const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server
 

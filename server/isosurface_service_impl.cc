@@ -1,3 +1,23 @@
+// A frame (RenderCall):
+//
+// 1. Start, on gRPC's thread, converts the request. An error that no state of the cluster could
+//    change is answered at once. Then it counts the frame, refuses it if too many are in work or
+//    wait, and queues Run.
+// 2. Run, on a frame thread, finds the dataset, which may wait for a probe of the agents, and then
+//    makes camera, view and layout.
+// 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
+//    are active, agents need not report them; otherwise their report goes into the cache.
+// 4. The picture becomes a PNG, in the arena. The frame gives its place to another one before the
+//    client gets the answer, so that the client's next request finds it free.
+//
+// The frame ends a tenth of the client's time, at most 200 ms, before the client's deadline, so
+// that the client still hears which agent is late.
+//
+// An export (ExportCall) opens a stream to each agent and lets ExportSurface merge them, on an
+// export thread. Its chunks wait in outgoing_. When 4 MiB wait for a slow client, the merge waits,
+// and gRPC's flow control then stops the agents. OnCancel cancels the streams, which wakes the
+// merge.
+
 #include "server/isosurface_service_impl.h"
 
 #include <algorithm>
@@ -7,25 +27,28 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
-#include "absl/synchronization/mutex.h"
+#include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/write_queue.h"
 #include "core/view/camera.h"
 #include "core/view/view.h"
 #include "server/agent_client.h"
 #include "server/frame_coordinator.h"
+#include "server/render_statistics.h"
 #include "server/surface_export.h"
 
 namespace isoscope::server {
@@ -33,81 +56,20 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-constexpr image::Rgba8 kOpaqueBlack{0, 0, 0, 255};
-// Chunks of a mesh that wait for a slow client before the merge waits too.
+// If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
-// Active blocks of some isovalues: 4 bytes a block.
+// Room for the active blocks of some isovalues, 4 bytes a block.
 constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
-// Images that no frame uses: four of 2048 x 2048 pixels.
+// Room for images that no frame uses: four of 2048 x 2048 pixels.
 constexpr std::size_t kMaxUnusedImageBytes = 192 * base::kMiB;
 
-// What is right or wrong whatever the cluster holds: checked before a request may wait.
-struct CheckedRequest {
-  view::Viewport viewport;
-  frame::Culling culling = frame::Culling::kDepth;
-  image::Rgba8 background_color = kOpaqueBlack;
-};
-
-absl::StatusOr<CheckedRequest> Check(const isoscope::v1::RenderIsosurfaceRequest& request) {
-  CheckedRequest checked;
-  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request.isovalue(), "isovalue"));
-  if (!request.has_viewport()) {
-    return absl::InvalidArgumentError("viewport is not set: must say the size of the image");
-  }
-  ISOSCOPE_ASSIGN_OR_RETURN(checked.viewport,
-                            rpc::ViewportFromProto(request.viewport(), "viewport"));
-  ISOSCOPE_ASSIGN_OR_RETURN(checked.culling, rpc::CullingFromProto(request.culling(), "culling"));
-  if (request.has_camera()) {
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CameraFromProto(request.camera(), "camera").status());
-  }
-  if (request.has_base_color()) {
-    ISOSCOPE_RETURN_IF_ERROR(rpc::ColorFromProto(request.base_color(), "base_color").status());
-    if (request.base_color().alpha() != 1.0F) {
-      return absl::InvalidArgumentError(absl::StrCat("base_color.alpha is ",
-                                                     request.base_color().alpha(),
-                                                     ": surfaces are opaque, must be 1"));
-    }
-  }
-  if (request.has_background_color()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(checked.background_color,
-                              rpc::ColorFromProto(request.background_color(), "background_color"));
-  }
-  return checked;
-}
-
-// When a frame that began at `start` must end so that its client still hears which agent is late: a
-// client whose own clock runs out first knows nothing but that.
+// Returns when a frame that began at `start` must end so that its client still hears which agent is
+// late. A client whose own clock runs out first learns nothing.
 absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
   constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
-  constexpr int kMarginShare = 10;                                // of what the client allows
+  constexpr int kMarginShare = 10;                                // of the client's time
   const absl::Duration margin = std::min((client_deadline - start) / kMarginShare, kMaxMargin);
   return client_deadline - std::max(margin, absl::ZeroDuration());
-}
-
-// Sums over agents, and what the coordinator measured; without the PNG's size and time.
-isoscope::v1::RenderStatistics StatisticsOf(const FrameResult& result) {
-  isoscope::v1::RenderStatistics sum;
-  for (const frame::AgentStatistics& agent : result.agents) {
-    sum.set_active_block_count(sum.active_block_count() + agent.active_block_count);
-    sum.set_occluding_block_count(sum.occluding_block_count() + agent.occluding_block_count);
-    sum.set_visible_block_count(sum.visible_block_count() + agent.visible_block_count);
-    sum.set_triangle_count(sum.triangle_count() + agent.triangle_count);
-    sum.set_unique_vertex_count(sum.unique_vertex_count() + agent.unique_vertex_count);
-    sum.set_read_bytes(sum.read_bytes() + agent.read_bytes);
-    *sum.add_agents() = rpc::ToProto(agent);
-  }
-  sum.set_ray_hit_block_count(result.ray_hit_block_count);
-  sum.set_culled_block_count(sum.active_block_count() - sum.visible_block_count());
-  sum.set_network_bytes(result.network_bytes);
-  isoscope::v1::StepDurations* durations = sum.mutable_durations();
-  *durations->mutable_occluder_selection_duration() =
-      rpc::ToProto(result.occluder_selection_duration);
-  *durations->mutable_occluder_rendering_duration() =
-      rpc::ToProto(result.occluder_rendering_duration);
-  *durations->mutable_visibility_culling_duration() =
-      rpc::ToProto(result.visibility_culling_duration);
-  *durations->mutable_composite_duration() = rpc::ToProto(result.composite_duration);
-  return sum;
 }
 
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
@@ -116,13 +78,9 @@ absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& datase
   return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
 }
 
-std::string Milliseconds(absl::Duration duration) {
-  return absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(duration));
-}
-
 }  // namespace
 
-// One frame. It owns itself until gRPC is done with it; the thread that renders shares it.
+// One frame. It owns itself until gRPC is done with it. The thread that renders shares it.
 class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor {
  public:
   static RenderCall* Start(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
@@ -130,12 +88,13 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                            isoscope::v1::RenderIsosurfaceResponse* response) {
     std::shared_ptr<RenderCall> call(new RenderCall(service, context, request, response));
     call->self_ = call;
-    absl::StatusOr<CheckedRequest> checked = Check(*request);
-    if (!checked.ok()) {
-      call->Finish(rpc::ToGrpcStatus(checked.status()));
+    // A request that can't be right in any state of the cluster does not wait.
+    absl::StatusOr<frame::FrameSpec> spec = rpc::FrameSpecFromProto(*request);
+    if (!spec.ok()) {
+      call->Finish(rpc::ToGrpcStatus(spec.status()));
       return call.get();
     }
-    call->checked_ = *checked;
+    call->spec_ = *std::move(spec);
     const IsosurfaceServiceOptions& options = service->options_;
     call->is_counted_ = true;
     if (service->frame_count_.fetch_add(1) >=
@@ -168,14 +127,14 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     const std::int64_t frame_number = service_->next_frame_number_.fetch_add(1);
     image::FrameImage image;  // cleared for its pool once the client has its answer
     const absl::Status status = Render(frame_number, &image);
-    const std::string duration = Milliseconds(absl::Now() - start_);
+    const std::string duration = base::LogMilliseconds(absl::Now() - start_);
     if (status.ok()) {
       const isoscope::v1::RenderStatistics& statistics = response_->statistics();
       base::LogInfo("frame_done", {{"frame", frame_number},
                                    {"dataset", dataset_name_},
                                    {"isovalue", request_.isovalue()},
-                                   {"width", checked_.viewport.width_px},
-                                   {"height", checked_.viewport.height_px},
+                                   {"width", spec_.viewport.width_px},
+                                   {"height", spec_.viewport.height_px},
                                    {"duration_ms", duration},
                                    {"triangles", statistics.triangle_count()},
                                    {"agents", statistics.agents_size()},
@@ -186,7 +145,7 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                                         {"duration_ms", duration},
                                         {"status", status}});
     }
-    Leave();  // before the client hears of it: its next request finds the place free
+    Leave();  // before the client gets its answer: its next request finds the place free
     Finish(rpc::ToGrpcStatus(status));
   }
 
@@ -197,33 +156,29 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     }
   }
 
-  // Leaves the picture in `image`.
+  // Renders the frame into `image` and fills the response.
   absl::Status Render(std::int64_t frame_number, image::FrameImage* image) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const DatasetState dataset,
-        service_->options_.registry->FindComplete(request_.dataset(), cancellation_.deadline()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
+                                                              request_.dataset(), cancellation_));
     dataset_name_ = dataset.dataset.name();
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
-    // All agents get the camera as a message, and so does the coordinator: the same bits
-    // everywhere.
-    *response_->mutable_camera() = request_.has_camera()
-                                       ? request_.camera()
-                                       : rpc::ToProto(view::MakeDefaultCamera(geometry.Bounds()));
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                              rpc::CameraFromProto(response_->camera(), "camera"));
+    ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveCamera(geometry.Bounds(), &request_, &spec_));
+    *response_->mutable_camera() = request_.camera();
     ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
-                              view::View::Make(camera, checked_.viewport, geometry));
+                              view::View::Make(*spec_.camera, spec_.viewport, geometry));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
                               LayoutOf(dataset.dataset, geometry));
+    ISOSCOPE_RETURN_IF_ERROR(frame::CheckOwners(spec_.surfaces.size(), layout.block_count()));
 
     const std::string active_key = ActiveKeyOf(dataset);
     FrameSetup setup;
+    setup.spec = &spec_;
     setup.view = &view;
     setup.layout = &layout;
-    setup.culling = checked_.culling;
+    setup.ties = frame::TieRuleOf(dataset.picture_revision.back_end);
     setup.agent_count = static_cast<int>(dataset.agents.size());
     setup.active = service_->active_blocks_.Find(active_key);
     setup.images = service_->images_.get();
@@ -239,16 +194,16 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
                                std::move(of_agent), dataset.dataset.block_count(),
                                cancellation_.deadline(), listener);
     };
-    absl::StatusOr<FrameResult> result = RunFrame(setup, begin_on_agent, cancellation_);
-    if (!result.ok()) {
-      service_->ReportIfAgentFailed(dataset, result.status());
-      return result.status();
+    FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation_);
+    if (!outcome.status.ok()) {
+      service_->ReportFailures(frame_number, outcome.failures);
+      return outcome.status;
     }
-    if (setup.active == nullptr && result->active != nullptr) {
-      service_->active_blocks_.Insert(active_key, result->active);
+    if (setup.active == nullptr && outcome.result.active != nullptr) {
+      service_->active_blocks_.Insert(active_key, outcome.result.active);
     }
-    *response_->mutable_statistics() = StatisticsOf(*result);
-    *image = std::move(result->image);
+    *response_->mutable_statistics() = StatisticsOf(outcome.result);
+    *image = std::move(outcome.result.image);
     return Encode(*image);
   }
 
@@ -258,21 +213,14 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
       shard_indices.push_back(agent.shard_indices);
     }
     return ActiveBlocksCache::KeyOf(dataset.dataset.dataset_id(), shard_indices,
-                                    request_.isovalue());
+                                    frame::IsovaluesOf(spec_));
   }
 
   internal::BeginFrame MakeBegin(std::int64_t frame_number, const DatasetState& dataset) const {
     internal::BeginFrame begin;
     begin.set_frame_number(frame_number);
     begin.set_dataset_id(dataset.dataset.dataset_id());
-    begin.set_isovalue(request_.isovalue());
-    *begin.mutable_camera() = response_->camera();
-    *begin.mutable_viewport() = request_.viewport();
-    begin.set_culling(rpc::ToProto(checked_.culling));
-    if (request_.has_base_color()) {
-      *begin.mutable_base_color() = request_.base_color();
-    }
-    begin.set_ray_seed(request_.ray_seed());
+    *begin.mutable_request() = request_;
     begin.set_agent_count(static_cast<std::int32_t>(dataset.agents.size()));
     return begin;
   }
@@ -282,7 +230,7 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     const absl::Time encode_start = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     response_->set_png(arena->execute([&] {
-      return image::EncodePng(image.width, image.height, image.colors, checked_.background_color);
+      return image::EncodePng(image.width, image.height, image.colors, spec_.background_color);
     }));
     isoscope::v1::RenderStatistics* statistics = response_->mutable_statistics();
     statistics->set_png_bytes(static_cast<std::int64_t>(response_->png().size()));
@@ -292,11 +240,11 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
   }
 
   IsosurfaceServiceImpl* const service_;
-  const isoscope::v1::RenderIsosurfaceRequest request_;
+  isoscope::v1::RenderIsosurfaceRequest request_;           // its camera is resolved by Render
   isoscope::v1::RenderIsosurfaceResponse* const response_;  // gRPC's, until Finish
   const absl::Time start_;
   base::Cancellation cancellation_;
-  CheckedRequest checked_;
+  frame::FrameSpec spec_;
   bool is_counted_ = false;
   std::string dataset_name_;
   std::shared_ptr<RenderCall> self_;  // reset by OnDone
@@ -310,7 +258,10 @@ class IsosurfaceServiceImpl::ExportCall final
                            const isoscope::v1::ExportIsosurfaceRequest* request) {
     std::shared_ptr<ExportCall> call(new ExportCall(service, context, *request));
     call->self_ = call;
-    const absl::Status status = rpc::CheckFinite(request->isovalue(), "isovalue");
+    absl::Status status = rpc::CheckKnownFields(*request);
+    if (status.ok()) {
+      status = rpc::CheckFinite(request->isovalue(), "isovalue");
+    }
     if (!status.ok()) {
       call->outgoing_.Finish(status);
     } else if (!service->export_executor_.TrySchedule([call] { call->Run(); })) {
@@ -327,7 +278,7 @@ class IsosurfaceServiceImpl::ExportCall final
     cancellation_.Cancel();
     outgoing_.Close();
     {
-      absl::MutexLock lock(&streams_mutex_);
+      const base::MutexLock lock(&streams_mutex_);
       for (SurfaceStream* stream : streams_) {
         stream->Cancel();
       }
@@ -356,16 +307,15 @@ class IsosurfaceServiceImpl::ExportCall final
               status.ok() ? "export_done" : "export_failed",
               {{"dataset", request_.dataset()},
                {"isovalue", request_.isovalue()},
-               {"duration_ms", Milliseconds(absl::Now() - start)},
+               {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_},
                {"status", status}});
   }
 
   absl::Status Export() {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const DatasetState dataset,
-        service_->options_.registry->FindComplete(request_.dataset(), cancellation_.deadline()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
+                                                              request_.dataset(), cancellation_));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -384,15 +334,22 @@ class IsosurfaceServiceImpl::ExportCall final
     absl::Status status = ExportSurface(
         geometry, layout, sources, [this](SurfaceChunk chunk) { return Send(std::move(chunk)); });
     ShareStreams({});
-    if (!status.ok()) {
-      service_->ReportIfAgentFailed(dataset, status);
+    std::vector<AgentFailure> failures;
+    for (std::size_t i = 0; i < streams.size(); ++i) {
+      if (!streams[i]->status().ok()) {
+        failures.push_back({.agent_index = i,
+                            .agent = streams[i]->agent(),
+                            .stage = FrameStage::kRenderingVisible,
+                            .status = streams[i]->status()});
+      }
     }
+    service_->ReportFailures(/*frame_number=*/0, failures);
     return status;
   }
 
-  // Lets OnCancel reach the streams, as long as they live.
+  // Lets OnCancel reach the streams while they live.
   void ShareStreams(const std::vector<std::unique_ptr<SurfaceStream>>& streams) {
-    absl::MutexLock lock(&streams_mutex_);
+    const base::MutexLock lock(&streams_mutex_);
     streams_.clear();
     for (const std::unique_ptr<SurfaceStream>& stream : streams) {
       streams_.push_back(stream.get());
@@ -421,7 +378,7 @@ class IsosurfaceServiceImpl::ExportCall final
   base::Cancellation cancellation_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::size_t sent_bytes_ = 0;
-  absl::Mutex streams_mutex_;
+  base::Mutex streams_mutex_;
   std::vector<SurfaceStream*> streams_ ABSL_GUARDED_BY(streams_mutex_);
   std::shared_ptr<ExportCall> self_;  // reset by OnDone
 };
@@ -432,11 +389,11 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
       images_(image::FrameImagePool::Make(kMaxUnusedImageBytes)),
       frame_executor_(
           static_cast<std::size_t>(options.max_concurrent_frames),
-          // frame_count_ bounds the frames; each of them fits.
+          // frame_count_ bounds the frames, so each of them fits.
           static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
   if (options.expected_viewport) {
-    // One is still being cleared when the next frame begins.
+    // Two, because one may still be cleared when the next frame begins.
     for (int i = 0; i < 2; ++i) {
       images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
     }
@@ -457,14 +414,16 @@ IsosurfaceServiceImpl::ExportIsosurface(grpc::CallbackServerContext* context,
   return ExportCall::Start(this, context, request);
 }
 
-void IsosurfaceServiceImpl::ReportIfAgentFailed(const DatasetState& dataset,
-                                                const absl::Status& status) const {
-  if (!absl::IsUnavailable(status) && !absl::IsFailedPrecondition(status)) {
-    return;
-  }
-  for (const AgentAssignment& agent : dataset.agents) {
-    if (absl::StrContains(status.message(), NameOf(agent))) {
-      options_.registry->ReportFailure(agent.address);
+void IsosurfaceServiceImpl::ReportFailures(std::int64_t frame_number,
+                                           const std::vector<AgentFailure>& failures) const {
+  for (const AgentFailure& failure : failures) {
+    base::LogWarning("agent_failed", {{"frame", frame_number},
+                                      {"agent", failure.agent.address},
+                                      {"shards", absl::StrJoin(failure.agent.shard_indices, ",")},
+                                      {"stage", NameOf(failure.stage)},
+                                      {"status", failure.status}});
+    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
+      options_.registry->ReportFailure(failure.agent.address);
     }
   }
 }

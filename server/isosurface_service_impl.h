@@ -1,4 +1,4 @@
-// IsosurfaceService over gRPC's callback API: reactions validate and hand over; frame_coordinator
+// IsosurfaceService over gRPC's callback API. Reactions validate and hand over; frame_coordinator
 // and surface_export do the work.
 
 #ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
@@ -17,6 +18,7 @@
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/active_blocks.h"
+#include "server/agent_failure.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
@@ -27,7 +29,7 @@ struct IsosurfaceServiceOptions {
   int max_queued_frames = 32;         // >= 0
   absl::Duration max_frame_duration = absl::Minutes(5);
   std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
-  // Memory is taken early for frames of this size; null: as they come.
+  // The service takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
@@ -52,15 +54,16 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   class RenderCall;
   class ExportCall;
 
-  // Tells the registry if the status says that an agent is not what it was.
-  void ReportIfAgentFailed(const DatasetState& dataset, const absl::Status& status) const;
+  // Logs the agents that made a frame fail (frame 0: an export), and tells the registry about those
+  // that were lost or have changed.
+  void ReportFailures(std::int64_t frame_number, const std::vector<AgentFailure>& failures) const;
 
   const IsosurfaceServiceOptions options_;
   std::atomic<std::int64_t> next_frame_number_{1};
   std::atomic<int> frame_count_{0};  // in work or waiting
   ActiveBlocksCache active_blocks_;
   const std::shared_ptr<image::FrameImagePool> images_;
-  // Last: their threads use what is above.
+  // These come last, because their threads use the members above.
   base::Executor frame_executor_;
   base::Executor export_executor_;
 };

@@ -1,3 +1,18 @@
+// The merge of the agents' surfaces:
+//
+// 1. A heap has the next block of each source, the smallest block id in front. A source sends its
+//    blocks in ascending order, so the front is the next block of the volume.
+// 2. The welder gives vertices their ids over the whole mesh. It recognises a vertex on a face
+//    between blocks by its edge key, so such a vertex is sent once (core/mesh/mesh_welder.h).
+// 3. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
+//    chunks of at most 1 MiB. A vertex takes 24 bytes and a triangle, too. In a block's part all
+//    vertices come before the triangles, so a triangle uses only vertices that were sent.
+// 4. The source of the block gives its next one.
+//
+// The order of blocks is that of the volume, so mesh and chunks do not depend on how blocks are
+// spread over agents. Memory holds one block of each source, one chunk, and the welder's vertices
+// on faces between blocks.
+
 #include "server/surface_export.h"
 
 #include <algorithm>
@@ -24,12 +39,13 @@ void AppendVector(const math::Vec3f& vector, std::string* out) {
   base::AppendLittleEndian(vector.z, out);
 }
 
-// Cuts welded parts into chunks: vertices first, so that a triangle only uses what has been sent.
+// Cuts welded parts into chunks. The vertices of a part come first, so that a triangle uses only
+// vertices that were sent.
 class Chunker {
  public:
   Chunker(const volume::GridGeometry& geometry, absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
       : world_from_index_(geometry.world_from_index()),
-        // A mirrored grid turns counter-clockwise in index space to clockwise in the world.
+        // In a mirrored grid, counter-clockwise in index space is clockwise in the world.
         is_mirrored_(math::Determinant(geometry.direction) < 0),
         emit_(emit) {}
 
@@ -72,7 +88,7 @@ class Chunker {
   SurfaceChunk chunk_;
 };
 
-// The next block of a source.
+// The next block of a source, as an element of the heap.
 struct Head {
   mesh::BlockMesh block;
   std::size_t source_index = 0;

@@ -1,4 +1,4 @@
-// The export of a whole isosurface: the agents' blocks merged by block id, welded, and taken to
+// Exports a whole isosurface: merges the agents' blocks by block id, welds them, and takes them to
 // world space. No gRPC types.
 
 #ifndef ISOSCOPE_SERVER_SURFACE_EXPORT_H_
@@ -18,15 +18,15 @@
 
 namespace isoscope::server {
 
-// The surface of one agent's blocks, one after the other.
+// The surface of one agent's blocks, block by block.
 class SurfaceSource {
  public:
   virtual ~SurfaceSource() = default;
-  // Replaces `block` by the next one, with edge keys; block ids ascend. False: there are no more.
+  // Replaces `block` by the next one, with edge keys. Block ids ascend. False at the end.
   virtual absl::StatusOr<bool> Next(mesh::BlockMesh* block) = 0;
 };
 
-// A part of the welded mesh, as isoscope.v1.ExportIsosurfaceResponse says.
+// A part of the welded mesh, with the fields of isoscope.v1.ExportIsosurfaceResponse.
 struct SurfaceChunk {
   std::string positions;
   std::string normals;
@@ -39,9 +39,9 @@ struct SurfaceChunk {
 // The most bytes of a chunk.
 inline constexpr std::size_t kSurfaceChunkBytes = 1 << 20;
 
-// Pulls all sources to their ends and gives the welded mesh to `emit` in chunks of at most
-// kSurfaceChunkBytes, which do not depend on how blocks are spread over sources. Stops at the first
-// error of a source or of `emit`. INTERNAL if block ids do not ascend.
+// Pulls all sources to their ends, and gives the welded mesh to `emit` in chunks of at most
+// kSurfaceChunkBytes. The chunks do not depend on how blocks are spread over sources. Stops at the
+// first error of a source or of `emit`. INTERNAL if block ids do not ascend.
 absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                            const std::vector<SurfaceSource*>& sources,
                            absl::FunctionRef<absl::Status(SurfaceChunk)> emit);

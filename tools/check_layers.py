@@ -6,7 +6,7 @@
 Three rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
 1. A module includes itself and modules on lower floors (MODULES), never higher ones; server and
-   partition-agent, on the same floor, never include each other.
+   partition-agent, on the same floor, never include each other. A program's main.cc may include all.
 2. gRPC and protobuf appear only in the files of GRPC_FILES and PROTO_FILES.
 3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
 """
@@ -24,36 +24,43 @@ MODULES = {
     "core/volume": 2,
     "core/mesh": 3,
     "core/view": 3,
+    "core/frame": 4,
     "core/store": 4,
     "core/index": 4,
     "core/extract": 4,
-    "core/visibility": 4,
     "core/composite": 4,
     "core/source": 4,
     "core/partition": 5,
+    "core/visibility": 5,
     "core/render": 5,
-    "core/frame": 6,
-    "core/rpc": 7,
-    "partition-agent": 8,
-    "server": 8,
-    "client-cli": 9,
+    "core/rpc": 6,
+    "partition-agent": 7,
+    "server": 7,
+    "client-cli": 8,
+    "bench": 9,
 }
+
+# Programs put modules together: */main.cc may include all of them.
+ABOVE_ALL = 1 + max(MODULES.values())
 
 # Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
 GRPC_FILES = re.compile(
     r"core/rpc/.*"
-    r"|(server|partition-agent)/(.*_service_impl|.*_server|agent_client|agent_registry|main)\.(h|cc)"
+    r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
+    r"|server/(agent_client|agent_prober|dataset_catalog|render_statistics)\.(h|cc)"
     r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
 )
 # Who may name protobuf's headers and generated messages (*.pb.h).
-PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|client-cli/.*")
+PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|(client-cli|bench)/.*")
 
 UNTESTED_HEADERS = {
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
     "core/volume/scalar_span.h": "with every type and tie: tests/unit/core/volume/range_table_test.cc",
     "core/render/cpu_renderer.h": "the contract of both back ends: tests/unit/core/render/renderer_test.cc",
     "core/rpc/channel.h": "limits and keepalive of real servers: tests/integration",
-    "core/rpc/server_flags.h": "flags of real processes: tests/integration",
+    "core/rpc/unary_call.h": "every unary call of tests/unit/server and tests/integration",
+    "core/rpc/server_flags.h": "inside of server_program_test",
+    "core/base/scoped_timer.h": "the times of frame_pipeline_test",
     "core/base/status_macros.h": "used by every test",
     "core/base/units.h": "constants",
     "core/base/version.h": "one constant; tests/unit/client-cli/command_test.cc",
@@ -73,7 +80,7 @@ UNTESTED_HEADERS = {
     "core/source/itk_header.h": "inside of volume_source_test",
     "core/source/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
-    "core/render/appearance.h": "plain data",
+    "core/frame/appearance.h": "plain data",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
     "core/render/gl_objects.h": "inside of renderer_test",
     "core/render/gl_thread.h": "inside of renderer_test",
@@ -101,6 +108,11 @@ def module_of(path):
     return None
 
 
+def floor_of(file):
+    """The floor that `file`, which belongs to a module, stands on."""
+    return ABOVE_ALL if file.endswith("/main.cc") else MODULES[module_of(file)]
+
+
 def check_include(file, included):
     """What is wrong with `file` including `included`, or None."""
     if included.endswith(".grpc.pb.h") or included.startswith(("grpc/", "grpcpp/")):
@@ -109,14 +121,14 @@ def check_include(file, included):
         return None
     if included.endswith(".pb.h") or included.startswith("google/protobuf/"):
         if not PROTO_FILES.fullmatch(file):
-            return f"messages ({included}) are for core/rpc, servers and client-cli"
+            return f"messages ({included}) are for core/rpc, servers, client-cli and bench"
         return None
     of_file, of_included = module_of(file), module_of(included)
     if of_included is None or of_file == of_included:
         if included.startswith("tests/"):
             return f"product code includes {included}"
         return None
-    if MODULES[of_included] >= MODULES[of_file]:
+    if MODULES[of_included] >= floor_of(file):
         return f"{of_file} (floor {MODULES[of_file]}) includes {included} (floor {MODULES[of_included]})"
     return None
 

@@ -15,7 +15,7 @@ namespace isoscope::base {
 std::string Compress(absl::string_view bytes);
 
 // Decompresses one frame. DATA_LOSS if it is damaged, does not state its size, states more than
-// `max_size` bytes, or is followed by anything. Allocates at most `max_size`. Thread-safe.
+// `max_size` bytes, or has bytes after it. Allocates at most `max_size`. Thread-safe.
 absl::StatusOr<std::string> Decompress(absl::string_view frame, std::size_t max_size);
 
 }  // namespace isoscope::base

@@ -16,8 +16,9 @@ Executor::Executor(std::size_t thread_count, std::size_t max_queued) : max_queue
 
 Executor::~Executor() {
   {
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     stopping_ = true;
+    changed_.SignalAll();
   }
   for (std::thread& thread : threads_) {
     thread.join();
@@ -25,11 +26,12 @@ Executor::~Executor() {
 }
 
 bool Executor::TrySchedule(Task task) {
-  absl::MutexLock lock(&mutex_);
+  MutexLock lock(&mutex_);
   if (stopping_ || queue_.size() >= max_queued_) {
     return false;
   }
   queue_.push_back(std::move(task));
+  changed_.Signal();
   return true;
 }
 
@@ -37,11 +39,10 @@ void Executor::Run() {
   while (true) {
     Task task;
     {
-      absl::MutexLock lock(&mutex_);
-      const auto has_work_or_stops = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      MutexLock lock(&mutex_);
+      changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
         return stopping_ || !queue_.empty();
-      };
-      mutex_.Await(absl::Condition(&has_work_or_stops));
+      });
       if (queue_.empty()) {
         return;
       }

@@ -11,11 +11,12 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/any_invocable.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
-// Thread-safe. The destructor runs what is queued, then joins the threads.
+// Thread-safe. The destructor runs the queued tasks, then joins the threads.
 class Executor {
  public:
   using Task = absl::AnyInvocable<void() &&>;
@@ -35,7 +36,8 @@ class Executor {
   void Run();
 
   const std::size_t max_queued_;
-  absl::Mutex mutex_;
+  Mutex mutex_;
+  CondVar changed_;  // a task was queued, or the executor stops
   std::deque<Task> queue_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;

@@ -8,7 +8,8 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -17,25 +18,25 @@ class FirstError {
  public:
   // Cheap: for tasks that stop once another has failed.
   [[nodiscard]] bool has_error() const { return has_error_.load(std::memory_order_relaxed); }
-  // Nothing, if `status` is OK or not the first error.
+  // Keeps `status` if it is the first error.
   void Set(absl::Status status) {
     if (status.ok()) {
       return;
     }
-    const absl::MutexLock lock(&mutex_);
+    const MutexLock lock(&mutex_);
     if (status_.ok()) {
       status_ = std::move(status);
       has_error_.store(true, std::memory_order_relaxed);
     }
   }
   [[nodiscard]] absl::Status status() const {
-    const absl::MutexLock lock(&mutex_);
+    const MutexLock lock(&mutex_);
     return status_;
   }
 
  private:
   std::atomic<bool> has_error_{false};
-  mutable absl::Mutex mutex_;
+  mutable Mutex mutex_;
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -17,7 +17,7 @@ std::size_t WholePages(std::size_t bytes) {
 
 void* MapLargePages(std::size_t bytes) {
   const std::size_t size = WholePages(bytes);
-  // With room to cut out an aligned part: only whole large pages can be large.
+  // There is room to cut out an aligned part, because a large page must be aligned to its size.
   void* const mapped = ::mmap(nullptr, size + kLargePageBytes, PROT_READ | PROT_WRITE,
                               MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (mapped == MAP_FAILED) {
@@ -30,7 +30,7 @@ void* MapLargePages(std::size_t bytes) {
     ::munmap(begin, head);
   }
   ::munmap(begin + head + size, kLargePageBytes - head);
-  ::madvise(begin + head, size, MADV_HUGEPAGE);  // a wish: small pages do as well
+  ::madvise(begin + head, size, MADV_HUGEPAGE);  // advice: small pages work as well
   return begin + head;
 }
 

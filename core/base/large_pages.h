@@ -1,5 +1,5 @@
-// Vectors of many megabytes, in large pages where the kernel has them: faults are what their first
-// touch costs most.
+// Vectors of many megabytes, in large pages where the kernel has them. Page faults are most of the
+// cost of their first touch.
 
 #ifndef ISOSCOPE_CORE_BASE_LARGE_PAGES_H_
 #define ISOSCOPE_CORE_BASE_LARGE_PAGES_H_
@@ -12,13 +12,13 @@ namespace isoscope::base {
 
 inline constexpr std::size_t kLargePageBytes = std::size_t{2} << 20;
 
-// Zeroed memory of `bytes`, rounded up to whole large pages. Null if there is none. Thread-safe.
+// Maps `bytes` of zeroed memory, rounded up to whole large pages. Null if it fails. Thread-safe.
 void* MapLargePages(std::size_t bytes);
-// Gives it back to the system. `bytes`: as it was mapped.
+// Gives the memory back to the system. `bytes`: as in MapLargePages.
 void UnmapLargePages(void* memory, std::size_t bytes);
 
-// What is smaller than a large page is allocated as always. The rest is not, but mapped: malloc
-// does not find room for aligned blocks again that it has, so that a process would grow.
+// Allocates less than a large page as std::allocator does, and maps anything larger. malloc would
+// not reuse its free memory for aligned blocks, so the process would grow.
 template <typename T>
 struct LargePageAllocator {
   using value_type = T;

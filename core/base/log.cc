@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -83,6 +84,10 @@ void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField
     return;
   }
   Logger().log(spdlog_level, "{}", FormatLogLine(event, fields));
+}
+
+std::string LogMilliseconds(absl::Duration duration) {
+  return absl::StrFormat("%.1f", absl::ToDoubleMilliseconds(duration));
 }
 
 }  // namespace isoscope::base

@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 
 namespace isoscope::base {
 
@@ -46,8 +47,11 @@ inline void LogError(absl::string_view event, std::initializer_list<LogField> fi
   Log(LogLevel::kError, event, fields);
 }
 
-// `event key=value ...` as Log writes it after time and level.
+// Returns `event key=value ...`, which Log writes after time and level.
 std::string FormatLogLine(absl::string_view event, std::initializer_list<LogField> fields);
+
+// Returns a duration in milliseconds, as a field: "12.3".
+std::string LogMilliseconds(absl::Duration duration);
 
 }  // namespace isoscope::base
 

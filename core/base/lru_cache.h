@@ -1,4 +1,4 @@
-// A cache bounded in bytes that forgets what was least recently used.
+// A cache bounded in bytes, which forgets the values that were least recently used.
 
 #ifndef ISOSCOPE_CORE_BASE_LRU_CACHE_H_
 #define ISOSCOPE_CORE_BASE_LRU_CACHE_H_
@@ -15,19 +15,20 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/container/flat_hash_map.h"
 #include "absl/hash/hash.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
-// Thread-safe. Values are shared: what is forgotten lives on with those who hold it.
+// Thread-safe. Values are shared: a forgotten value lives on as long as somebody holds it.
 //
 // Work comes in rounds (frames) that look at much the same keys in the same order. Where those do
-// not fit, forgetting the least recently used would forget each just before it is asked for again.
-// So what was used in this round or the last one is not forgotten for something new: the cache
-// keeps a part of the working set and hits on that.
+// not fit, forgetting the least recently used would forget each just before its next use. So a new
+// value does not displace one that this round or the last one has used. The cache keeps a part of
+// the working set and hits on that.
 //
-// It is split into kPartCount parts of equal size, with a lock each, so that threads seldom wait
-// for each other: no value larger than a part is kept.
+// The cache has kPartCount parts of equal size, with a lock each, so that threads seldom wait for
+// each other. It keeps no value larger than a part.
 template <typename Key, typename Value, std::size_t kPartCount = 16>
 class LruCache {
  public:
@@ -41,13 +42,13 @@ class LruCache {
     max_part_bytes_.store(max_bytes / kPartCount, std::memory_order_relaxed);
   }
 
-  // A round begins. Rounds are numbered upward from 2 and may overlap.
+  // Begins a round. Rounds are numbered upward from 2 and may overlap.
   void SetRound(std::uint64_t round) { round_.store(round, std::memory_order_relaxed); }
 
-  // Null if it is not there.
+  // Returns the value of `key`; null if the cache does not have it.
   std::shared_ptr<const Value> Find(const Key& key) {
     Part& part = PartOf(key);
-    absl::MutexLock lock(&part.mutex);
+    MutexLock lock(&part.mutex);
     const auto found = part.places.find(key);
     if (found == part.places.end()) {
       return nullptr;
@@ -57,14 +58,14 @@ class LruCache {
     return found->second->value;
   }
 
-  // Keeps `value` unless there is no room for it. A key that is there already keeps its value.
+  // Keeps `value` unless there is no room for it. A key that has a value keeps that value.
   void Insert(const Key& key, std::shared_ptr<const Value> value, std::size_t size_bytes) {
     const std::size_t size = size_bytes + kEntryBytes;
     const std::size_t max_bytes = max_part_bytes_.load(std::memory_order_relaxed);
     const std::uint64_t round = round_.load(std::memory_order_relaxed);
     std::list<Entry> forgotten;  // freed after the lock
     Part& part = PartOf(key);
-    absl::MutexLock lock(&part.mutex);
+    MutexLock lock(&part.mutex);
     if (size > max_bytes || part.places.contains(key)) {
       return;
     }
@@ -85,7 +86,7 @@ class LruCache {
   [[nodiscard]] std::size_t size_bytes() const {
     std::size_t sum = 0;
     for (const Part& part : parts_) {
-      absl::MutexLock lock(&part.mutex);
+      MutexLock lock(&part.mutex);
       sum += part.size_bytes;
     }
     return sum;
@@ -98,11 +99,11 @@ class LruCache {
     std::size_t size_bytes = 0;
     std::uint64_t round = 0;
   };
-  // What an entry takes beside its value: list node, map slot, control block.
+  // The bytes of an entry beside its value: list node, map slot, control block.
   static constexpr std::size_t kEntryBytes = sizeof(Entry) + sizeof(Key) + 64;
 
   struct alignas(64) Part {
-    mutable absl::Mutex mutex;
+    mutable Mutex mutex;
     std::list<Entry> entries ABSL_GUARDED_BY(mutex);  // the last used first
     absl::flat_hash_map<Key, typename std::list<Entry>::iterator> places ABSL_GUARDED_BY(mutex);
     std::size_t size_bytes ABSL_GUARDED_BY(mutex) = 0;

@@ -1,20 +1,10 @@
 #include "core/base/memory_budget.h"
 
-#include <algorithm>
-
 #include "absl/strings/str_cat.h"
-#include "absl/time/clock.h"
-#include "absl/time/time.h"
 
 #include "core/base/status_macros.h"
 
 namespace isoscope::base {
-namespace {
-
-// How late a cancellation may be noticed.
-constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
-
-}  // namespace
 
 absl::StatusOr<MemoryBudget::Reservation> MemoryBudget::Reserve(std::size_t bytes,
                                                                 const Cancellation& cancellation) {
@@ -22,21 +12,23 @@ absl::StatusOr<MemoryBudget::Reservation> MemoryBudget::Reserve(std::size_t byte
     return absl::ResourceExhaustedError(absl::StrCat(bytes, " bytes are needed and at most ",
                                                      capacity_bytes_, " may be used for it"));
   }
-  absl::MutexLock lock(&mutex_);
-  const auto fits = [this, bytes]()
-                        ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return free_bytes_ >= bytes; };
-  do {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  } while (!mutex_.AwaitWithTimeout(
-      absl::Condition(&fits),
-      std::clamp(cancellation.deadline() - absl::Now(), absl::ZeroDuration(), kCancellationPoll)));
-  free_bytes_ -= bytes;
+  // A cancelled caller gets nothing, even where there is room.
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  ISOSCOPE_RETURN_IF_ERROR(AwaitOrCancelled(cancellation, &mutex_, &freed_,
+                                            [this, bytes]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+                                              if (free_bytes_ < bytes) {
+                                                return false;
+                                              }
+                                              free_bytes_ -= bytes;
+                                              return true;
+                                            }));
   return Reservation(this, bytes);
 }
 
 void MemoryBudget::Release(std::size_t bytes) {
-  absl::MutexLock lock(&mutex_);
+  MutexLock lock(&mutex_);
   free_bytes_ += bytes;
+  freed_.SignalAll();  // threads wait for different numbers of bytes
 }
 
 }  // namespace isoscope::base

@@ -1,4 +1,4 @@
-// A number of bytes that concurrent work shares: who needs more than is left waits.
+// A number of bytes that concurrent work shares. Work that needs more than is left waits.
 
 #ifndef ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
 #define ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
@@ -8,9 +8,9 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -22,7 +22,7 @@ class MemoryBudget {
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  // Gives the bytes back when it is destroyed.
+  // Bytes that were taken. The destructor gives them back.
   class Reservation {
    public:
     Reservation(Reservation&& other) noexcept
@@ -42,8 +42,8 @@ class MemoryBudget {
     std::size_t bytes_;
   };
 
-  // Waits until so many bytes are free. RESOURCE_EXHAUSTED, at once, if there will never be so
-  // many; the error of `cancellation` if it fires first.
+  // Waits until `bytes` are free. RESOURCE_EXHAUSTED, at once, if the budget is smaller than that;
+  // the error of `cancellation` if it fires first.
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }
@@ -52,7 +52,8 @@ class MemoryBudget {
   void Release(std::size_t bytes);
 
   const std::size_t capacity_bytes_;
-  absl::Mutex mutex_;
+  Mutex mutex_;
+  CondVar freed_;
   std::size_t free_bytes_ ABSL_GUARDED_BY(mutex_);
 };
 

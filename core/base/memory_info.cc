@@ -14,7 +14,7 @@ std::size_t PageBytes() { return static_cast<std::size_t>(::sysconf(_SC_PAGESIZE
 }  // namespace
 
 std::size_t ResidentBytes() {
-  // Pages: the whole size, then what is resident.
+  // The file has the whole size, then the resident size, in pages.
   std::ifstream file("/proc/self/statm");
   std::size_t size = 0;
   std::size_t resident = 0;
@@ -26,7 +26,8 @@ std::size_t ResidentBytes() {
 
 std::size_t UsableBytes() {
   std::size_t usable = static_cast<std::size_t>(::sysconf(_SC_PHYS_PAGES)) * PageBytes();
-  // Version 2 and version 1; as a container sees its own group. No number means no limit.
+  // These are the files of control groups version 2 and version 1, as a container sees its own
+  // group. A file without a number sets no limit.
   for (const char* path :
        {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
     std::ifstream file(path);

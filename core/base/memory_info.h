@@ -1,4 +1,4 @@
-// What the kernel says about memory.
+// Facts about memory from the kernel.
 
 #ifndef ISOSCOPE_CORE_BASE_MEMORY_INFO_H_
 #define ISOSCOPE_CORE_BASE_MEMORY_INFO_H_
@@ -7,15 +7,15 @@
 
 namespace isoscope::base {
 
-// The resident set of this process: programs, libraries and data. 0 where /proc can't be read.
+// Returns the resident set of this process: program, libraries and data. 0 if /proc can't be read.
 std::size_t ResidentBytes();
 
-// What this process may use: the machine's memory, or its control group's limit if that is lower.
+// Returns the memory that this process may use: the machine's, or the limit of its control group.
 std::size_t UsableBytes();
 
-// Lets malloc spread threads over `count` arenas at most. Each holds on to what its threads freed,
-// so that its default, eight for each core, can double what a process takes. Call it before threads
-// start.
+// Lets malloc spread threads over `count` arenas at most. An arena keeps the memory that its
+// threads have freed, so the default of eight arenas for each core can double the size of a
+// process. Call it before threads start.
 void LimitMallocArenas(int count);
 
 }  // namespace isoscope::base

@@ -35,10 +35,10 @@ void MemoryPool::AddRegion() {
 
 void MemoryPool::Populate(std::size_t bytes) {
   for (std::size_t done = 0; done < bytes; done += kRegionBytes) {
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     AddRegion();
     char* const region = regions_.back();
-    // Chunks are taken from its beginning on.
+    // Chunks are taken from the beginning of the region on.
     const std::size_t end = std::min(kRegionBytes, bytes - done);
     for (std::size_t offset = 0; offset < end; offset += kPageBytes) {
       static_cast<volatile char*>(region)[offset] = 0;
@@ -49,7 +49,7 @@ void MemoryPool::Populate(std::size_t bytes) {
 std::shared_ptr<char[]> MemoryPool::Take() {
   char* chunk = nullptr;
   {
-    absl::MutexLock lock(&mutex_);
+    MutexLock lock(&mutex_);
     if (free_chunks_.empty()) {
       AddRegion();
     }
@@ -60,7 +60,7 @@ std::shared_ptr<char[]> MemoryPool::Take() {
 }
 
 void MemoryPool::Return(char* chunk) {
-  absl::MutexLock lock(&mutex_);
+  MutexLock lock(&mutex_);
   free_chunks_.push_back(chunk);
 }
 

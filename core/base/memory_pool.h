@@ -1,5 +1,5 @@
-// Chunks of memory of one size, backed by large pages where the kernel has them, and taken from it
-// before they are needed: the first touch of a page costs more than filling it.
+// Chunks of memory of one size, in large pages where the kernel has them. They are taken from the
+// kernel before they are needed, because the first touch of a page costs more than filling it.
 
 #ifndef ISOSCOPE_CORE_BASE_MEMORY_POOL_H_
 #define ISOSCOPE_CORE_BASE_MEMORY_POOL_H_
@@ -9,7 +9,8 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 
@@ -23,23 +24,23 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   MemoryPool(const MemoryPool&) = delete;
   MemoryPool& operator=(const MemoryPool&) = delete;
 
-  // Takes so many bytes from the kernel and touches them. Blocks.
+  // Takes `bytes` from the kernel and touches them. Blocks.
   void Populate(std::size_t bytes);
 
-  // A chunk, aligned to 64 bytes, its content undefined. It goes back to the pool, which outlives
-  // it, when the last reference is dropped. Memory that the pool has taken is never returned to the
-  // kernel before the pool's end.
+  // Returns a chunk, aligned to 64 bytes, with undefined content. The chunk goes back to the pool
+  // when its last reference is dropped, and keeps the pool alive until then. The pool returns no
+  // memory to the kernel before its own end.
   std::shared_ptr<char[]> Take();
 
  private:
-  // Chunks come from the kernel so many at a time.
+  // The pool takes 32 chunks at a time from the kernel.
   static constexpr std::size_t kRegionBytes = 32 * kChunkBytes;
 
   MemoryPool() = default;
   void AddRegion() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Return(char* chunk);
 
-  absl::Mutex mutex_;
+  Mutex mutex_;
   std::vector<char*> regions_ ABSL_GUARDED_BY(mutex_);
   std::vector<char*> free_chunks_ ABSL_GUARDED_BY(mutex_);
 };

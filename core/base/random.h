@@ -1,5 +1,5 @@
-// Counter-based random numbers: the n-th value of a seed is a pure function of (seed, n), so that
-// who draws it, and in which order, does not matter.
+// Counter-based random numbers. The n-th value of a seed is a pure function of (seed, n), so
+// neither the thread that draws it nor the order of drawing matters.
 
 #ifndef ISOSCOPE_CORE_BASE_RANDOM_H_
 #define ISOSCOPE_CORE_BASE_RANDOM_H_
@@ -17,12 +17,12 @@ constexpr std::uint64_t Mix64(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-// The `counter`-th 64-bit value of `seed`.
+// Returns the `counter`-th 64-bit value of `seed`.
 constexpr std::uint64_t RandomBits(std::uint64_t seed, std::uint64_t counter) {
   return Mix64(Mix64(seed) ^ (counter * 0xd1342543de82ef95u));
 }
 
-// The `counter`-th value of `seed`, uniform in [0, 1) with 53 bits.
+// Returns the `counter`-th value of `seed`, uniform in [0, 1) with 53 bits.
 constexpr double RandomUnit(std::uint64_t seed, std::uint64_t counter) {
   return static_cast<double>(RandomBits(seed, counter) >> 11) * 0x1.0p-53;
 }

@@ -1,4 +1,4 @@
-// Waiting for SIGTERM or SIGINT without a signal handler.
+// Waits for SIGTERM or SIGINT without a signal handler.
 
 #ifndef ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
 #define ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
@@ -7,8 +7,8 @@
 
 namespace isoscope::base {
 
-// Blocks SIGTERM and SIGINT in this thread and in all that it starts later, and ignores SIGPIPE:
-// make one at the top of main, before any other thread. One for a process.
+// Blocks SIGTERM and SIGINT in this thread and in all that it starts later, and ignores SIGPIPE. A
+// process makes one, at the top of main, before any other thread.
 class ShutdownSignal {
  public:
   ShutdownSignal();
@@ -16,9 +16,9 @@ class ShutdownSignal {
   ShutdownSignal(const ShutdownSignal&) = delete;
   ShutdownSignal& operator=(const ShutdownSignal&) = delete;
 
-  // Blocks until the first of the two and returns its name, "SIGTERM" or "SIGINT". From then on the
-  // default action holds again: another one ends the process at once.
-  // REQUIRES: called once, by the thread that made this.
+  // Blocks until one of the two arrives and returns its name, "SIGTERM" or "SIGINT". From then on
+  // the default action holds again: a second signal ends the process at once. REQUIRES: called
+  // once, by the thread that made this.
   absl::string_view Wait();
 };
 

@@ -8,7 +8,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-// Returns from the enclosing function if `expression`, an absl::Status, is an error.
+// Returns the error of `expression`, an absl::Status, from the enclosing function, if it has one.
 #define ISOSCOPE_RETURN_IF_ERROR(expression)      \
   do {                                            \
     absl::Status isoscope_status_ = (expression); \

@@ -1,3 +1,18 @@
+// Why an arena has its threads placed: in virtual machines the kernel was seen to wake several
+// threads on one CPU and to leave another one idle for milliseconds.
+//
+// 1. MakeTaskArena makes the arena. If it is as wide as the list of CPUs that the process may use,
+//    it rotates that list by a random amount, so that the first slots of many processes do not meet
+//    on one CPU, and gives it to a Placement.
+// 2. TBB calls the Placement whenever a thread enters the arena. The thread's slot is an index into
+//    the list. A worker of TBB is bound to its CPU once and stays bound while it sleeps. A thread
+//    that called execute() belongs to someone else. It is bound to the CPU and at once unbound,
+//    which moves it there and leaves it free.
+// 3. ~Placement waits until all threads have left the arena, at most 5 s, because TBB frees its
+//    record of an observer only then.
+//
+// An arena of any other width, or of one CPU, has no Placement: the kernel places its threads.
+
 #include "core/base/task_arena.h"
 
 #include <sched.h>
@@ -10,18 +25,21 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/task_scheduler_observer.h>
 
+#include "core/base/mutex.h"
+
 namespace isoscope::base {
 namespace {
 
-// For a machine under heavy load.
+// The longest wait for threads to leave an arena, for a machine under heavy load.
 constexpr absl::Duration kMaxLeaveDuration = absl::Seconds(5);
 
-// Those that this thread may use, ascending; none if there are more than cpu_set_t can hold.
+// Returns the CPUs that this thread may use, ascending. Empty if there are more than cpu_set_t can
+// hold.
 std::vector<int> AllowedCpus() {
   cpu_set_t set;
   CPU_ZERO(&set);
@@ -36,7 +54,7 @@ std::vector<int> AllowedCpus() {
   return cpus;
 }
 
-// Errors do not matter: the thread then stays where the kernel put it.
+// Ignores errors: the thread then stays where the kernel has put it.
 void BindThisThread(const std::vector<int>& cpus) {
   cpu_set_t set;
   CPU_ZERO(&set);
@@ -46,28 +64,28 @@ void BindThisThread(const std::vector<int>& cpus) {
   sched_setaffinity(0, sizeof(set), &set);
 }
 
-// Gives each thread that enters an arena the CPU of its slot in it.
+// Puts each thread that enters an arena on the CPU of its slot.
 class Placement final : public tbb::task_scheduler_observer {
  public:
-  // By slot of the arena.
+  // `cpus` has a CPU for each slot of the arena.
   Placement(tbb::task_arena* arena, std::vector<int> cpus)
       : tbb::task_scheduler_observer(*arena), cpus_(std::move(cpus)) {
     observe(true);
   }
-  // TBB frees what it knows of an observer when the last worker has left the arena: some
-  // microseconds after the last work. A process that ends before would leak it.
+  // TBB frees its record of an observer when the last worker has left the arena, some microseconds
+  // after the last work. A process that ends before that would leak it.
   ~Placement() override {
     {
-      absl::MutexLock lock(&mutex_);
-      const auto is_empty = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return inside_ == 0; };
-      mutex_.AwaitWithTimeout(absl::Condition(&is_empty), kMaxLeaveDuration);
+      MutexLock lock(&mutex_);
+      emptied_.AwaitUntil(&mutex_, absl::Now() + kMaxLeaveDuration,
+                          [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return inside_ == 0; });
     }
     observe(false);
   }
 
   void on_scheduler_entry(bool is_worker) override {
     {
-      const absl::MutexLock lock(&mutex_);
+      const MutexLock lock(&mutex_);
       ++inside_;
     }
     const auto slot = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
@@ -76,7 +94,7 @@ class Placement final : public tbb::task_scheduler_observer {
     }
     const int cpu = cpus_[slot];
     if (is_worker) {
-      // It stays bound while it sleeps, or it would be woken wherever the kernel likes.
+      // The worker stays bound while it sleeps. Otherwise the kernel could wake it on any CPU.
       thread_local int bound_cpu = -1;
       if (std::exchange(bound_cpu, cpu) != cpu) {
         BindThisThread({cpu});
@@ -88,18 +106,21 @@ class Placement final : public tbb::task_scheduler_observer {
     }
   }
   void on_scheduler_exit(bool /*is_worker*/) override {
-    const absl::MutexLock lock(&mutex_);
-    --inside_;
+    const MutexLock lock(&mutex_);
+    if (--inside_ == 0) {
+      emptied_.SignalAll();
+    }
   }
 
  private:
   const std::vector<int> cpus_;
-  absl::Mutex mutex_;
+  Mutex mutex_;
+  CondVar emptied_;
   int inside_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 struct PlacedArena {
-  // More threads than CPUs are only made if TBB is told that they may be.
+  // TBB makes more threads than there are CPUs only if this allows them.
   std::optional<tbb::global_control> allowed_threads;
   tbb::task_arena arena;
   std::optional<Placement> placement;  // none: threads are where the kernel puts them

@@ -1,4 +1,4 @@
-// The arena in which a program does all its parallel work.
+// Makes the arena in which a program does all its parallel work.
 
 #ifndef ISOSCOPE_CORE_BASE_TASK_ARENA_H_
 #define ISOSCOPE_CORE_BASE_TASK_ARENA_H_
@@ -9,11 +9,11 @@
 
 namespace isoscope::base {
 
-// An arena of `thread_count` threads, more than there are CPUs if asked for; 0: one for each CPU
-// that the process may use. With just as many threads as CPUs, each slot of the arena has a CPU of
-// its own: TBB's workers are bound to theirs; a thread that calls execute() is moved to its slot's
-// CPU, free to leave it again. Otherwise the kernel may wake several threads on one CPU and leave
-// another idle for milliseconds, as was seen in virtual machines. Which slot has which CPU is
+// Makes an arena of `thread_count` threads, which may be more than there are CPUs. 0 means one for
+// each CPU that the process may use. With as many threads as CPUs, each slot of the arena has a CPU
+// of its own. TBB's workers are bound to theirs. A thread that calls execute() is moved to its
+// slot's CPU, and may leave it again. Without this the kernel may wake several threads on one CPU
+// and leave another idle for milliseconds, as was seen in virtual machines. The CPU of a slot is
 // random, so that the first slots of many processes do not meet on one CPU.
 std::shared_ptr<tbb::task_arena> MakeTaskArena(int thread_count = 0);
 

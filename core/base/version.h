@@ -7,7 +7,7 @@
 
 namespace isoscope::base {
 
-// "0.1.0": the version of CMake's project().
+// Returns the version of CMake's project(): "0.1.0".
 absl::string_view Version();
 
 }  // namespace isoscope::base

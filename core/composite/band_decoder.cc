@@ -1,3 +1,20 @@
+// Decodes a band: the steps of band_encoder.cc backwards. The bytes may be damaged or hostile, so
+// nothing is trusted before it is checked:
+//
+// 1. ReadBandHeader compares the checksum, and checks that the sizes in the header add up to the
+//    size of the band and that its counts are possible. So later steps allocate in proportion to
+//    the band and the image.
+// 2. ReadSideInfo decompresses the side information, which must have the size that follows from the
+//    counts.
+// 3. CheckTiles checks the parts against each other: no pixel outside the image, no tile without a
+//    pixel, no label outside its dictionary, and as many extra bits as the control bytes ask for.
+//    The 8 bytes of padding then allow reading 8 bytes at any bit.
+// 4. DecodePixels undoes the prediction, tile by tile. At the end it checks the results: depths
+//    must lie in [0, 1], colours in the palette. The bits of 1.0 bound all valid depths: -0 and NaN
+//    have larger bits.
+//
+// The pixels go into vectors of their own. The caller's image changes only after all of this.
+
 #include "core/composite/band_decoder.h"
 
 #include <algorithm>
@@ -78,7 +95,7 @@ class BandDecoder {
     return absl::OkStatus();
   }
 
-  // Finds where tiles are; checks coverage, dictionaries and labels.
+  // Finds the areas of the tiles, and checks coverage, dictionaries, labels and extra bits.
   absl::Status CheckTiles() {
     const int columns = image_.touched.columns();
     const std::size_t row_words = RowWords(image_.touched);
@@ -96,6 +113,11 @@ class BandDecoder {
     if (pixels_.areas.size() != header_.tile_count) {
       return Damaged("there are fewer tiles than the header states");
     }
+    return CheckContents();
+  }
+
+  // The masks, dictionaries and labels of the tiles, and how many extra bits they ask for.
+  absl::Status CheckContents() const {
     std::size_t pixel_count = 0;
     std::size_t entry_count = 0;
     std::size_t label_count = 0;
@@ -131,11 +153,11 @@ class BandDecoder {
       return Damaged("the tiles do not have as many pixels, entries, labels as the header states");
     }
     for (const std::uint32_t id : side_.dictionaries) {
-      if (id == image::kNoBlock) {
-        return Damaged("a covered pixel belongs to no block");
+      if (id == image::kNoOwner) {
+        return Damaged("a covered pixel has no owner");
       }
     }
-    // Reading 8 bytes from the byte of any bit stays inside, because of the padding.
+    // The padding keeps reads of 8 bytes, from the byte of any bit on, inside the band.
     std::size_t bit_count = 0;
     for (std::size_t i = 0; i < header_.pixel_count; ++i) {
       bit_count += kControls[controls_[i]].all_bits;
@@ -167,7 +189,7 @@ class BandDecoder {
         const Control& code = kControls[control[i]];
         const unsigned color_bits = code.all_bits - code.depth_bits;
         const std::uint64_t depth_extra = BitsFrom(bit);
-        // At least 57 bits: enough for both, but for colours that are sent as they are.
+        // 57 bits are enough for both, unless colours are sent as they are.
         const std::uint64_t color_extra =
             kHasPalette ? depth_extra >> code.depth_bits : BitsFrom(bit + code.depth_bits);
         bit += code.all_bits;
@@ -203,7 +225,7 @@ class BandDecoder {
     return absl::OkStatus();
   }
 
-  // At least 57 bits, the first of them `bit`.
+  // Returns at least 57 extra bits, from `bit` on.
   [[nodiscard]] std::uint64_t BitsFrom(std::size_t bit) const {
     return base::LoadLittleEndian<std::uint64_t>(extras_ + bit / 8) >> (bit % 8);
   }

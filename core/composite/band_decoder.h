@@ -1,4 +1,4 @@
-// From the bytes of a band to pixels.
+// Decodes the bytes of a band into pixels.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_BAND_DECODER_H_
 #define ISOSCOPE_CORE_COMPOSITE_BAND_DECODER_H_
@@ -16,7 +16,7 @@
 
 namespace isoscope::composite {
 
-// The covered pixels of a band: tile by tile, row by row.
+// The covered pixels of a band, tile by tile, and row by row in a tile.
 struct BandPixels {
   std::vector<TileArea> areas;  // of tiles with a covered pixel, in rows from the top
   std::vector<TileMask> masks;  // the covered pixels of each
@@ -24,8 +24,8 @@ struct BandPixels {
   std::unique_ptr<image::Rgba8[]> colors;
 };
 
-// DATA_LOSS if the bytes are damaged or don't fit `image`, of which the size alone counts.
-// O(pixels). Thread-safe.
+// Decodes a band of an image that has the size of `image`. DATA_LOSS if the bytes are damaged or
+// don't fit that size. O(pixels). Thread-safe.
 absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image);
 
 }  // namespace isoscope::composite

@@ -1,3 +1,21 @@
+// Encodes a band in three steps. docs/format/wire.md, "Pixel band", has the layout.
+//
+// 1. FindColors collects the colours of the band. Up to 2048 of them become a sorted palette, and a
+//    pixel's colour is an index into it. A band with more sends each colour as it is.
+// 2. EncodePixels goes tile by tile over the covered pixels: packs depths, owners and colours into
+//    dense lists, subtracts what the neighbours let one expect (TilePrediction), and codes each
+//    difference as one of 16 classes and some extra bits (number_code.h). Owners become a
+//    dictionary of the tile, and a label for each pixel if the tile has several.
+// 3. Serialize compresses coverage, dictionaries, labels and palette with Zstandard. Control bytes
+//    and extra bits follow as they are.
+//
+// Example: left of a pixel, L and LL are covered, and no pixel above is. Depth bits of L = 100 and
+// LL = 90 let one expect 110. The pixel has 108. The difference -2 is ZigZag(-2) = 3, in class 2,
+// which begins at 3 and has 3 extra bits, here 000. Its colour is that of L: class 0 without extra
+// bits. So the pixel costs the control byte 0x02 and 3 bits.
+//
+// A difference is modulo 2^32, so the decoder gets exactly the same depth bits and colours.
+
 #include "core/composite/band_encoder.h"
 
 #include <algorithm>
@@ -15,15 +33,15 @@
 namespace isoscope::composite {
 namespace {
 
-// The colours of a band, and their indices when they are sorted.
+// The colours of a band, in a hash table of slots, and their indices once they are sorted.
 class Palette {
  public:
   static constexpr std::uint16_t kNone = 0xffff;
 
-  // Where `number` is kept; it is added if it is new. kNone once there are too many.
+  // Returns the slot of a colour, and adds the colour if it is new. kNone if there are too many.
   std::uint16_t SlotOf(std::uint32_t number) {
-    // Colours of one material, of the same red, differ little in green and blue: their low bits
-    // tell them apart.
+    // Colours of one material that have the same red differ little in green and blue, so the hash
+    // takes the low bits of those.
     std::size_t at = (number >> 20 & 0xff0) | (number >> 14 & 12) | (number >> 8 & 3);
     while (numbers_[at] != number || indices_[at] == kNone) {
       if (indices_[at] == kNone) {
@@ -40,7 +58,7 @@ class Palette {
     return static_cast<std::uint16_t>(at);
   }
 
-  // The colours, sorted; from now on IndexOf is what is known of a slot.
+  // Returns the colours in ascending order. From then on IndexOf is valid, and SlotOf is not.
   std::vector<std::uint32_t> Sort() {
     std::vector<std::uint64_t> sorted;  // number, slot
     sorted.reserve(size_);
@@ -58,7 +76,7 @@ class Palette {
     return numbers;
   }
 
-  // The place of a slot's colour among the sorted ones.
+  // Returns the index of a slot's colour among the sorted ones. REQUIRES: Sort was called.
   [[nodiscard]] std::uint32_t IndexOf(std::uint16_t slot) const { return indices_[slot]; }
 
  private:
@@ -87,7 +105,7 @@ class BitWriter {
     pending_ >>= pending_count_ & ~7U;
     pending_count_ &= 7;
   }
-  // The end of what was written.
+  // Returns the end of the written bytes.
   [[nodiscard]] char* Finish() { return out_ + (pending_count_ != 0 ? 1 : 0); }
 
  private:
@@ -96,10 +114,10 @@ class BitWriter {
   unsigned pending_count_ = 0;
 };
 
-// The dictionary of one tile.
+// The owners of one tile, in the order of their first pixels.
 class TileDictionary {
  public:
-  // The index of `id`, which is added if it is new.
+  // Returns the index of `id`, and adds it if it is new.
   std::uint8_t IndexOf(std::uint32_t id) {
     if (size_ == 0 || ids_[last_] != id) {
       // Along an edge two blocks take turns.
@@ -122,8 +140,8 @@ class TileDictionary {
  private:
   std::array<std::uint32_t, kTilePixels> ids_;
   std::ptrdiff_t size_ = 0;
-  std::size_t last_ = 0;    // of the pixel before
-  std::size_t before_ = 0;  // another one before
+  std::size_t last_ = 0;    // the index of the pixel before
+  std::size_t before_ = 0;  // a different index, of an earlier pixel
 };
 
 template <typename T>
@@ -162,7 +180,7 @@ class BandEncoder {
   }
 
  private:
-  // The palette, and which slot of it each covered pixel has.
+  // Step 1. Finds the palette, and the slot of each covered pixel in it.
   void FindColors() {
     slots_ = std::make_unique_for_overwrite<std::uint16_t[]>(pixel_count_);
     std::uint16_t* out = slots_.get();
@@ -184,6 +202,7 @@ class BandEncoder {
     palette_numbers_ = palette_.Sort();
   }
 
+  // Step 2. Writes control bytes and extra bits.
   template <bool kHasPalette>
   void EncodePixels() {
     std::uint8_t* control = controls_.get();
@@ -201,6 +220,7 @@ class BandEncoder {
           PrefetchRows(image_.colors, areas_[later], side_.masks[later], image_.width);
         }
       }
+      // Pack the covered pixels of the tile.
       const TileMask& mask = side_.masks[tile];
       const std::size_t count = PixelCount(mask);
       PackKeys(mask, FirstOf(image_.keys, areas_[tile]), Stride(), numbers.depths.data(),
@@ -214,6 +234,7 @@ class BandEncoder {
         PackColors(mask, FirstOf(image_.colors, areas_[tile]), Stride(), numbers.colors.data());
       }
       AddLabels(std::span(ids).first(count));
+      // Code their differences from the prediction.
       prediction.Subtract(mask, numbers, &differences);
       ClassifyNumbers(differences.depths.data(), differences.colors.data(), count, control);
       for (std::size_t i = 0; i < count; ++i) {
@@ -234,7 +255,7 @@ class BandEncoder {
     extras_size_ += kBandPaddingBytes;
   }
 
-  // The dictionary of a tile, and which block each of its covered pixels has.
+  // Adds a tile's dictionary, and the labels of its covered pixels if it has several owners.
   void AddLabels(std::span<const std::uint32_t> ids) {
     TileDictionary dictionary;
     const std::size_t first = side_.labels.size();
@@ -251,6 +272,7 @@ class BandEncoder {
     side_.dictionaries.insert(side_.dictionaries.end(), known.begin(), known.end());
   }
 
+  // Step 3.
   std::string Serialize() {
     const std::size_t dictionary_count = side_.dictionaries.size();
     std::string side;

@@ -1,4 +1,4 @@
-// From covered pixels to the bytes of a band.
+// Encodes covered pixels into the bytes of a band.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_BAND_ENCODER_H_
 #define ISOSCOPE_CORE_COMPOSITE_BAND_ENCODER_H_
@@ -27,8 +27,8 @@ struct BandRows {
   int end = 0;
 };
 
-// The band of some rows of tiles of `image`, the first and the last of them with a covered pixel;
-// `tiles` has an element for each of them. O(pixels). Thread-safe.
+// Encodes some rows of tiles of `image`. The first and the last of them have a covered pixel, and
+// `tiles` has an element for each row. O(pixels). Thread-safe.
 std::string EncodeBand(const image::FrameImage& image, BandRows rows,
                        std::span<const TileRow> tiles);
 

@@ -7,6 +7,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/crc32c.h"
+#include "core/base/status_macros.h"
 #include "core/composite/number_code.h"
 
 namespace isoscope::composite {
@@ -16,6 +17,28 @@ constexpr char kMagic[] = "ISPX";
 constexpr std::size_t kMagicSize = 4;
 constexpr std::size_t kChecksummedOffset = 8;
 constexpr std::uint8_t kVersion = 2;
+
+// Whether the counts can be true together, and the band has the size that follows from them.
+absl::Status CheckCounts(const BandHeader& header, std::size_t band_size) {
+  if (header.tile_count < 1 || header.tile_count > header.pixel_count ||
+      header.pixel_count > header.tile_count * kTilePixels ||
+      header.dictionary_count < header.tile_count || header.dictionary_count > header.pixel_count ||
+      header.label_count > header.pixel_count || header.palette_size > kMaxPaletteSize ||
+      header.extras_size < kBandPaddingBytes) {
+    return absl::DataLossError(absl::StrFormat(
+        "pixel band: %d tiles, %d pixels, %d dictionary entries, %d labels, %d colours, %d bytes "
+        "of extra bits",
+        header.tile_count, header.pixel_count, header.dictionary_count, header.label_count,
+        header.palette_size, header.extras_size));
+  }
+  const std::size_t size =
+      kBandHeaderSize + header.frame_size + header.pixel_count + header.extras_size;
+  if (band_size != size) {
+    return absl::DataLossError(
+        absl::StrFormat("pixel band of %d bytes; its header states %d", band_size, size));
+  }
+  return absl::OkStatus();
+}
 
 }  // namespace
 
@@ -91,20 +114,7 @@ absl::StatusOr<BandHeader> ReadBandHeader(absl::string_view band, const image::F
   header.palette_size = colors;
   header.frame_size = frame;
   header.extras_size = extras;
-  if (tiles < 1 || tiles > pixels || header.pixel_count > tiles * kTilePixels || entries < tiles ||
-      entries > pixels || labels > pixels || colors > kMaxPaletteSize ||
-      extras < kBandPaddingBytes) {
-    return absl::DataLossError(absl::StrFormat(
-        "pixel band: %d tiles, %d pixels, %d dictionary entries, %d labels, %d colours, %d bytes "
-        "of extra bits",
-        tiles, pixels, entries, labels, colors, extras));
-  }
-  const std::size_t size =
-      kBandHeaderSize + header.frame_size + header.pixel_count + header.extras_size;
-  if (band.size() != size) {
-    return absl::DataLossError(
-        absl::StrFormat("pixel band of %d bytes; its header states %d", band.size(), size));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckCounts(header, band.size()));
   return header;
 }
 

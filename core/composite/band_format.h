@@ -1,5 +1,5 @@
-// What the bytes of a band of pixels mean: the parts that encoder and decoder share. The layout is
-// in docs/format/wire.md.
+// The format of a band of pixels: the parts that encoder and decoder share. docs/format/wire.md has
+// the layout.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_BAND_FORMAT_H_
 #define ISOSCOPE_CORE_COMPOSITE_BAND_FORMAT_H_
@@ -20,9 +20,9 @@
 
 namespace isoscope::composite {
 
-// What follows the extra bits, so that reading 8 bytes at once never leaves the band.
+// The padding behind the extra bits, so that reading 8 bytes at once never leaves the band.
 inline constexpr std::size_t kBandPaddingBytes = 8;
-// Bands of more colours send each as it is.
+// A band with more colours sends each as it is.
 inline constexpr std::size_t kMaxPaletteSize = 2048;
 
 struct BandHeader {
@@ -44,16 +44,16 @@ std::string MakeBandHeader(const BandHeader& header, int width, int height);
 // Writes the checksum of a complete band into its header.
 void SealBand(std::string* band);
 
-// DATA_LOSS unless checksum and size are right and the band fits `image`: its size, rows of tiles
-// inside it, counts that can be. Whether the counts are true is the decoder's to find out.
+// Reads the header. DATA_LOSS unless checksum and size are right, the band fits `image`, and its
+// counts are possible. The decoder finds out whether the counts are true.
 absl::StatusOr<BandHeader> ReadBandHeader(absl::string_view band, const image::FrameImage& image);
 
-// What is in a band besides control bytes and extra bits.
+// The side information: all of a band but the header, control bytes and extra bits.
 struct BandSideInfo {
   std::vector<std::uint64_t> present;  // a bit a tile; a row of tiles begins at a word
   std::vector<TileMask> masks;         // of tiles with a covered pixel
   std::vector<std::uint8_t> dictionary_sizes;
-  std::vector<std::uint32_t> dictionaries;  // block ids
+  std::vector<std::uint32_t> dictionaries;  // owners
   std::vector<std::uint8_t> labels;
 };
 
@@ -62,7 +62,7 @@ inline std::size_t RowWords(const image::TileSet& tiles) {
   return static_cast<std::size_t>((tiles.columns() + 63) / 64);
 }
 
-// Part of the tile inside the image.
+// The part of a tile that lies inside the image, in pixels.
 struct TileArea {
   int x;
   int y;
@@ -75,11 +75,11 @@ inline TileArea AreaOf(int tile_x, int tile_y, const image::FrameImage& image) {
   return {x, y, std::min(kTilePx, image.width - x), std::min(kTilePx, image.height - y)};
 }
 
-// How many tiles ahead PrefetchRows pays: images have left the cache when they are encoded or
-// decoded into, and their rows are too far apart for the processor to guess.
+// PrefetchRows asks for a tile this many tiles ahead. Images have left the processor's cache when
+// they are encoded or decoded into, and their rows are too far apart for the processor to guess.
 inline constexpr std::size_t kPrefetchTiles = 2;
 
-// Asks for the rows of a tile with a pixel in `mask`, of a plane of rows of `width` elements.
+// Prefetches the rows of a tile that have a pixel in `mask`. Rows of `plane` have `width` elements.
 template <typename T>
 void PrefetchRows(const base::LargePageVector<T>& plane, const TileArea& area, const TileMask& mask,
                   int width) {
@@ -97,20 +97,16 @@ void PrefetchRows(const base::LargePageVector<T>& plane, const TileArea& area, c
   }
 }
 
-// A colour as a number whose order groups similar ones: red first.
-constexpr std::uint32_t NumberOf(image::Rgba8 color) {
-  return std::uint32_t{color.r} << 24 | std::uint32_t{color.g} << 16 | std::uint32_t{color.b} << 8 |
-         color.a;
-}
-constexpr image::Rgba8 ColorOf(std::uint32_t number) {
-  return {static_cast<std::uint8_t>(number >> 24), static_cast<std::uint8_t>(number >> 16),
-          static_cast<std::uint8_t>(number >> 8), static_cast<std::uint8_t>(number)};
+// Unpacks a colour that image::PackedColor packed.
+constexpr image::Rgba8 ColorOf(std::uint32_t packed) {
+  return {static_cast<std::uint8_t>(packed >> 24), static_cast<std::uint8_t>(packed >> 16),
+          static_cast<std::uint8_t>(packed >> 8), static_cast<std::uint8_t>(packed)};
 }
 
-// Appends block ids or a palette: the difference of each to the one before, in 4 planes, the lowest
-// bytes of all first.
+// Appends owners or a palette: the difference of each number to the one before, as 4 planes of
+// bytes, the lowest bytes first.
 void AppendNumbers(const std::vector<std::uint32_t>& numbers, std::string* out);
-// Its inverse. REQUIRES: planes.size() == 4 * count.
+// Reads what AppendNumbers appended. REQUIRES: planes.size() == 4 * count.
 std::vector<std::uint32_t> ReadNumbers(absl::string_view planes, std::size_t count);
 
 }  // namespace isoscope::composite

@@ -14,9 +14,38 @@ namespace {
 
 constexpr int kTilePx = image::TileSet::kTilePx;
 
+// Composites one row of a tile.
+void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_colors, int count,
+                  const image::FragmentOrder& order, std::uint64_t* keys, image::Rgba8* colors) {
+  // This pass over the row is enough for most rows: where tiles overlap, mostly all of one image
+  // lies before the other.
+  std::uint32_t is_nearer = 0;
+  std::uint32_t is_tied = 0;
+  for (int x = 0; x < count; ++x) {
+    is_nearer |= std::uint32_t{from_keys[x] < keys[x]};
+    is_tied |= std::uint32_t{image::HaveEqualDepth(from_keys[x], keys[x])} &
+               std::uint32_t{from_keys[x] != keys[x]};
+  }
+  if (is_tied != 0) [[unlikely]] {
+    for (int x = 0; x < count; ++x) {
+      if (order.IsBefore(from_keys[x], from_colors[x], keys[x], colors[x])) {
+        keys[x] = from_keys[x];
+        colors[x] = from_colors[x];
+      }
+    }
+  } else if (is_nearer != 0) {
+    for (int x = 0; x < count; ++x) {
+      const bool wins = from_keys[x] < keys[x];
+      keys[x] = wins ? from_keys[x] : keys[x];
+      colors[x] = wins ? from_colors[x] : colors[x];
+    }
+  }
+}
+
 }  // namespace
 
-void CompositeInto(const image::FrameImage& from, image::FrameImage* into) {
+void CompositeInto(const image::FrameImage& from, const image::FragmentOrder& order,
+                   image::FrameImage* into) {
   ISOSCOPE_CHECK_EQ(from.width, into->width);
   ISOSCOPE_CHECK_EQ(from.height, into->height);
   for (int row = 0; row < from.touched.rows(); ++row) {
@@ -29,23 +58,8 @@ void CompositeInto(const image::FrameImage& from, image::FrameImage* into) {
           continue;
         }
         const std::size_t first = from.IndexOf(begin_x, row * kTilePx + y);
-        const std::uint64_t* from_keys = from.keys.data() + first;
-        const image::Rgba8* from_colors = from.colors.data() + first;
-        std::uint64_t* keys = into->keys.data() + first;
-        image::Rgba8* colors = into->colors.data() + first;
-        // Looked at first: where tiles overlap, mostly one image is before the other.
-        std::uint32_t any = 0;
-        for (int x = 0; x < count; ++x) {
-          any |= std::uint32_t{from_keys[x] < keys[x]};
-        }
-        if (any == 0) {
-          continue;
-        }
-        for (int x = 0; x < count; ++x) {
-          const bool wins = from_keys[x] < keys[x];
-          keys[x] = wins ? from_keys[x] : keys[x];
-          colors[x] = wins ? from_colors[x] : colors[x];
-        }
+        CompositeRow(from.keys.data() + first, from.colors.data() + first, count, order,
+                     into->keys.data() + first, into->colors.data() + first);
       }
       image::UniteInto(covered, &into->CoveredOf(column, row));
     });

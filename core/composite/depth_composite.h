@@ -7,14 +7,15 @@
 
 namespace isoscope::composite {
 
-// Keeps, in each pixel of `into`, the fragment with the smaller FragmentKey. Associative,
+// Keeps the first fragment in `order` of each pixel of `from` and `into`, in `into`. Associative,
 // commutative and idempotent: the order of arrival and the number of agents do not matter.
-// O(pixels of the tiles touched in `from`). REQUIRES: same size.
-void CompositeInto(const image::FrameImage& from, image::FrameImage* into);
+// O(pixels of the tiles touched in `from`). REQUIRES: both images have the same size.
+void CompositeInto(const image::FrameImage& from, const image::FragmentOrder& order,
+                   image::FrameImage* into);
 
-// Makes `image` the final picture, over the background colour (straight alpha), in place:
-// image->colors is then what to show. All pixels count as covered, unless the background is
-// transparent black and there is nothing to do. In parallel, inside the caller's TBB arena.
+// Lays `image` over the background colour (straight alpha), in place. image->colors is then the
+// final picture, and all pixels count as covered. Does nothing if the background is transparent
+// black. Works in parallel, inside the caller's TBB arena.
 void FlattenOver(image::Rgba8 background, image::FrameImage* image);
 
 }  // namespace isoscope::composite

@@ -1,3 +1,6 @@
+// A number's class is found without a table and without branches: it is the count of classes whose
+// first number is not above it, 15 comparisons a register of numbers.
+
 #include "core/composite/number_code.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -17,17 +20,17 @@ using DI = hn::CappedTag<std::int32_t, 16>;
 using DU = hn::RebindToUnsigned<DI>;
 using DB = hn::Rebind<std::uint8_t, DI>;
 
-// Unsigned order as signed order: vectors compare signed numbers faster.
+// Flipping the top bit turns unsigned order into signed order, which vectors compare faster.
 constexpr std::uint32_t kFlip = 0x80000000U;
 
-// How many classes begin at or below each number, but for class 0.
+// Returns the class of each number: how many classes after 0 begin at or below it.
 HWY_INLINE hn::Vec<DI> ClassesOf(const NumberCode& code, const std::uint32_t* numbers) {
   const DI di;
   const DU du;
   const auto value = hn::BitCast(di, hn::Xor(hn::LoadU(du, numbers), hn::Set(du, kFlip)));
   auto classes = hn::Zero(di);
   for (std::size_t c = 1; c < code.bases.size(); ++c) {
-    // Bases are at least 1: one less is a number.
+    // value >= base is value > base - 1, which exists because these bases are at least 1.
     const auto before = hn::BitCast(di, hn::Set(du, (code.bases[c] - 1) ^ kFlip));
     classes = hn::Sub(classes, hn::VecFromMask(di, hn::Gt(value, before)));
   }

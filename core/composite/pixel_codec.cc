@@ -4,9 +4,9 @@
 #include <span>
 #include <utility>
 
-#include "absl/synchronization/mutex.h"
 #include <oneapi/tbb/parallel_for.h>
 
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/composite/band_decoder.h"
 #include "core/composite/band_encoder.h"
@@ -17,18 +17,19 @@
 namespace isoscope::composite {
 namespace {
 
-// Of a tile: coverage, dictionary size.
+// The most bytes that a tile takes besides its pixels: coverage and dictionary size.
 constexpr std::size_t kMaxTileOverhead = 2 * kTilePx + 1;
-// If each pixel has a block of its own: block id, label, control byte, extra bits.
+// The most bytes that a pixel takes, if each has an owner of its own: owner, label, control byte,
+// extra bits of depth and colour.
 constexpr std::size_t kMaxPixelBytes = 4 + 1 + 1 + 4 + 4;
-// Header, palette, and what Zstandard adds to bytes that it can't make less of.
+// Room for header, palette, and the bytes that Zstandard adds where it can't compress.
 constexpr std::size_t kMaxFixedBytes = std::size_t{1} << 15;
-// One row of tiles of the widest image, with its bits of presence, must fit into a band.
+// The columns of the widest image. One of its rows of tiles must fit into a band.
 constexpr std::size_t kMaxColumns = 16384 / kTilePx;
 static_assert((kMaxTileOverhead + kTilePixels * kMaxPixelBytes) * kMaxColumns + kMaxColumns / 8 +
                   kMaxFixedBytes <
               kMaxBandBytes);
-// Fewer do not pay for a band of their own; more bands than wanted do not keep more cores busy.
+// Fewer pixels are not worth a band of their own. More bands do not keep more cores busy.
 constexpr std::size_t kMinBandPixels = std::size_t{1} << 14;
 constexpr std::size_t kBandsWanted = 16;
 
@@ -45,8 +46,8 @@ TileRow FindCovered(const image::FrameImage& image, int tile_y) {
   return row;
 }
 
-// The bands of an image: none without a covered pixel, and not more than it needs, as each has a
-// header, a palette and a Zstandard frame of its own.
+// Cuts the rows of an image into bands. An image without covered pixels has none. There are no more
+// bands than pay, because each has a header, a palette and a Zstandard frame.
 std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t row_bytes) {
   std::size_t pixels_in_all = 0;
   for (const TileRow& row : rows) {
@@ -79,16 +80,21 @@ std::vector<BandRows> CutIntoBands(const std::vector<TileRow>& rows, std::size_t
   return bands;
 }
 
-// The covered pixels of one tile.
+// Composites the covered pixels of one tile.
 void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
-                   const image::Rgba8* color, image::FrameImage* into) {
+                   const image::Rgba8* color, const image::FragmentOrder& order,
+                   image::FrameImage* into) {
   const int tile_column = area.x / kTilePx;
   const int tile_row = area.y / kTilePx;
   into->touched.Insert(tile_column, tile_row);
   image::UniteInto(mask, &into->CoveredOf(tile_column, tile_row));
   const std::size_t first = into->IndexOf(area.x, area.y);
-  UnpackNearer(mask, key, color, static_cast<std::size_t>(into->width), into->keys.data() + first,
-               into->colors.data() + first);
+  const auto stride = static_cast<std::size_t>(into->width);
+  std::uint64_t* const into_keys = into->keys.data() + first;
+  image::Rgba8* const into_colors = into->colors.data() + first;
+  if (UnpackNearer(mask, key, color, stride, into_keys, into_colors)) [[unlikely]] {
+    SettleTies(mask, key, color, stride, order, into_keys, into_colors);
+  }
 }
 
 }  // namespace
@@ -109,23 +115,24 @@ std::vector<std::string> EncodePixels(const image::FrameImage& image) {
 }
 
 RowLocks::RowLocks(int height_px)
-    : mutexes_(std::make_unique<absl::Mutex[]>(
+    : mutexes_(std::make_unique<base::Mutex[]>(
           static_cast<std::size_t>((height_px + kTilePx - 1) / kTilePx))) {}
 
-absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into, RowLocks* locks) {
+absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
+                              image::FrameImage* into, RowLocks* locks) {
   ISOSCOPE_ASSIGN_OR_RETURN(const BandPixels pixels, DecodeBand(band, *into));
   const std::uint64_t* key = pixels.keys.get();
   const image::Rgba8* color = pixels.colors.get();
   for (std::size_t tile = 0; tile < pixels.areas.size();) {
     const int tile_row = pixels.areas[tile].y / kTilePx;
-    const absl::MutexLockMaybe lock(locks == nullptr ? nullptr : &locks->OfTileRow(tile_row));
+    const base::MutexLockMaybe lock(locks == nullptr ? nullptr : &locks->OfTileRow(tile_row));
     for (; tile < pixels.areas.size() && pixels.areas[tile].y / kTilePx == tile_row; ++tile) {
       if (const std::size_t later = tile + kPrefetchTiles; later < pixels.areas.size()) {
         PrefetchRows(into->keys, pixels.areas[later], pixels.masks[later], into->width);
         PrefetchRows(into->colors, pixels.areas[later], pixels.masks[later], into->width);
       }
       const std::size_t count = PixelCount(pixels.masks[tile]);
-      CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, into);
+      CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, order, into);
       key += count;
       color += count;
     }

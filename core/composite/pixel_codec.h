@@ -1,7 +1,7 @@
-// Sparse pixels on the wire: only covered ones, as what differs from what their neighbours let one
-// expect, in bands of rows of tiles that are sent and composited as they are made. Fast before
-// small: numbers are packed to bits, only coverage, block ids and palettes are compressed. The byte
-// layout is in docs/format/wire.md.
+// Sparse pixels on the wire. A band holds the covered pixels of some rows of tiles, each as its
+// difference from a prediction. Bands are sent and composited as they are made. Speed comes before
+// size: numbers are packed to bits, and only coverage, owners and palettes are compressed.
+// docs/format/wire.md has the layout.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_PIXEL_CODEC_H_
 #define ISOSCOPE_CORE_COMPOSITE_PIXEL_CODEC_H_
@@ -14,35 +14,35 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 
+#include "core/base/mutex.h"
 #include "core/image/frame_image.h"
 
 namespace isoscope::composite {
 
-// Encodes the pixels of `image` that are not background, as bands of whole rows of tiles, at most
-// kMaxBandBytes long: as many as keep some cores busy, fewer if there are few pixels. No such
-// pixel: no band. In parallel, inside the caller's TBB arena. O(pixels of touched tiles).
+// Encodes the covered pixels of `image` as bands of whole rows of tiles, each at most kMaxBandBytes
+// long: enough bands to keep some cores busy, fewer if there are few pixels, none if there is no
+// pixel. Works in parallel, inside the caller's TBB arena. O(pixels of touched tiles).
 // Thread-safe.
 std::vector<std::string> EncodePixels(const image::FrameImage& image);
 inline constexpr std::int64_t kMaxBandBytes = std::int64_t{4} << 20;
 
-// Lets threads composite into one image at the same time: a lock for each row of tiles.
+// A lock for each row of tiles, so that threads can composite into one image at the same time.
 class RowLocks {
  public:
   explicit RowLocks(int height_px);
-  absl::Mutex& OfTileRow(int tile_row) { return mutexes_[static_cast<std::size_t>(tile_row)]; }
+  base::Mutex& OfTileRow(int tile_row) { return mutexes_[static_cast<std::size_t>(tile_row)]; }
 
  private:
-  std::unique_ptr<absl::Mutex[]> mutexes_;
+  std::unique_ptr<base::Mutex[]> mutexes_;
 };
 
-// Composites the pixels of one band into `into` (CompositeInto's rule) and inserts their tiles into
-// `into->touched`. DATA_LOSS if the bytes are damaged or don't fit the image; then `into` is
-// unchanged. Thread-safe if all callers pass the same locks, of that image's height; with none,
-// thread-compatible.
-absl::Status DecodePixelsInto(absl::string_view band, image::FrameImage* into,
-                              RowLocks* locks = nullptr);
+// Composites the pixels of one band into `into`, by the rule of CompositeInto, and inserts their
+// tiles into `into->touched`. DATA_LOSS if the bytes are damaged or don't fit the image; `into` is
+// then unchanged. Thread-safe if all callers pass the same locks, made for that image's height.
+// Without locks it is thread-compatible.
+absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
+                              image::FrameImage* into, RowLocks* locks = nullptr);
 
 }  // namespace isoscope::composite
 

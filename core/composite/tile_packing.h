@@ -1,5 +1,4 @@
-// The covered pixels of a tile one after the other, out of the rows of an image and back: in vector
-// lanes, where the processor can pack them.
+// Moves the covered pixels of a tile from the rows of an image to a dense list, and back.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_
 #define ISOSCOPE_CORE_COMPOSITE_TILE_PACKING_H_
@@ -12,23 +11,35 @@
 
 namespace isoscope::composite {
 
-// What PackKeys and PackColors may write past the last pixel.
+// PackKeys and PackColors may write this many elements past the last pixel.
 inline constexpr std::size_t kPackPadding = kTilePx - 1;
 
-// The bits of the depths, and the blocks, of the tile whose first key is keys[0], rows `stride`
-// apart. Only keys of covered pixels are read. The same on every instruction set.
-// REQUIRES: room for PixelCount(mask) + kPackPadding numbers each.
+// Packs the keys of the covered pixels of a tile: the bits of their depths, and their owners. The
+// same on every instruction set. Thread-safe; so are the functions below.
+//
+// mask:           the covered pixels; no other key is read
+// keys:           the tile's first key; rows are `stride` keys apart
+// depths, owners: capacity PixelCount(mask) + kPackPadding each
 void PackKeys(const TileMask& mask, const std::uint64_t* keys, std::size_t stride,
-              std::uint32_t* depths, std::uint32_t* block_ids);
+              std::uint32_t* depths, std::uint32_t* owners);
 
-// The same of colours, as NumberOf(color) of band_format.h.
+// Packs the colours of the covered pixels, as image::PackedColor; else the same.
 void PackColors(const TileMask& mask, const image::Rgba8* colors, std::size_t stride,
                 std::uint32_t* numbers);
 
-// The other way, with a depth test: puts pixels into the tile whose first ones are into_keys[0] and
-// into_colors[0], where their key is the smaller one.
-void UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
+// Unpacks pixels into a tile with a depth test: each replaces the tile's pixel if its depth is
+// smaller. Returns true if a pixel has the depth of the tile's but another owner: such ties are
+// left for SettleTies.
+//
+// keys, colors:           PixelCount(mask) elements, in the order of the mask
+// into_keys, into_colors: the tile's first pixel; rows are `stride` elements apart
+bool UnpackNearer(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
                   std::size_t stride, std::uint64_t* into_keys, image::Rgba8* into_colors);
+
+// Decides the ties that UnpackNearer left: the fragment that comes first in `order` stays.
+void SettleTies(const TileMask& mask, const std::uint64_t* keys, const image::Rgba8* colors,
+                std::size_t stride, const image::FragmentOrder& order, std::uint64_t* into_keys,
+                image::Rgba8* into_colors);
 
 }  // namespace isoscope::composite
 

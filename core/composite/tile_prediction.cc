@@ -1,3 +1,10 @@
+// The encoder's side of the prediction, where all pixels are known: with AVX-512 a row of a tile is
+// one register, its covered pixels are a lane mask, and every rule is a masked move. Elsewhere, and
+// in the decoder, which must know a pixel before it predicts the next, WalkTile takes pixels one by
+// one. Tiles that are covered in whole go through loops without masks.
+//
+// Rules and example: tile_prediction.h. Format: docs/format/wire.md, "Pixel band".
+
 #include "core/composite/tile_prediction.h"
 
 #include <bit>
@@ -15,7 +22,8 @@ namespace {
 
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
 
-// One number of the two, a row of the tile in a register. The rules of WalkTile, the weakest first.
+// Predicts and subtracts depths or colours, a row of the tile in a register. The rules of WalkTile
+// are applied from the weakest to the strongest: each overwrites the lanes in which it holds.
 template <bool kIsDepth>
 void SubtractRows(const TileMask& mask, const std::uint32_t* numbers, std::uint32_t last,
                   std::uint32_t* differences) {
@@ -67,9 +75,9 @@ void SubtractRows(const TileMask& mask, const std::uint32_t* numbers, std::uint3
   }
 }
 
-PixelNumbers SubtractInPart(const TileMask& mask, const TileNumbers& numbers, PixelNumbers last,
+PixelNumbers SubtractMasked(const TileMask& mask, const TileNumbers& numbers, PixelNumbers last,
                             TileNumbers* differences) {
-  // Whole registers are read and written from where the last pixel is.
+  // Whole registers are read and written from the last pixel on.
   static_assert(kClassifyPadding >= kTilePx - 1);
   SubtractRows<true>(mask, numbers.depths.data(), last.depth, differences->depths.data());
   SubtractRows<false>(mask, numbers.colors.data(), last.color, differences->colors.data());
@@ -79,7 +87,7 @@ PixelNumbers SubtractInPart(const TileMask& mask, const TileNumbers& numbers, Pi
 
 #else
 
-PixelNumbers SubtractInPart(const TileMask& mask, const TileNumbers& numbers, PixelNumbers last,
+PixelNumbers SubtractMasked(const TileMask& mask, const TileNumbers& numbers, PixelNumbers last,
                             TileNumbers* differences) {
   std::size_t i = 0;
   return WalkTile(mask, last, [&](const PixelNumbers& expected) {
@@ -102,7 +110,7 @@ HWY_AFTER_NAMESPACE();
 
 namespace isoscope::composite {
 namespace {
-HWY_EXPORT(SubtractInPart);
+HWY_EXPORT(SubtractMasked);
 }  // namespace
 
 void TilePrediction::Subtract(const TileMask& mask, const TileNumbers& numbers,
@@ -112,7 +120,7 @@ void TilePrediction::Subtract(const TileMask& mask, const TileNumbers& numbers,
     SubtractInFull<false>(numbers.colors.data(), last_.color, differences->colors.data());
     last_ = {numbers.depths[kTilePixels - 1], numbers.colors[kTilePixels - 1]};
   } else {
-    last_ = HWY_DYNAMIC_DISPATCH(SubtractInPart)(mask, numbers, last_, differences);
+    last_ = HWY_DYNAMIC_DISPATCH(SubtractMasked)(mask, numbers, last_, differences);
   }
 }
 

@@ -1,5 +1,15 @@
-// What the pixels before let one expect of a pixel's depth and colour, tile by tile
-// (docs/format/wire.md). Encoder and decoder walk tiles in the same way.
+// Predicts the depth and colour of each covered pixel of a tile from the covered pixels before it
+// (docs/format/wire.md, "Pixel band"). Encoder and decoder walk tiles in the same way, so that both
+// predict the same, and only differences are sent.
+//
+// Of the pixels to the left (L, LL), above (U, UU) and above L (UL), those that are covered count:
+//
+//   L, U and UL   L + U - UL               continues the plane through the three
+//   else L        2 L - LL, or L           continues the row; colours: L
+//   else U        2 U - UU, or U           continues the column; colours: U
+//   else          the covered pixel before
+//
+// Example: L = 10, U = 12, UL = 9 predict 13; a pixel of 15 is sent as ZigZag(15 - 13) = 4.
 
 #ifndef ISOSCOPE_CORE_COMPOSITE_TILE_PREDICTION_H_
 #define ISOSCOPE_CORE_COMPOSITE_TILE_PREDICTION_H_
@@ -22,8 +32,8 @@ using image::TileMask;
 
 using TileMaskWords = std::array<std::uint64_t, kTilePx / 4>;
 
-// Without the processor's instruction for it, which not every x86-64 has; std::popcount would call
-// a function for each word.
+// Returns the number of pixels in a mask. Counts by adding fields: not every x86-64 has an
+// instruction for it, and std::popcount would call a function for each word.
 inline std::size_t PixelCount(const TileMask& mask) {
   constexpr std::uint64_t kPairs = 0x5555555555555555;
   constexpr std::uint64_t kNibbles = 0x3333333333333333;
@@ -47,20 +57,21 @@ inline bool IsFull(const TileMask& mask) {
   return all == ~std::uint64_t{0};
 }
 
-// Two numbers for each covered pixel of a tile, row by row, and room for vectors to read past them.
+// A depth and a colour for each covered pixel of a tile, row by row, and padding that vectors may
+// read.
 struct TileNumbers {
   std::array<std::uint32_t, kTilePixels + kClassifyPadding> depths;
   std::array<std::uint32_t, kTilePixels + kClassifyPadding> colors;
 };
 
-// The two numbers of one pixel.
+// The depth and the colour of one pixel.
 struct PixelNumbers {
   std::uint32_t depth = 0;
   std::uint32_t color = 0;
 };
 
-// Calls fn(what to expect) for each covered pixel of a tile, in order; fn returns what it is.
-// `last` is the pixel before the tile's first; the last one of the tile is returned.
+// Calls fn(prediction) for each covered pixel of a tile, in order; fn returns the pixel itself.
+// `last` is the pixel before the tile's first one. Returns the last pixel of the tile.
 template <typename Fn>
 PixelNumbers WalkTile(const TileMask& mask, PixelNumbers last, const Fn& fn) {
   std::array<std::uint32_t, kTilePixels> depths;
@@ -69,8 +80,8 @@ PixelNumbers WalkTile(const TileMask& mask, PixelNumbers last, const Fn& fn) {
   std::uint32_t above_2 = 0;
   for (std::size_t row = 0; row < kTilePixels; row += kTilePx) {
     const std::uint32_t here = mask[row / kTilePx];
-    const std::uint32_t planar = above & above << 1;  // with a pixel to the left, too
-    // Run by run: what holds for a pixel mostly holds for the next.
+    const std::uint32_t planar = above & above << 1;  // U and UL are covered
+    // Takes neighbouring covered pixels at a time: they mostly follow the same rule.
     for (std::uint32_t rest = here; rest != 0;) {
       const int begin = std::countr_zero(rest);
       const int end = begin + std::countr_one(rest >> begin);
@@ -113,14 +124,14 @@ PixelNumbers WalkTile(const TileMask& mask, PixelNumbers last, const Fn& fn) {
   return last;
 }
 
-// Tiles must be taken in order. Thread-compatible.
+// Predicts the tiles of a band, which must come in order. Thread-compatible.
 class TilePrediction {
  public:
-  // The differences of a tile's numbers to what was expected of them, as ZigZag codes. In vector
-  // lanes; the same on every instruction set.
+  // Replaces the numbers of a tile by their differences to the prediction, as ZigZag codes. The
+  // same on every instruction set.
   void Subtract(const TileMask& mask, const TileNumbers& numbers, TileNumbers* differences);
 
-  // The other way.
+  // Does the reverse.
   void Add(const TileMask& mask, const TileNumbers& differences, TileNumbers* numbers) {
     if (IsFull(mask)) {
       AddInFull<true>(differences.depths.data(), last_.depth, numbers->depths.data());
@@ -140,8 +151,9 @@ class TilePrediction {
   }
 
  private:
-  // WalkTile where every pixel is covered, one number of the two. Depths go on as they went,
-  // colours stay; inside both are planar. Without branches: compilers make vectors of it.
+  // WalkTile for a tile whose pixels are all covered, for depths or colours. The first row and
+  // column continue themselves; all other pixels follow the plane rule. There are no branches, so
+  // that compilers turn it into SIMD.
   template <bool kIsDepth>
   static void SubtractInFull(const std::uint32_t* numbers, std::uint32_t last, std::uint32_t* out) {
     ForEachAtBorder<kIsDepth>(numbers, last, [&](std::size_t i, std::uint32_t expected) {
@@ -170,7 +182,7 @@ class TilePrediction {
       }
     }
   }
-  // Calls fn(i, what to expect) for the first row, then for the first column of the others.
+  // Calls fn(i, prediction) for the first row, then for the first column of the other rows.
   template <bool kIsDepth, typename Fn>
   static void ForEachAtBorder(const std::uint32_t* numbers, std::uint32_t last, const Fn& fn) {
     const auto go_on = [numbers](std::size_t i, std::size_t step) {
@@ -187,7 +199,7 @@ class TilePrediction {
     }
   }
 
-  PixelNumbers last_;  // the pixel before; across tiles too
+  PixelNumbers last_;  // the last covered pixel of the tiles so far
 };
 
 }  // namespace isoscope::composite

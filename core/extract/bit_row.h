@@ -13,7 +13,7 @@ namespace isoscope::extract {
 
 using BitRow = std::vector<std::uint64_t>;
 
-// Makes `vector` at least `size` long.
+// Makes `vector` at least `size` elements long. Never shrinks it.
 template <typename V>
 void Grow(std::size_t size, std::vector<V>* vector) {
   if (vector->size() < size) {
@@ -21,14 +21,15 @@ void Grow(std::size_t size, std::vector<V>* vector) {
   }
 }
 
-// 57 or more bits of `bits`, the lowest one being bit `position`.
+// Returns the bits from `position` on, lowest first. At least 57 of the 64 are valid.
+// REQUIRES: the 8 bytes from byte position / 8 on are readable.
 inline std::uint64_t LoadBits(const std::uint64_t* bits, std::size_t position) {
   std::uint64_t word;
   std::memcpy(&word, reinterpret_cast<const char*>(bits) + position / 8, sizeof(word));
   return word >> position % 8;
 }
 
-// How many of the bits of `words` words are set.
+// Counts the set bits of `words` words.
 inline std::size_t CountBits(const std::uint64_t* bits, std::size_t words) {
   std::size_t count = 0;
   for (std::size_t i = 0; i < words; ++i) {

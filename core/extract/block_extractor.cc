@@ -1,3 +1,7 @@
+// The kernels know a block as a line of samples with a shape; this file ties that to the volume. It
+// finds the block's shape and its first sample, runs the kernels (block_kernels.cc), and gives each
+// vertex, where asked, the key of its grid edge in the volume.
+
 #include "core/extract/block_extractor.h"
 
 #include <algorithm>
@@ -35,7 +39,7 @@ class BlockExtractor::Impl {
                   .to_world = &to_world_,
                   .case_table = &case_table_},
                  &scratch_);
-    // Kernels write past the end of what they make.
+    // The vectors are longer than the mesh: kernels write whole registers.
     mesh::BlockMeshView mesh;
     mesh.block_id = samples.block_id;
     mesh.owned_vertex_count = scratch_.owned_vertex_count;
@@ -50,7 +54,7 @@ class BlockExtractor::Impl {
     const mesh::BlockMeshView view = Extract(samples, isovalue);
     mesh->block_id = view.block_id;
     mesh->owned_vertex_count = view.owned_vertex_count;
-    // Not by assign(): it copies types with member initialisers one by one.
+    // assign() would copy types with member initialisers one by one.
     mesh->positions.resize(view.positions.size());
     std::ranges::copy(view.positions, mesh->positions.begin());
     mesh->normals.resize(view.normals.size());
@@ -62,6 +66,8 @@ class BlockExtractor::Impl {
   }
 
  private:
+  // Adds the key of each vertex's edge: 3 * (index of its lower sample in the volume) + axis.
+  // Blocks that share the edge compute the same key.
   void FillEdgeKeys(const BlockShape& shape, const Index3& begin, mesh::BlockMesh* mesh) const {
     const Index3& dims = layout_.sample_dims();
     mesh->edge_keys.reserve(scratch_.vertex_count);

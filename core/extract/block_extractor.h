@@ -1,4 +1,6 @@
-// Extracts the isosurface of one block (marching cubes; docs/numerics.md).
+// Extracts the isosurface of one block by marching cubes. Every number that it returns is defined
+// in docs/numerics.md; how it is computed, at the head of block_kernels.cc. Steps 2 and 3 of a
+// frame.
 
 #ifndef ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
 #define ISOSCOPE_CORE_EXTRACT_BLOCK_EXTRACTOR_H_
@@ -15,24 +17,28 @@
 
 namespace isoscope::extract {
 
-// Holds scratch space that grows to the largest block and is reused. Thread-compatible: one for
-// each thread.
+// Holds scratch space that grows to the largest block and is reused. Thread-compatible: each thread
+// has its own extractor.
 class BlockExtractor {
  public:
   BlockExtractor(const volume::GridGeometry& geometry, const volume::BlockLayout& layout);
-  // With `shapes` of that layout, which many extractors may share.
+  // Shares `shapes`, which must be those of `layout`, with other extractors.
   BlockExtractor(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
                  std::shared_ptr<const BlockShapes> shapes);
   ~BlockExtractor();
   BlockExtractor(BlockExtractor&&) noexcept;
   BlockExtractor& operator=(BlockExtractor&&) noexcept;
 
-  // The isosurface of the block, in scratch space: until the next call. `samples` as BlockSamples
-  // says; isovalue in field units. Cells that touch a NaN sample have no triangles. A vertex lies
-  // at t = (isovalue - a) / (b - a) between the edge's lower sample a and upper sample b.
-  // REQUIRES: isovalue is finite. Complexity: O(samples); at most 5 triangles a cell.
+  // Returns the isosurface of a block: a view of scratch space, valid until the next call.
+  //
+  // samples:  the block's stored samples [z][y][x], x fastest, ghosts included
+  // isovalue: field units
+  //
+  // A vertex lies at t = (isovalue - a) / (b - a) between the edge's lower sample a and its upper
+  // sample b. Cells that touch a NaN sample have no triangles.
+  // REQUIRES: isovalue is finite. O(samples); at most 5 triangles a cell.
   mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue);
-  // Replaces `mesh` by it, with edge keys.
+  // Does the same, and replaces `mesh` by a copy with edge keys.
   void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
                            mesh::BlockMesh* mesh);
 

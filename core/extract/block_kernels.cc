@@ -1,3 +1,28 @@
+// Extracts a block in five passes, over all its stored samples as one line: sample (x, y, z) is bit
+// x + y * row + z * slice of a bit row, so one operation on a word handles 64 samples.
+//
+//   1. ClassifyInside: one bit a sample, set iff it is inside.
+//   2. FindCrossings: an edge is crossed iff the bits of its ends differ: inside ^ (inside >>
+//      stride), stride 1, row or slice. A cell is active iff its eight bits are neither all set nor
+//      all clear. Masks of the shape drop the edges and cells that are not the block's.
+//   3. AssignVertexIds: list the crossed edges, axis by axis; a vertex id is the position in the
+//      list.
+//   4. PlaceVertices: positions and normals, a batch of 128 vertices at a time.
+//   5. MakeTriangles: for each active cell, the ids that the case table names.
+//
+// Passes 1 to 3 are in edge_crossings-inl.h, pass 4 in vertex_placement-inl.h, pass 5 is here.
+//
+// Example: a row of samples 3 7 9 4 with isovalue 5 has the inside bits 0 1 1 0, lowest first;
+// shifted by one sample they are 1 1 0 -, so the edges at x = 0 and x = 2 are crossed. Their
+// vertices lie at 0 + (5 - 3) / (7 - 3) = 0.5 and at 2 + (5 - 9) / (4 - 9) = 2.8.
+//
+// Invariants: passes 1 and 2 take the same time whatever the samples are; the others take time for
+// each vertex and active cell. Blocks with NaN, infinities or doubles near overflow go through a
+// slower variant of passes 2 and 4, which gives the same bits for ordinary samples.
+//
+// Based on: Lorensen and Cline 1987 (references.bib: lorensen-cline); the order of passes is that
+// of Schroeder, Maynard and Geveci 2015 (flying-edges), with bits instead of edge cases of rows.
+
 #include "core/extract/block_kernels.h"
 
 #include <cstddef>
@@ -6,13 +31,13 @@
 #include "core/extract/bit_row.h"
 #include "core/volume/scalar_span.h"
 
-// Ice Lake and Zen 4 onwards have their own target: they can list the set bits of a word at once.
+// Processors from Ice Lake and Zen 4 on can list the set bits of a word at once: their own target.
 #define HWY_WANT_AVX3_DL
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/extract/block_kernels.cc"
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
 #include "hwy/highway.h"
-// After foreach_target.h: once for each instruction set, as this file.
+// After foreach_target.h: included once for each instruction set, like this file.
 #include "core/extract/edge_crossings-inl.h"
 #include "core/extract/vertex_placement-inl.h"
 
@@ -23,7 +48,12 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Fills indices and index_count from vertex_ids.
+// Pass 5 lists the active cells, reads the case of each from the bits of its eight corners, and
+// looks up the vertex ids of its triangles. Fills indices and index_count.
+//
+// Up to 15 ids of a cell are fetched by lane, 4 * (corner of the edge's lower sample) + axis, which
+// the case table lists: the 32 ids that a cell can use lie in four pairs of neighbouring samples,
+// one pair for each row of the cell. kNarrow: two rows of a slice fit into one load of bits.
 template <bool kNarrow>
 void MakeTriangles(const BlockTask& task, BlockScratch* scratch) {
   const BlockShape& shape = *task.shape;
@@ -37,7 +67,7 @@ void MakeTriangles(const BlockTask& task, BlockScratch* scratch) {
   std::uint32_t* out = scratch->indices.data();
   for (std::size_t i = 0; i < cell_count; ++i) {
     const std::size_t sample = scratch->cells[i];
-    // Four corners each: two in this row, two in the next.
+    // The four corners of the lower slice, then of the upper: two bits of a row each.
     const std::uint64_t low = LoadBits(inside, sample);
     const std::uint64_t high = LoadBits(inside, sample + slice);
     const std::uint64_t low_next = kNarrow ? low >> row : LoadBits(inside, sample + row);
@@ -48,7 +78,7 @@ void MakeTriangles(const BlockTask& task, BlockScratch* scratch) {
     const std::size_t count = 3 * std::size_t{task.case_table->triangle_counts[cell_case]};
     const std::uint32_t* ids = scratch->vertex_ids.data() + 4 * sample;
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
-    // All vertices of the cell in two registers, by corner and axis.
+    // Load all 32 ids of the cell into two registers, and pick 16 with one permutation.
     const hn::FixedTag<std::uint32_t, 8> d8;
     const hn::FixedTag<std::uint32_t, 16> d16;
     const auto lower = hn::Combine(d16, hn::LoadU(d8, ids + 4 * row), hn::LoadU(d8, ids));
@@ -73,7 +103,7 @@ void MakeTriangles(const BlockTask& task, BlockScratch* scratch) {
   scratch->index_count = static_cast<std::size_t>(out - scratch->indices.data());
 }
 
-// Sizes the scratch space that depends on the shape only.
+// Grows the scratch space that depends on the shape alone.
 void UseShape(const BlockShape& shape, BlockScratch* scratch) {
   scratch->padding = (shape.slice + shape.row + 1) / 64 + 2;
   const std::size_t padded = shape.padded_word_count + 2 * scratch->padding;
@@ -87,8 +117,7 @@ void UseShape(const BlockShape& shape, BlockScratch* scratch) {
   Grow(4 * (shape.sample_count + 1), &scratch->vertex_ids);
 }
 
-// (1) one bit a sample: inside or not; (2) crossed edges and active cells from shifts of those
-// bits; (3) a number for every crossed edge; (4) positions and normals, in batches; (5) triangles.
+// Runs the passes on samples of type T.
 template <typename T>
 void Extract(const BlockTask& task, BlockScratch* scratch) {
   const BlockShape& shape = *task.shape;
@@ -112,7 +141,7 @@ void Extract(const BlockTask& task, BlockScratch* scratch) {
   } else {
     FindCrossings<false>(shape, scratch);
   }
-  NumberVertices(shape, scratch);
+  AssignVertexIds(shape, scratch);
   if (scratch->vertex_count == 0) {
     return;
   }
@@ -125,7 +154,7 @@ void Extract(const BlockTask& task, BlockScratch* scratch) {
   } else {
     PlaceVertices<T, Care::kNone>(task, scratch);
   }
-  // LoadBits has 57 bits.
+  // LoadBits returns 57 valid bits: enough for two rows of samples, and one corner more in x.
   if (shape.row + 2 <= 57) {
     MakeTriangles<true>(task, scratch);
   } else {

@@ -1,6 +1,6 @@
-// The passes of extraction over one block, compiled for several instruction sets (Highway); the
-// best one that the machine has is chosen at run time. All give the same bits: no operation is
-// fused, none is approximate, and none depends on the width of registers.
+// The passes of extraction over one block, compiled for several instruction sets with Highway. The
+// best one of the machine is chosen at run time. All give the same bits: no operation is fused or
+// approximate, and none depends on the width of registers.
 
 #ifndef ISOSCOPE_CORE_EXTRACT_BLOCK_KERNELS_H_
 #define ISOSCOPE_CORE_EXTRACT_BLOCK_KERNELS_H_
@@ -18,20 +18,19 @@
 
 namespace isoscope::extract {
 
-// One block to extract. Does not own what it points to.
+// A block to extract. Does not own what its pointers refer to.
 struct BlockTask {
   volume::ScalarType type = volume::ScalarType::kUint8;
   const char* bytes = nullptr;  // shape->sample_count samples, any alignment
   double isovalue = 0;          // finite
   const BlockShape* shape = nullptr;
-  math::Vec3d begin;  // the first stored sample, in the volume's samples
-  // World gradient from index gradient.
-  const math::Mat3d* to_world = nullptr;
+  math::Vec3d begin;                      // index of the first stored sample in the volume
+  const math::Mat3d* to_world = nullptr;  // takes gradients from index to world space
   const CaseTable* case_table = nullptr;
 };
 
-// What extraction leaves, and scratch space that only grows. Vectors are longer than what they
-// hold: kernels write whole registers.
+// The result of extraction, and scratch space that only grows. Vectors are longer than their
+// content, because kernels write whole registers: the counts say how much is valid.
 struct BlockScratch {
   // The result.
   std::size_t vertex_count = 0;
@@ -40,21 +39,22 @@ struct BlockScratch {
   std::vector<math::Vec3f> positions;
   std::vector<math::Vec3f> normals;
   std::vector<std::uint32_t> indices;
-  // By axis, the lower samples of the crossed edges that have a vertex; vertices are numbered in
-  // this order. edge_counts[axis] are in use.
+  // By axis: the lower samples, ascending, of the crossed edges that have a vertex. Vertex ids
+  // count through these lists in order: x, y, z. edge_counts[axis] elements are valid.
   std::array<std::vector<std::uint32_t>, 3> edge_samples;
   std::array<std::size_t, 3> edge_counts{};
 
-  // One bit a sample; the first three have bit 0 at word `padding` and as many words at the end,
-  // because shifts read past both ends. What they read there is masked.
+  // Bit rows, one bit a sample. An edge has the bit of its lower sample, a cell that of its lowest.
+  // The first three rows have `padding` words before bit 0 and as many at the end, because shifts
+  // read past both ends; the masks of the shape remove such bits.
   std::size_t padding = 0;
   BitRow inside;
-  BitRow valid;        // not NaN
-  BitRow valid_cells;  // no corner is NaN
+  BitRow valid;        // not NaN; filled only if the block has extreme samples
+  BitRow valid_cells;  // no corner is NaN; likewise
   std::array<BitRow, 3> crossed;
   BitRow active_cells;
-  std::vector<std::uint32_t> vertex_ids;  // [sample][axis of 4], only crossed edges are filled
-  std::vector<std::uint32_t> cells;       // lowest samples of active cells
+  std::vector<std::uint32_t> vertex_ids;  // [sample][4]: by axis; filled for crossed edges only
+  std::vector<std::uint32_t> cells;       // lowest samples of the active cells, ascending
 };
 
 // Extracts the block into `scratch`. Complexity: O(samples); at most 5 triangles a cell.

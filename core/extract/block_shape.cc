@@ -15,7 +15,7 @@ void SetBits(std::size_t begin, std::size_t end, BitRow* mask) {
   }
 }
 
-// Sets the bits of the samples in `box`, given in the block's own sample coordinates.
+// Returns the mask of the samples in `box`. Its coordinates count from the first stored sample.
 BitRow MaskOf(const BlockShape& shape, const math::IndexBox& box) {
   BitRow mask(shape.padded_word_count);
   for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
@@ -75,9 +75,9 @@ BlockShape MakeBlockShape(const volume::BlockLayout& layout, volume::BlockId id)
 }
 
 const BlockShape& BlockShapes::Of(volume::BlockId id) const {
-  Slot& slot = slots_[ClassOf(id)];
-  std::call_once(slot.once, [&] { slot.shape = MakeBlockShape(layout_, id); });
-  return slot.shape;
+  LazyShape& lazy = shapes_[ClassOf(id)];
+  std::call_once(lazy.once, [&] { lazy.shape = MakeBlockShape(layout_, id); });
+  return lazy.shape;
 }
 
 std::size_t BlockShapes::ClassOf(volume::BlockId id) const {

@@ -1,3 +1,26 @@
+// Generates the table from the rule of docs/numerics.md, "Case table", whose steps these are:
+//
+//   1. LinkSegments: on each face, walked counter-clockwise from outside, one segment cuts off
+//      every run of inside corners, from the edge where the walk enters the run to the edge where
+//      it leaves. Two diagonal inside corners (the ambiguous face) are two runs, never joined.
+//   2. Each crossed edge ends a segment on one of its faces and starts one on the other, so the
+//      segments link up to closed loops.
+//   3. Triangulate: all triangulations of a loop that have no diagonal in a face of the cell, where
+//      the neighbour could have the same one: that edge would have four triangles.
+//   4. TriangulateLoop: of these, the ones whose diagonals join edges of like direction, inside to
+//      outside: a coarse gradient, so the surface creases least.
+//   5. Of these, the one whose volume lies nearest half-way between the least and the most; then
+//      the first. Both choices make areas agree with those of VTK's flying edges.
+//
+// Example: case 1 has corner 0 inside, and the crossed edges 0 (along x), 4 (y) and 8 (z). On face
+// z = 0 the walk 0, 2, 3, 1 enters the run {0} on edge 0 and leaves it on edge 4; the other faces
+// add 4 to 8 and 8 to 0: one triangle 0 4 8, lanes 0 1 2. Case 9 has the diagonal corners 0 and 3
+// of that face inside: two triangles, 0 4 8 and 1 5 11, which do not touch.
+//
+// No case needs more than 5 triangles; 32 cases do. Source: Lorensen and Cline 1987
+// (references.bib: lorensen-cline), with a face rule instead of their complementary cases, which
+// leave holes.
+
 #include "core/extract/case_table.h"
 
 #include <algorithm>
@@ -25,7 +48,7 @@ int EdgeBetween(int corner_a, int corner_b) {
   base::CheckFailed(__FILE__, __LINE__, "corners are not neighbours");
 }
 
-// The corners of the face `axis` = `side`, counter-clockwise seen from outside the cell.
+// Returns the corners of the face `axis` = `side`, counter-clockwise seen from outside the cell.
 std::array<int, 4> FaceCorners(int axis, int side) {
   const int u = 1 << (axis + 1) % 3;
   const int v = 1 << (axis + 2) % 3;
@@ -45,13 +68,8 @@ bool ShareFace(int edge_a, int edge_b) {
 
 bool IsInside(int case_number, int corner) { return (case_number >> corner & 1) != 0; }
 
-// next[e]: the crossed edge that follows e on the boundary of the surface, or kNone.
-//
-// On a face, walked counter-clockwise from outside, every run of inside corners is cut off by one
-// segment, from the edge where the walk enters the run to the edge where it leaves it. Two runs
-// (the ambiguous face) are cut off one by one: inside corners are never joined across a face. An
-// edge is entered on one of its faces and left on the other, so the segments link up to closed
-// loops.
+// Step 1. Returns next[e]: the crossed edge that follows e on the boundary of the surface, or
+// kNone.
 std::array<int, kEdgeCount> LinkSegments(int case_number) {
   std::array<int, kEdgeCount> next{};
   next.fill(kNone);
@@ -76,8 +94,8 @@ std::array<int, kEdgeCount> LinkSegments(int case_number) {
   return next;
 }
 
-// 1 minus the cosine of the angle between the directions from inside to outside of two crossed
-// edges: 0 if parallel, 1 if perpendicular, 2 if opposite.
+// Returns 1 - cos of the angle between the directions, inside to outside, of two crossed edges: 0
+// if they are parallel, 1 if perpendicular, 2 if opposite.
 int DirectionDifference(int case_number, int edge_a, int edge_b) {
   if (edge_a / 4 != edge_b / 4) {
     return 1;
@@ -88,7 +106,7 @@ int DirectionDifference(int case_number, int edge_a, int edge_b) {
              : 2;
 }
 
-// Twice the middle of an edge.
+// Returns twice the middle of an edge: whole numbers.
 std::array<int, 3> DoubledMiddle(int edge) {
   const EdgeCorners corners = CornersOfEdge(edge);
   std::array<int, 3> middle{};
@@ -99,8 +117,8 @@ std::array<int, 3> DoubledMiddle(int edge) {
   return middle;
 }
 
-// 48 times the signed volume of the tetrahedron that a triangle between edge middles spans with
-// corner 0.
+// Returns 48 times the signed volume of the tetrahedron that a triangle between the middles of
+// three edges spans with corner 0.
 int SpannedVolume(int edge_a, int edge_b, int edge_c) {
   const auto [ax, ay, az] = DoubledMiddle(edge_a);
   const auto [bx, by, bz] = DoubledMiddle(edge_b);
@@ -114,8 +132,8 @@ struct Triangulation {
   int volume = 0;                // summed over the triangles
 };
 
-// All triangulations of loop[first..last] without a diagonal in a face of the cell. A diagonal in a
-// face could also be one of the neighbour's: an edge with four triangles.
+// Step 3. Returns all triangulations of loop[first..last] without a diagonal in a face of the cell,
+// by the triangle on the side from first to last and both rests.
 std::vector<Triangulation> Triangulate(int case_number, const std::vector<int>& loop,
                                        std::size_t first, std::size_t last) {
   if (last - first < 2) {
@@ -142,10 +160,10 @@ std::vector<Triangulation> Triangulate(int case_number, const std::vector<int>& 
     for (const Triangulation& left : Triangulate(case_number, loop, first, middle)) {
       for (const Triangulation& right : rights) {
         Triangulation& whole = results.emplace_back(split);
-        for (const Triangulation* part : {&left, &right}) {
-          whole.edges.insert(whole.edges.end(), part->edges.begin(), part->edges.end());
-          whole.direction_difference += part->direction_difference;
-          whole.volume += part->volume;
+        for (const Triangulation* side : {&left, &right}) {
+          whole.edges.insert(whole.edges.end(), side->edges.begin(), side->edges.end());
+          whole.direction_difference += side->direction_difference;
+          whole.volume += side->volume;
         }
       }
     }
@@ -153,10 +171,7 @@ std::vector<Triangulation> Triangulate(int case_number, const std::vector<int>& 
   return results;
 }
 
-// Three edges for each triangle of a loop. An edge's direction is a coarse gradient, so diagonals
-// between edges of like direction crease the surface least. Where several sets of diagonals are
-// equal in that, the one is taken that leaves the inside neither a large nor a small volume; then
-// the first. These choices make areas agree with those of VTK's flying edges (docs/numerics.md).
+// Steps 4 and 5. Returns three edges for each triangle of a loop.
 std::vector<int> TriangulateLoop(int case_number, const std::vector<int>& loop) {
   const std::vector<Triangulation> candidates = Triangulate(case_number, loop, 0, loop.size() - 1);
   ISOSCOPE_CHECK(!candidates.empty());
@@ -174,6 +189,7 @@ std::vector<int> TriangulateLoop(int case_number, const std::vector<int>& loop) 
       ->edges;
 }
 
+// Step 2 follows the segments of each case to loops, which start at their lowest edge.
 CaseTable MakeCaseTable() {
   CaseTable table;
   for (int case_number = 0; case_number < 256; ++case_number) {

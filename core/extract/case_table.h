@@ -1,11 +1,12 @@
-// Marching cubes, case by case: which grid edges of a cell each triangle joins.
+// The marching cubes table: for each case of a cell, the grid edges that its triangles join.
 //
 // Corner c of a cell lies at (c & 1, c >> 1 & 1, c >> 2 & 1) from its lowest sample. Bit c of a
 // case number is set iff corner c is inside. Edge 4 * axis + k runs along `axis`; the low bit of k
 // is the offset on the lower of the other two axes, the high bit on the higher.
 //
-// The table is generated from one rule (docs/numerics.md), which makes meshes of neighbouring cells
-// fit without cracks: what happens on a face depends on the four signs of that face only.
+// The table is generated from one rule (docs/numerics.md, "Case table"). Meshes of neighbouring
+// cells fit without cracks, because the segments on a face depend on the four signs of that face
+// alone.
 
 #ifndef ISOSCOPE_CORE_EXTRACT_CASE_TABLE_H_
 #define ISOSCOPE_CORE_EXTRACT_CASE_TABLE_H_
@@ -34,13 +35,13 @@ constexpr EdgeCorners CornersOfEdge(int edge) {
 // Immutable; thread-safe.
 struct CaseTable {
   std::array<std::uint8_t, 256> triangle_counts{};
-  // Three edges for each triangle, counter-clockwise seen from outside; the rest is 0.
+  // By case: three edges for each triangle, counter-clockwise seen from outside; the rest is 0.
   std::array<std::array<std::uint8_t, 16>, 256> edges{};
-  // The same, each edge as 4 * (its lower corner) + axis.
+  // The same triangles, each edge as its lane: 4 * (its lower corner) + axis.
   std::array<std::array<std::uint8_t, 16>, 256> lanes{};
 };
 
-// The table, made on first use. Thread-safe.
+// Returns the table, which is made on first use. Thread-safe.
 const CaseTable& GetCaseTable();
 
 }  // namespace isoscope::extract

@@ -1,6 +1,28 @@
-// Passes 1 to 3 of extraction: which samples are inside, which edges are crossed, and a number for
-// each of those.
-// Included once for each instruction set, by block_kernels.cc.
+// Passes 1 to 3 of extraction: classify the samples, find the crossed edges and active cells,
+// assign vertex ids. All three work on bit rows, one bit a sample (block_kernels.cc has the whole
+// picture). Included once for each instruction set, by block_kernels.cc.
+//
+//   1. ClassifyInside compares a register of samples with the threshold and packs the mask, 64
+//      samples to a word.
+//   2. FindCrossings loads a word of bits seven more times, shifted to the other corners of the
+//      cells:
+//
+//        corner   000   100   010   110     001     101       011         111
+//        shift      0     1   row   row+1   slice   slice+1   slice+row   slice+row+1
+//
+//      x edges are 000 ^ 100, y edges 000 ^ 010, z edges 000 ^ 001; a cell is active iff the OR of
+//      all eight is set and the AND is not. The masks of the shape then drop bits that are no edge
+//      or cell of the block, such as the x edge from the end of a row to the start of the next.
+//   3. AssignVertexIds lists the set bits, axis by axis. The position in the three lists, one after
+//      the other, is the vertex id; it is kept by sample and axis for pass 5.
+//
+// Invariant: a shifted load reads up to slice + row + 1 bits past the word, so the bit rows have
+// padding at both ends.
+//
+// With NaN a second bit row marks the samples that are numbers. An edge needs both ends, a cell all
+// eight corners; owned vertices are counted by that alone (docs/numerics.md, "Unique vertex
+// count"). Then edges that no valid cell touches are dropped, so that every vertex has a cell that
+// can draw it.
 
 // Highway's guard: defined and undefined in turn.
 #if defined(ISOSCOPE_CORE_EXTRACT_EDGE_CROSSINGS_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -30,10 +52,11 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// ListBits writes up to this many elements past the end; whole registers may be read there.
+// ListBits writes up to this many elements past the end, and passes may read whole registers there.
 inline constexpr std::size_t kListPadding = 64;
 
-// Writes the positions of the set bits of `words` words, ascending; returns how many there are.
+// Writes the positions of the set bits of `words` words, ascending, and returns their count.
+// out: capacity of that count + kListPadding
 inline std::size_t ListBits(const std::uint64_t* bits, std::size_t words, std::uint32_t* out) {
   const std::uint32_t* const begin = out;
 #if HWY_TARGET <= HWY_AVX3_DL && HWY_ARCH_X86
@@ -62,7 +85,7 @@ inline std::size_t ListBits(const std::uint64_t* bits, std::size_t words, std::u
     std::uint64_t rest = bits[i];
     const auto first = static_cast<std::uint32_t>(64 * i);
     const int count = std::popcount(rest);
-    // By eights, whatever the count: branches that depend on it are hard to predict.
+    // Writes eight at a time whatever the count is: a branch for each bit is hard to predict.
     std::uint32_t* at = out;
     do {
       for (int k = 0; k < 8; ++k) {
@@ -77,7 +100,7 @@ inline std::size_t ListBits(const std::uint64_t* bits, std::size_t words, std::u
   return static_cast<std::size_t>(out - begin);
 }
 
-// Samples of a register, at most 64 of them: a register's mask fits a word.
+// A register of samples, at most 64 of them, so that its mask fits a word.
 template <typename T>
 using SampleTag = hn::CappedTag<T, 64 / sizeof(T)>;
 
@@ -92,7 +115,7 @@ hn::Vec<SampleTag<T>> LoadSamples(const char* bytes) {
 #endif
 }
 
-// The bits of predicate(register of samples) for 64 samples.
+// Writes the bits of predicate(register of samples) for 64 samples to one word.
 template <typename T, typename Predicate>
 void PackWord(const char* bytes, const Predicate& predicate, std::uint64_t* word) {
   const SampleTag<T> d;
@@ -116,8 +139,8 @@ void PackWord(const char* bytes, const Predicate& predicate, std::uint64_t* word
   std::memcpy(word, packed.data(), sizeof(*word));
 }
 
-// Sets bit i of `bits` iff predicate(sample i), for `count` samples; the rest of the last word is
-// as for samples that are 0.
+// Sets bit i of `bits` iff predicate(sample i), for `count` samples. The rest of the last word is
+// as for samples of value 0.
 template <typename T, typename Predicate>
 void ClassifySamples(const char* bytes, std::size_t count, const Predicate& predicate,
                      std::uint64_t* bits) {
@@ -132,7 +155,7 @@ void ClassifySamples(const char* bytes, std::size_t count, const Predicate& pred
   }
 }
 
-// Sets the bits of the samples that are inside.
+// Pass 1 sets the bit of each sample that is inside, sample >= threshold; NaN is not.
 template <typename T>
 void ClassifyInside(const char* bytes, std::size_t count, T threshold, std::uint64_t* bits) {
   const auto limit = hn::Set(SampleTag<T>(), threshold);
@@ -145,8 +168,8 @@ void ClassifyInside(const char* bytes, std::size_t count, T threshold, std::uint
   }
 }
 
-// True iff plain differences of these samples can overflow or are not finite: some sample is NaN,
-// infinite or, for doubles, at least 2^1022.
+// Returns true if plain differences of these samples may not be finite: some sample is NaN or
+// infinite or, for doubles, at least 2^1022 in magnitude.
 template <typename T>
 bool HasExtremeSamples(const char* bytes, std::size_t count) {
   if constexpr (std::is_floating_point_v<T>) {
@@ -172,7 +195,8 @@ bool HasExtremeSamples(const char* bytes, std::size_t count) {
 
 using WordTag = hn::CappedTag<std::uint64_t, kWordGroup>;
 
-// Bits [64 word + offset, 64 word + offset + 64) for a register of words.
+// Loads the bits [64 w + offset, 64 w + offset + 64) for a register of words w. A shift by 64 is
+// not defined, so the upper word is doubled and shifted by one less.
 class ShiftedBits {
  public:
   explicit ShiftedBits(std::size_t offset)
@@ -191,11 +215,12 @@ class ShiftedBits {
   int left_;
 };
 
-// Removes from `crossed` the edges that no valid cell of the block touches.
+// Removes from `crossed` the edges that no valid cell of the block touches: an edge belongs to the
+// cell at its lower sample and to those one step back on either or both other axes.
 inline void DropEdgesWithoutCells(const BlockShape& shape, BlockScratch* scratch) {
   const std::uint64_t* cells = scratch->valid_cells.data() + scratch->padding;
   std::fill_n(scratch->valid_cells.begin(), scratch->padding, 0);
-  // Bits [64 word - offset, 64 word - offset + 64).
+  // Loads the bits [64 word - offset, 64 word - offset + 64).
   const auto back = [&](std::size_t word, std::size_t offset) {
     const std::uint64_t* at = cells + word - offset / 64;
     const std::size_t shift = offset % 64;
@@ -211,6 +236,7 @@ inline void DropEdgesWithoutCells(const BlockShape& shape, BlockScratch* scratch
   }
 }
 
+// Pass 2 finds the crossed edges and the active cells, and counts the vertices that the block owns.
 // Fills crossed, active_cells and owned_vertex_count.
 template <bool kHasNan>
 void FindCrossings(const BlockShape& shape, BlockScratch* scratch) {
@@ -246,14 +272,14 @@ void FindCrossings(const BlockShape& shape, BlockScratch* scratch) {
     auto y_edges = hn::And(hn::Xor(c0, cy), mask(shape.edges[1]));
     auto z_edges = hn::And(hn::Xor(c0, cz), mask(shape.edges[2]));
     if constexpr (kHasNan) {
-      const std::uint64_t* numbers = valid + i;
-      const auto v0 = hn::LoadU(d, numbers);
-      const auto vx = hn::And(v0, x(numbers));
-      const auto vy = hn::And(v0, y(numbers));
-      const auto vz = hn::And(v0, z(numbers));
+      const std::uint64_t* not_nan = valid + i;
+      const auto v0 = hn::LoadU(d, not_nan);
+      const auto vx = hn::And(v0, x(not_nan));
+      const auto vy = hn::And(v0, y(not_nan));
+      const auto vz = hn::And(v0, z(not_nan));
       cells = hn::And(hn::And(cells, vx), hn::And(vy, vz));
       for (const ShiftedBits* shifted : {&xy, &xz, &yz, &xyz}) {
-        cells = hn::And(cells, (*shifted)(numbers));
+        cells = hn::And(cells, (*shifted)(not_nan));
       }
       hn::StoreU(cells, d, valid_cells + i);
       x_edges = hn::And(x_edges, vx);
@@ -277,10 +303,11 @@ void FindCrossings(const BlockShape& shape, BlockScratch* scratch) {
   }
 }
 
-// Fills edge_samples, vertex_ids and vertex_count. Lists are filled up with a copy of their last
-// sample to whole registers.
-inline void NumberVertices(const BlockShape& shape, BlockScratch* scratch) {
-  std::size_t number = 0;
+// Pass 3 gives each crossed edge a vertex id. Fills edge_samples, edge_counts, vertex_ids and
+// vertex_count. Copies of its last sample follow each list, so that pass 4 reads valid samples in
+// whole registers.
+inline void AssignVertexIds(const BlockShape& shape, BlockScratch* scratch) {
+  std::size_t vertex_count = 0;
   std::uint32_t* ids = scratch->vertex_ids.data();
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::uint64_t* crossed = scratch->crossed[axis].data();
@@ -288,15 +315,15 @@ inline void NumberVertices(const BlockShape& shape, BlockScratch* scratch) {
     Grow(CountBits(crossed, shape.word_count) + kListPadding, &list);
     const std::size_t count = ListBits(crossed, shape.word_count, list.data());
     for (std::size_t i = 0; i < count; ++i) {
-      ids[4 * std::size_t{list[i]} + axis] = static_cast<std::uint32_t>(number + i);
+      ids[4 * std::size_t{list[i]} + axis] = static_cast<std::uint32_t>(vertex_count + i);
     }
     if (count > 0) {
       std::fill_n(list.begin() + static_cast<std::ptrdiff_t>(count), kListPadding, list[count - 1]);
     }
     scratch->edge_counts[axis] = count;
-    number += count;
+    vertex_count += count;
   }
-  scratch->vertex_count = number;
+  scratch->vertex_count = vertex_count;
 }
 
 }  // namespace

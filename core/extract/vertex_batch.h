@@ -1,5 +1,10 @@
-// From samples to what positions and normals are computed from: one vertex at a time, for any
-// block. What SIMD does for most vertices is in vertex_placement-inl.h, and gives the same bits.
+// Gathers, for a batch of vertices, the samples that their positions and normals are computed from:
+// one vertex at a time, for any block. vertex_placement-inl.h does the same with SIMD for most
+// vertices, and gives the same bits.
+//
+// Three variants differ in the checks that they make (docs/numerics.md, "Vertex position" and
+// "Normals"): GatherPlainly makes none, GatherAtBorder looks for missing neighbours,
+// GatherCarefully also for samples that are not finite or so large that differences overflow.
 
 #ifndef ISOSCOPE_CORE_EXTRACT_VERTEX_BATCH_H_
 #define ISOSCOPE_CORE_EXTRACT_VERTEX_BATCH_H_
@@ -22,7 +27,8 @@ T LoadSample(const char* bytes, std::size_t index) {
   return value;
 }
 
-// What the differences of two samples are kept as: exact for integers, double for the others.
+// The type of the difference of two samples: exact for integers of up to 16 bits, double for
+// others.
 template <typename T>
 using Difference =
     std::conditional_t<std::is_integral_v<T> && sizeof(T) <= 2, std::int32_t, double>;
@@ -32,13 +38,14 @@ Difference<T> Subtract(T a, T b) {
   return static_cast<Difference<T>>(a) - static_cast<Difference<T>>(b);
 }
 
-// Vertices on edges of one axis on their way from samples to positions and normals: whole registers
-// of them, up to this many.
+// Vertices in a batch: a multiple of every register's lanes.
 inline constexpr std::size_t kBatch = 128;
 
+// A batch of vertices on edges of one axis. The gather fills the inputs, ComputeVertices the
+// outputs.
 template <typename D>
 struct VertexBatch {
-  // t = numerator / denominator.
+  // Position along the edge: t = numerator / denominator.
   alignas(64) std::array<double, kBatch> numerators;
   alignas(64) std::array<double, kBatch> denominators;
   // Twice the gradient in index space at the edge's lower and upper sample.
@@ -48,14 +55,14 @@ struct VertexBatch {
   alignas(64) std::array<std::array<float, kBatch>, 3> normals;
 };
 
-// By axis: samples from one to the next, and how many there are.
+// The block's stored samples, by axis: distance from a sample to the next, and their count.
 struct Strides {
   std::array<std::size_t, 3> samples;
   std::array<std::size_t, 3> dims;
 };
 
-// Twice the gradient component along `axis` at `sample`: the central difference, or the one-sided
-// one where a neighbour is missing or not finite, or 0.
+// Returns twice the gradient component along `axis` at `sample`: the central difference; the
+// one-sided one where a neighbour is missing or not finite; 0 where neither is possible.
 template <typename T>
 Difference<T> CarefulGradient(const char* bytes, const Strides& grid, std::size_t sample,
                               std::size_t axis) {
@@ -93,7 +100,8 @@ struct Fraction {
   double denominator = 1;
 };
 
-// t of a crossed edge, for samples that may be infinite or overflow when subtracted: the limits.
+// Returns t of a crossed edge whose samples may be infinite, or overflow when subtracted: the
+// limit.
 inline Fraction CarefulFraction(double lower, double upper, double isovalue) {
   if (std::isinf(lower)) {
     return std::isinf(upper) ? Fraction{1, 2} : Fraction{1, 1};
@@ -108,7 +116,7 @@ inline Fraction CarefulFraction(double lower, double upper, double isovalue) {
   return {isovalue - lower, denominator};
 }
 
-// Puts vertex `i`, on the edge along `axis` from sample `lower`, into the batch, with all checks.
+// Gathers vertex `i` of the batch, on the edge along `axis` from sample `lower`, with all checks.
 template <typename T>
 void GatherCarefully(const char* bytes, const Strides& grid, std::size_t axis, double isovalue,
                      std::size_t lower, std::size_t i, VertexBatch<Difference<T>>* batch) {
@@ -123,7 +131,7 @@ void GatherCarefully(const char* bytes, const Strides& grid, std::size_t axis, d
   }
 }
 
-// The same in a block without extreme samples.
+// Does the same in a block without extreme samples.
 template <typename T>
 void GatherAtBorder(const char* bytes, const Strides& grid, std::size_t axis, double isovalue,
                     std::uint32_t lower, std::size_t i, VertexBatch<Difference<T>>* batch) {
@@ -135,7 +143,7 @@ void GatherAtBorder(const char* bytes, const Strides& grid, std::size_t axis, do
   const auto row = static_cast<std::uint32_t>(grid.samples[1]);
   const auto slice = static_cast<std::uint32_t>(grid.samples[2]);
   std::array<std::size_t, 3> at{lower % slice % row, lower % slice / row, lower / slice};
-  // What CarefulGradient computes, without branches.
+  // Computes the same as CarefulGradient, without branches.
   const auto gradient = [&](std::size_t sample, std::size_t k) {
     const bool has_lower = at[k] > 0;
     const bool has_upper = at[k] + 1 < grid.dims[k];
@@ -154,7 +162,7 @@ void GatherAtBorder(const char* bytes, const Strides& grid, std::size_t axis, do
   }
 }
 
-// The same for an interior edge in a block without extreme samples.
+// Does the same for an interior edge in a block without extreme samples.
 template <typename T>
 void GatherPlainly(const char* bytes, const Strides& grid, std::size_t axis, double isovalue,
                    std::size_t lower, std::size_t i, VertexBatch<Difference<T>>* batch) {
@@ -172,13 +180,14 @@ void GatherPlainly(const char* bytes, const Strides& grid, std::size_t axis, dou
   }
 }
 
-// Which vertices need the checks of GatherCarefully.
+// The checks that the vertices of a block need.
 enum class Care {
-  kNone,    // no sample is extreme and the block has ghosts all around
-  kBorder,  // no sample is extreme; only edges that are not interior lack neighbours
-  kFull,
+  kNone,    // none: no sample is extreme, and the block has ghosts all around
+  kBorder,  // no sample is extreme; edges that are not interior may lack neighbours
+  kFull,    // all: some sample is extreme
 };
 
+// Gathers `count` vertices on edges along `axis`, whose lower samples are `samples`.
 template <typename T, Care kCare>
 void GatherVertices(const char* bytes, const Strides& grid, const BitRow& interior,
                     std::size_t axis, double isovalue, const std::uint32_t* samples,

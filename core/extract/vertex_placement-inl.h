@@ -1,5 +1,24 @@
-// Pass 4 of extraction: positions and normals of vertices, in batches.
-// Included once for each instruction set, by block_kernels.cc.
+// Pass 4 of extraction: positions and normals of vertices, in batches of 128 on edges of one axis.
+// Included once for each instruction set, by block_kernels.cc. For each batch:
+//
+//   1. Gather: isovalue - a and b - a for the edge's samples a and b, and at both ends twice the
+//      gradient, by central differences. GatherSmall and GatherLarge do that with SIMD gathers for
+//      interior edges; vertex_batch.h does it one by one for the others and where the machine has
+//      no gather.
+//   2. ComputeVertices, in double: t = (isovalue - a) / (b - a); the position from the sample's
+//      coordinates, plus t along the axis; the gradient between both ends at t, to world space,
+//      negated and normalised.
+//   3. Interleave: from one array a component to vectors of three floats.
+//
+// Invariants: the factor 2 of the gradients cancels when they are normalised. 8- and 16-bit samples
+// are subtracted as integers, others as doubles: both are exact or rounded once, the same in every
+// lane, so all variants and instruction sets give the same bits.
+//
+// Coordinates come from the linear index by z = trunc((index + 0.5) / slice), and so on; the half
+// keeps rounded quotients away from whole numbers. Example: rows of 19 samples, slices of 361;
+// index 411 gives z = trunc(411.5 / 361) = 1, y = trunc(50.5 / 19) = 2, x = 50 - 38 = 12.
+//
+// Formulas: docs/numerics.md, "Vertex position" and "Normals".
 
 // Highway's guard: defined and undefined in turn.
 #if defined(ISOSCOPE_CORE_EXTRACT_VERTEX_PLACEMENT_INL_H_) == defined(HWY_TARGET_TOGGLE)
@@ -34,7 +53,7 @@ using DoubleVec = hn::Vec<DoubleTag>;
 using FloatHalfTag = hn::Rebind<float, DoubleTag>;
 using IntHalfTag = hn::Rebind<std::int32_t, DoubleTag>;
 
-// As many doubles as a register holds.
+// Loads a register of doubles.
 inline DoubleVec LoadDoubles(const double* from) { return hn::Load(DoubleTag(), from); }
 inline DoubleVec LoadDoubles(const std::int32_t* from) {
   return hn::PromoteTo(DoubleTag(), hn::Load(IntHalfTag(), from));
@@ -47,7 +66,8 @@ inline DoubleVec LoadDoubles(const std::int32_t* from) {
 #endif
 
 #if ISOSCOPE_EXTRACT_HAS_GATHER
-// Sample kIndex of those in a register of 32-bit lanes, lowest first.
+// Extracts sample kIndex, lowest first, of those in each 32-bit lane, and extends its sign or
+// zeros.
 template <typename T, int kIndex>
 hn::Vec<hn::ScalableTag<std::int32_t>> SampleOfLane(hn::Vec<hn::ScalableTag<std::int32_t>> lanes) {
   constexpr int kBits = 8 * static_cast<int>(sizeof(T));
@@ -61,9 +81,10 @@ hn::Vec<hn::ScalableTag<std::int32_t>> SampleOfLane(hn::Vec<hn::ScalableTag<std:
   }
 }
 
-// As GatherVertices<T, Care::kNone>, for 8- and 16-bit samples: 4 bytes are fetched at once, so
-// that neighbours in x come together. They are in the block: an interior sample has whole rows of
-// others behind it. `count` is rounded up to whole registers; `samples` must have as many.
+// Step 1 for 8- and 16-bit samples without checks, as GatherVertices<T, Care::kNone>. Each gather
+// fetches 4 bytes, so that neighbours in x come together: a byte sample with both its neighbours,
+// or two 16-bit samples. The bytes are all in the block, because whole rows of samples follow an
+// interior one. `count` is rounded up to whole registers; `samples` must have as many.
 template <typename T, std::size_t kAxis>
 void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
                  const std::uint32_t* samples, std::size_t count,
@@ -83,12 +104,12 @@ void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
       return hn::GatherOffset(d, base, hn::Add(offset, hn::Set(d, delta * kSize)));
     };
     const auto one = [&](std::int32_t delta) { return SampleOfLane<T, 0>(at(delta)); };
-    // By axis, the samples before and after the lower and the upper end.
+    // By axis: the samples before and after the edge's lower and upper end.
     std::array<Vec, 3> lower_before;
     std::array<Vec, 3> lower_after;
     std::array<Vec, 3> upper_before;
     std::array<Vec, 3> upper_after;
-    // Samples delta - 1, delta and delta + 1.
+    // Gathers the samples delta - 1, delta and delta + 1.
     const auto three = [&](std::int32_t delta, Vec* before, Vec* center, Vec* after) {
       const Vec first = at(delta - 1);
       *before = SampleOfLane<T, 0>(first);
@@ -143,7 +164,7 @@ void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
       hn::Store(hn::Sub(lower_after[k], lower_before[k]), d, batch->lower_gradients[k].data() + i);
       hn::Store(hn::Sub(upper_after[k], upper_before[k]), d, batch->upper_gradients[k].data() + i);
     }
-    // Differences of these are exact, whether taken as integers or as doubles.
+    // These differences are exact, as integers and as doubles.
     const Vec difference = hn::Sub(upper, lower);
     const std::size_t half = hn::Lanes(dd);
     const hn::Half<decltype(d)> dh;
@@ -157,7 +178,7 @@ void GatherSmall(const char* bytes, const BlockShape& shape, double isovalue,
   }
 }
 
-// Fetches samples as doubles.
+// Gathers samples of 32 or 64 bits and converts them to double.
 template <typename T>
 DoubleVec GatherDoubles(const char* bytes, hn::Vec<IntHalfTag> samples) {
   const DoubleTag dd;
@@ -179,7 +200,7 @@ DoubleVec GatherDoubles(const char* bytes, hn::Vec<IntHalfTag> samples) {
   }
 }
 
-// As GatherSmall, for 32- and 64-bit samples.
+// Step 1 for 32- and 64-bit samples without checks: one gather for each sample.
 template <typename T>
 void GatherLarge(const char* bytes, const BlockShape& shape, std::size_t axis, double isovalue,
                  const std::uint32_t* samples, std::size_t count, VertexBatch<double>* batch) {
@@ -209,6 +230,7 @@ void GatherLarge(const char* bytes, const BlockShape& shape, std::size_t axis, d
   }
 }
 
+// Step 1 for interior edges.
 template <typename T, std::size_t kAxis>
 void GatherInterior(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
                     VertexBatch<Difference<T>>* batch) {
@@ -219,8 +241,8 @@ void GatherInterior(const BlockTask& task, const std::uint32_t* samples, std::si
   }
 }
 
-// As GatherVertices<T, Care::kBorder>: all at once, with another sample in place of those that are
-// not interior; those then one by one.
+// Step 1 for a block at the border, as GatherVertices<T, Care::kBorder>. Gathers the whole batch
+// with a safe sample in place of those that are not interior, then gathers those one by one.
 template <typename T, std::size_t kAxis>
 void GatherNearBorder(const BlockTask& task, const Strides& strides, const std::uint32_t* samples,
                       std::size_t count, VertexBatch<Difference<T>>* batch) {
@@ -247,7 +269,7 @@ void GatherNearBorder(const BlockTask& task, const Strides& strides, const std::
 }
 #endif  // ISOSCOPE_EXTRACT_HAS_GATHER
 
-// Positions and normals of a batch.
+// Step 2 computes positions and normals of a batch.
 template <std::size_t kAxis, typename D>
 void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
                      VertexBatch<D>* batch) {
@@ -261,6 +283,7 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
   const auto row_inverse = hn::Set(d, task.shape->row_inverse);
   const auto slice_inverse = hn::Set(d, task.shape->slice_inverse);
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+    // Position: the coordinates of the edge's lower sample, plus t along the axis.
     const auto t = hn::Div(LoadDoubles(batch->numerators.data() + i),
                            LoadDoubles(batch->denominators.data() + i));
     const auto linear = hn::PromoteTo(
@@ -275,6 +298,7 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
                                       hn::Add(hn::Set(d, task.begin.z), z)};
     position[kAxis] = hn::Add(position[kAxis], t);
 
+    // Gradient at t, taken to world space and negated.
     std::array<DoubleVec, 3> gradient;
     for (std::size_t k = 0; k < 3; ++k) {
       const auto lower = LoadDoubles(batch->lower_gradients[k].data() + i);
@@ -289,11 +313,11 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
     const auto gx = world(columns[0].x, columns[1].x, columns[2].x);
     const auto gy = world(columns[0].y, columns[1].y, columns[2].y);
     const auto gz = world(columns[0].z, columns[1].z, columns[2].z);
-    // Scaled first, so that squares neither overflow nor vanish.
+    // Normal: scale by the largest component first, so that squares neither overflow nor vanish.
     const auto ax = hn::Abs(gx);
     const auto ay = hn::Abs(gy);
     const auto az = hn::Abs(gz);
-    // Not Max: instruction sets differ in what it makes of NaN.
+    // Instead of Max, whose result for NaN differs between instruction sets.
     const auto axy = hn::IfThenElse(hn::Gt(ax, ay), ax, ay);
     const auto scale = hn::Div(one, hn::IfThenElse(hn::Gt(axy, az), axy, az));
     const auto nx = hn::Mul(gx, scale);
@@ -313,7 +337,7 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
   }
 }
 
-// Writes whole registers: up to 63 vectors past `count`.
+// Step 3 writes vectors of three floats, in whole registers: up to 63 vectors past `count`.
 inline void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std::size_t count,
                        math::Vec3f* to) {
   const hn::CappedTag<float, 64> d;
@@ -323,6 +347,7 @@ inline void Interleave(const std::array<std::array<float, kBatch>, 3>& from, std
   }
 }
 
+// Runs the steps on all vertices on edges along kAxis, whose ids begin at `first_vertex`.
 template <typename T, Care kCare, std::size_t kAxis>
 void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::size_t first_vertex,
                          BlockScratch* scratch, VertexBatch<Difference<T>>* batch) {
@@ -349,6 +374,7 @@ void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::siz
   }
 }
 
+// Pass 4 fills positions and normals from edge_samples.
 template <typename T, Care kCare>
 void PlaceVertices(const BlockTask& task, BlockScratch* scratch) {
   const BlockShape& shape = *task.shape;

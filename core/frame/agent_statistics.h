@@ -1,4 +1,4 @@
-// What one agent's part in a frame took: measured by the agent, summed up by the coordinator.
+// The cost of one agent's part in a frame. The agent measures it, the coordinator sums it up.
 
 #ifndef ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_
 #define ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_
@@ -11,9 +11,9 @@
 
 namespace isoscope::frame {
 
-// The units and meanings of isoscope.v1.AgentStatistics.
+// Units and meanings are those of isoscope.v1.AgentStatistics.
 struct AgentStatistics {
-  // Who it was. The coordinator knows it: agents leave both empty.
+  // The agent and its shards. Agents leave both empty; the coordinator fills them in.
   std::string agent_address;
   std::vector<int> shard_indices;
 

@@ -1,4 +1,4 @@
-// How invisible blocks are left out.
+// The ways of leaving out invisible blocks.
 
 #ifndef ISOSCOPE_CORE_FRAME_CULLING_H_
 #define ISOSCOPE_CORE_FRAME_CULLING_H_

@@ -13,7 +13,7 @@ std::size_t SizeBytes(const FrameImage& image) {
          image.covered.capacity() * sizeof(TileMask);
 }
 
-// Makes what is covered background again.
+// Makes the covered pixels background again.
 void Clear(FrameImage* image) {
   for (int row = 0; row < image->touched.rows(); ++row) {
     image->touched.ForEachInRow(row, [&](int column) {
@@ -22,7 +22,7 @@ void Clear(FrameImage* image) {
       TileMask& covered = image->CoveredOf(column, row);
       const int rows = std::min(TileSet::kTilePx, image->height - row * TileSet::kTilePx);
       for (int y = 0; y < rows; ++y) {
-        // The whole row of the tile: stores without branches.
+        // Clears the whole row of the tile, because stores without branches are faster.
         if (covered[static_cast<std::size_t>(y)] != 0) {
           const auto begin =
               static_cast<std::ptrdiff_t>(image->IndexOf(begin_x, row * TileSet::kTilePx + y));
@@ -121,7 +121,7 @@ std::shared_ptr<FrameImagePool> FrameImagePool::Make(std::size_t max_bytes) {
 FrameImage FrameImagePool::Take(int width, int height) {
   FrameImage image;
   {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     const auto fits = [&](const FrameImage& unused) {
       return unused.width == width && unused.height == height;
     };
@@ -144,7 +144,7 @@ void FrameImagePool::Prepare(int width, int height) {
                                   static_cast<std::size_t>(height) *
                                   (sizeof(std::uint64_t) + sizeof(Rgba8));
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (unused_bytes_ + plane_bytes > max_bytes_) {
       return;
     }
@@ -159,7 +159,7 @@ void FrameImagePool::TakeBack(FrameImage image) {
   }
   Clear(&image);
   std::vector<FrameImage> dropped;  // freed after the lock
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   while (unused_bytes_ + size > max_bytes_) {
     unused_bytes_ -= SizeBytes(unused_.front());
     dropped.push_back(std::move(unused_.front()));

@@ -1,64 +1,34 @@
-// The image of a frame on its way from the agents to the coordinator: colour, depth and the block
-// that owns each pixel. Row 0 is the top.
+// The image of a frame on its way from the agents to the coordinator: colour, depth and owner of
+// each pixel. Row 0 is the top.
 
 #ifndef ISOSCOPE_CORE_IMAGE_FRAME_IMAGE_H_
 #define ISOSCOPE_CORE_IMAGE_FRAME_IMAGE_H_
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/large_pages.h"
+#include "core/base/mutex.h"
+#include "core/image/fragment.h"
 #include "core/image/tile_set.h"
 
 namespace isoscope::image {
-
-// 8-bit sRGB with straight alpha.
-struct Rgba8 {
-  std::uint8_t r = 0;
-  std::uint8_t g = 0;
-  std::uint8_t b = 0;
-  std::uint8_t a = 0;
-
-  friend constexpr bool operator==(const Rgba8&, const Rgba8&) = default;
-};
-
-// What owns a pixel that nothing is drawn on.
-inline constexpr std::uint32_t kNoBlock = std::numeric_limits<std::uint32_t>::max();
-// The depth of such a pixel.
-inline constexpr float kFarDepth = 1.0F;
-
-// What decides which of two fragments a pixel shows: the smaller key. Depth first, then the block
-// id: a total order over blocks that depends neither on drawing order nor on who draws
-// (docs/numerics.md). REQUIRES: 0 <= depth <= 1, where IEEE bits order as the values do.
-constexpr std::uint64_t FragmentKey(float depth, std::uint32_t block_id) {
-  // + 0.0F turns -0 into +0, whose bits are the smallest.
-  return std::uint64_t{std::bit_cast<std::uint32_t>(depth + 0.0F)} << 32 | block_id;
-}
-inline constexpr std::uint64_t kBackgroundKey = FragmentKey(kFarDepth, kNoBlock);
-
-constexpr float DepthOf(std::uint64_t key) {
-  return std::bit_cast<float>(static_cast<std::uint32_t>(key >> 32));
-}
-constexpr std::uint32_t BlockOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
 
 class FrameImagePool;
 
 // Two planes of width * height elements each, row by row from the top. Thread-compatible.
 //
 // Every pixel outside the tiles of `touched`, and in them outside `covered`, is background in both
-// planes, so that clearing, scanning and encoding cost what was drawn and not what the viewport
-// holds: whoever draws a pixel says so in both.
+// planes. Code that draws a pixel marks it in both. So clearing, scanning and encoding cost as
+// much as was drawn, not as much as the viewport holds.
 class FrameImage {
  public:
   FrameImage() = default;
-  // All background: transparent black, kBackgroundKey; nothing touched.
+  // Makes an image that is all background (transparent black, kBackgroundKey) and touched nowhere.
   FrameImage(int image_width, int image_height);
   ~FrameImage();
   FrameImage(FrameImage&&) noexcept;
@@ -77,12 +47,12 @@ class FrameImage {
     return covered[TileIndex(column, row)];
   }
   [[nodiscard]] TileMask& CoveredOf(int column, int row) { return covered[TileIndex(column, row)]; }
-  // One fragment, and its pixel covered: for tests and sparse writers.
+  // Writes one fragment and marks its pixel as covered. For tests and sparse writers.
   void Set(int x, int y, std::uint64_t key, Rgba8 color);
-  // For whoever writes all pixels.
+  // Marks all pixels as covered, for writers that write all of them.
   void CoverAll();
 
-  // The same picture; what was touched or covered does not count.
+  // Returns true if both are the same picture. Touched tiles and covered pixels do not count.
   friend bool operator==(const FrameImage& a, const FrameImage& b) {
     return a.width == b.width && a.height == b.height && a.keys == b.keys && a.colors == b.colors;
   }
@@ -103,17 +73,17 @@ class FrameImage {
   std::shared_ptr<FrameImagePool> pool_;  // takes the planes back; null: none does
 };
 
-// Keeps the planes of images that are no longer used, cleared, so that a frame neither allocates
+// Clears and keeps the planes of images that are no longer used, so that a frame neither allocates
 // nor touches fresh pages. Thread-safe.
 class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
  public:
   // Keeps at most this many bytes of unused images.
   static std::shared_ptr<FrameImagePool> Make(std::size_t max_bytes);
 
-  // An image that is all background. It goes back when it is destroyed.
+  // Returns an image that is all background. It goes back to the pool when it is destroyed.
   FrameImage Take(int width, int height);
-  // Adds an unused image, its pages touched, for a Take to come; none if that were too much to
-  // keep.
+  // Adds an unused image for a later Take, and touches its pages. Does nothing if the image is too
+  // large to keep.
   void Prepare(int width, int height);
 
  private:
@@ -122,7 +92,7 @@ class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
   void TakeBack(FrameImage image);
 
   const std::size_t max_bytes_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::vector<FrameImage> unused_ ABSL_GUARDED_BY(mutex_);  // the last used is the last
   std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };

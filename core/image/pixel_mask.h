@@ -1,4 +1,4 @@
-// Which pixels of a rectangle count.
+// A mask of the pixels of a rectangle, in cells of one or more pixels.
 
 #ifndef ISOSCOPE_CORE_IMAGE_PIXEL_MASK_H_
 #define ISOSCOPE_CORE_IMAGE_PIXEL_MASK_H_
@@ -9,17 +9,20 @@
 
 namespace isoscope::image {
 
-// One bit for each cell of 2^shift x 2^shift pixels (cells are aligned to pixel 0), row by row:
-// cell (column, row) is bit column + row * columns. Thread-compatible.
+// One bit for each cell of 2^shift x 2^shift pixels, row by row: cell (column, row) of the mask is
+// bit column + row * columns. Cells are aligned to pixel 0 of the image. Thread-compatible.
+//
+// Example: shift 1, begin (3, 5), 4 columns: pixel (9, 12) lies in the image's cell (4, 6), which
+// is cell (1, 1) of the mask: bit 5.
 struct PixelMask {
   int shift = 0;
-  int begin_column = 0;  // the first cell is (begin_column, begin_row) of the image's
+  int begin_column = 0;  // the mask's first cell, counted in cells of the image
   int begin_row = 0;
   int columns = 0;
   int rows = 0;
   std::vector<std::uint64_t> words;  // ceil(columns * rows / 64); spare bits are 0
 
-  // False outside the rectangle.
+  // Returns the bit of a pixel; false outside the rectangle.
   [[nodiscard]] bool Contains(int x, int y) const {
     const int column = (x >> shift) - begin_column;
     const int row = (y >> shift) - begin_row;

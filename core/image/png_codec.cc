@@ -1,3 +1,34 @@
+// Encoding works on stripes of rows, side by side:
+//
+//   1. IsOpaque: RGB if no pixel shows through, else RGBA.
+//   2. FilterUp each row against the row above (PNG, filter type 2). The first row of a stripe
+//      takes the last pixels of the stripe before, not its result, so stripes do not wait for each
+//      other.
+//   3. Deflate the stripe to blocks that refer to nothing before the stripe, and flush to a whole
+//      byte.
+//   4. Join: each stripe is an IDAT chunk, and together they are one zlib stream:
+//
+//        signature, IHDR, sRGB
+//        IDAT   78 01, blocks of stripe 0
+//        IDAT   blocks of stripe 1
+//        ...
+//        IDAT   03 00, Adler-32
+//        IEND
+//
+//      78 01 is the zlib header (RFC 1950), 03 00 an empty final block (RFC 1951). The Adler-32 of
+//      the whole is combined from those of the stripes.
+//
+// Example: a row of 1024 RGBA pixels has 1 + 4096 bytes, filter type first, so a stripe of 256 KiB
+// has 63 rows, and 1024 rows make 17 stripes.
+//
+// Invariant: stripes depend on the image alone, so the bytes do not depend on the number of
+// threads.
+//
+// Decoding is libpng's, which reports errors by longjmp. So functions that call setjmp, and
+// callbacks, own nothing that has a destructor; their callers do.
+//
+// Sources: PNG specification (ISO/IEC 15948), sections 5, 9 and 10; RFC 1950; RFC 1951.
+
 #include "core/image/png_codec.h"
 
 #include <png.h>
@@ -29,17 +60,14 @@
 #include "core/base/check.h"
 #include "core/image/png_filter.h"
 
-// libpng reports errors by longjmp. The rule here: a function that calls setjmp, and the callbacks,
-// own nothing that has a destructor; their callers own it.
-
 namespace isoscope::image {
 namespace {
 
-static_assert(sizeof(Rgba8) == 4, "libpng reads rows into place");
+static_assert(sizeof(Rgba8) == 4, "libpng writes rows into the pixels");
 
-// Rows are filtered and deflated in stripes of about this many bytes, whatever the number of
-// threads: 16 to share out of a frame of 1024 x 1024, and each large enough that its own Huffman
-// codes cost little (64 KiB: 17 % more time; 512 KiB: none less).
+// A stripe has about this many bytes, whatever the number of threads: 17 stripes for a frame of
+// 1024 x 1024, each large enough that its own Huffman codes cost little (64 KiB: 17 % more time;
+// 512 KiB: no less).
 constexpr std::size_t kStripeBytes = std::size_t{256} * 1024;
 constexpr std::size_t kMaxRowBytes = std::size_t{1} << 30;  // ISA-L counts in 32 bits
 
@@ -118,7 +146,7 @@ bool ReadRows(png_structp png, png_infop info, png_bytep* rows) {
   return true;
 }
 
-// Owns libpng's structs.
+// Owns libpng's reading structs.
 struct Reader {
   Reader() = default;
   Reader(const Reader&) = delete;
@@ -141,7 +169,7 @@ std::string BigEndian32(std::uint32_t value) {
           static_cast<char>(value >> 8), static_cast<char>(value)};
 }
 
-// `head` and then `body` are the chunk's data.
+// Appends a chunk whose data are `head`, then `body`.
 void AppendChunk(absl::string_view type, absl::string_view head, absl::string_view body,
                  std::string* out) {
   const std::size_t size = head.size() + body.size();
@@ -152,17 +180,17 @@ void AppendChunk(absl::string_view type, absl::string_view head, absl::string_vi
   absl::StrAppend(out, BigEndian32(crc32_gzip_refl(0, covered, kTypeBytes + size)));
 }
 
-// What a thread needs to filter and deflate stripes, one after another.
+// The buffers and deflate state with which a thread encodes stripes, one after another.
 class StripeEncoder {
  public:
-  // Where `size` bytes to deflate go, and kFilterSlackBytes more.
+  // Returns room for `size` bytes to deflate, and kFilterSlackBytes more.
   std::uint8_t* Filtered(std::size_t size) {
     filtered_.Reserve(size + kFilterSlackBytes, 0);
     return filtered_.bytes.get();
   }
 
-  // Deflates the first `size` bytes of Filtered to blocks that refer to nothing before them and end
-  // with a byte. The result is valid until the next call. REQUIRES: a pixel at least.
+  // Step 3: deflates the first `size` bytes of Filtered. The blocks refer to nothing before them
+  // and end at a whole byte. The result is valid until the next call. REQUIRES: size > kHeadBytes.
   absl::string_view Deflate(std::size_t size) {
     isal_deflate_init(stream_.get());
     stream_->level = kLevel;
@@ -177,7 +205,8 @@ class StripeEncoder {
   }
 
  private:
-  // Deflates `size` more bytes to deflated_, after `used` bytes, and adds to those.
+  // Deflates the next `size` bytes to deflated_ behind its first `*used` bytes, and updates
+  // `*used`.
   void DeflateNext(std::size_t size, std::uint16_t flush, std::size_t* used) {
     stream_->flush = flush;
     stream_->avail_in = static_cast<std::uint32_t>(size);
@@ -202,13 +231,14 @@ class StripeEncoder {
   static constexpr std::uint32_t kLevel = 1;
   static constexpr std::size_t kLevelBufferBytes = ISAL_DEF_LVL1_DEFAULT;
   static constexpr std::size_t kSpareBytes = 64;
-  // Go first, as literals. Without them ISA-L 2.30 (igzip_icf_body, .write_first_byte) hashes the
-  // address of its stream in place of the third byte: one coordinator in 2000 had other bytes for
-  // the same picture. Fewer than 4 don't get it past that place; they cost 10 bytes a stripe.
+  // This many bytes are deflated first, as literals. Without them ISA-L 2.30 (igzip_icf_body,
+  // .write_first_byte) hashes the address of its stream instead of the third byte: one coordinator
+  // in 2000 had other bytes for the same picture. Fewer than 4 do not avoid that; 4 cost 10 bytes a
+  // stripe.
   static constexpr std::size_t kHeadBytes = 4;
 
   struct Buffer {
-    // Keeps the first `used` bytes.
+    // Grows the buffer, and keeps its first `used` bytes.
     void Reserve(std::size_t min_capacity, std::size_t used) {
       if (min_capacity > capacity) {
         auto larger = std::make_unique_for_overwrite<std::uint8_t[]>(min_capacity);
@@ -235,7 +265,7 @@ struct Stripe {
   std::size_t filtered_bytes = 0;
 };
 
-// Whether the alpha of each is 0 or 255.
+// Returns true if the alpha of each pixel is 0 or 255.
 bool AllOpaqueOrClear(std::span<const Rgba8> pixels) {
   std::uint32_t found = 0;
   for (const Rgba8& pixel : pixels) {
@@ -246,7 +276,7 @@ bool AllOpaqueOrClear(std::span<const Rgba8> pixels) {
 
 class PngEncoder {
  public:
-  // REQUIRES: as EncodePng; `pixels` stay.
+  // REQUIRES: as EncodePng; `pixels` outlive the encoder.
   PngEncoder(int width, int height, std::span<const Rgba8> pixels,
              const std::optional<Rgba8>& background)
       : width_(static_cast<std::size_t>(width)),
@@ -268,7 +298,8 @@ class PngEncoder {
   }
 
  private:
-  // In parallel. Neither waits for other work of the arena nor stops when that is cancelled.
+  // Calls function(stripe) for all stripes, in parallel. Isolated from other work of the arena: the
+  // thread does not take that up while it waits, and stripes go on if it is cancelled.
   template <typename Function>
   void ForEachStripe(const Function& function) const {
     tbb::task_group_context context(tbb::task_group_context::isolated);
@@ -297,7 +328,7 @@ class PngEncoder {
     return opaque.load();
   }
 
-  // The same for any thread: the filter refers to the row above, the deflated blocks to nothing.
+  // Encodes stripe `i`: steps 2 and 3.
   [[nodiscard]] Stripe EncodeStripe(std::size_t i, StripeEncoder* encoder) const {
     const std::size_t end = FirstRow(i + 1);
     const std::size_t rows = end - FirstRow(i);
@@ -305,7 +336,7 @@ class PngEncoder {
     stripe.filtered_bytes = rows * (1 + width_ * static_cast<std::size_t>(channels_));
     std::uint8_t* const filtered = encoder->Filtered(stripe.filtered_bytes);
     std::uint8_t* to = filtered;
-    // Above the picture is transparent black.
+    // The row above the image is transparent black.
     std::vector<Rgba8> above(width_);
     std::vector<Rgba8> row(width_);
     if (i > 0) {
@@ -323,6 +354,7 @@ class PngEncoder {
     return stripe;
   }
 
+  // Step 4: joins the stripes to a file.
   [[nodiscard]] std::string Join(const std::vector<Stripe>& stripes) const {
     constexpr std::size_t kOtherChunksBytes = 128;
     std::size_t size = kOtherChunksBytes;
@@ -332,7 +364,8 @@ class PngEncoder {
     std::string out;
     out.reserve(size);
     absl::StrAppend(&out, kSignature);
-    // 8 bits, colours with or without alpha; compression, filters and interlacing as usual.
+    // Bit depth 8; colour type 2 (RGB) or 6 (RGBA); compression and filter method 0, not
+    // interlaced.
     const std::array<char, 5> format{8, static_cast<char>(channels_ == PngChannels::kRgb ? 2 : 6),
                                      0, 0, 0};
     AppendChunk("IHDR",
@@ -350,14 +383,14 @@ class PngEncoder {
     return out;
   }
 
-  // Row `y` over the background.
+  // Copies row `y`, with the background where alpha is 0.
   void ShowRow(std::size_t y, std::vector<Rgba8>* row) const {
     const std::span<const Rgba8> pixels = pixels_.subspan(y * width_, width_);
     if (!background_.has_value()) {
       std::copy(pixels.begin(), pixels.end(), row->begin());
       return;
     }
-    // As words: one comparison and one choice a pixel, which compilers turn into SIMD.
+    // Words take one comparison and one choice a pixel, which compilers turn into SIMD.
     const auto background = std::bit_cast<std::uint32_t>(*background_);
     constexpr auto kAlpha = std::bit_cast<std::uint32_t>(Rgba8{0, 0, 0, 255});
     for (std::size_t x = 0; x < width_; ++x) {
@@ -400,8 +433,8 @@ absl::StatusOr<RgbaImage> DecodePng(absl::string_view png) {
   if (!ReadHeader(reader.png, reader.info, &header)) {
     return Damaged(reader, in);
   }
-  // Deflate makes at most 1032 bytes of one: what claims more is a lie, found out before memory is
-  // asked for it.
+  // Deflate makes at most 1032 bytes from one. A header that claims more is refused before memory
+  // is allocated.
   constexpr std::size_t kMaxDeflateRatio = 1032;
   if (header.raw_row_bytes * header.height / kMaxDeflateRatio > png.size()) {
     return absl::DataLossError(absl::StrCat(

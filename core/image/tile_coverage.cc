@@ -15,7 +15,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// At most half a row: StoreMaskBits then writes one byte.
+// At most half a row of a tile: StoreMaskBits then writes one byte.
 using D = hn::CappedTag<std::uint64_t, 8>;
 
 TileMask CoverageOfWhole(const std::uint64_t* words, std::size_t stride, std::uint16_t rows,
@@ -31,7 +31,7 @@ TileMask CoverageOfWhole(const std::uint64_t* words, std::size_t stride, std::ui
     std::uint32_t bits = 0;
     for (std::size_t column = 0; column < TileSet::kTilePx; column += lanes) {
       const auto word = hn::Or(hn::LoadU(d, first + column), ignored_lanes);
-      std::uint8_t covered[8] = {};  // as many as StoreMaskBits may write
+      std::uint8_t covered[8] = {};  // StoreMaskBits may write up to 8
       hn::StoreMaskBits(d, hn::Ne(word, empty_lanes), covered);
       bits |= std::uint32_t{covered[0]} << column;
     }

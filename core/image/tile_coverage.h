@@ -1,5 +1,6 @@
-// Which pixels of a tile hold something, many at a time: who draws a random share of the blocks
-// touches nearly every tile and covers little of it, so that looking is most of the work.
+// Finds the covered pixels of a tile, many at a time. An agent that draws a random share of the
+// blocks touches nearly every tile and covers little of each, so that finding its pixels is most of
+// the work.
 
 #ifndef ISOSCOPE_CORE_IMAGE_TILE_COVERAGE_H_
 #define ISOSCOPE_CORE_IMAGE_TILE_COVERAGE_H_
@@ -11,10 +12,12 @@
 
 namespace isoscope::image {
 
-// The pixels of the tile at `words` (rows `stride` apart, of which `columns` pixels lie in the
-// image) whose word, with the bits `ignored` set, is not `empty`. Of the rows whose bit is set in
-// `rows` only. In vector lanes; the same on every instruction set. REQUIRES: 1 <= columns <=
-// TileSet::kTilePx; the rows lie in the image.
+// Returns the pixels of a tile whose word, with the bits `ignored` set, is not `empty`. The same on
+// every instruction set. Thread-safe.
+//
+// words:   the tile's first pixel; rows are `stride` words apart
+// columns: pixels of a row that lie in the image, 1 .. TileSet::kTilePx
+// rows:    bit `row` is set for each row to look at; these rows lie in the image
 TileMask CoverageOf(const std::uint64_t* words, std::size_t stride, int columns, std::uint16_t rows,
                     std::uint64_t empty, std::uint64_t ignored = 0);
 

@@ -1,4 +1,5 @@
-// Which squares of an image hold something.
+// Sets of tiles, the squares of an image that may have covered pixels, and masks of a tile's
+// pixels.
 
 #ifndef ISOSCOPE_CORE_IMAGE_TILE_SET_H_
 #define ISOSCOPE_CORE_IMAGE_TILE_SET_H_
@@ -11,13 +12,14 @@
 
 namespace isoscope::image {
 
-// One bit for each square of kTilePx x kTilePx pixels. Thread-compatible.
+// One bit for each tile of kTilePx x kTilePx pixels. Thread-compatible: a row of tiles begins at a
+// word, so that threads may change different rows.
 class TileSet {
  public:
   static constexpr int kTilePx = 16;
 
   TileSet() = default;
-  // Empty, for an image of this size.
+  // Makes an empty set for an image of this size.
   TileSet(int width_px, int height_px)
       : columns_((width_px + kTilePx - 1) / kTilePx),
         rows_((height_px + kTilePx - 1) / kTilePx),
@@ -33,7 +35,8 @@ class TileSet {
   [[nodiscard]] bool Contains(int column, int row) const {
     return (words_[WordOf(column, row)] >> (column % 64) & 1) != 0;
   }
-  // The tiles of the pixels [begin_x, end_x) x [begin_y, end_y), inside the image.
+  // Inserts the tiles of the pixels [begin_x, end_x) x [begin_y, end_y).
+  // REQUIRES: these lie inside the image.
   void InsertPixels(int begin_x, int begin_y, int end_x, int end_y) {
     for (int row = begin_y / kTilePx; row * kTilePx < end_y; ++row) {
       for (int column = begin_x / kTilePx; column * kTilePx < end_x; ++column) {
@@ -48,7 +51,7 @@ class TileSet {
       }
     }
   }
-  // REQUIRES: of the same size.
+  // REQUIRES: `other` is for an image of the same size.
   void InsertAllOf(const TileSet& other) {
     for (std::size_t i = 0; i < words_.size(); ++i) {
       words_[i] |= other.words_[i];
@@ -76,11 +79,11 @@ class TileSet {
 
   int columns_ = 0;
   int rows_ = 0;
-  std::size_t row_words_ = 0;  // a row of tiles begins at a word, so that rows can be shared out
+  std::size_t row_words_ = 0;  // words of a row of tiles
   std::vector<std::uint64_t> words_;
 };
 
-// Some pixels of a tile: bit `column` of element `row`.
+// A mask of the pixels of a tile: bit `column` of element `row`.
 using TileMask = std::array<std::uint16_t, TileSet::kTilePx>;
 
 inline void UniteInto(const TileMask& more, TileMask* mask) {

@@ -1,4 +1,4 @@
-// Builds a subtree of intervals that are in a scratch file, in a stated memory.
+// Builds a subtree of the interval tree in a stated memory, from intervals in a scratch file.
 
 #ifndef ISOSCOPE_CORE_INDEX_EXTERNAL_NODE_BUILDER_H_
 #define ISOSCOPE_CORE_INDEX_EXTERNAL_NODE_BUILDER_H_
@@ -14,23 +14,28 @@
 
 namespace isoscope::index {
 
-// What the in-memory builder needs for an interval: its place in the sorted input, a copy, two
-// endpoints, two parts, and the lists.
+// Memory of the in-memory builder for each interval: the interval itself, a copy, two endpoints,
+// its slabs twice, and the lists.
 inline constexpr std::int64_t kBytesPerInterval = 128;
 
-// How the memory of an external build is divided. The phases follow each other; in each there are
-// at most one sorter, one set of buckets and two sequences.
+// Divides the memory of an external build. Its steps follow each other; each holds at most one
+// sorter, one set of buckets and two sequences.
 struct MemoryPlan {
   explicit MemoryPlan(std::int64_t memory_bytes);
 
   std::int64_t sorter_bytes;
-  std::int64_t bucket_bytes;  // each of kMaxSlabs + 1
-  std::int64_t sequence_bytes;
-  std::int64_t in_memory_count;  // intervals that the in-memory builder takes
+  std::int64_t bucket_bytes;     // buffer of one bucket; there are at most kMaxSlabs + 1
+  std::int64_t sequence_bytes;   // buffer of one sequence that is read or written
+  std::int64_t in_memory_count;  // a node of at most this many intervals is built in memory
 };
 
-// Writes the subtree of the intervals of `range` in `file`, which lie there in canonical order, and
-// returns the page of its root. CANCELLED; otherwise the errors of scratch files and of `pages`.
+// Writes the subtree of the intervals of `range` in `file` and returns the page of its root.
+//
+// file, range: BlockInterval records in canonical order (lo, hi, block id, ordinal)
+// options:     memory_bytes bounds all tables and buffers; scratch files go to scratch_directory
+// pages:       appended to
+//
+// CANCELLED; otherwise the errors of scratch files and of `pages`.
 absl::StatusOr<io::PageNumber> BuildNodeExternally(const io::ScratchFile& file,
                                                    const io::ScratchRange& range,
                                                    const IntervalTreeBuilder::Options& options,

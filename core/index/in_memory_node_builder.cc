@@ -1,3 +1,27 @@
+// Builds a subtree, node by node from its root, with all intervals in one array. For each node:
+//
+//   1. ChooseSlabs: sort the 2n endpoints and cut at every (2n / k)-th of them. A node of
+//      n <= B = 170 intervals is one slab.
+//   2. Distribute: a stable counting sort groups the node's piece of the array in place:
+//
+//        | slab 0 | slab 1 | ... | slab k-1 | kept at this node |
+//
+//   3. WriteEntryRun: the left, right and window lists of the kept intervals, and a leaf list for
+//      each slab that has at most B.
+//   4. BuildNode for each slab that has more, on its piece of the array.
+//   5. Write the node's page, which was reserved before its entry run, now that the pages of its
+//      children are known.
+//
+// Invariant: each piece is in canonical order (lo, hi, block id, ordinal) whenever BuildNode
+// begins, because the counting sort is stable. So the kept intervals are in order of their first
+// slab too, and the left and window lists need no sort; only the right lists do. The bytes depend
+// on the set of intervals alone.
+//
+// Example: 400 intervals (i, i + 1], i = 0 .. 399, have 800 endpoints and get
+// k = ceil(800 / 170) = 5 slabs, cut at positions 160, 320, 480 and 640 of the sorted endpoints,
+// which are 0, 1, 1, 2, 2, ...: at 80, 160, 240 and 320. (79, 80] ends where slab 0 does: each
+// interval lies within one slab, none is kept, and the five leaf lists hold 80 each.
+
 #include "core/index/in_memory_node_builder.h"
 
 #include <algorithm>
@@ -19,7 +43,7 @@ namespace {
 
 using format::kEntriesPerPage;
 
-// Pass 1: the lower bounds of the slabs, ascending; -infinity for slab 0.
+// Step 1: returns the lower bounds of the slabs, ascending; -infinity for slab 0.
 std::vector<double> ChooseSlabs(std::span<const BlockInterval> intervals) {
   std::vector<double> lower = {kFirstLowerBound};
   const auto count = static_cast<std::int64_t>(intervals.size());
@@ -39,9 +63,9 @@ std::vector<double> ChooseSlabs(std::span<const BlockInterval> intervals) {
   return lower;
 }
 
-// The part of an interval that stays at its node.
-struct KeptPart : Part {
-  std::uint32_t interval_index = 0;  // among those that stay
+// The slabs of an interval that is kept at its node.
+struct KeptExtent : SlabExtent {
+  std::uint32_t interval_index = 0;  // into the kept intervals
 };
 
 class InMemoryNodeBuilder {
@@ -51,7 +75,6 @@ class InMemoryNodeBuilder {
     scratch_.reserve(intervals.size());
   }
 
-  // Writes the subtree of `intervals`, in canonical order on entry; reorders them.
   absl::StatusOr<io::PageNumber> BuildNode(std::span<BlockInterval> intervals);
 
  private:
@@ -60,43 +83,46 @@ class InMemoryNodeBuilder {
     std::vector<std::span<BlockInterval>> down;  // by slab
   };
 
-  // Pass 2: fills `node->down` and returns the parts of the intervals that stay, whose indices
-  // refer to `kept_intervals`.
-  std::vector<KeptPart> Distribute(std::span<BlockInterval> intervals,
-                                   std::span<const double> lower, Node* node,
-                                   std::span<BlockInterval>* kept_intervals);
-  // Pass 3.
-  absl::Status WriteRun(std::span<const BlockInterval> intervals, std::span<KeptPart> kept,
-                        Node* node);
+  // Step 2: fills `node->down` and `kept_intervals`, both pieces of `intervals`, and returns the
+  // slabs of each kept interval.
+  std::vector<KeptExtent> Distribute(std::span<BlockInterval> intervals,
+                                     std::span<const double> lower, Node* node,
+                                     std::span<BlockInterval>* kept_intervals);
+  // Step 3; `intervals` are the kept ones.
+  absl::Status WriteEntryRun(std::span<const BlockInterval> intervals, std::span<KeptExtent> kept,
+                             Node* node);
   static absl::Status WriteLeftLists(std::span<const BlockInterval> intervals,
-                                     std::span<const KeptPart> kept, Node* node, RunWriter* run);
+                                     std::span<const KeptExtent> kept, Node* node,
+                                     EntryRunWriter* entry_run);
   static absl::Status WriteRightLists(std::span<const BlockInterval> intervals,
-                                      std::span<const KeptPart> kept, Node* node, RunWriter* run);
+                                      std::span<const KeptExtent> kept, Node* node,
+                                      EntryRunWriter* entry_run);
   static absl::Status WriteWindowLists(std::span<const BlockInterval> intervals,
-                                       std::span<const KeptPart> kept, Node* node, RunWriter* run);
-  static absl::Status WriteLeafLists(Node* node, RunWriter* run);
+                                       std::span<const KeptExtent> kept, Node* node,
+                                       EntryRunWriter* entry_run);
+  static absl::Status WriteLeafLists(Node* node, EntryRunWriter* entry_run);
 
   io::PageFileWriter* pages_;
   std::vector<BlockInterval> scratch_;
 };
 
-std::vector<KeptPart> InMemoryNodeBuilder::Distribute(std::span<BlockInterval> intervals,
-                                                      std::span<const double> lower, Node* node,
-                                                      std::span<BlockInterval>* kept_intervals) {
+std::vector<KeptExtent> InMemoryNodeBuilder::Distribute(std::span<BlockInterval> intervals,
+                                                        std::span<const double> lower, Node* node,
+                                                        std::span<BlockInterval>* kept_intervals) {
   const std::size_t slab_count = lower.size();
   node->down.resize(slab_count);
 
-  // A stable counting sort by slab; those that stay come last.
+  // A stable counting sort by slab; the kept intervals come last.
   std::vector<std::size_t> begin(slab_count + 2, 0);
   std::vector<std::uint8_t> bucket_of(intervals.size());
-  std::vector<KeptPart> kept;
+  std::vector<KeptExtent> kept;
   const bool fits_leaf = static_cast<std::int64_t>(intervals.size()) <= kEntriesPerPage;
   for (std::size_t i = 0; i < intervals.size(); ++i) {
-    const Part part = PartOf(intervals[i], lower);
-    std::size_t bucket = part.first_slab;
-    if (!part.goes_down() && !fits_leaf) {
+    const SlabExtent extent = ExtentOf(intervals[i], lower);
+    std::size_t bucket = extent.first_slab;
+    if (!extent.goes_down() && !fits_leaf) {
       bucket = slab_count;
-      kept.push_back({part, static_cast<std::uint32_t>(kept.size())});
+      kept.push_back({extent, static_cast<std::uint32_t>(kept.size())});
     }
     bucket_of[i] = static_cast<std::uint8_t>(bucket);
     ++begin[bucket + 1];
@@ -117,29 +143,29 @@ std::vector<KeptPart> InMemoryNodeBuilder::Distribute(std::span<BlockInterval> i
 }
 
 absl::Status InMemoryNodeBuilder::WriteLeftLists(std::span<const BlockInterval> intervals,
-                                                 std::span<const KeptPart> kept, Node* node,
-                                                 RunWriter* run) {
+                                                 std::span<const KeptExtent> kept, Node* node,
+                                                 EntryRunWriter* entry_run) {
   // Canonical order is ascending by lo, and so by slab.
   std::size_t next = 0;
   for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
-    node->slabs[slab].left_begin = run->entry_count();
+    node->slabs[slab].left_begin = entry_run->entry_count();
     for (; next < kept.size() && kept[next].first_slab == slab; ++next) {
       if (kept[next].in_left_list()) {
-        ISOSCOPE_RETURN_IF_ERROR(run->Append(intervals[kept[next].interval_index]));
+        ISOSCOPE_RETURN_IF_ERROR(entry_run->Append(intervals[kept[next].interval_index]));
       }
     }
   }
-  node->header.left_end = run->entry_count();
+  node->header.left_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
 absl::Status InMemoryNodeBuilder::WriteRightLists(std::span<const BlockInterval> intervals,
-                                                  std::span<const KeptPart> kept, Node* node,
-                                                  RunWriter* run) {
-  std::vector<KeptPart> right;
+                                                  std::span<const KeptExtent> kept, Node* node,
+                                                  EntryRunWriter* entry_run) {
+  std::vector<KeptExtent> right;
   std::copy_if(kept.begin(), kept.end(), std::back_inserter(right),
-               [](const KeptPart& part) { return part.in_right_list(); });
-  std::sort(right.begin(), right.end(), [intervals](const KeptPart& a, const KeptPart& b) {
+               [](const KeptExtent& extent) { return extent.in_right_list(); });
+  std::sort(right.begin(), right.end(), [intervals](const KeptExtent& a, const KeptExtent& b) {
     const double a_max = intervals[a.interval_index].span.max;
     const double b_max = intervals[b.interval_index].span.max;
     // Ascending by slab, descending by hi, then canonical.
@@ -148,28 +174,29 @@ absl::Status InMemoryNodeBuilder::WriteRightLists(std::span<const BlockInterval>
   });
   std::size_t next = 0;
   for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
-    node->slabs[slab].right_begin = run->entry_count();
+    node->slabs[slab].right_begin = entry_run->entry_count();
     for (; next < right.size() && right[next].last_slab == slab; ++next) {
-      ISOSCOPE_RETURN_IF_ERROR(run->Append(intervals[right[next].interval_index]));
+      ISOSCOPE_RETURN_IF_ERROR(entry_run->Append(intervals[right[next].interval_index]));
     }
   }
-  node->header.right_end = run->entry_count();
+  node->header.right_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
 absl::Status InMemoryNodeBuilder::WriteWindowLists(std::span<const BlockInterval> intervals,
-                                                   std::span<const KeptPart> kept, Node* node,
-                                                   RunWriter* run) {
-  // Canonical order is also ascending by the first covered slab, so a sweep meets each interval
-  // when the first window that it reaches does.
+                                                   std::span<const KeptExtent> kept, Node* node,
+                                                   EntryRunWriter* entry_run) {
+  // Canonical order is also ascending by first covered slab. So one sweep over the windows opens
+  // each interval at the first window that it reaches, and closes it after the last.
   Coverage coverage(node->slabs.size());
-  std::for_each(kept.begin(), kept.end(), [&](const KeptPart& part) { coverage.Add(part); });
-  std::vector<KeptPart> open;
+  std::for_each(kept.begin(), kept.end(), [&](const KeptExtent& extent) { coverage.Add(extent); });
+  std::vector<KeptExtent> open;
   std::size_t next = 0;
   for (const Window& window : coverage.ChooseWindows()) {
-    open.erase(std::remove_if(
-                   open.begin(), open.end(),
-                   [&window](const KeptPart& part) { return part.last_covered() < window.first; }),
+    open.erase(std::remove_if(open.begin(), open.end(),
+                              [&window](const KeptExtent& extent) {
+                                return extent.last_covered() < window.first;
+                              }),
                open.end());
     for (; next < kept.size() && kept[next].first_covered() <= window.last; ++next) {
       if (kept[next].in_windows()) {
@@ -178,39 +205,39 @@ absl::Status InMemoryNodeBuilder::WriteWindowLists(std::span<const BlockInterval
     }
     for (int slab = window.first; slab <= window.last; ++slab) {
       format::SlabRecord& record = node->slabs[static_cast<std::size_t>(slab)];
-      record.window_begin = run->entry_count();
+      record.window_begin = entry_run->entry_count();
       record.window_size = static_cast<std::uint32_t>(open.size());
     }
-    for (const KeptPart& part : open) {
-      ISOSCOPE_RETURN_IF_ERROR(run->Append(intervals[part.interval_index]));
+    for (const KeptExtent& extent : open) {
+      ISOSCOPE_RETURN_IF_ERROR(entry_run->Append(intervals[extent.interval_index]));
     }
   }
-  node->header.window_end = run->entry_count();
+  node->header.window_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
-absl::Status InMemoryNodeBuilder::WriteLeafLists(Node* node, RunWriter* run) {
+absl::Status InMemoryNodeBuilder::WriteLeafLists(Node* node, EntryRunWriter* entry_run) {
   for (std::size_t slab = 0; slab < node->slabs.size(); ++slab) {
-    node->slabs[slab].leaf_begin = run->entry_count();
+    node->slabs[slab].leaf_begin = entry_run->entry_count();
     if (static_cast<std::int64_t>(node->down[slab].size()) <= kEntriesPerPage) {
       for (const BlockInterval& interval : node->down[slab]) {
-        ISOSCOPE_RETURN_IF_ERROR(run->Append(interval));
+        ISOSCOPE_RETURN_IF_ERROR(entry_run->Append(interval));
       }
       node->down[slab] = {};
     }
   }
-  node->header.leaf_end = run->entry_count();
+  node->header.leaf_end = entry_run->entry_count();
   return absl::OkStatus();
 }
 
-absl::Status InMemoryNodeBuilder::WriteRun(std::span<const BlockInterval> intervals,
-                                           std::span<KeptPart> kept, Node* node) {
-  RunWriter run(pages_);
-  ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(intervals, kept, node, &run));
-  ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(intervals, kept, node, &run));
-  ISOSCOPE_RETURN_IF_ERROR(WriteWindowLists(intervals, kept, node, &run));
-  ISOSCOPE_RETURN_IF_ERROR(WriteLeafLists(node, &run));
-  return run.Finish();
+absl::Status InMemoryNodeBuilder::WriteEntryRun(std::span<const BlockInterval> intervals,
+                                                std::span<KeptExtent> kept, Node* node) {
+  EntryRunWriter entry_run(pages_);
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeftLists(intervals, kept, node, &entry_run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteRightLists(intervals, kept, node, &entry_run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteWindowLists(intervals, kept, node, &entry_run));
+  ISOSCOPE_RETURN_IF_ERROR(WriteLeafLists(node, &entry_run));
+  return entry_run.Finish();
 }
 
 absl::StatusOr<io::PageNumber> InMemoryNodeBuilder::BuildNode(std::span<BlockInterval> intervals) {
@@ -219,8 +246,8 @@ absl::StatusOr<io::PageNumber> InMemoryNodeBuilder::BuildNode(std::span<BlockInt
   Node node(lower);
   {
     std::span<BlockInterval> kept_intervals;
-    std::vector<KeptPart> kept = Distribute(intervals, lower, &node, &kept_intervals);
-    ISOSCOPE_RETURN_IF_ERROR(WriteRun(kept_intervals, kept, &node));
+    std::vector<KeptExtent> kept = Distribute(intervals, lower, &node, &kept_intervals);
+    ISOSCOPE_RETURN_IF_ERROR(WriteEntryRun(kept_intervals, kept, &node));
   }
   for (std::size_t slab = 0; slab < node.slabs.size(); ++slab) {
     if (!node.down[slab].empty()) {

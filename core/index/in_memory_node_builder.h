@@ -12,8 +12,13 @@
 
 namespace isoscope::index {
 
-// Writes the subtree of `intervals`, in canonical order on entry, and returns the page of its root;
-// reorders them. Errors: those of `pages`.
+// Writes the subtree of `intervals` and returns the page of its root.
+//
+// intervals: in canonical order (lo, hi, block id, ordinal) on entry; reordered
+// pages:     appended to; errors are its own
+//
+// O(n log n) for each level. Allocates up to kBytesPerInterval for an interval, `intervals`
+// included (external_node_builder.h).
 absl::StatusOr<io::PageNumber> BuildNodeInMemory(std::span<BlockInterval> intervals,
                                                  io::PageFileWriter* pages);
 

@@ -1,3 +1,35 @@
+// A query walks one path of nodes from the root, and reads up to four lists at each.
+//
+// A node cuts the axis into slabs (s_j, s_(j+1)]; the isovalue v lies in exactly one of them, say
+// j. An interval (lo, hi] that is kept at the node lies to slab j in one of these ways:
+//
+//            s_j                 s_(j+1)
+//             |       lo ===========|=====     begins in j, ends later     left list of j
+//        =====|=========== hi       |          began before, ends in j     right list of j
+//        =====|=====================|=====     covers j                    window list of j
+//        ===  |                     |  ===     does not meet j             none
+//
+// That is why three lists suffice. In the left list hi > s_(j+1) >= v for every interval: it is
+// active iff lo < v, so in ascending order of lo the active ones come first. In the right list
+// lo < s_j < v: it is active iff hi >= v, so in descending order of hi the active ones come first.
+// Reading either list ends at the first inactive entry. Intervals that cover j are active for every
+// v in it. Neighbouring slabs share a window list as long as it has at most 2 m + B entries, where
+// m is the fewest that cover one of these slabs: apart from B entries, at least half of what is
+// read is reported (filtering search).
+//
+// An interval that begins and ends in slab j without covering it is not kept here: it is in the
+// slab's leaf list if those are at most B = 170, else in its child node, where the walk goes on.
+//
+// Example: bounds 10, 20, 30 make the slabs (-inf, 10], (10, 20], (20, 30], (30, inf]. The interval
+// (5, 25] is in the left list of slab 0, the window list of slab 1 and the right list of slab 2.
+// v = 7 finds it in the first (5 < 7), v = 15 in the second, v = 25 in the third (25 >= 25). v = 30
+// also reads the third list, and stops there (25 < 30).
+//
+// Invariant: positions, page numbers and levels of the file are checked before they are used.
+//
+// Layout, proof of the bound: docs/format/interval_tree.md. Source: Arge and Vitter 2003, section 2
+// (references.bib: arge-vitter), with the window lists of Chazelle 1986 (chazelle-filtering).
+
 #include "core/index/interval_tree.h"
 
 #include <algorithm>
@@ -20,10 +52,10 @@ namespace {
 
 using format::kEntriesPerPage;
 
-// Below this, comparing beats counting.
+// Below this size a comparison sort is faster than a radix sort.
 constexpr std::size_t kRadixSortMinSize = 2048;
 
-// Stable. Three passes of counting at most, where std::sort takes 20 comparisons an element.
+// Stable. At most three counting passes, where std::sort takes 20 comparisons an element.
 void SortByOrdinal(std::vector<BlockInterval>* intervals) {
   if (intervals->size() < kRadixSortMinSize) {
     std::stable_sort(
@@ -56,7 +88,7 @@ void SortByOrdinal(std::vector<BlockInterval>* intervals) {
   }
 }
 
-// L(N): nodes on the longest path of a tree of `interval_count` intervals, for more than B of them.
+// L(N): how many nodes the longest path of a tree has; 0 for N <= B.
 std::int64_t MaxLevelCount(std::int64_t interval_count) {
   constexpr std::int64_t kHalfSlabs = format::kMaxSlabs / 2;
   std::int64_t levels = 0;
@@ -79,27 +111,27 @@ class IntervalTree::Impl {
   }
 
  private:
-  // What one query carries along.
+  // Carried from node to node by one query.
   struct QueryState {
     double isovalue = 0.0;
     io::PageReadCost cost;
     std::vector<BlockInterval> active;
-    // The entry page read last: neighbouring lists share pages.
+    // The last entry page that was read: neighbouring lists share pages.
     std::optional<io::PageFile::Page> page;
     io::PageNumber page_number = 0;
   };
 
-  // Positions [begin, end) of a run.
+  // Positions [begin, end) of a node's entry run.
   struct Range {
     std::uint32_t begin = 0;
     std::uint32_t end = 0;
   };
 
-  // What a query does at one node.
+  // One node as a query sees it: the lists of the isovalue's slab.
   struct NodeVisit {
-    io::PageNumber run_page = 0;  // the first of its run
-    std::uint32_t run_size = 0;   // entries
-    volume::ScalarSpan slab;      // its bounds
+    io::PageNumber entry_run_page = 0;  // first page of the entry run
+    std::uint32_t entry_run_size = 0;   // entries
+    volume::ScalarSpan slab;            // its bounds
     Range left;
     Range right;
     Range window;
@@ -107,22 +139,23 @@ class IntervalTree::Impl {
     io::PageNumber child_page = 0;
   };
 
-  // What to make of a list's entries.
+  // Decides which entries of a list are reported.
   enum class ListKind {
-    kSorted,  // active ones come first: reading ends with the first other one
-    kWindow,  // only those that cover the slab: the others are in its left or right list, if active
-    kLeaf,    // all that are active
+    kSorted,  // the active ones, which come first: reading ends with the first inactive entry
+    kWindow,  // those that cover the slab: any other active one is in its left or right list
+    kLeaf,    // the active ones
   };
 
-  // Reads a node and picks out the isovalue's slab. DATA_LOSS unless everything is in range.
+  // Reads a node and picks the isovalue's slab. DATA_LOSS unless everything is in range.
   [[nodiscard]] absl::StatusOr<NodeVisit> VisitNode(io::PageNumber page, QueryState* state) const;
   [[nodiscard]] absl::Status CheckVisit(io::PageNumber page, const format::NodeHeader& header,
                                         const NodeVisit& visit) const;
-  // Reports the active intervals of a list, each exactly once in the lists of a slab.
+  // Appends the active intervals of a list to `state->active`. In the lists of one slab each
+  // interval is reported once.
   [[nodiscard]] absl::Status ReadList(const NodeVisit& visit, Range range, ListKind kind,
                                       QueryState* state) const;
-  // Makes `state->page` the entry page `page_in_run` of the run.
-  [[nodiscard]] absl::Status LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
+  // Makes page `page_in_entry_run` of the entry run the current one: `state->page`.
+  [[nodiscard]] absl::Status LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_entry_run,
                                            QueryState* state) const;
 
   std::unique_ptr<io::PageFile> pages_;
@@ -220,8 +253,8 @@ absl::StatusOr<IntervalTree::Impl::NodeVisit> IntervalTree::Impl::VisitNode(
     next = format::DecodeSlabRecord(payload + format::SlabRecordOffset(slab + 1));
   }
   NodeVisit visit;
-  visit.run_page = page + 1;
-  visit.run_size = header.leaf_end;
+  visit.entry_run_page = page + 1;
+  visit.entry_run_size = header.leaf_end;
   visit.slab = {.min = record.lower, .max = next.lower};
   visit.left = {record.left_begin, next.left_begin};
   visit.right = {record.right_begin, next.right_begin};
@@ -251,7 +284,7 @@ absl::Status IntervalTree::Impl::CheckVisit(io::PageNumber page, const format::N
   }
   const std::int64_t run_end =
       std::int64_t{page} + 1 +
-      (std::int64_t{visit.run_size} + kEntriesPerPage - 1) / kEntriesPerPage;
+      (std::int64_t{visit.entry_run_size} + kEntriesPerPage - 1) / kEntriesPerPage;
   if (run_end > pages_->page_count() ||
       (visit.child_page != 0 && (std::int64_t{visit.child_page} < run_end ||
                                  std::int64_t{visit.child_page} >= pages_->page_count()))) {
@@ -267,11 +300,11 @@ absl::Status IntervalTree::Impl::ReadList(const NodeVisit& visit, Range range, L
                                           QueryState* state) const {
   constexpr auto kPerPage = static_cast<std::uint32_t>(kEntriesPerPage);
   for (std::uint32_t position = range.begin; position < range.end;) {
-    const std::uint32_t page_in_run = position / kPerPage;
-    ISOSCOPE_RETURN_IF_ERROR(LoadEntryPage(visit, page_in_run, state));
+    const std::uint32_t page_in_entry_run = position / kPerPage;
+    ISOSCOPE_RETURN_IF_ERROR(LoadEntryPage(visit, page_in_entry_run, state));
     const char* entries = state->page->payload().data() + format::kEntryPageHeaderBytes;
-    const std::uint32_t in_page_end = std::min(range.end - page_in_run * kPerPage, kPerPage);
-    for (std::uint32_t i = position - page_in_run * kPerPage; i < in_page_end; ++i) {
+    const std::uint32_t in_page_end = std::min(range.end - page_in_entry_run * kPerPage, kPerPage);
+    for (std::uint32_t i = position - page_in_entry_run * kPerPage; i < in_page_end; ++i) {
       const BlockInterval interval = format::DecodeEntry(entries + i * format::kEntryBytes);
       const bool covers_slab =
           interval.span.min <= visit.slab.min && visit.slab.max <= interval.span.max;
@@ -283,28 +316,30 @@ absl::Status IntervalTree::Impl::ReadList(const NodeVisit& visit, Range range, L
         state->active.push_back(interval);
       }
     }
-    position = page_in_run * kPerPage + in_page_end;
+    position = page_in_entry_run * kPerPage + in_page_end;
   }
   return absl::OkStatus();
 }
 
-absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit, std::uint32_t page_in_run,
+absl::Status IntervalTree::Impl::LoadEntryPage(const NodeVisit& visit,
+                                               std::uint32_t page_in_entry_run,
                                                QueryState* state) const {
-  const io::PageNumber number = visit.run_page + page_in_run;
-  if (state->page.has_value() && state->page_number == number) {
+  const io::PageNumber page = visit.entry_run_page + page_in_entry_run;
+  if (state->page.has_value() && state->page_number == page) {
     return absl::OkStatus();
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(state->page, pages_->Read(number, &state->cost));
-  state->page_number = number;
+  ISOSCOPE_ASSIGN_OR_RETURN(state->page, pages_->Read(page, &state->cost));
+  state->page_number = page;
   const char* payload = state->page->payload().data();
   const auto kind = base::LoadLittleEndian<std::uint16_t>(payload);
   const auto count = base::LoadLittleEndian<std::uint16_t>(payload + 2);
   const std::int64_t expected_count = std::min(
-      std::int64_t{visit.run_size} - std::int64_t{page_in_run} * kEntriesPerPage, kEntriesPerPage);
+      std::int64_t{visit.entry_run_size} - std::int64_t{page_in_entry_run} * kEntriesPerPage,
+      kEntriesPerPage);
   if (kind != format::kEntryPageKind || std::int64_t{count} != expected_count) {
     return pages_->PageError(
-        number, absl::StrCat("kind ", kind, " with ", count, " entries, expected kind ",
-                             format::kEntryPageKind, " with ", expected_count));
+        page, absl::StrCat("kind ", kind, " with ", count, " entries, expected kind ",
+                           format::kEntryPageKind, " with ", expected_count));
   }
   return absl::OkStatus();
 }

@@ -1,6 +1,9 @@
-// The external interval tree of a shard: which blocks have an isovalue in their span, by reading
-// O(log_B N + T/B) pages. Source: Arge and Vitter 1996/2003; Chiang and Silva 1997
-// (references.bib).
+// The external interval tree of a shard: finds the blocks whose span contains an isovalue.
+//
+// A query reads O(log_B N + T / B) pages for N intervals, T of them active, B = 170 to a page.
+// Nothing but the header and a page cache of bounded size stays in memory. It is step 0 of a frame
+// (docs/architecture.md). How a query works: head of interval_tree.cc.
+// Source: Arge and Vitter 1996/2003; Chiang and Silva 1997 (references.bib).
 
 #ifndef ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_
 #define ISOSCOPE_CORE_INDEX_INTERVAL_TREE_H_
@@ -19,11 +22,11 @@
 
 namespace isoscope::index {
 
-// A span and whose it is.
+// The span of one block.
 struct BlockInterval {
   volume::ScalarSpan span;
   volume::BlockId block_id = 0;
-  std::uint32_t ordinal = 0;  // the block's place in its shard
+  std::uint32_t ordinal = 0;  // of the block in its shard
 
   friend bool operator==(const BlockInterval&, const BlockInterval&) = default;
 };
@@ -37,22 +40,22 @@ struct QueryResult {
 // Immutable after Open; Query is thread-safe.
 class IntervalTree {
  public:
-  // Opens and verifies the header; holds no more of the tree in memory than `page_cache_bytes`.
-  // DATA_LOSS if the header is damaged or the file's size is not what it says,
-  // FAILED_PRECONDITION if the file's version is another.
+  // Opens a tree and verifies its header. At most `page_cache_bytes` of pages stay in memory.
+  // DATA_LOSS if the header is damaged or contradicts the file's size, FAILED_PRECONDITION if the
+  // file has another version.
   static absl::StatusOr<std::unique_ptr<IntervalTree>> Open(
       std::unique_ptr<io::RandomAccessFile> file, std::int64_t page_cache_bytes);
   ~IntervalTree();
 
-  // All intervals with IsActive(span, isovalue), by reading at most
+  // Returns all intervals with IsActive(span, isovalue). Reads at most
   // MaxPageReads(interval_count(), active.size()) pages. INVALID_ARGUMENT unless isovalue is
   // finite; DATA_LOSS, naming file and page, if a page is damaged.
   [[nodiscard]] absl::StatusOr<QueryResult> Query(double isovalue) const;
 
   [[nodiscard]] std::int64_t interval_count() const;
 
-  // The stated bound, proved in docs/format/interval_tree.md: 0 for N = 0, 2 for N <= B = 170, else
-  // 8 L(N) + 2 + floor(2 T / B), where L(N) <= 1 + log_63(N / B) counts levels of nodes.
+  // The bound on page reads, proved in docs/format/interval_tree.md: 0 for N = 0, 2 for N <= B,
+  // else 8 L(N) + 2 + floor(2 T / B), where L(N) <= 1 + log_63(N / B) counts the levels of nodes.
   static std::int64_t MaxPageReads(std::int64_t interval_count, std::int64_t active_count);
 
  private:

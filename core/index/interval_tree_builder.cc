@@ -1,15 +1,23 @@
-// Builds a node at a time, from the root down:
+// Sorts the intervals, then builds the tree node by node from the root:
 //
-//   1. choose the slabs' bounds from the sorted endpoints;
-//   2. give every interval its part: passed down to a slab, or kept in left, right, window lists;
-//   3. write the node's page (a placeholder) and its run: left, right, window and leaf lists;
-//   4. build the child nodes, then write the node's page for good.
+//   1. Add: leave out intervals that are never active, make negative zeros positive, and pass the
+//      others to a sorter, which spills sorted runs to disk when its memory is full.
+//   2. Finish: merge them into canonical order, (lo, hi, block id, ordinal), and compute the file
+//      tag on the way: the CRC-32C of all encoded entries.
+//   3. Write a placeholder for the header page, then the nodes in preorder: for each its page
+//      (again a placeholder), its entry run, its child nodes, and then its page for good.
+//      in_memory_node_builder.cc does that with arrays; external_node_builder.cc does the same with
+//      scratch files while a node has more intervals than fit.
+//   4. Write the header last: a file that was not finished is no tree.
 //
-// Intervals are in canonical order from the start and every step keeps it, so that the bytes
-// depend on the set only. A node whose intervals do not fit into memory goes through the same steps
-// with scratch files in the place of arrays (external_node_builder.cc); its children are built
-// either way. Based on: Arge and Vitter 2003, section 2; Chiang and Silva 1997, section 3;
-// Chazelle 1986 (window lists).
+//        page 0   1     2 ...            p        p+1 ...          q
+//        header | root | its entry run | child 0 | its entry run | child 1 | ...
+//
+// Invariant: every step keeps the canonical order, so the bytes depend on the set of intervals
+// alone, not on the order of Add or on the memory.
+//
+// Based on: Arge and Vitter 2003, section 2 (references.bib: arge-vitter); Chiang and Silva 1997,
+// section 3 (chiang-silva); Chazelle 1986 (chazelle-filtering: window lists).
 
 #include "core/index/interval_tree_builder.h"
 
@@ -46,7 +54,7 @@ struct CanonicalLess {
   }
 };
 
-// NaN fails every comparison: never active as well.
+// False for NaN too, which fails every comparison.
 bool IsEverActive(const BlockInterval& interval) { return interval.span.min < interval.span.max; }
 
 // Makes negative zeros positive.
@@ -55,7 +63,7 @@ void NormalizeZeros(BlockInterval* interval) {
   interval->span.max += 0.0;
 }
 
-// The CRC-32C of all entries so far and `interval`.
+// Extends the CRC-32C of all entries so far by `interval`.
 std::uint32_t ExtendFingerprint(std::uint32_t crc, const BlockInterval& interval) {
   char bytes[format::kEntryBytes];
   format::EncodeEntry(interval, bytes);
@@ -70,7 +78,7 @@ std::uint32_t Fingerprint(std::span<const BlockInterval> intervals) {
   return crc;
 }
 
-// Writes a whole tree file: `build_root(pages)` writes the nodes and returns the root's page.
+// Writes a whole tree file. `build_root(pages)` writes the nodes and returns the page of the root.
 template <typename BuildRoot>
 absl::Status WriteTree(std::int64_t interval_count, std::uint32_t fingerprint,
                        io::WritableFile* file, const BuildRoot& build_root) {
@@ -82,7 +90,6 @@ absl::Status WriteTree(std::int64_t interval_count, std::uint32_t fingerprint,
     ISOSCOPE_ASSIGN_OR_RETURN(header.root_page, build_root(&pages));
   }
   header.page_count = static_cast<std::uint32_t>(pages.page_count());
-  // Last: a file that was not finished has no header.
   std::string payload(format::kHeaderBytes, '\0');
   format::EncodeHeader(header, payload.data());
   ISOSCOPE_RETURN_IF_ERROR(pages.Overwrite(0, payload));
@@ -98,7 +105,7 @@ absl::Status CheckIntervalCount(std::int64_t count) {
   return absl::OkStatus();
 }
 
-// REQUIRES: in canonical order.
+// REQUIRES: `intervals` are in canonical order.
 absl::Status WriteTreeInMemory(std::vector<BlockInterval>* intervals, io::WritableFile* file) {
   return WriteTree(static_cast<std::int64_t>(intervals->size()), Fingerprint(*intervals), file,
                    [&](io::PageFileWriter* pages) { return BuildNodeInMemory(*intervals, pages); });
@@ -154,7 +161,7 @@ class IntervalTreeBuilder::Impl {
   }
 
  private:
-  // Empties the sorter, and frees it.
+  // Calls visit(interval) for each interval in canonical order, then frees the sorter.
   template <typename Visit>
   absl::Status ForEachSorted(const Visit& visit) {
     constexpr std::int64_t kIntervalsBetweenChecks = 1 << 16;

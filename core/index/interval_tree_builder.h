@@ -1,4 +1,4 @@
-// Bulk-builds the external interval tree of a shard in a stated memory.
+// Bulk-builds the external interval tree of a shard in a stated memory. Used by partitioning.
 
 #ifndef ISOSCOPE_CORE_INDEX_INTERVAL_TREE_BUILDER_H_
 #define ISOSCOPE_CORE_INDEX_INTERVAL_TREE_BUILDER_H_
@@ -16,31 +16,33 @@
 
 namespace isoscope::index {
 
-// Writes the tree of any number of intervals in bounded memory: Add every interval (any order;
-// empty spans are left out: they are never active), then Finish. The same set of intervals gives
-// the same bytes. Sets that need more than `memory_bytes` (128 bytes an interval) are sorted and
-// cut in scratch files without a name, which need up to 170 bytes of disk an interval and are gone
-// with the builder, however it ends. O(N / B log_M/B N / B) reads and writes of pages of B
-// intervals. Thread-compatible.
+// Writes the tree of any number of intervals. Add every interval, in any order, then call Finish.
+// Empty spans are never active and are left out. The same set of intervals gives the same bytes.
+//
+// A set that needs more than `memory_bytes`, at 128 bytes an interval, is sorted and cut in scratch
+// files without a name. They take up to 170 bytes of disk an interval and vanish with the builder,
+// even if the process is killed. O(N / B log_M/B N / B) page reads and writes.
+//
+// Thread-compatible.
 class IntervalTreeBuilder {
  public:
   struct Options {
-    std::string scratch_directory;                     // exists
+    std::string scratch_directory;                     // must exist
     std::int64_t memory_bytes = 24 * base::kMiB;       // of all tables and buffers together
     const base::Cancellation* cancellation = nullptr;  // may be null; outlives the builder
   };
 
-  // What a builder of `interval_count` intervals needs, and no more: with the default memory, at
-  // most that.
+  // Returns the bytes with which `interval_count` intervals are built in memory, or the default
+  // memory if that is less.
   static std::int64_t MemoryBytes(std::int64_t interval_count);
 
   explicit IntervalTreeBuilder(const Options& options);
   ~IntervalTreeBuilder();
 
-  // Errors: the scratch file's (RESOURCE_EXHAUSTED if the disk is full).
+  // Adds an interval. Errors: the scratch file's (RESOURCE_EXHAUSTED if the disk is full).
   absl::Status Add(const BlockInterval& interval);
   // Writes the tree and closes `file`. INVALID_ARGUMENT for more than 2^29 intervals, CANCELLED;
-  // otherwise the files' errors. A file that was not finished is no tree.
+  // otherwise the files' errors. After an error the file has no header: opening it fails.
   absl::Status Finish(io::WritableFile* file);
 
  private:

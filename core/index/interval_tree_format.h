@@ -1,5 +1,5 @@
-// The interval tree file: sizes, field offsets and the records that more than one file encodes or
-// decodes. The picture is docs/format/interval_tree.md; names and numbers here are its own.
+// The interval tree file: sizes, field offsets, and the records that several sources encode or
+// decode. The layout is described in docs/format/interval_tree.md, with the same names.
 
 #ifndef ISOSCOPE_CORE_INDEX_INTERVAL_TREE_FORMAT_H_
 #define ISOSCOPE_CORE_INDEX_INTERVAL_TREE_FORMAT_H_
@@ -38,7 +38,7 @@ static_assert(kMaxSlabs == 126);
 
 // 2^32 intervals make at most 5 levels.
 inline constexpr int kMaxLevels = 8;
-// A node's run has at most 7 entries an interval and is counted in 32 bits.
+// A node's entry run has at most 7 entries an interval and is counted in 32 bits.
 inline constexpr std::int64_t kMaxIntervalCount = std::int64_t{1} << 29;
 
 struct Header {
@@ -56,7 +56,7 @@ struct NodeHeader {
   std::uint32_t left_end = 0;
   std::uint32_t right_end = 0;
   std::uint32_t window_end = 0;
-  std::uint32_t leaf_end = 0;  // entries in the run
+  std::uint32_t leaf_end = 0;  // entries in the entry run
 };
 
 struct SlabRecord {
@@ -96,7 +96,7 @@ inline void EncodeHeader(const Header& header, char* out) {
   base::StoreLittleEndian(header.max_slabs, out + 36);
 }
 
-// All but the magic.
+// Decodes everything but the magic.
 inline Header DecodeHeader(const char* in) {
   return {.version = base::LoadLittleEndian<std::uint32_t>(in + 8),
           .page_bytes = base::LoadLittleEndian<std::uint32_t>(in + 12),
@@ -116,7 +116,7 @@ inline void EncodeNodeHeader(const NodeHeader& header, char* out) {
   base::StoreLittleEndian(header.leaf_end, out + 16);
 }
 
-// All but the kind.
+// Decodes everything but the kind.
 inline NodeHeader DecodeNodeHeader(const char* in) {
   return {.slab_count = base::LoadLittleEndian<std::uint16_t>(in + 2),
           .left_end = base::LoadLittleEndian<std::uint32_t>(in + 4),
@@ -145,7 +145,7 @@ inline SlabRecord DecodeSlabRecord(const char* in) {
           .child_page = base::LoadLittleEndian<io::PageNumber>(in + 28)};
 }
 
-// Where the record of slab `slab_index` begins in a node's payload.
+// Offset of the record of slab `slab_index` in a node's payload.
 inline std::size_t SlabRecordOffset(std::int64_t slab_index) {
   return kNodeHeaderBytes + static_cast<std::size_t>(slab_index) * kSlabRecordBytes;
 }

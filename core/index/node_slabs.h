@@ -1,4 +1,17 @@
-// How a node cuts its intervals: slabs, the part of an interval, windows. What both builders share.
+// The geometry of a node, shared by both builders: where the slabs are cut, which slabs an interval
+// reaches into and covers, and which slabs share a window list.
+//
+// Example: cuts 10, 20, 30 make the slabs 0 = (-inf, 10], 1 = (10, 20], 2 = (20, 30], 3 = (30,
+// inf].
+//
+//   interval   first  last  covers          goes to
+//   (5, 25]      0      2   slab 1          left list of 0, window list of 1, right list of 2
+//   (10, 25]     1      2   slab 1          window list of 1, right list of 2
+//   (10, 20]     1      1   slab 1          window list of 1
+//   (12, 20]     1      1   none            down to slab 1: its leaf list or child node
+//
+// Definitions, and why cutting at these endpoints bounds what goes down:
+// docs/format/interval_tree.md, "What lies where".
 
 #ifndef ISOSCOPE_CORE_INDEX_NODE_SLABS_H_
 #define ISOSCOPE_CORE_INDEX_NODE_SLABS_H_
@@ -16,16 +29,17 @@ namespace isoscope::index {
 // Slabs are given as their lower bounds, ascending. This is the first one.
 inline constexpr double kFirstLowerBound = -std::numeric_limits<double>::infinity();
 
-// Slabs that a node of `count` > B intervals is cut into, before equal cuts are dropped.
+// The number of slabs of a node of `count` > B intervals, before equal cuts are dropped.
 std::int64_t SlabCount(std::int64_t count);
-// Where the i-th cut, 0 < i < SlabCount(count), is among the sorted endpoints of `count` intervals.
+// The position of cut i among the 2 * count sorted endpoints of a node's intervals.
+// REQUIRES: 0 < i < SlabCount(count).
 std::int64_t CutPosition(std::int64_t i, std::int64_t count);
-// Appends the next cut, unless it equals the last one or is infinite.
+// Appends the next cut to the lower bounds, unless it equals the last one or is infinite.
 void AddCut(double cut, std::vector<double>* lower);
 
-// The part that an interval plays at a node.
-struct Part {
-  std::uint8_t first_slab = 0;  // that it reaches into
+// The slabs of a node that an interval reaches into, and whether it covers the outer two.
+struct SlabExtent {
+  std::uint8_t first_slab = 0;  // first and last slab that it reaches into
   std::uint8_t last_slab = 0;
   bool covers_first = false;
   bool covers_last = false;
@@ -36,29 +50,31 @@ struct Part {
   [[nodiscard]] bool in_left_list() const { return !covers_first; }
   [[nodiscard]] bool in_right_list() const { return !covers_last; }
   [[nodiscard]] bool in_windows() const { return first_covered() <= last_covered(); }
-  // The slabs that it covers; none if first > last.
+  // The slabs that the interval covers; none if first > last.
   [[nodiscard]] int first_covered() const { return first_slab + (covers_first ? 0 : 1); }
   [[nodiscard]] int last_covered() const { return last_slab - (covers_last ? 0 : 1); }
 };
 
-// REQUIRES: `interval` is active somewhere.
-Part PartOf(const BlockInterval& interval, std::span<const double> lower);
+// lower: of the node's slabs. REQUIRES: interval.span.min < interval.span.max. O(log slabs).
+SlabExtent ExtentOf(const BlockInterval& interval, std::span<const double> lower);
 
-// Consecutive slabs [first, last] that share a list.
+// Consecutive slabs [first, last] that share a window list.
 struct Window {
   int first = 0;
   int last = 0;
-  std::int64_t size = 0;  // intervals that cover one of them
+  std::int64_t size = 0;  // intervals that cover at least one of the slabs
 };
 
-// How many kept intervals begin and end to cover slabs, by slab.
+// Counts how many kept intervals cover each slab: where their coverage begins and where it ends.
+// Thread-compatible.
 class Coverage {
  public:
   explicit Coverage(std::size_t slab_count) : begins_(slab_count + 1), ends_(slab_count + 1) {}
 
-  void Add(const Part& part);
+  void Add(const SlabExtent& extent);
 
-  // Groups slabs greedily while a window has at most 2 * (its least crowded slab) + B intervals.
+  // Groups slabs greedily, from slab 0 on: a slab joins the window before it if that then has at
+  // most 2 m + B intervals, where m is the fewest that cover one slab of the window. O(slabs).
   [[nodiscard]] std::vector<Window> ChooseWindows() const;
 
  private:

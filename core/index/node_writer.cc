@@ -9,7 +9,7 @@
 
 namespace isoscope::index {
 
-absl::Status RunWriter::Append(const BlockInterval& interval) {
+absl::Status EntryRunWriter::Append(const BlockInterval& interval) {
   char bytes[format::kEntryBytes];
   format::EncodeEntry(interval, bytes);
   payload_.append(bytes, sizeof(bytes));
@@ -17,7 +17,7 @@ absl::Status RunWriter::Append(const BlockInterval& interval) {
   return ++page_entry_count_ == format::kEntriesPerPage ? Finish() : absl::OkStatus();
 }
 
-absl::Status RunWriter::Finish() {
+absl::Status EntryRunWriter::Finish() {
   if (page_entry_count_ == 0) {
     return absl::OkStatus();
   }
@@ -27,7 +27,7 @@ absl::Status RunWriter::Finish() {
   return absl::OkStatus();
 }
 
-void RunWriter::StartPage() {
+void EntryRunWriter::StartPage() {
   payload_.assign(format::kEntryPageHeaderBytes, '\0');
   base::StoreLittleEndian(format::kEntryPageKind, payload_.data());
   page_entry_count_ = 0;

@@ -1,4 +1,4 @@
-// The pages of a node while they are written: its run of entries, its header and slab records.
+// Encodes the pages of one node: the entry run, and the page with its header and slab records.
 
 #ifndef ISOSCOPE_CORE_INDEX_NODE_WRITER_H_
 #define ISOSCOPE_CORE_INDEX_NODE_WRITER_H_
@@ -16,17 +16,17 @@
 
 namespace isoscope::index {
 
-// Writes the entries of one run to full pages. Thread-compatible.
-class RunWriter {
+// Writes the entry run of one node: pages of B entries, the last one with fewer. Thread-compatible.
+class EntryRunWriter {
  public:
   // `pages` outlives the writer; nothing else is appended to it before Finish.
-  explicit RunWriter(io::PageFileWriter* pages) : pages_(pages) { StartPage(); }
+  explicit EntryRunWriter(io::PageFileWriter* pages) : pages_(pages) { StartPage(); }
 
   absl::Status Append(const BlockInterval& interval);
-  // Writes the last page, if it has entries.
+  // Writes the last page, if it has entries. Errors of both: those of `pages`.
   absl::Status Finish();
 
-  // Entries so far: the position of the next one.
+  // The number of entries appended, which is the position of the next one.
   [[nodiscard]] std::uint32_t entry_count() const { return entry_count_; }
 
  private:
@@ -38,15 +38,15 @@ class RunWriter {
   std::uint32_t entry_count_ = 0;
 };
 
-// A node while it is built.
+// The header and slab records of a node, filled in as its lists are written.
 struct NodeRecords {
   std::vector<format::SlabRecord> slabs;
   format::NodeHeader header;
 
-  // lower: of its slabs, kMaxSlabs at most
+  // lower: lower bound of each slab, ascending; 1 to kMaxSlabs
   explicit NodeRecords(std::span<const double> lower);
 
-  // The payload of its page.
+  // Returns the payload of the node's page.
   [[nodiscard]] std::string Encode() const;
 };
 

@@ -1,4 +1,4 @@
-// Sorts any number of records in a stated memory: sorted runs in a scratch file, then merged.
+// Sorts any number of records in bounded memory: external merge sort with a scratch file.
 // Source: Knuth, The Art of Computer Programming 3, section 5.4.
 
 #ifndef ISOSCOPE_CORE_IO_EXTERNAL_SORTER_H_
@@ -24,19 +24,19 @@
 
 namespace isoscope::io {
 
-// Life: Add every record, Finish, then read them in order:
+// Add fills memory (M bytes) and writes it as a sorted run whenever it is full. Finish merges up to
+// M / 64 KiB - 1 runs at a time into longer ones, until one last merge is left for the reader:
 //
 //   while (!sorter.is_at_end()) { Use(sorter.current()); RETURN_IF_ERROR(sorter.Advance()); }
-//
-// Records that are equal under Less come in any order. Up to `memory_bytes` of records nothing is
-// written; beyond, each record is written and read once for every merge, of which one is enough for
-// about memory^2 / 64 KiB. Thread-compatible. Errors: the scratch file's (disk full:
-// RESOURCE_EXHAUSTED).
+// A merge keeps its runs in a heap by their next records. Up to M bytes nothing is written. Up to
+// about M^2 / 64 KiB each record is written and read once: 16 MiB sort 4 GiB so. Records that are
+// equal under Less come in any order. Thread-compatible. Returns the errors of the scratch file; a
+// full disk is RESOURCE_EXHAUSTED.
 template <typename Record, typename Less = std::less<Record>>
 class ExternalSorter {
  public:
-  // directory:    where the scratch file comes to lie, without a name
-  // memory_bytes: of all buffers together (at least three records)
+  // directory:    the scratch file is made here, without a name
+  // memory_bytes: all buffers together (at least three records)
   ExternalSorter(std::string directory, std::int64_t memory_bytes, Less less = Less())
       : directory_(std::move(directory)), memory_bytes_(memory_bytes), less_(std::move(less)) {}
 
@@ -53,7 +53,7 @@ class ExternalSorter {
     return absl::OkStatus();
   }
 
-  // Ends adding; the first record, if any, is current() then.
+  // Ends adding. Then current() is the first record, if there is one.
   absl::Status Finish() {
     if (runs_.empty()) {
       std::sort(run_.begin(), run_.end(), less_);
@@ -69,7 +69,7 @@ class ExternalSorter {
     return merge_.Start(file_.get(), runs_, BufferBytes(runs_.size()), less_);
   }
 
-  // Records that were added.
+  // Returns the number of added records.
   [[nodiscard]] std::int64_t count() const { return count_; }
   // REQUIRES for all below: Finish was called.
   [[nodiscard]] bool is_at_end() const {
@@ -89,10 +89,10 @@ class ExternalSorter {
   }
 
  private:
-  // Below it a disk would seek more than read.
+  // With smaller buffers a disk would seek more than read.
   static constexpr std::int64_t kMergeBufferBytes = 64 * base::kKiB;
 
-  // The least record of several sorted runs, again and again.
+  // Merges sorted runs: gives the least of their next records, again and again.
   class Merge {
    public:
     absl::Status Start(const ScratchFile* file, absl::Span<const ScratchRange> runs,
@@ -152,7 +152,7 @@ class ExternalSorter {
     std::vector<std::unique_ptr<Input>> heap_;
   };
 
-  // For each of `reader_count` runs, beside the records that are being merged.
+  // Returns the buffer size of each of `reader_count` runs, and of the writer beside them.
   [[nodiscard]] std::int64_t BufferBytes(std::size_t reader_count) const {
     return std::min(memory_bytes_ / static_cast<std::int64_t>(reader_count + 1),
                     16 * kMergeBufferBytes);

@@ -24,7 +24,7 @@
 namespace isoscope::io {
 namespace {
 
-// Large enough that a write costs more than its system call.
+// A buffer of this size makes a write cost more than its system call.
 constexpr std::size_t kWriteBufferBytes = 256 * static_cast<std::size_t>(base::kKiB);
 
 // Linux moves at most 2^31 - 4096 bytes in one call.
@@ -100,7 +100,7 @@ class PosixRandomAccessFile : public RandomAccessFile {
         }
         return ReadFailed(errno, *this, offset, size);
       }
-      if (count == 0) {  // it was cut since it was opened
+      if (count == 0) {  // the file was cut since it was opened
         return FileTooShort(*this, offset, size, offset + static_cast<std::int64_t>(done));
       }
       done += static_cast<std::size_t>(count);
@@ -118,7 +118,7 @@ class PosixRandomAccessFile : public RandomAccessFile {
   [[nodiscard]] std::int64_t size_bytes() const override { return size_bytes_; }
   [[nodiscard]] const std::string& path() const override { return path_; }
   void ExpectScatteredReads() const override {
-    // Advice: what the system makes of it changes no byte.
+    // This is advice. It changes no byte, so an error does not matter.
     static_cast<void>(posix_fadvise(descriptor_.get(), 0, 0, POSIX_FADV_RANDOM));
   }
   [[nodiscard]] int descriptor() const override { return descriptor_.get(); }
@@ -162,7 +162,7 @@ class PosixWritableFile : public WritableFile {
           buffer_bytes_ -
           ((static_cast<std::size_t>(buffer_offset_) + buffer_.size()) & (buffer_bytes_ - 1));
       if (buffer_.empty() && bytes.size() >= to_boundary) {
-        // All up to the last boundary at once.
+        // Everything up to the last boundary goes out at once.
         const std::size_t size =
             to_boundary + ((bytes.size() - to_boundary) & ~(buffer_bytes_ - 1));
         ISOSCOPE_RETURN_IF_ERROR(WriteThrough(buffer_offset_, bytes.substr(0, size)));

@@ -1,5 +1,5 @@
-// Files: the only place that knows POSIX I/O. Interfaces, so that tests can inject short reads,
-// EIO and ENOSPC (tests/support/fault_file.h).
+// Files: the only place that knows POSIX I/O. They are interfaces, so that tests can inject short
+// reads, EIO and ENOSPC (tests/support/fault_file.h).
 //
 // Every error names the path and the system's reason: NOT_FOUND (no such file or directory),
 // PERMISSION_DENIED, ALREADY_EXISTS, RESOURCE_EXHAUSTED (disk or quota full, too many open files),
@@ -27,48 +27,48 @@ class RandomAccessFile {
   // Reads exactly `size` bytes from `offset` into `out`. DATA_LOSS if the file ends before.
   [[nodiscard]] virtual absl::Status ReadAt(std::int64_t offset, std::size_t size,
                                             char* out) const = 0;
-  // Reads what of it lies in the system's memory, from `offset` without a gap, and returns how much
-  // that is: anything in [0, size]. Never waits for a disk; errors show as less, and again in
-  // ReadAt.
+  // Reads the bytes from `offset` on that lie in the system's memory without a gap, and returns
+  // their number, in [0, size]. Never waits for a disk. After an error it returns less; ReadAt
+  // reports the error.
   [[nodiscard]] virtual std::size_t ReadCached(std::int64_t /*offset*/, std::size_t /*size*/,
                                                char* /*out*/) const {
     return 0;
   }
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
   [[nodiscard]] virtual const std::string& path() const = 0;
-  // From now on the system reads what is asked for, and nothing ahead of it.
+  // Tells the system to read nothing ahead from now on.
   virtual void ExpectScatteredReads() const {}
-  // What pread takes; -1 if there is none that gives these bytes.
+  // Returns a descriptor for pread; -1 if no descriptor gives these bytes.
   [[nodiscard]] virtual int descriptor() const { return -1; }
 };
 
-// A new file. Thread-compatible. Writes are buffered: nothing is promised to be on disk before
-// Close() has returned OK, and the destructor closes without a promise. The first error stays:
-// every later call returns it.
+// A new file. Thread-compatible. Writes are buffered. Bytes are sure to be on disk only after
+// Close() has returned OK; the destructor closes without that promise. The first error stays: every
+// later call returns it.
 class WritableFile {
  public:
   virtual ~WritableFile() = default;
 
   // Writes at size_bytes().
   [[nodiscard]] virtual absl::Status Append(absl::string_view bytes) = 0;
-  // Writes at any offset >= 0, inside or beyond what was written: in any order, once or again.
-  // Bytes that are never written read as zeros.
+  // Writes at any offset >= 0, in any order, and may write over earlier bytes. Bytes that are never
+  // written read as zeros.
   [[nodiscard]] virtual absl::Status WriteAt(std::int64_t offset, absl::string_view bytes) = 0;
   // Flushes to disk (fsync) and closes. Writing after it is FAILED_PRECONDITION; closing again is
   // OK.
   [[nodiscard]] virtual absl::Status Close() = 0;
-  // The end of the furthest write, flushed or not.
+  // Returns the end of the farthest write, flushed or not.
   [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
 };
 
-// FAILED_PRECONDITION if `path` is no regular file.
+// Opens a file. FAILED_PRECONDITION if `path` is no regular file.
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path);
 
 // Creates `path`, which must not exist.
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateWritableFile(const std::string& path);
-// The same with a buffer of so many bytes, a power of two. What is written without a gap goes to
-// the kernel in parts that begin and end at multiples of it, and lies in the kernel's page cache in
-// as large parts, which are faster to read.
+// Does the same with a buffer of this size, a power of two. Bytes that are written without a gap go
+// to the kernel in parts that begin and end at multiples of the size. The kernel's page cache then
+// holds equally large parts, which are faster to read.
 absl::StatusOr<std::unique_ptr<WritableFile>> CreateBufferedFile(const std::string& path,
                                                                  std::size_t buffer_bytes);
 
@@ -92,8 +92,8 @@ absl::Status RemoveRecursively(const std::string& path);
 bool PathExists(const std::string& path);
 bool IsDirectory(const std::string& path);
 
-// What ReadAt answers: DATA_LOSS if the range does not lie within size_bytes(); the error of a
-// range that met the file's end at `end`; that of one which the system refused.
+// The errors of ReadAt: DATA_LOSS if the range does not lie within size_bytes(); the error of a
+// range that met the file's end at `end`; the error of a range that the system refused.
 absl::Status CheckRange(const RandomAccessFile& file, std::int64_t offset, std::size_t size);
 absl::Status FileTooShort(const RandomAccessFile& file, std::int64_t offset, std::size_t size,
                           std::int64_t end);

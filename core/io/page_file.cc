@@ -1,3 +1,19 @@
+// The bytes of a page, little-endian:
+//
+//   0     payload, padded with zeros
+//   4084  tag of the file
+//   4088  page number
+//   4092  CRC-32C of the bytes before
+//
+// Each of the last three fields catches its own accident: the checksum a damaged page, the number a
+// page in the wrong position, the tag a page of another file. Open takes the tag of page 0 as the
+// tag of the file. So a page is verified in two parts: ReadFromFile checks checksum and number, and
+// Read compares the tag.
+//
+// The cache is a list of pages, the last used in front, and a map from page number to list entry. A
+// page is read outside the lock. Two threads that miss the same page both read it; the first one to
+// return keeps it in the cache.
+
 #include "core/io/page_file.h"
 
 #include <algorithm>
@@ -74,14 +90,14 @@ absl::StatusOr<PageFile::Page> PageFile::Read(PageNumber page, PageReadCost* cos
   }
   ++cost->page_read_count;
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     const auto found = cached_.find(page);
     if (found != cached_.end()) {
       lru_.splice(lru_.begin(), lru_, found->second);
       return Page(found->second->second);
     }
   }
-  // Not under the lock: two threads that miss the same page both read it.
+  // The lock is not held here, so that a miss does not keep others from their hits.
   ISOSCOPE_ASSIGN_OR_RETURN(auto bytes, ReadFromFile(page));
   cost->read_bytes += static_cast<std::int64_t>(kPageBytes);
   const auto tag = base::LoadLittleEndian<std::uint32_t>(bytes.get() + kTagOffset);
@@ -100,7 +116,7 @@ absl::Status PageFile::PageError(PageNumber page, absl::string_view what) const 
 }
 
 std::int64_t PageFile::cached_bytes() const {
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   return static_cast<std::int64_t>(lru_.size() * kPageBytes);
 }
 
@@ -125,7 +141,7 @@ void PageFile::Insert(PageNumber page, std::shared_ptr<const char[]> bytes) cons
   if (max_cached_pages_ == 0) {
     return;
   }
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   if (cached_.count(page) > 0) {
     return;
   }

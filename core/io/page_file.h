@@ -1,7 +1,7 @@
 // Files of fixed-size pages, each with its own checksum, read through a bounded page cache.
 //
-// A page is 4096 bytes: 4084 of payload, then the file's tag, the page's number and a CRC-32C over
-// all of it (docs/format/interval_tree.md, "Pages"), so that a page that was damaged, misplaced or
+// A page has 4096 bytes: 4084 of payload, then the file's tag, the page's number and a CRC-32C of
+// all bytes before it (docs/format/interval_tree.md, "Pages"). A page that is damaged, misplaced or
 // taken from another file is noticed.
 
 #ifndef ISOSCOPE_CORE_IO_PAGE_FILE_H_
@@ -19,8 +19,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 
+#include "core/base/mutex.h"
 #include "core/io/file.h"
 
 namespace isoscope::io {
@@ -35,7 +35,7 @@ inline constexpr std::int64_t kMaxPageCount = 0xffffffff;
 class PageFileWriter {
  public:
   // file: empty, outlives the writer
-  // tag:  stored in every page; best a fingerprint of the whole content
+  // tag:  stored in every page; should be a fingerprint of the whole content
   PageFileWriter(WritableFile* file, std::uint32_t tag) : file_(file), tag_(tag) {}
 
   // Appends a page; `payload` has at most kPagePayloadBytes and is padded with zeros.
@@ -54,7 +54,7 @@ class PageFileWriter {
   std::int64_t page_count_ = 0;
 };
 
-// What reading cost. Added to by PageFile::Read.
+// The cost of reading. PageFile::Read adds to it.
 struct PageReadCost {
   std::int64_t page_read_count = 0;  // pages asked for, cached or not
   std::int64_t read_bytes = 0;       // bytes that came from the file
@@ -63,7 +63,7 @@ struct PageReadCost {
 // A file of pages, with a cache of the least recently used ones. Thread-safe.
 class PageFile {
  public:
-  // The payload of a verified page; keeps it alive, whether it stays in the cache or not.
+  // The payload of a verified page. Keeps it alive, even when the cache has dropped it.
   class Page {
    public:
     [[nodiscard]] absl::string_view payload() const { return {bytes_.get(), kPagePayloadBytes}; }
@@ -75,9 +75,9 @@ class PageFile {
     std::shared_ptr<const char[]> bytes_;
   };
 
-  // Opens `file` and verifies page 0, whose tag all others must bear. At most `cache_bytes` of
-  // pages stay in memory (0: none). DATA_LOSS, naming file and page, if the file's size is not that
-  // of a whole number of pages, at least one, or page 0 is damaged.
+  // Opens `file` and verifies page 0. All other pages must bear its tag. At most `cache_bytes` of
+  // pages stay in memory (0: none). DATA_LOSS, naming file and page, if the file does not have a
+  // whole number of pages, at least one, or if page 0 is damaged.
   static absl::StatusOr<std::unique_ptr<PageFile>> Open(std::unique_ptr<RandomAccessFile> file,
                                                         std::int64_t cache_bytes);
   PageFile(const PageFile&) = delete;
@@ -87,12 +87,12 @@ class PageFile {
   // page, if there is no such page or it is damaged; damaged pages are not cached.
   [[nodiscard]] absl::StatusOr<Page> Read(PageNumber page, PageReadCost* cost) const;
 
-  // DATA_LOSS that names the file and `page` and says `what` is wrong: for readers of payloads.
+  // Returns a DATA_LOSS that names the file, `page` and the damage `what`. For readers of payloads.
   [[nodiscard]] absl::Status PageError(PageNumber page, absl::string_view what) const;
 
   [[nodiscard]] std::int64_t page_count() const { return page_count_; }
   [[nodiscard]] const std::string& path() const { return file_->path(); }
-  // Bytes of pages in the cache now; never more than `cache_bytes`.
+  // Returns the bytes of the pages in the cache; never more than `cache_bytes`.
   [[nodiscard]] std::int64_t cached_bytes() const;
 
  private:
@@ -102,7 +102,7 @@ class PageFile {
            std::int64_t max_cached_pages)
       : file_(std::move(file)), page_count_(page_count), max_cached_pages_(max_cached_pages) {}
 
-  // Reads and verifies a page, all but its tag.
+  // Reads a page and verifies checksum and number, but not the tag.
   [[nodiscard]] absl::StatusOr<std::shared_ptr<const char[]>> ReadFromFile(PageNumber page) const;
   void Insert(PageNumber page, std::shared_ptr<const char[]> bytes) const;
 
@@ -111,7 +111,7 @@ class PageFile {
   const std::int64_t max_cached_pages_;
   std::uint32_t tag_ = 0;  // set once, by Open
 
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
   // Most recently used first.
   mutable LruList lru_ ABSL_GUARDED_BY(mutex_);
   mutable std::unordered_map<PageNumber, LruList::iterator> cached_ ABSL_GUARDED_BY(mutex_);

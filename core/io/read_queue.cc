@@ -1,3 +1,25 @@
+// The life of a slot, which is a buffer on its way through the queue:
+//
+//   state      held by               next
+//   free       free_                 Claim: a read is due and the bounds leave room
+//   claimed    the caller of TryTake arrival, if memory had all bytes; else Start
+//   started    started_              the ring's thread, or one of the reading threads, takes it
+//   under way  that thread           its last byte, or its error, has come
+//   arrived    arrived_              TryTake gives it out
+//   arrival    Arrival               ~Arrival releases it: free again
+//
+// A read takes the shortest way that works. TryTake copies the bytes that the system holds in
+// memory. io_uring, or pread on at most kMaxThreads threads, reads the others. If no thread can be
+// made, the caller reads by itself. A short read goes on with its rest; EAGAIN from io_uring
+// falls back to pread.
+//
+// Cold files. Trying memory first is a system call, and reads that start one by one are submitted
+// one by one. After kColdReads misses in a row the files are taken to be cold. With io_uring,
+// FillRing then starts reads without trying memory until the bounds are reached. The next ones wait
+// until a quarter of those slots is free again (MayBegin). One hit ends this.
+//
+// mutex_ guards free_, started_ and arrived_. Nobody holds it while bytes are read.
+
 #include "core/io/read_queue.h"
 
 #include <liburing.h>
@@ -10,7 +32,6 @@
 #include <utility>
 
 #include "absl/strings/string_view.h"
-#include "absl/time/time.h"
 #include <sys/eventfd.h>
 
 #include "core/base/check.h"
@@ -19,13 +40,11 @@
 namespace isoscope::io {
 namespace {
 
-// Threads that block in pread: enough to keep a disk busy with merged reads.
+// The most threads that block in pread. They keep a disk busy with merged reads.
 constexpr std::size_t kMaxThreads = 8;
-// Buffers are of multiples of it, so that runs of similar sizes can share them.
+// Buffer sizes are multiples of this, so that reads of similar sizes can use the same buffers.
 constexpr std::size_t kBufferStepBytes = 64 * static_cast<std::size_t>(base::kKiB);
-constexpr absl::Duration kCancellationPoll = absl::Milliseconds(10);
-// So many reads in a row that were not in memory, and the files are taken to be cold: asking for
-// each costs more than it finds, and one by one they are submitted one by one.
+// After this many reads in a row that were not in memory, the files are taken to be cold.
 constexpr std::size_t kColdReads = 8;
 
 ReadBackend Resolve(ReadBackend backend) {
@@ -48,13 +67,43 @@ struct ReadQueue::Slot {
   std::size_t capacity = 0;
 };
 
-// The ring of one queue, and the event that wakes its thread.
+// The io_uring of one queue, and the event that wakes its thread.
 class ReadQueue::Ring {
  public:
-  // Null where the kernel or its rules refuse.
+  // Queues a read of the bytes of `slot` that are still missing, at most what one call moves.
+  void QueueRest(const ReadQueue& queue, Slot* slot) {
+    const Read& read = queue.reads_[slot->index];
+    QueueRead(read.file->descriptor(), read.offset + static_cast<std::int64_t>(slot->done),
+              std::min(read.size - slot->done, queue.options_.max_transfer_bytes),
+              slot->buffer.get() + slot->done, slot);
+  }
+
+  // Takes what the kernel answered. Returns true if the read has ended. Otherwise it queues the
+  // rest.
+  bool TakeResult(const ReadQueue& queue, Slot* slot, int result, bool is_stopping) {
+    const Read& read = queue.reads_[slot->index];
+    if (result > 0) {
+      slot->done += static_cast<std::size_t>(result);
+    } else if (result == 0) {
+      slot->status = FileTooShort(*read.file, read.offset, read.size,
+                                  read.offset + static_cast<std::int64_t>(slot->done));
+    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't read without blocking
+      queue.ReadRest(slot);
+      return true;
+    } else if (result != -EINTR || is_stopping) {
+      slot->status = ReadFailed(-result, *read.file, read.offset, read.size);
+    }
+    if (!slot->status.ok() || slot->done == read.size) {
+      return true;
+    }
+    QueueRest(queue, slot);
+    return false;
+  }
+
+  // Returns null where the kernel, or a rule of the container, refuses io_uring.
   static std::unique_ptr<Ring> Make(std::size_t max_requests) {
     std::unique_ptr<Ring> ring(new Ring);
-    // A cancellation for each request, and the event.
+    // There is room for each request, a cancellation of each, and the event.
     const auto entries = static_cast<unsigned>(2 * max_requests + 1);
     if (ring->event_ < 0 || io_uring_queue_init(entries, &ring->uring_, 0) != 0) {
       return nullptr;
@@ -85,7 +134,7 @@ class ReadQueue::Ring {
     ISOSCOPE_CHECK_EQ(write(event_, &one, sizeof(one)), static_cast<ssize_t>(sizeof(one)));
   }
 
-  // Only the ring's thread calls these. What was queued starts with the next SubmitAndWait.
+  // Only the ring's thread calls these. Queued requests start with the next SubmitAndWait.
   void QueueWait() {
     io_uring_sqe* const sqe = NextEntry();
     io_uring_prep_read(sqe, event_, &event_count_, sizeof(event_count_), 0);
@@ -104,7 +153,8 @@ class ReadQueue::Ring {
   }
   [[nodiscard]] bool IsWait(const void* data) const { return data == &event_count_; }
 
-  // Calls visit(data, result) for each that ended: at least one.
+  // Starts the queued requests, waits until at least one has ended, and calls visit(data, result)
+  // for each that has.
   template <typename Visit>
   void SubmitAndWait(Visit visit) {
     int result = 0;
@@ -127,7 +177,7 @@ class ReadQueue::Ring {
 
   io_uring_sqe* NextEntry() {
     io_uring_sqe* sqe = io_uring_get_sqe(&uring_);
-    if (sqe == nullptr) {  // retries of many short reads at once
+    if (sqe == nullptr) {  // many short reads go on at once
       io_uring_submit(&uring_);
       sqe = io_uring_get_sqe(&uring_);
     }
@@ -174,8 +224,9 @@ ReadQueue::ReadQueue(std::vector<Read> reads, const ReadQueueOptions& options)
 ReadQueue::~ReadQueue() {
   std::vector<std::thread> threads;
   {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     stopping_ = true;
+    has_work_.SignalAll();
     threads = std::move(threads_);
     if (ring_ != nullptr) {
       ring_->Wake();
@@ -187,12 +238,12 @@ ReadQueue::~ReadQueue() {
 }
 
 std::size_t ReadQueue::peak_bytes() const {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   return peak_bytes_;
 }
 
 ReadBackend ReadQueue::backend_in_use() const {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   return backend_;
 }
 
@@ -208,10 +259,11 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
     return nullptr;
   }
   std::unique_ptr<Slot> slot;
-  // The buffer used last is the likeliest to be in the processor's cache.
-  const auto fits = std::find_if(free_.rbegin(), free_.rend(), [&](const auto& candidate) {
-    return candidate->capacity >= capacity && HasRoom(candidate->capacity);
-  });
+  // The buffer that was used last is most likely in the processor's cache.
+  const auto fits = std::find_if(
+      free_.rbegin(), free_.rend(), [&](const auto& candidate) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+        return candidate->capacity >= capacity && HasRoom(candidate->capacity);
+      });
   if (fits != free_.rend()) {
     slot = std::move(*fits);
     free_.erase(std::next(fits).base());
@@ -234,17 +286,18 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
 }
 
 void ReadQueue::Release(std::unique_ptr<Slot> slot) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   --used_count_;
   used_bytes_ -= slot->capacity;
   free_.push_back(std::move(slot));
+  changed_.SignalAll();
 }
 
 std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
   while (true) {
     std::unique_ptr<Slot> slot;
     {
-      absl::MutexLock lock(&mutex_);
+      base::MutexLock lock(&mutex_);
       if (MayBegin()) {
         slot = Claim(reads_[next_].size);
       }
@@ -264,7 +317,10 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
       slot->done = read.file->ReadCached(read.offset, read.size, slot->buffer.get());
     }
     if (!slot->status.ok() || slot->done == read.size) {
-      missed_.store(0, std::memory_order_relaxed);
+      if (missed_.exchange(0, std::memory_order_relaxed) >= kColdReads) {
+        base::MutexLock lock(&mutex_);
+        changed_.SignalAll();  // MayBegin may be true now
+      }
       return Arrival(this, std::move(slot));
     }
     missed_.fetch_add(1, std::memory_order_relaxed);
@@ -277,7 +333,7 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
 }
 
 bool ReadQueue::MayBegin() const {
-  // From cold files a quarter of the slots at a time.
+  // Reads of cold files begin a quarter of the slots at a time.
   return next_ < reads_.size() && (missed_.load(std::memory_order_relaxed) < kColdReads ||
                                    ring_ == nullptr || used_count_ <= last_fill_ - last_fill_ / 4);
 }
@@ -288,17 +344,18 @@ bool ReadQueue::HasMore() const {
 }
 
 absl::StatusOr<bool> ReadQueue::WaitForMore(const base::Cancellation& cancellation) {
-  absl::MutexLock lock(&mutex_);
-  while (true) {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    if (mutex_.AwaitWithTimeout(absl::Condition(this, &ReadQueue::HasMore), kCancellationPoll)) {
-      return !arrived_.empty() || next_ < reads_.size();
-    }
-  }
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  bool is_any_left = false;
+  ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(
+      cancellation, &mutex_, &changed_, [this, &is_any_left]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+        is_any_left = !arrived_.empty() || next_ < reads_.size();
+        return HasMore();
+      }));
+  return is_any_left;
 }
 
 std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   if (backend_ == ReadBackend::kAutomatic) {
     PrepareBackend();
   }
@@ -317,6 +374,7 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
   }
   const bool ring_waits = started_.empty();
   started_.push_back(std::move(slot));
+  has_work_.Signal();
   if (ring_ != nullptr) {
     if (missed_.load(std::memory_order_relaxed) >= kColdReads) {
       FillRing();
@@ -344,6 +402,7 @@ void ReadQueue::FillRing() {
     }
   }
   last_fill_ = used_count_;
+  changed_.SignalAll();
 }
 
 void ReadQueue::PrepareBackend() {
@@ -379,13 +438,12 @@ void ReadQueue::ReadRest(Slot* slot) const {
 }
 
 void ReadQueue::RunThread() {
-  const auto has_work = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
-    return stopping_ || !started_.empty();
-  };
-  absl::MutexLock lock(&mutex_);
+  base::MutexLock lock(&mutex_);
   while (true) {
     ++waiting_threads_;
-    mutex_.Await(absl::Condition(&has_work));
+    has_work_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return stopping_ || !started_.empty();
+    });
     --waiting_threads_;
     if (stopping_) {
       return;
@@ -396,6 +454,7 @@ void ReadQueue::RunThread() {
     ReadRest(slot.get());
     mutex_.Lock();
     arrived_.push_back(std::move(slot));
+    changed_.SignalAll();
   }
 }
 
@@ -404,51 +463,28 @@ void ReadQueue::RunRing() {
   std::deque<std::unique_ptr<Slot>> fresh;
   std::deque<std::unique_ptr<Slot>> ended;
   bool is_stopping = false;
-  const auto queue_read = [&](Slot* slot) {
-    const Read& read = reads_[slot->index];
-    ring_->QueueRead(read.file->descriptor(), read.offset + static_cast<std::int64_t>(slot->done),
-                     std::min(read.size - slot->done, options_.max_transfer_bytes),
-                     slot->buffer.get() + slot->done, slot);
-  };
-  // True if the read ended; else its rest is queued.
-  const auto take_result = [&](Slot* slot, int result) {
-    const Read& read = reads_[slot->index];
-    if (result > 0) {
-      slot->done += static_cast<std::size_t>(result);
-    } else if (result == 0) {
-      slot->status = FileTooShort(*read.file, read.offset, read.size,
-                                  read.offset + static_cast<std::int64_t>(slot->done));
-    } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't do it without blocking
-      ReadRest(slot);
-      return true;
-    } else if (result != -EINTR || is_stopping) {
-      slot->status = ReadFailed(-result, *read.file, read.offset, read.size);
-    }
-    if (!slot->status.ok() || slot->done == read.size) {
-      return true;
-    }
-    queue_read(slot);
-    return false;
-  };
-
   ring_->QueueWait();
   while (!is_stopping || !under_way.empty()) {
     ring_->SubmitAndWait([&](void* data, int result) {
       if (ring_->IsWait(data)) {
         ring_->QueueWait();
-      } else if (data != nullptr && take_result(static_cast<Slot*>(data), result)) {
-        const auto place =
+      } else if (data != nullptr &&
+                 ring_->TakeResult(*this, static_cast<Slot*>(data), result, is_stopping)) {
+        const auto found =
             std::find_if(under_way.begin(), under_way.end(),
                          [&](const auto& candidate) { return candidate.get() == data; });
-        ended.push_back(std::move(*place));
-        under_way.erase(place);
+        ended.push_back(std::move(*found));
+        under_way.erase(found);
       }
     });
     bool stops_now = false;
     {
-      absl::MutexLock lock(&mutex_);
-      std::move(ended.begin(), ended.end(), std::back_inserter(arrived_));
-      ended.clear();
+      base::MutexLock lock(&mutex_);
+      if (!ended.empty()) {
+        std::move(ended.begin(), ended.end(), std::back_inserter(arrived_));
+        ended.clear();
+        changed_.SignalAll();
+      }
       stops_now = stopping_ && !is_stopping;
       is_stopping = stopping_;
       if (!is_stopping) {
@@ -462,12 +498,13 @@ void ReadQueue::RunRing() {
     }
     for (auto& slot : fresh) {
       if (reads_[slot->index].file->descriptor() >= 0) {
-        queue_read(slot.get());
+        ring_->QueueRest(*this, slot.get());
         under_way.push_back(std::move(slot));
       } else {
         ReadRest(slot.get());
-        absl::MutexLock lock(&mutex_);
+        base::MutexLock lock(&mutex_);
         arrived_.push_back(std::move(slot));
+        changed_.SignalAll();
       }
     }
     fresh.clear();

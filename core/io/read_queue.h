@@ -1,6 +1,6 @@
-// Many reads of files at once: while some are worked on, the next are under way. What the system
-// holds in memory is read by who asks, at the price of a system call; the rest by io_uring where
-// the kernel allows it, else by threads that block in pread. Both give the same bytes and errors.
+// Reads many stretches of files: while some are worked on, others are under way. The caller copies
+// the bytes that the system holds in memory, for one system call. io_uring reads the others, or
+// threads that block in pread where the kernel refuses it. All give the same bytes and errors.
 
 #ifndef ISOSCOPE_CORE_IO_READ_QUEUE_H_
 #define ISOSCOPE_CORE_IO_READ_QUEUE_H_
@@ -17,37 +17,37 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/synchronization/mutex.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/mutex.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 
 namespace isoscope::io {
 
 enum class ReadBackend {
-  kAutomatic,  // what the environment variable ISOSCOPE_READ_BACKEND says ("io_uring" or
-               // "threads"); io_uring if it says nothing
+  kAutomatic,  // as the environment variable ISOSCOPE_READ_BACKEND says ("io_uring" or "threads"),
+               // io_uring if it is not set
   kIoUring,    // kThreads where the kernel refuses it
   kThreads
 };
 
-// Whether this process may use io_uring: containers often may not. Costs some system calls.
+// Returns true if this process may use io_uring; containers often may not. Costs some system calls.
 bool IoUringIsAvailable();
 
 struct ReadQueueOptions {
   ReadBackend backend = ReadBackend::kAutomatic;
-  // Bounds of what is under way or has arrived and is not released. One read may be larger, alone.
-  // More lets slow disks keep up with fast processors; memory grows with it.
+  // The bounds of all buffers that are not free. A larger read may go alone. Larger bounds let slow
+  // disks keep up with fast processors, and take more memory.
   std::size_t max_bytes = 16 * static_cast<std::size_t>(base::kMiB);
   std::size_t max_requests = 256;
-  // What one system call moves. Linux stops at 2^31 - 4096; tests stop earlier.
+  // The most bytes of one system call. Linux stops at 2^31 - 4096; tests stop earlier.
   std::size_t max_transfer_bytes = static_cast<std::size_t>(base::kGiB);
 };
 
-// Reads a list, each once. Thread-safe. Threads call TryTake until it gives nothing, then one waits
-// with WaitForMore. Nothing is started before the first TryTake, and no thread or ring is made
-// while all is found in memory.
+// Reads each stretch of a list once. Thread-safe. Threads call TryTake until nothing comes. Then
+// one of them calls WaitForMore. No read starts before the first TryTake. As long as all bytes are
+// found in memory, the queue makes no thread and no ring.
 class ReadQueue {
  private:
   struct Slot;
@@ -66,11 +66,11 @@ class ReadQueue {
     Arrival& operator=(Arrival&&) = delete;
     ~Arrival();
 
-    // Which of the reads.
+    // Returns the index of the read in the list.
     [[nodiscard]] std::size_t index() const;
-    // As RandomAccessFile::ReadAt.
+    // Returns the status that RandomAccessFile::ReadAt would return.
     [[nodiscard]] const absl::Status& status() const;
-    // The read's bytes, if status() is OK.
+    // Returns the bytes of the read. REQUIRES: status() is OK.
     [[nodiscard]] const char* data() const;
 
    private:
@@ -81,44 +81,44 @@ class ReadQueue {
     std::unique_ptr<Slot> slot_;
   };
 
-  // Files outlive the queue, the queue its arrivals.
+  // The files outlive the queue, and the queue outlives its arrivals.
   explicit ReadQueue(std::vector<Read> reads, const ReadQueueOptions& options = {});
-  // Starts nothing more, cancels what can be, and waits for the reads under way.
+  // Starts no more reads, cancels those that can be cancelled, and waits for the others.
   ~ReadQueue();
   ReadQueue(const ReadQueue&) = delete;
   ReadQueue& operator=(const ReadQueue&) = delete;
 
-  // Starts reads while the bounds allow, and gives one that ended: in any order. Nothing if none
-  // has. Never waits for a disk. After some reads that were not in memory the next ones are started
-  // together, a quarter of the bounds at a time.
+  // Starts reads while the bounds allow, and returns one that has ended, in any order; nothing if
+  // none has. Never waits for a disk, unless no thread can be made. From cold files the next reads
+  // start together, a quarter of the bounds at a time.
   std::optional<Arrival> TryTake();
 
-  // Waits until TryTake may give something again: true; false when every read was taken. The error
-  // of `cancellation` within some 10 ms of its firing. REQUIRES: the calling thread holds no
+  // Waits until TryTake may return a read again. True if there may be one, false if every read was
+  // taken. The error of `cancellation` as soon as it fires. REQUIRES: the calling thread holds no
   // arrival.
   absl::StatusOr<bool> WaitForMore(const base::Cancellation& cancellation);
 
-  // Bytes of buffers, at most so far.
+  // Returns the most bytes that the buffers have had.
   [[nodiscard]] std::size_t peak_bytes() const;
-  // What reads that were not found in memory use; kAutomatic as long as there was none.
+  // Returns the back end of reads that were not in memory. kAutomatic if there was none yet.
   [[nodiscard]] ReadBackend backend_in_use() const;
 
  private:
   class Ring;
 
   bool HasMore() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Whether the next read may be begun, if there is room: from cold files many wait for each other.
+  // Returns true if the next read may begin, if there is room. Reads of cold files wait for others.
   bool MayBegin() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   bool HasRoom(std::size_t size) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Null if the bounds are reached.
+  // Takes a slot for a read of `size` bytes. Null if the bounds are reached.
   std::unique_ptr<Slot> Claim(std::size_t size) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Release(std::unique_ptr<Slot> slot);
-  // Hands a slot to ring or threads, and from a cold file as many others as there is room for.
-  // Gives it back if there is neither and none can be made.
+  // Hands a slot to the ring or the threads, and of cold files as many others as there is room for.
+  // Returns the slot if there is no thread and none can be made.
   std::unique_ptr<Slot> Start(std::unique_ptr<Slot> slot);
   void FillRing() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void PrepareBackend() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // The bytes of a slot that are still missing, with pread.
+  // Reads the missing bytes of a slot with pread.
   void ReadRest(Slot* slot) const;
   void RunThread();
   void RunRing();
@@ -126,7 +126,9 @@ class ReadQueue {
   const std::vector<Read> reads_;
   const ReadQueueOptions options_;
 
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
+  base::CondVar changed_;                         // for WaitForMore: HasMore may be true
+  base::CondVar has_work_;                        // for the threads: started_ or stopping_
   std::size_t next_ ABSL_GUARDED_BY(mutex_) = 0;  // the first read that nobody began
   std::vector<std::unique_ptr<Slot>> free_ ABSL_GUARDED_BY(mutex_);
   std::size_t used_count_ ABSL_GUARDED_BY(mutex_) = 0;  // slots that are not free

@@ -1,5 +1,5 @@
-// A file without a name for what does not fit into memory: gone when it is closed, whatever
-// happens to the process.
+// A file without a name, for data that do not fit into memory. It is gone when it is closed, even
+// if the process crashes.
 
 #ifndef ISOSCOPE_CORE_IO_SCRATCH_FILE_H_
 #define ISOSCOPE_CORE_IO_SCRATCH_FILE_H_
@@ -18,7 +18,7 @@ namespace isoscope::io {
 // Stretches that do not overlap may be written and read at the same time. Errors as in file.h.
 class ScratchFile {
  public:
-  // On the file system of `directory`, which exists.
+  // Creates the file on the file system of `directory`, which exists.
   static absl::StatusOr<std::unique_ptr<ScratchFile>> Create(const std::string& directory);
   ~ScratchFile();
   ScratchFile(const ScratchFile&) = delete;
@@ -32,7 +32,7 @@ class ScratchFile {
   ScratchFile(int fd, std::string path) : fd_(fd), path_(std::move(path)) {}
 
   const int fd_;
-  const std::string path_;  // that it had, for messages
+  const std::string path_;  // its name when it was made, for messages
 };
 
 }  // namespace isoscope::io

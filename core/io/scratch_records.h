@@ -1,5 +1,5 @@
-// Sequences of records in a scratch file: what the algorithms that work on more than memory holds
-// are made of.
+// Sequences of records in a scratch file: the parts of algorithms whose data do not fit into
+// memory.
 
 #ifndef ISOSCOPE_CORE_IO_SCRATCH_RECORDS_H_
 #define ISOSCOPE_CORE_IO_SCRATCH_RECORDS_H_
@@ -25,7 +25,7 @@ struct ScratchRange {
   std::int64_t count = 0;   // records
 };
 
-// Records of type Record that fit into `bytes`; at least one.
+// Returns the number of records that fit into `bytes`; at least one.
 template <typename Record>
 std::size_t RecordsIn(std::int64_t bytes) {
   return static_cast<std::size_t>(
@@ -41,7 +41,7 @@ class RecordReader {
   RecordReader(const ScratchFile* file, const ScratchRange& range, std::int64_t buffer_bytes)
       : file_(file), rest_(range), buffer_records_(RecordsIn<Record>(buffer_bytes)) {}
 
-  // The next records, valid until the next call; none at the end.
+  // Returns the next records, which are valid until the next call. None at the end.
   absl::StatusOr<absl::Span<const Record>> Next() {
     const std::size_t count = std::min(buffer_records_, static_cast<std::size_t>(rest_.count));
     const std::size_t bytes = count * sizeof(Record);
@@ -80,7 +80,7 @@ class RecordWriter {
     return buffer_.size() < buffer_records_ ? absl::OkStatus() : Flush();
   }
 
-  // Writes what is still in the buffer.
+  // Writes the records that are still in the buffer.
   absl::Status Flush() {
     const std::size_t bytes = buffer_.size() * sizeof(Record);
     ISOSCOPE_RETURN_IF_ERROR(
@@ -90,7 +90,7 @@ class RecordWriter {
     return absl::OkStatus();
   }
 
-  // Where the next record lies.
+  // Returns the offset of the next record.
   [[nodiscard]] std::int64_t offset() const {
     return offset_ + static_cast<std::int64_t>(buffer_.size() * sizeof(Record));
   }

@@ -1,4 +1,4 @@
-// The isosurface inside one block: what extraction makes.
+// The isosurface inside one block, as extraction makes it.
 
 #ifndef ISOSCOPE_CORE_MESH_BLOCK_MESH_H_
 #define ISOSCOPE_CORE_MESH_BLOCK_MESH_H_
@@ -13,21 +13,22 @@
 
 namespace isoscope::mesh {
 
-// Indexed triangles. Thread-compatible; shared between threads once it is const.
+// Indexed triangles. Thread-compatible.
 struct BlockMesh {
   volume::BlockId block_id = 0;
-  // In index space (samples): what two blocks share on a face is bit-identical in both.
+  // In index space (samples). A vertex that two blocks share has the same bits in both.
   std::vector<math::Vec3f> positions;
-  // One for each position: world space, unit length, the negated gradient, so it points to where
-  // the field is smaller. (0, 0, 0) where the gradient vanishes or is not finite.
+  // One for each position: world space, unit length, the direction in which the field falls; or
+  // (0, 0, 0) where the gradient vanishes or is not finite.
   std::vector<math::Vec3f> normals;
-  // Three for each triangle, counter-clockwise in index space seen from where the field is below
-  // the isovalue.
+  // Three vertex indices for each triangle, counter-clockwise in index space seen from the side
+  // where the field is below the isovalue.
   std::vector<std::uint32_t> indices;
-  // One for each position, only if it was asked for: the grid edge the vertex lies on,
-  // 3 * (linear index of the edge's lower sample in the volume) + axis. Equal keys: same vertex.
+  // Empty, or one for each position: the key of the grid edge that the vertex lies on,
+  // 3 * (linear index of the edge's lower sample in the volume) + axis. Equal keys mean one vertex.
   std::vector<std::int64_t> edge_keys;
-  // Crossed grid edges whose lower sample is this block's: the volume's sum is its unique vertices.
+  // Crossed grid edges that count for this block. Their sum over all blocks is the number of unique
+  // vertices (docs/numerics.md, "Unique vertex count").
   std::int64_t owned_vertex_count = 0;
 
   [[nodiscard]] std::int64_t triangle_count() const {
@@ -39,7 +40,7 @@ struct BlockMesh {
   }
 };
 
-// What a BlockMesh is drawn from, in somebody else's memory.
+// A non-owning view of a BlockMesh.
 struct BlockMeshView {
   BlockMeshView() = default;
   BlockMeshView(const BlockMesh& mesh)  // NOLINT(google-explicit-constructor): as std::span

@@ -1,5 +1,5 @@
-// The surface of a block as it is kept and drawn: 18 bytes a vertex and 6 a triangle, where a
-// BlockMesh has 24 and 12.
+// The surface of a block as caches keep it and renderers draw it: 18 bytes a vertex and 6 a
+// triangle, where a BlockMesh takes 24 and 12.
 
 #ifndef ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
 #define ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
@@ -16,19 +16,20 @@
 
 namespace isoscope::mesh {
 
-// A normal times kNormalScale, rounded to the nearest, halves away from zero: off by 1.6e-5 at
-// most.
+// A normal times kNormalScale, each component rounded to the nearest integer, halves away from
+// zero: the error of a component is at most 1.6e-5.
 using CompactNormal = math::Vec3<std::int16_t>;
 inline constexpr float kNormalScale = 32767.0F;
 
-// Three vertex numbers for each triangle, of 16 bits where no vertex has a larger number.
+// A non-owning view of three vertex indices for each triangle: 16-bit indices for meshes of at most
+// 65 536 vertices, else 32-bit ones.
 class TriangleVertices {
  public:
   TriangleVertices() = default;
-  explicit TriangleVertices(std::span<const std::uint16_t> numbers)
-      : small_(numbers.data()), count_(numbers.size() / 3) {}
-  explicit TriangleVertices(std::span<const std::uint32_t> numbers)
-      : large_(numbers.data()), count_(numbers.size() / 3) {}
+  explicit TriangleVertices(std::span<const std::uint16_t> indices)
+      : small_(indices.data()), count_(indices.size() / 3) {}
+  explicit TriangleVertices(std::span<const std::uint32_t> indices)
+      : large_(indices.data()), count_(indices.size() / 3) {}
 
   [[nodiscard]] std::size_t size() const { return count_; }
   [[nodiscard]] bool empty() const { return count_ == 0; }
@@ -42,7 +43,7 @@ class TriangleVertices {
                ? std::array<std::uint32_t, 3>{small_[i], small_[i + 1], small_[i + 2]}
                : std::array<std::uint32_t, 3>{large_[i], large_[i + 1], large_[i + 2]};
   }
-  // Those of all triangles, one after the other: one of the two is null.
+  // The indices of all triangles, one after the other: one of the two is null.
   [[nodiscard]] const std::uint16_t* small() const { return small_; }
   [[nodiscard]] const std::uint32_t* large() const { return large_; }
 
@@ -52,7 +53,7 @@ class TriangleVertices {
   std::size_t count_ = 0;
 };
 
-// Somebody else owns what it points to. Order and meaning as BlockMesh's. Trivially destructible.
+// A non-owning view of a mesh; order and meaning are those of BlockMesh. Trivially destructible.
 struct CompactMesh {
   [[nodiscard]] std::int64_t triangle_count() const {
     return static_cast<std::int64_t>(triangles.size());
@@ -68,16 +69,18 @@ struct CompactMesh {
   TriangleVertices triangles;
 };
 
-// What CompactInto needs, a multiple of 64.
+// Returns the bytes that CompactInto needs: a multiple of 64.
 std::size_t CompactSizeBytes(const BlockMeshView& mesh);
 
-// Makes a CompactMesh at `memory`, and what it points to behind it. REQUIRES: `memory` is aligned
-// as from operator new and has CompactSizeBytes(mesh) bytes; one normal a position, with components
-// in
-// [-1, 1]; vertex numbers are in range.
+// Makes a CompactMesh at the start of `memory`, with its vertices and triangles behind it. The
+// result lives as long as `memory`.
+//
+// memory: CompactSizeBytes(mesh) bytes, aligned as from operator new
+//
+// REQUIRES: one normal for each position, with components in [-1, 1]; vertex indices are in range.
 const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory);
 
-// The same in memory of its own.
+// Makes a CompactMesh in memory that the result owns.
 std::shared_ptr<const CompactMesh> Compact(const BlockMeshView& mesh);
 
 }  // namespace isoscope::mesh

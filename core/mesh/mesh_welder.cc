@@ -1,3 +1,11 @@
+// A vertex is shared by blocks iff its edge lies on a face between them, which its key tells: key =
+// 3 * (linear index of the edge's lower sample) + axis, and blocks meet at multiples of
+// block_cells. Only those vertices are looked up in a table; all others are new.
+//
+// Example: blocks of 8 cells in a volume of 17 samples an axis. The x edge at sample (3, 8, 5) lies
+// on the face y = 8: its vertex is in two blocks. The y edge there is not shared: it goes from y =
+// 8 to 9.
+
 #include "core/mesh/mesh_welder.h"
 
 #include <cstddef>
@@ -12,7 +20,7 @@ bool MeshWelder::IsShared(std::int64_t edge_key) const {
   const std::int64_t linear = edge_key / 3;
   const math::Index3 sample{linear % dims.x, linear / dims.x % dims.y, linear / (dims.x * dims.y)};
   for (int other = 0; other < 3; ++other) {
-    // Along its own axis an edge is inside one block.
+    // Blocks meet at samples, so along its own axis an edge lies inside one block.
     if (other != axis && sample[other] % layout_.block_cells()[other] == 0 && sample[other] > 0 &&
         sample[other] < dims[other] - 1) {
       return true;
@@ -27,23 +35,23 @@ void MeshWelder::Add(const BlockMesh& block, WeldedPart* part) {
   part->positions.clear();
   part->normals.clear();
   part->triangles.clear();
-  numbers_.resize(block.positions.size());
+  vertex_ids_.resize(block.positions.size());
   for (std::size_t i = 0; i < block.positions.size(); ++i) {
     const std::int64_t key = block.edge_keys[i];
     if (IsShared(key)) {
       const auto [entry, is_new] = shared_vertices_.try_emplace(key, vertex_count_);
       if (!is_new) {
-        numbers_[i] = entry->second;
+        vertex_ids_[i] = entry->second;
         continue;
       }
     }
-    numbers_[i] = vertex_count_++;
+    vertex_ids_[i] = vertex_count_++;
     part->positions.push_back(block.positions[i]);
     part->normals.push_back(block.normals[i]);
   }
   part->triangles.reserve(block.indices.size());
   for (const std::uint32_t index : block.indices) {
-    part->triangles.push_back(numbers_[index]);
+    part->triangles.push_back(vertex_ids_[index]);
   }
 }
 

@@ -1,5 +1,5 @@
-// Joins block meshes to one mesh in which every vertex of the volume appears once, block by block:
-// for export, and for tests that look at a whole surface.
+// Joins block meshes to one mesh in which every vertex of the volume appears once. Exports and
+// tests use it, block by block:
 //
 //   MeshWelder welder(layout);
 //   WeldedPart part;
@@ -22,35 +22,36 @@
 
 namespace isoscope::mesh {
 
-// What one block adds to the welded mesh.
+// The vertices and triangles that one block adds to the welded mesh.
 struct WeldedPart {
-  std::int64_t first_vertex = 0;        // the number of positions[0] in the welded mesh
+  std::int64_t first_vertex = 0;        // vertex id of positions[0]
   std::vector<math::Vec3f> positions;   // new vertices, in index space (samples)
   std::vector<math::Vec3f> normals;     // one for each position, as BlockMesh::normals
-  std::vector<std::int64_t> triangles;  // three vertex numbers of the welded mesh for each
+  std::vector<std::int64_t> triangles;  // three vertex ids for each triangle
 };
 
-// Thread-compatible. Remembers the vertices on faces between blocks: O(those) memory, whatever the
-// size of the mesh.
+// Gives every vertex of the volume one vertex id, counting from 0. Remembers the vertices on faces
+// between blocks, and no others. Thread-compatible.
 class MeshWelder {
  public:
   explicit MeshWelder(const volume::BlockLayout& layout) : layout_(layout) {}
 
-  // Replaces `part` by what `block` adds. Vertices are numbered in the order in which they come, so
-  // ascending block ids give the same mesh every time. REQUIRES: no block was added before; edge
-  // keys were asked for at extraction.
+  // Replaces `part` by the vertices and triangles that `block` adds. Vertex ids count in the order
+  // of the calls, so ascending block ids give the same mesh every time. REQUIRES: `block` was not
+  // added before, and has edge keys.
   void Add(const BlockMesh& block, WeldedPart* part);
 
-  // So far.
+  // Vertices of the welded mesh so far.
   [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
 
  private:
+  // Returns true if the edge lies on a face between blocks.
   [[nodiscard]] bool IsShared(std::int64_t edge_key) const;
 
   const volume::BlockLayout layout_;
   std::int64_t vertex_count_ = 0;
-  absl::flat_hash_map<std::int64_t, std::int64_t> shared_vertices_;  // edge key -> vertex number
-  std::vector<std::int64_t> numbers_;  // of the block at hand, by its own vertex indices
+  absl::flat_hash_map<std::int64_t, std::int64_t> shared_vertices_;  // edge key -> vertex id
+  std::vector<std::int64_t> vertex_ids_;  // of the current block, by its own vertex indices
 };
 
 }  // namespace isoscope::mesh

@@ -11,18 +11,17 @@
 
 namespace isoscope::partition {
 
-// Rows [begin_y, begin_y + rows) of planes [begin_z, ...) of a volume, [z][y][x], x fastest,
-// little-endian, any alignment. Does not own the samples.
+// A non-owning view of rows [begin_y, begin_y + rows) of planes [begin_z, ...) of a volume:
+// [z][y][x], x fastest, little-endian, any alignment.
 struct Slab {
   const char* samples = nullptr;
   std::int64_t begin_z = 0;
   std::int64_t begin_y = 0;
-  std::int64_t rows = 0;  // of each plane; 0: all of the volume's
+  std::int64_t rows = 0;  // of each plane; 0: all rows of the volume
 };
 
-// The span of a block's own samples: ghost samples and NaN left out. A function of the samples
-// alone, also where they hold zeros of both signs. Thread-safe.
-// REQUIRES: `slab` holds the rows of OwnSamplesOf(id).
+// Returns the span of a block's own samples: ghost samples and NaN left out. Zeros of either sign
+// give the same span. Thread-safe. REQUIRES: `slab` holds the rows of OwnSamplesOf(id).
 volume::ScalarSpan SpanOfBlock(const volume::BlockLayout& layout, volume::ScalarType type,
                                const Slab& slab, volume::BlockId id);
 

@@ -1,3 +1,23 @@
+// Random: a hash of (seed, id) gives the shard, so no table is needed. One pass counts the blocks
+// of each shard; the few blocks that have to move into empty shards are kept in a list by id.
+// Example: 4 shards, and a hash whose high half is 0xC0000000: floor(4 * 0xC0000000 / 2^32) =
+// shard 3.
+//
+// Greedy, in steps:
+//
+//   1. Cut the total span of the volume into bins. A block covers the bins from that of its min to
+//      that of its max: its class. Blocks of a class are equal work at every isovalue.
+//   2. Take the classes from the widest to single bins, because wide ones are the hardest to
+//      balance.
+//   3. Of a class, each shard gets the same number of blocks. The blocks left over go one by one to
+//      the shards whose histogram peaks lowest over the bins of the class.
+//   4. Blocks that are never active go to the shards with the fewest blocks.
+//
+// Example: the span [0, 1000] in 128 bins puts 500 into bin 64. A class of 5 blocks and 2 shards:
+// two blocks each, and the fifth goes to the shard with the lower peak.
+//
+// Invariant of both: no shard is empty, and the result depends on the arguments alone.
+
 #include "core/partition/distribution.h"
 
 #include <algorithm>
@@ -31,12 +51,12 @@ class Bins {
     if (!(high_ > low_)) {
       return 0;
     }
-    const double place = (Half(value) - low_) / (high_ - low_) * count_;
-    return std::clamp(static_cast<int>(place), 0, count_ - 1);
+    const double bin = (Half(value) - low_) / (high_ - low_) * count_;
+    return std::clamp(static_cast<int>(bin), 0, count_ - 1);
   }
 
  private:
-  // Halved, so that a difference of two does not overflow.
+  // Halves a value, so that the difference of two does not overflow.
   static double Half(double value) {
     constexpr double kMax = std::numeric_limits<double>::max();
     return std::clamp(value, -kMax, kMax) / 2;
@@ -47,7 +67,7 @@ class Bins {
   double high_;
 };
 
-// The blocks each shard has been dealt, and how many of them cover each bin.
+// For each shard, the number of its blocks, and how many of them cover each bin.
 class Loads {
  public:
   Loads(int shard_count, int bin_count)
@@ -76,7 +96,8 @@ class Loads {
   std::vector<std::int64_t> histograms_;  // [shard][bin]
 };
 
-// The `count` shards that take one more block over bins [first, last] best, best first.
+// Returns the `count` shards whose histogram peaks lowest over bins [first, last], lowest first.
+// Ties: fewest blocks, then lowest shard.
 std::vector<std::size_t> LeastLoaded(const Loads& loads, std::size_t first, std::size_t last,
                                      std::size_t count) {
   std::vector<std::tuple<std::int64_t, std::int64_t, std::size_t>> order;
@@ -94,7 +115,7 @@ std::vector<std::size_t> LeastLoaded(const Loads& loads, std::size_t first, std:
   return shards;
 }
 
-// Deals blocks that are never active to whichever shard has fewest blocks.
+// Deals each block that is never active to the shard with the fewest blocks.
 void DealInactive(const std::vector<volume::BlockId>& blocks, Loads* loads,
                   std::vector<std::uint16_t>* shard_of_block) {
   using Entry = std::pair<std::int64_t, std::size_t>;
@@ -146,7 +167,8 @@ ShardMap ShardMap::Greedy(const volume::RangeTable& ranges, int shard_count) {
 }
 
 std::uint16_t ShardMap::Draw(volume::BlockId id) const {
-  // Multiply and shift: uniform up to 2^-16 even for the most shards.
+  // floor(shard_count * h / 2^32) for the high half h of a hash: uniform up to 2^-16 even for 65536
+  // shards.
   return static_cast<std::uint16_t>(
       (base::RandomBits(seed_, id) >> 32) * static_cast<std::uint64_t>(shard_count_) >> 32);
 }
@@ -199,14 +221,14 @@ std::vector<std::uint16_t> DistributeGreedily(const volume::RangeTable& ranges, 
       if (blocks.empty()) {
         continue;
       }
-      const std::size_t rounds = blocks.size() / shards;
-      for (std::size_t shard = 0; rounds > 0 && shard < shards; ++shard) {
-        loads.Add(shard, first, last, static_cast<std::int64_t>(rounds));
+      const std::size_t even_share = blocks.size() / shards;
+      for (std::size_t shard = 0; even_share > 0 && shard < shards; ++shard) {
+        loads.Add(shard, first, last, static_cast<std::int64_t>(even_share));
       }
-      for (std::size_t i = 0; i < rounds * shards; ++i) {
+      for (std::size_t i = 0; i < even_share * shards; ++i) {
         shard_of_block[blocks[i]] = static_cast<std::uint16_t>(i % shards);
       }
-      std::size_t next = rounds * shards;
+      std::size_t next = even_share * shards;
       for (const std::size_t shard : LeastLoaded(loads, first, last, blocks.size() - next)) {
         shard_of_block[blocks[next++]] = static_cast<std::uint16_t>(shard);
         loads.Add(shard, first, last, 1);

@@ -1,4 +1,4 @@
-// Which shard gets which block.
+// Assigns blocks to shards.
 
 #ifndef ISOSCOPE_CORE_PARTITION_DISTRIBUTION_H_
 #define ISOSCOPE_CORE_PARTITION_DISTRIBUTION_H_
@@ -14,9 +14,10 @@ namespace isoscope::partition {
 // The shard of every block. Immutable; thread-safe.
 class ShardMap {
  public:
-  // As DistributeRandomly, computed when asked for. O(block_count) time, O(shard_count) memory.
+  // The map of DistributeRandomly; a shard is computed when it is asked for. O(block_count) time,
+  // O(shard_count) memory.
   static ShardMap Random(std::int64_t block_count, int shard_count, std::uint64_t seed);
-  // As DistributeGreedily: a table of 2 bytes a block.
+  // The map of DistributeGreedily: a table of 2 bytes a block.
   static ShardMap Greedy(const volume::RangeTable& ranges, int shard_count);
 
   // REQUIRES: id < block_count.
@@ -26,7 +27,7 @@ class ShardMap {
  private:
   explicit ShardMap(int shard_count) : shard_count_(shard_count) {}
 
-  // What (seed, id) alone say.
+  // Draws a shard from (seed, id) alone.
   [[nodiscard]] std::uint16_t Draw(volume::BlockId id) const;
 
   int shard_count_;
@@ -35,24 +36,22 @@ class ShardMap {
   std::vector<std::uint16_t> table_;                              // greedy: by id
 };
 
-// Both return the shard of each block, by BlockId, and leave no shard empty.
+// Both functions return the shard of each block, by block id, and leave no shard empty.
 // REQUIRES: 1 <= shard_count <= min(block_count, store::kMaxShardCount).
 
-// Independent Bernoulli trials: block `id` goes to a shard drawn from (seed, id) alone, so its
-// shard does not depend on any other block. Where that leaves shards empty (likely only with few
-// blocks a shard), the first blocks, by id, that are not alone in their shard move into the empty
-// shards, in ascending order. O(block_count). Source: Zhang, Bajaj, Ramachandran 2002, section 2.1.
+// Independent Bernoulli trials: each block goes to a shard drawn from (seed, id) alone, so its
+// shard does not depend on any other block. If that leaves shards empty, which is likely only with
+// few blocks a shard, the first blocks, by id, that are not alone in their shard move into the
+// empty shards, in ascending order. O(block_count). Source: Zhang, Bajaj, Ramachandran 2002,
+// section 2.1 (references.bib: zhang-random-distribution).
 std::vector<std::uint16_t> DistributeRandomly(std::int64_t block_count, int shard_count,
                                               std::uint64_t seed);
 
-// Deterministic: balances, for every isovalue, the number of active blocks (the workload
-// histogram). Isovalues are cut into bins over the table's total span; blocks that cover the same
-// bins are equal work and are dealt out together, those that cover most bins first: each shard gets
-// the same number of them, and the shards whose histogram peaks lowest over those bins get what is
-// left over (ties: fewest blocks, then lowest shard). Blocks that are never active even out the
-// counts. O(block_count + bins^3 * shard_count), bins = 128 (32 above 1024 shards). Source: Zhang,
-// Bajaj, Blanke 2001, "Scalable isosurface visualization of massive datasets on COTS clusters", and
-// 2002, section 2.2.
+// Balances, for every isovalue, the number of active blocks of the shards (the workload histogram).
+// Deterministic; the steps are at the head of distribution.cc.
+// O(block_count + bins^3 * shard_count), bins = 128 (32 above 1024 shards).
+// Source: Zhang, Bajaj, Blanke 2001, "Scalable isosurface visualization of massive datasets on COTS
+// clusters", and Zhang, Bajaj, Ramachandran 2002, section 2.2 (zhang-random-distribution).
 std::vector<std::uint16_t> DistributeGreedily(const volume::RangeTable& ranges, int shard_count);
 
 }  // namespace isoscope::partition

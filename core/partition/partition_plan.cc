@@ -1,3 +1,23 @@
+// The plan is the first one that fits under the limit:
+//
+//   for sorters and write buffers of full size, of 1/4, of 1/16:
+//     portions of 4, 2 or 1 layers, two of them in memory (one if it is the whole volume)
+//     portions of 1 layer, one in memory
+//   for the first of these sizes with which a row of blocks fits:
+//     bands of one layer, as high as fits
+//
+// Two buffers let the next portion be read while one is cut. Fewer layers at a time cost nothing to
+// read, because planes that portions share are kept; rows that bands share are read twice.
+//
+// Memory follows the phases of partitioning: reading ranges and dealing out (greedy only), writing
+// blocks, building the indices of one shard after the other. The total is the source's memory plus
+// the phase that takes most.
+//
+// Example: 256^3 samples of uint8 in blocks of 8 cells are 32 layers of blocks. A portion of 4
+// layers has 4 * 8 + 3 = 35 planes of 64 KiB, 2.2 MiB; two buffers take 4.4 MiB.
+//
+// Invariant: the bytes that partitioning writes do not depend on the plan.
+
 #include "core/partition/partition_plan.h"
 
 #include <algorithm>
@@ -14,43 +34,44 @@
 namespace isoscope::partition {
 namespace {
 
-// Portions of several layers take at most this, however much memory is allowed.
+// Portions of several layers take at most this, even if the limit allows more.
 constexpr std::int64_t kMaxPortionBytes = base::kGiB;
 constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
-// Lists of a batch, for both: 8192 blocks' ids, offsets, order, places, spans, checksums.
+// Lists of both batches: ids, offsets, order, placements, spans and checksums of 8192 blocks.
 constexpr std::int64_t kBatchTableBytes = base::kMiB;
 constexpr std::int64_t kBatchTableBytesPerBlock = 128;
 
-// More memory for sorting saves merges only beyond about 2^32 bytes; less is for small limits.
+// More memory for sorting would spare merges only beyond about 2^32 bytes; small limits take a
+// share.
 constexpr std::int64_t kSortBytes = 8 * base::kMiB;
 constexpr int kSortShares[] = {1, 4, 16};
 // Sorters have buffers, however few blocks there are.
 constexpr std::int64_t kMinTreeBytes = 32 * base::kKiB;
-// The buffer of a shard's blocks at most and at least, and of all shards' together.
+// The write buffer of one shard's blocks: most and least; and of all shards together.
 constexpr std::int64_t kMaxFileBufferBytes = 1 * base::kMiB;
 constexpr std::int64_t kMinFileBufferBytes = 16 * base::kKiB;
 constexpr std::int64_t kFileBuffersBytes = 16 * base::kMiB;
-// That of any other file.
+// The write buffer of any other file.
 constexpr std::int64_t kFileBufferBytes = 256 * base::kKiB;
-// While a shard is finished, beside the buffer of its block index: its tree's file, and what sums
-// them up.
+// Memory to finish a shard, beside the buffer of its block index: that of its tree's file, and the
+// one that computes checksums.
 constexpr std::int64_t kFinishingBytes = kFileBufferBytes + base::kMiB;
 
-// The greedy distribution, in bytes a block beside the ranges: shard 2, lists of blocks that are
-// dealt out together 12 (they grow by doubling).
+// Bytes a block of the greedy distribution, beside the ranges: 2 for the shard, 12 for the lists of
+// blocks of a class, which grow by doubling.
 constexpr std::int64_t kDealingBytesPerBlock = 14;
 constexpr std::int64_t kDealtBytesPerBlock = 2;
 
-// Blocks of the largest shard.
+// Returns a bound of the blocks of the largest shard.
 std::int64_t LargestShare(std::int64_t blocks, int shard_count) {
-  // Shards of a random distribution differ; six standard deviations are enough for all of them.
+  // The sizes of random shards differ: six standard deviations are enough for all of them.
   const double mean = static_cast<double>(blocks) / shard_count;
   return shard_count == 1
              ? blocks
              : std::min(blocks, static_cast<std::int64_t>(mean + 6 * std::sqrt(mean)) + 1);
 }
 
-// The samples of the largest portion of `layers` x `rows` blocks.
+// Returns the bytes of the largest portion of `layers` layers and `rows` rows of blocks.
 std::int64_t PortionBytes(const volume::BlockLayout& layout, volume::ScalarType type,
                           std::int64_t layers, std::int64_t rows) {
   const math::Index3& dims = layout.sample_dims();
@@ -59,6 +80,122 @@ std::int64_t PortionBytes(const volume::BlockLayout& layout, volume::ScalarType 
          static_cast<std::int64_t>(volume::SizeOf(type));
 }
 
+// Looks for the largest portions that fit under a memory limit.
+class Planner {
+ public:
+  Planner(const volume::BlockLayout& layout, volume::ScalarType type, int shard_count,
+          store::Distribution distribution, std::int64_t source_bytes,
+          std::int64_t memory_limit_bytes)
+      : layout_(layout),
+        type_(type),
+        sample_size_(static_cast<std::int64_t>(volume::SizeOf(type))),
+        shard_count_(shard_count),
+        is_greedy_(distribution == store::Distribution::kGreedy),
+        source_bytes_(source_bytes),
+        memory_limit_bytes_(memory_limit_bytes),
+        largest_share_(LargestShare(layout.block_count(), shard_count)) {
+    const math::Index3& cells = layout.block_cells();
+    const std::int64_t max_block_bytes =
+        (cells.x + 3) * (cells.y + 3) * (cells.z + 3) * sample_size_;
+    // A small volume is one batch.
+    plan_.batch_bytes =
+        std::max(max_block_bytes, std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes,
+                                            layout.block_count() * max_block_bytes}));
+  }
+
+  [[nodiscard]] const PartitionPlan& plan() const { return plan_; }
+
+  // Plans portions of whole layers. False if one layer does not fit.
+  bool PlanLayers() {
+    const math::Index3& block_dims = layout_.block_dims();
+    for (const int share : kSortShares) {
+      TakeShare(share);
+      for (const std::int64_t layers : {4, 2, 1}) {
+        if (layers > 1 && PortionBytes(layout_, type_, layers, block_dims.y) > kMaxPortionBytes) {
+          continue;
+        }
+        if (Fits(layers, block_dims.y, layers < block_dims.z)) {
+          return true;
+        }
+      }
+      if (Fits(1, block_dims.y, false)) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  // Plans bands of one layer, as high as fit: the higher, the fewer rows are read twice. False if
+  // one row of blocks does not fit; plan().total_bytes is then the limit that is needed.
+  bool PlanBands() {
+    const bool one_row_fits =
+        std::any_of(std::begin(kSortShares), std::end(kSortShares), [&](int share) {
+          TakeShare(share);
+          return Fits(1, 1, false);
+        });
+    if (!one_row_fits) {
+      return false;
+    }
+    std::int64_t low = 1;  // fits
+    std::int64_t high = layout_.block_dims().y;
+    while (high - low > 1) {
+      const std::int64_t middle = low + (high - low) / 2;
+      (Fits(1, middle, false) ? low : high) = middle;
+    }
+    return Fits(1, low, false);
+  }
+
+ private:
+  // Sets the memory of sorters and write buffers to 1 / share of the most that they use.
+  void TakeShare(int share) {
+    const std::int64_t blocks = layout_.block_count();
+    plan_.placement_bytes = std::min(kSortBytes / share, kPlacementBytesPerBlock * blocks);
+    plan_.entry_bytes = std::min(kSortBytes / share, kEntryBytesPerBlock * blocks);
+    plan_.file_buffer_bytes = std::clamp(
+        static_cast<std::int64_t>(
+            std::bit_floor(static_cast<std::uint64_t>(kFileBuffersBytes / share / shard_count_))),
+        kMinFileBufferBytes, kMaxFileBufferBytes);
+    plan_.tree_bytes =
+        std::max(index::IntervalTreeBuilder::MemoryBytes(largest_share_) / share, kMinTreeBytes);
+  }
+
+  // Sets the portions and computes their memory. True if the step that takes most is under the
+  // limit.
+  bool Fits(std::int64_t layers, std::int64_t rows, bool is_double_buffered) {
+    const std::int64_t blocks = layout_.block_count();
+    const std::int64_t dealt_bytes = is_greedy_ ? kDealtBytesPerBlock * blocks : 0;
+    const std::int64_t range_bytes = is_greedy_ ? 2 * sample_size_ * blocks : 0;
+    plan_.layers_per_portion = layers;
+    plan_.block_rows_per_portion = rows;
+    plan_.is_double_buffered = is_double_buffered;
+    plan_.portion_bytes = PortionBytes(layout_, type_, layers, rows);
+    const std::int64_t portions = (is_double_buffered ? 2 : 1) * plan_.portion_bytes;
+    const std::int64_t file_bytes = shard_count_ * plan_.file_buffer_bytes + kFileBufferBytes;
+    const std::int64_t portion_range_bytes =
+        2 * sample_size_ * layers * rows * layout_.block_dims().x;
+    const std::int64_t reading_ranges = range_bytes + portions;
+    const std::int64_t dealing = range_bytes + (is_greedy_ ? kDealingBytesPerBlock * blocks : 0);
+    const std::int64_t writing = dealt_bytes + plan_.placement_bytes + plan_.entry_bytes +
+                                 portions + portion_range_bytes + file_bytes +
+                                 2 * plan_.batch_bytes +
+                                 std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
+    const std::int64_t indexing = dealt_bytes + plan_.entry_bytes + plan_.tree_bytes + file_bytes +
+                                  plan_.file_buffer_bytes + kFinishingBytes;
+    plan_.total_bytes = source_bytes_ + std::max({reading_ranges, dealing, writing, indexing});
+    return plan_.total_bytes <= memory_limit_bytes_;
+  }
+
+  const volume::BlockLayout& layout_;
+  const volume::ScalarType type_;
+  const std::int64_t sample_size_;
+  const int shard_count_;
+  const bool is_greedy_;
+  const std::int64_t source_bytes_;
+  const std::int64_t memory_limit_bytes_;
+  const std::int64_t largest_share_;
+  PartitionPlan plan_;
+};
+
 }  // namespace
 
 absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
@@ -66,90 +203,25 @@ absl::StatusOr<PartitionPlan> PlanPartition(const volume::BlockLayout& layout,
                                             store::Distribution distribution,
                                             std::int64_t source_bytes,
                                             std::int64_t memory_limit_bytes) {
+  Planner planner(layout, type, shard_count, distribution, source_bytes, memory_limit_bytes);
+  if (planner.PlanLayers() || planner.PlanBands()) {
+    return planner.plan();
+  }
+  const math::Index3& dims = layout.sample_dims();
   const math::Index3& cells = layout.block_cells();
-  const math::Index3& block_dims = layout.block_dims();
-  const auto sample_size = static_cast<std::int64_t>(volume::SizeOf(type));
-  const std::int64_t max_block_bytes = (cells.x + 3) * (cells.y + 3) * (cells.z + 3) * sample_size;
-  const std::int64_t blocks = layout.block_count();
-  const std::int64_t largest_share = LargestShare(blocks, shard_count);
   const bool is_greedy = distribution == store::Distribution::kGreedy;
-  const std::int64_t dealt_bytes = is_greedy ? kDealtBytesPerBlock * blocks : 0;
-  const std::int64_t range_bytes = is_greedy ? 2 * sample_size * blocks : 0;
-  PartitionPlan plan;
-  // A small volume is one batch.
-  plan.batch_bytes = std::max(
-      max_block_bytes,
-      std::min({kBatchBytes, kMaxBatchBlocks * max_block_bytes, blocks * max_block_bytes}));
-  const auto fits = [&](std::int64_t layers, std::int64_t rows, bool is_double_buffered) {
-    plan.layers_per_portion = layers;
-    plan.block_rows_per_portion = rows;
-    plan.is_double_buffered = is_double_buffered;
-    plan.portion_bytes = PortionBytes(layout, type, layers, rows);
-    const std::int64_t portions = (is_double_buffered ? 2 : 1) * plan.portion_bytes;
-    const std::int64_t file_bytes = shard_count * plan.file_buffer_bytes + kFileBufferBytes;
-    const std::int64_t portion_range_bytes = 2 * sample_size * layers * rows * block_dims.x;
-    const std::int64_t reading_ranges = range_bytes + portions;
-    const std::int64_t dealing = range_bytes + (is_greedy ? kDealingBytesPerBlock * blocks : 0);
-    const std::int64_t writing = dealt_bytes + plan.placement_bytes + plan.entry_bytes + portions +
-                                 portion_range_bytes + file_bytes + 2 * plan.batch_bytes +
-                                 std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
-    const std::int64_t indexing = dealt_bytes + plan.entry_bytes + plan.tree_bytes + file_bytes +
-                                  plan.file_buffer_bytes + kFinishingBytes;
-    plan.total_bytes = source_bytes + std::max({reading_ranges, dealing, writing, indexing});
-    return plan.total_bytes <= memory_limit_bytes;
-  };
-  const auto take_share = [&](int share) {
-    plan.placement_bytes = std::min(kSortBytes / share, kPlacementBytesPerBlock * blocks);
-    plan.entry_bytes = std::min(kSortBytes / share, kEntryBytesPerBlock * blocks);
-    plan.file_buffer_bytes = std::clamp(
-        static_cast<std::int64_t>(
-            std::bit_floor(static_cast<std::uint64_t>(kFileBuffersBytes / share / shard_count))),
-        kMinFileBufferBytes, kMaxFileBufferBytes);
-    plan.tree_bytes =
-        std::max(index::IntervalTreeBuilder::MemoryBytes(largest_share) / share, kMinTreeBytes);
-  };
-  for (const int share : kSortShares) {
-    take_share(share);
-    for (const std::int64_t layers : {4, 2, 1}) {
-      if (layers > 1 && PortionBytes(layout, type, layers, block_dims.y) > kMaxPortionBytes) {
-        continue;
-      }
-      if (fits(layers, block_dims.y, layers < block_dims.z)) {
-        return plan;
-      }
-    }
-    if (fits(1, block_dims.y, false)) {
-      return plan;
-    }
-  }
-  // Bands, as high as fit: fewer rows are read twice.
-  const bool band_fits =
-      std::any_of(std::begin(kSortShares), std::end(kSortShares), [&](int share) {
-        take_share(share);
-        return fits(1, 1, false);
-      });
-  if (!band_fits) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "memory limit %d bytes: one row of blocks (%d x %d x %d samples of %s) with tables for %d "
-        "blocks needs %d bytes; raise --memory-limit, or use larger blocks%s",
-        memory_limit_bytes, layout.sample_dims().x, std::min(cells.y + 3, layout.sample_dims().y),
-        std::min(cells.z + 3, layout.sample_dims().z), volume::NameOf(type), blocks,
-        plan.total_bytes, is_greedy ? " or the random distribution" : ""));
-  }
-  std::int64_t low = 1;  // fits
-  std::int64_t high = block_dims.y;
-  while (high - low > 1) {
-    const std::int64_t middle = low + (high - low) / 2;
-    (fits(1, middle, false) ? low : high) = middle;
-  }
-  fits(1, low, false);
-  return plan;
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "memory limit %d bytes: one row of blocks (%d x %d x %d samples of %s) with tables for %d "
+      "blocks needs %d bytes; raise --memory-limit, or use larger blocks%s",
+      memory_limit_bytes, dims.x, std::min(cells.y + 3, dims.y), std::min(cells.z + 3, dims.z),
+      volume::NameOf(type), layout.block_count(), planner.plan().total_bytes,
+      is_greedy ? " or the random distribution" : ""));
 }
 
 std::int64_t PortionCount(const volume::BlockLayout& layout, const PartitionPlan& plan) {
-  const auto parts = [](std::int64_t n, std::int64_t size) { return (n + size - 1) / size; };
-  return parts(layout.block_dims().z, plan.layers_per_portion) *
-         parts(layout.block_dims().y, plan.block_rows_per_portion);
+  const auto divide_up = [](std::int64_t n, std::int64_t size) { return (n + size - 1) / size; };
+  return divide_up(layout.block_dims().z, plan.layers_per_portion) *
+         divide_up(layout.block_dims().y, plan.block_rows_per_portion);
 }
 
 Portion PortionAt(const volume::BlockLayout& layout, const PartitionPlan& plan, std::int64_t i) {

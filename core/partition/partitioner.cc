@@ -1,3 +1,37 @@
+// Two orders meet here: blocks are read in the order of the volume, and files are written in the
+// order of each shard. Records that know both are sorted on disk, so no table of all blocks is in
+// memory.
+//
+//    1  ShardMap: the shard of each block
+//                |
+//    2  all blocks in the order of shards (BlocksInOrder): next ordinal and offset of the shard
+//                |
+//                |  Placement {position, shard, ordinal, offset}
+//                v
+//       placements_, sorted by position: the order in which blocks are cut
+//                |
+//    3  portion -> FillBatch -> CutBatch -> WriteBatch -> blocks.bin of each shard, at the offset
+//                |
+//                |  Entry {shard, ordinal, id, span, CRC-32C}
+//                v
+//       entries_, sorted by (shard, ordinal)
+//                |
+//    4  FinishShard, shard by shard: block_index.bin, interval_tree.bin; then CompressShard
+//                |
+//    5  ranges.bin, which grows along with 3; shard.json and manifest.json of each shard;
+//       the dataset's manifest.json; at last the folder gets its name
+//
+// Example: blocks A, B, C of 100 stored bytes, in the order of shards, go to the shards 0, 1, 0.
+// Their placements have the ordinals 0, 0, 1 and the offsets 0, 0, 100. If C is cut before B, its
+// position is the lower one, and C is written first.
+//
+// The next portion is read, a batch is cut and the batch before it is written at the same time.
+//
+// Invariants: the placement taken next has the position that counts the blocks cut so far; the
+// entries of a shard have the ordinals 0, 1, 2, ...; the bytes depend on source and options alone.
+//
+// Files: docs/format/dataset.md, docs/format/shard.md. Distributions: distribution.h.
+
 #include "core/partition/partitioner.h"
 
 #include <unistd.h>
@@ -117,7 +151,7 @@ absl::Status CopyFile(const std::string& from, const std::string& to) {
 class PartialDirectory {
  public:
   static absl::StatusOr<std::unique_ptr<PartialDirectory>> Create(const std::string& path) {
-    // What a killed process with our number left (numbers repeat in containers).
+    // A killed process with the same id may have left one: ids repeat in containers.
     ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(path));
     ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(path));
     return std::make_unique<PartialDirectory>(path);
@@ -142,7 +176,7 @@ class PartialDirectory {
   bool is_kept_ = false;
 };
 
-// Where a block goes. Sorted by position: blocks are cut in that order.
+// Where a block is written. Sorted by position: the order in which blocks are cut.
 struct Placement {
   std::int64_t offset = 0;     // in its shard
   std::uint32_t position = 0;  // PositionInPortions
@@ -153,7 +187,8 @@ struct Placement {
 };
 static_assert(sizeof(Placement) == kPlacementBytesPerBlock);
 
-// What the index and the tree of its shard hold of a block. Sorted by shard and ordinal.
+// A block's data for the block index and the interval tree of its shard. Sorted by shard and
+// ordinal.
 struct Entry {
   volume::ScalarSpan span;
   volume::BlockId id = 0;
@@ -174,11 +209,11 @@ struct Batch {
   std::vector<volume::ScalarSpan> spans;
   std::vector<std::uint32_t> crcs;
   std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
-  std::vector<std::uint32_t> order;  // into `ids`: by shard, then by place in it
+  std::vector<std::uint32_t> order;  // indices into `ids`, sorted by shard and ordinal
   std::vector<char> bytes;
 };
 
-// One run of Partition.
+// One call of Partition.
 class Partitioner {
  public:
   Partitioner(source::VolumeSource* source, const PartitionOptions& options,
@@ -217,7 +252,7 @@ class Partitioner {
   }
 
  private:
-  // One pass: the next portion is read while `visit` works on this one.
+  // Passes over the volume once. The next portion is read while `visit` works on this one.
   template <typename Visit>  // absl::Status(const Slab&, const Portion&)
   absl::Status ForEachPortion(PortionReader* reader, const Visit& visit) {
     const std::int64_t done_before = progress_.done_bytes;
@@ -271,7 +306,7 @@ class Partitioner {
     }
   }
 
-  // Says which shard each block goes to: the greedy distribution takes a pass of its own.
+  // Step 1 assigns blocks to shards. The greedy distribution takes a pass of its own.
   absl::StatusOr<ShardMap> DealOut(PortionReader* reader) {
     if (options_.distribution != store::Distribution::kGreedy) {
       return ShardMap::Random(layout_.block_count(), options_.shard_count, options_.seed);
@@ -298,10 +333,10 @@ class Partitioner {
         });
   }
 
-  // Creates the shards' writers and finds every block's place.
+  // Step 2 finds the placement of every block, and creates the shards' writers.
   absl::Status CreateShards(const std::string& directory, const ShardMap& shards) {
     placements_.emplace(directory, plan_.placement_bytes);
-    // The next block's, by shard.
+    // By shard: the placement of its next block.
     std::vector<Placement> next(static_cast<std::size_t>(options_.shard_count));
     for (store::BlocksInOrder blocks({.begin = {}, .end = layout_.block_dims()});
          !blocks.is_at_end(); blocks.Next()) {
@@ -331,10 +366,11 @@ class Partitioner {
     return absl::OkStatus();
   }
 
-  // The portion's blocks in batches: one is cut in parallel while the one before is written.
+  // Step 3 cuts and writes the blocks of a portion in batches: one batch is cut, in parallel, while
+  // the one before is written.
   absl::Status WriteBlocks(const Slab& slab, const Portion& portion) {
     store::BlocksInOrder blocks(BlocksOfPortion(layout_, portion));
-    // Portions are runs of ids.
+    // The ids of a portion's blocks are consecutive.
     const volume::BlockId first_id = layout_.IdOf({0, portion.begin_row, portion.begin_layer});
     volume::RangeTable ranges(type_, (portion.end_layer - portion.begin_layer) *
                                          (portion.end_row - portion.begin_row) *
@@ -366,6 +402,7 @@ class Partitioner {
     return range_writer_->Append(ranges);
   }
 
+  // Takes the next blocks and their placements, as many as fit a batch.
   absl::Status FillBatch(store::BlocksInOrder* blocks, Batch* batch) {
     batch->bytes.resize(static_cast<std::size_t>(plan_.batch_bytes));
     batch->ids.clear();
@@ -389,6 +426,7 @@ class Partitioner {
     return absl::OkStatus();
   }
 
+  // Cuts the blocks of a batch, finds their spans, and sorts them by shard and ordinal.
   void CutBatch(const Slab& slab, Batch* batch) const {
     batch->spans.resize(batch->ids.size());
     tbb::parallel_for(std::size_t{0}, batch->ids.size(), [&](std::size_t i) {
@@ -398,35 +436,37 @@ class Partitioner {
     });
     batch->order.resize(batch->ids.size());
     std::iota(batch->order.begin(), batch->order.end(), std::uint32_t{0});
-    const auto place_of = [&](std::uint32_t i) {
+    const auto key_of = [&](std::uint32_t i) {
       const Placement& placement = batch->placements[i];
       return std::pair(placement.shard, placement.ordinal);
     };
     std::sort(batch->order.begin(), batch->order.end(),
-              [&](std::uint32_t a, std::uint32_t b) { return place_of(a) < place_of(b); });
+              [&](std::uint32_t a, std::uint32_t b) { return key_of(a) < key_of(b); });
   }
 
-  // Each shard by one thread, in the order of its file: neighbours are written at once.
+  // Writes the blocks of a batch, those of a shard by one thread in the order of its file, so that
+  // neighbours are written together. Adds their entries.
   absl::Status WriteBatch(Batch* batch) {
     const auto shard_at = [&](std::size_t i) { return batch->placements[batch->order[i]].shard; };
-    std::vector<std::size_t> run_begins;  // in `order`, one run a shard
+    std::vector<std::size_t>
+        shard_begins;  // in `order`: the first block of each shard, and the end
     for (std::size_t i = 0; i < batch->order.size(); ++i) {
       if (i == 0 || shard_at(i) != shard_at(i - 1)) {
-        run_begins.push_back(i);
+        shard_begins.push_back(i);
       }
     }
-    run_begins.push_back(batch->order.size());
+    shard_begins.push_back(batch->order.size());
     batch->crcs.resize(batch->ids.size());
-    std::vector<absl::Status> statuses(run_begins.size() - 1);
-    tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t run) {
-      store::ShardWriter& writer = *writers_[shard_at(run_begins[run])];
-      for (std::size_t i = run_begins[run]; i < run_begins[run + 1] && statuses[run].ok(); ++i) {
+    std::vector<absl::Status> statuses(shard_begins.size() - 1);
+    tbb::parallel_for(std::size_t{0}, statuses.size(), [&](std::size_t k) {
+      store::ShardWriter& writer = *writers_[shard_at(shard_begins[k])];
+      for (std::size_t i = shard_begins[k]; i < shard_begins[k + 1] && statuses[k].ok(); ++i) {
         const std::size_t at = batch->order[i];
         const absl::StatusOr<std::uint32_t> crc32c =
             writer.WriteBlock(batch->ids[at], batch->placements[at].offset,
                               absl::string_view(batch->bytes.data() + batch->offsets[at],
                                                 batch->offsets[at + 1] - batch->offsets[at]));
-        statuses[run] = crc32c.status();
+        statuses[k] = crc32c.status();
         batch->crcs[at] = crc32c.value_or(0);
       }
     });
@@ -443,7 +483,7 @@ class Partitioner {
     return absl::OkStatus();
   }
 
-  // Ends the blocks of the next shard in `entries_`, and builds its tree.
+  // Step 4 writes the block index and the interval tree of the next shard in `entries_`.
   absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard) {
     index::IntervalTreeBuilder tree({.scratch_directory = shard_directories_[shard],
                                      .memory_bytes = plan_.tree_bytes,
@@ -462,7 +502,7 @@ class Partitioner {
       ISOSCOPE_RETURN_IF_ERROR(entries_->Advance());
     }
     ISOSCOPE_ASSIGN_OR_RETURN(store::ShardSummary summary, writer.Finish());
-    writers_[shard].reset();  // with its buffers
+    writers_[shard].reset();  // frees its buffers
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::WritableFile> file,
                               io::CreateWritableFile(absl::StrCat(shard_directories_[shard], "/",
                                                                   store::kIntervalTreeFileName)));
@@ -470,7 +510,7 @@ class Partitioner {
     return summary;
   }
 
-  // Where the tree of the shard had its memory.
+  // Compresses the shard's blocks, in the memory that its tree was built in.
   absl::StatusOr<store::ShardSummary> Compress(std::size_t shard, const store::ShardSummary& raw) {
     store::CompressOptions options{.encoding = options_.compression};
     options.batch_bytes =
@@ -483,6 +523,7 @@ class Partitioner {
         cancellation_);
   }
 
+  // Steps 4 and 5 finish all shards, then write range tables and manifests.
   absl::StatusOr<store::Manifest> Finish(const std::string& directory, const std::string& name) {
     store::Manifest manifest;
     ISOSCOPE_RETURN_IF_ERROR(entries_->Finish());
@@ -564,7 +605,7 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
 
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<PartialDirectory> partial,
                             PartialDirectory::Create(absl::StrCat(output, ".partial-", getpid())));
-  // Closes its files before `partial` is removed.
+  // Declared after `partial`, so that its files are closed before `partial` is removed.
   Partitioner partitioner(&source, options, layout, plan, cancellation);
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,
                             partitioner.Run(partial->path(), BaseName(output)));

@@ -30,24 +30,30 @@ struct PartitionOptions {
   int shard_count = 1;                      // 1 .. min(kMaxShardCount, number of blocks)
   std::optional<math::Index3> block_cells;  // default: volume::DefaultBlockCells
   store::Distribution distribution = store::Distribution::kRandom;
-  // Blocks are compressed after their shard was written: needs disk space for one shard twice.
+  // Each shard is compressed after it was written: the disk must hold one shard twice.
   store::BlockEncoding compression = store::BlockEncoding::kRaw;
   std::uint64_t seed = 1;
   std::int64_t memory_limit_bytes = base::kGiB;
-  std::int64_t reserved_bytes = 0;  // of the limit, for what the process holds beside
+  std::int64_t reserved_bytes = 0;  // of the limit, for the rest of the process
   std::function<void(const PartitionProgress&)> progress;  // may be null; called from this thread
 };
 
-// Streams the volume once (random) or twice (greedy: ranges first) in portions that keep memory
-// under the limit (partition_plan.h): what this call and the source allocate, and reserved_bytes.
-// With the random distribution no table grows with the number of blocks: what is known of each
-// block (90 bytes at most) lies in scratch files without a name, in the output, until it is
-// written; the greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes
-// afterwards. Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed
-// at the end; an error or a cancellation removes it. Deterministic: the same source and options
-// give the same bytes, whatever the limit and the number of threads. INVALID_ARGUMENT: bad options
-// (more shards than blocks, a memory limit too small for one row of blocks: says what is needed).
-// ALREADY_EXISTS: the output exists. RESOURCE_EXHAUSTED: disk full.
+// Partitions a volume and returns the manifest. Reads the volume once (random) or twice (greedy:
+// ranges first). The steps are at the head of partitioner.cc.
+//
+// Memory: this call, the source and reserved_bytes together stay under the limit, by taking the
+// volume in portions (partition_plan.h). With the random distribution no table grows with the
+// number of blocks; records of up to 90 bytes a block lie in scratch files without a name, in the
+// output. The greedy one holds two samples and 14 bytes a block while it deals blocks out, 2 bytes
+// afterwards.
+//
+// Crash-safe: everything is written to "<output>.partial-<pid>", flushed, and renamed at the end.
+// An error or a cancellation removes it. Deterministic: the same source and options give the same
+// bytes, whatever the limit and the number of threads.
+//
+// INVALID_ARGUMENT: bad options, such as more shards than blocks, or a memory limit too small for
+// one row of blocks (the message says what is needed). ALREADY_EXISTS: the output exists.
+// NOT_FOUND: its parent does not. RESOURCE_EXHAUSTED: the disk is full. CANCELLED.
 absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
                                           const PartitionOptions& options,
                                           const base::Cancellation& cancellation);

@@ -1,3 +1,10 @@
+// Neighbouring portions store three planes in common: the shared layer, and a ghost on each side of
+// it.
+//
+// Example: blocks of 8 cells, one layer a portion. Portion 0 stores planes 0 to 9, portion 1 planes
+// 7 to 17: planes 7 to 9 are moved to the front, 10 to 17 are read. Staged bands of the same layers
+// need a ring of 8 + 3 = 11 planes: planes 11 to 17 replace 0 to 6 in it, and 7 to 10 stay.
+
 #include "core/partition/portion_reader.h"
 
 #include <algorithm>
@@ -12,9 +19,9 @@
 namespace isoscope::partition {
 namespace {
 
-// Between two looks at the cancellation.
+// Bytes read between two checks of the cancellation.
 constexpr std::int64_t kReadBytes = 8 * base::kMiB;
-// Taken through memory at a time on the way to the scratch file.
+// Bytes in memory at a time on the way to the scratch file.
 constexpr std::int64_t kStageBytes = base::kMiB;
 
 }  // namespace
@@ -92,7 +99,7 @@ absl::Status PortionReader::StageUpTo(std::int64_t end_plane) {
     ring_planes_ = plan_.layers_per_portion * layout_.block_cells().z + 3;
   }
   if (staged_end_ > end_plane) {
-    staged_end_ = 0;  // another pass
+    staged_end_ = 0;  // another pass begins
   }
   const std::int64_t rows = layout_.sample_dims().y;
   const std::int64_t step = std::max<std::int64_t>(kStageBytes / row_bytes_, 1);

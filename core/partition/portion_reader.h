@@ -1,4 +1,4 @@
-// Reads the samples of portions from a source, in one pass, whatever the source can do.
+// Reads the samples of portions from a source in one pass, whether the source can seek or not.
 
 #ifndef ISOSCOPE_CORE_PARTITION_PORTION_READER_H_
 #define ISOSCOPE_CORE_PARTITION_PORTION_READER_H_
@@ -17,23 +17,26 @@
 
 namespace isoscope::partition {
 
-// Portions of whole planes are read with the planes that two of them share taken over from the one
-// before, so every plane is read once. Bands of a source that can't seek are staged: a layer's
-// planes are read once, in order, into a scratch file that holds one layer, and bands come from
-// there. Bands of a source that can seek are read from it directly. Thread-compatible.
+// Portions of whole planes: planes that two portions share are copied from the portion before, so
+// every plane is read once. Bands of a source that can't seek are staged: the planes of a layer are
+// read once, in order, into a scratch file that holds one layer, and bands are read from there.
+// Bands of a source that can seek are read from it directly. Thread-compatible.
 class PortionReader {
  public:
-  // Everything must outlive it; scratch files are made in `directory`.
+  // All pointers and references must outlive the reader. Scratch files go to `directory`.
   PortionReader(source::VolumeSource* source, const volume::BlockLayout& layout,
                 const PartitionPlan& plan, std::string directory,
                 const base::Cancellation* cancellation);
 
-  // What staging takes of memory.
+  // Returns the memory that staging takes.
   static std::int64_t StagingBytes(const source::VolumeSource& source);
 
-  // Reads portion `i` as [z][y][x] over SamplesOfPortion into `out`. Portions are read in ascending
-  // order from 0, again from 0 for another pass. `previous` is portion i - 1 as it was read, null
-  // for i = 0; it may be `out`. The source's errors, the scratch file's, CANCELLED.
+  // Reads a portion. Portions come in ascending order from 0, and from 0 again for another pass.
+  //
+  // previous: portion i - 1 as it was read; null for i = 0; may be `out`
+  // out:      [z][y][x] over SamplesOfPortion, x fastest; plan.portion_bytes suffice
+  //
+  // Errors: the source's, the scratch file's, CANCELLED.
   absl::Status Read(std::int64_t i, const char* previous, char* out);
 
  private:
@@ -48,10 +51,10 @@ class PortionReader {
   const base::Cancellation& cancellation_;
   const std::int64_t row_bytes_;
 
-  // Staging: plane z lies at slot z % ring_planes_.
+  // Staging: a ring of planes in the scratch file. Plane z is the ring's plane z % ring_planes_.
   std::unique_ptr<io::ScratchFile> scratch_;
   std::int64_t ring_planes_ = 0;
-  std::int64_t staged_end_ = 0;  // planes [.., staged_end_) were staged
+  std::int64_t staged_end_ = 0;  // the next plane to stage
 };
 
 }  // namespace isoscope::partition

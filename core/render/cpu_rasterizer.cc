@@ -1,6 +1,24 @@
-// Based on:
-// Olano, Greer 1997, "Triangle scan conversion using 2D homogeneous coordinates" (weights);
-// Sutherland, Hodgman 1974, "Reentrant polygon clipping".
+// The fragments of one block, in these steps:
+//
+// 1. The rectangle of the footprint is cut to the bounds of the open pixels. If it is empty, there
+//    is nothing to do.
+// 2. TransformVertices projects all vertices at once. If one of them lies in front of the near
+//    plane or outside the guard band, the whole block takes the slow path (FillClipped). That path
+//    projects vertex by vertex and clips only the triangles that need it.
+// 3. A block of at most kMaxTinyExtentPx a side goes to FillTinyTriangles, which fills a triangle
+//    in each lane and returns the triangles that are too large for it. Those, and all triangles of
+//    a larger block, are filled one at a time (Fill).
+// 4. A full buffer, and the last one, is flushed: fragments outside the open pixels are dropped,
+//    and the caller sees the rest.
+//
+// Project does the arithmetic of TransformVertices, in the same order and in double, so both paths
+// snap a vertex to the same place. Neither can open a gap to the block next door.
+//
+// Clipping cuts a triangle by five planes: the near plane, then the four sides of the guard band.
+// Each plane adds at most one corner, so a clipped triangle has at most 8.
+//
+// Sources: Olano, Greer 1997, "Triangle scan conversion using 2D homogeneous coordinates" (the
+// weights); Sutherland, Hodgman 1974, "Reentrant polygon clipping".
 
 #include "core/render/cpu_rasterizer.h"
 
@@ -73,8 +91,9 @@ void CpuRasterizer::Fill(const ScreenVertex& a, const ScreenVertex& b, const Scr
 }
 
 void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle) {
-  // A plane is the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band is a
-  // little inside what Project takes, so that rounding can't push a clipped vertex out again.
+  // A plane keeps the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band
+  // is a little smaller than the one that Project accepts, so that rounding can't push a clipped
+  // vertex out again.
   constexpr double kBandPx = kGuardBandPx - 1;
   const double gx_low = 1 + 2 * kBandPx / projection_.width_px;
   const double gx_high = 2 * kBandPx / projection_.width_px - 1;
@@ -104,7 +123,8 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
         clipped[clipped_count++] = a;
       }
       if ((da >= 0) != (db >= 0)) {
-        // From the inner to the outer end, whichever triangle asks: both get the same point.
+        // The new vertex is computed from the inner end to the outer one. So both triangles that
+        // share the edge get the same point.
         const ClipVertex& inner = da >= 0 ? a : b;
         const ClipVertex& outer = da >= 0 ? b : a;
         const double inner_distance = da >= 0 ? da : db;
@@ -124,7 +144,7 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
   std::array<ScreenVertex, 8> screen;
   for (std::size_t i = 0; i < count; ++i) {
     ClipVertex vertex = polygon[i];
-    // On the near plane up to rounding.
+    // The vertex may lie in front of the near plane by a rounding error.
     vertex.z = std::max(vertex.z, -vertex.w);
     if (!Project(vertex, &screen[i])) {
       return;  // the triangle degenerates into the eye
@@ -244,7 +264,8 @@ std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::ui
   const std::array<double, 16>& m = view.clip_from_index().m;
   const double ndc_x = 2 * (x + 0.5) / view.viewport().width_px - 1;
   const double ndc_y = 1 - 2 * (y + 0.5) / view.viewport().height_px;
-  // Moved so that the pixel is the origin: a weight is the edge function of the two other corners.
+  // Clip space is moved so that the pixel is the origin. The weight of a corner is then the edge
+  // function of the two others.
   std::array<math::Vec3d, 3> corner;
   const std::array<std::uint32_t, 3> vertices = mesh.triangles[triangle];
   for (std::size_t i = 0; i < 3; ++i) {
@@ -269,7 +290,7 @@ std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::ui
     weight = std::clamp(weight / sum, 0.0, 1.0);
     clamped_sum += weight;
   }
-  // Edge-on triangles have no inside to speak of.
+  // A triangle that is seen edge-on has no inside.
   if (!(clamped_sum > 0) || !std::isfinite(clamped_sum)) {
     return {1, 0, 0};
   }

@@ -1,10 +1,10 @@
 // Turns the triangles of one block into fragments.
 //
-// Isosurface triangles are about a pixel in size, so what counts is set-up: vertices are
-// transformed once, most triangles are dropped because their bounding box holds no pixel centre,
-// and the rest is filled many triangles at a time (raster_kernels.h). Fixed point with 8 sub-pixel
-// bits and the top-left rule: two triangles that share an edge never both cover a pixel and never
-// both miss it. What is made of a triangle does not depend on other triangles, blocks or threads.
+// Isosurface triangles are about a pixel in size, so set-up counts. Vertices are transformed once,
+// most triangles are dropped because their box holds no pixel centre, and the others are filled
+// many at a time (raster_kernels.h). Coordinates have 8 sub-pixel bits. The top-left rule holds:
+// two triangles that share an edge never both cover a pixel and never both miss it. The fragments
+// of a triangle do not depend on other triangles, blocks or threads.
 
 #ifndef ISOSCOPE_CORE_RENDER_CPU_RASTERIZER_H_
 #define ISOSCOPE_CORE_RENDER_CPU_RASTERIZER_H_
@@ -23,7 +23,7 @@
 
 namespace isoscope::render {
 
-// Fragments of one block, in no particular order: a pixel may occur several times. Fragment i is
+// Fragments of one block, in no particular order. A pixel may occur several times. Fragment i lies
 // at (pixels[i] & 0xffff, pixels[i] >> 16).
 struct FragmentBatch {
   view::PixelRect bounds;  // around all of them
@@ -36,8 +36,8 @@ struct FragmentBatch {
 class CpuRasterizer {
  public:
   // Calls `visit` with the fragments of the mesh, at most FragmentBuffer::kCapacity at a time.
-  // `footprint` is that of the mesh's block: fragments outside its rectangle, or outside `open` if
-  // that is not null, are dropped; depths are clamped to [nearest_depth, 1]. The batch lives until
+  // Drops fragments outside the rectangle of `footprint`, the footprint of the mesh's block, and
+  // outside `open` if it is not null. Clamps depths to [nearest_depth, 1]. The batch lives until
   // visit returns.
   void Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                  const view::Footprint& footprint, const image::PixelMask* open,
@@ -49,7 +49,7 @@ class CpuRasterizer {
   };
 
   [[nodiscard]] ClipVertex ToClip(const math::Vec3f& position) const;
-  // What TransformVertices does to one vertex; false if it must be clipped first.
+  // Projects one vertex as TransformVertices does. False if it must be clipped first.
   [[nodiscard]] bool Project(const ClipVertex& clip, ScreenVertex* screen) const;
   void FillClipped(const mesh::CompactMesh& mesh);
   void ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle);
@@ -59,7 +59,7 @@ class CpuRasterizer {
   void Flush();
   void DropClosed();
 
-  // Of the mesh at hand.
+  // These belong to the mesh in work.
   Projection projection_;
   view::PixelRect rect_;
   float nearest_depth_ = 0;
@@ -73,8 +73,8 @@ class CpuRasterizer {
   FragmentBuffer fragments_;
 };
 
-// Perspective-correct weights of a triangle's vertices at a pixel centre; they sum to 1 and lie in
-// [0, 1]. A pure function of triangle, view and pixel.
+// Returns the perspective-correct weights of a triangle's vertices at a pixel centre. They lie in
+// [0, 1] and sum to 1. A pure function of triangle, view and pixel.
 std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y);
 

@@ -1,7 +1,33 @@
+// The life of a pass:
+//
+// 1. Add, on any thread, keeps its meshes until they are shaded and gives each a range of primitive
+//    ids. A range begins at a multiple of 64, so that a table finds the mesh of an id. Then Add
+//    rasterises mesh by mesh into the thread's buffer of 4096 fragments.
+// 2. Merge puts a full buffer into the picture. While a pass draws, a pixel is one word:
+//    depth bits << 32 | primitive id. Of two words of different depth, the smaller one is the
+//    nearer fragment. Merge holds the locks of the 64 x 64 pixel lock tiles that the buffer's
+//    bounds meet, and notes in them which image tiles, and which rows of them, it may have touched.
+// 3. Where two fragments have one depth, surface and then colour decide (docs/numerics.md, "Depth,
+//    fragments and exact culling"). Merge keeps the later one in a list of its lock tile. Once the
+//    tile's pixels are shaded, those of the list that still have the depth of their pixel are
+//    shaded too, by the same kernel, and the first in the order stays. Most are hidden by then.
+// 4. Finish goes through the touched rows, gathers the pixels that have a fragment, shades at most
+//    512 at a time, and writes key and colour into the image. It leaves no fragment behind, so that
+//    the buffers can serve the next pass.
+//
+// Early shading bounds memory. When the kept meshes exceed their limit, Add shades every pixel that
+// has a fragment and drops the meshes. A shaded pixel keeps its depth and has the primitive id
+// kShaded; its key and colour are in the image. A nearer fragment replaces it as any other, and a
+// tie with it is settled the next time. So the picture does not change.
+//
+// Locks, in this order: shading_mutex_ (shared while drawing, exclusive while shading), then lock
+// tiles row by row, then meshes_mutex_.
+
 #include "core/render/cpu_renderer.h"
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -12,12 +38,13 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/types/span.h"
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/image/tile_coverage.h"
 #include "core/render/cpu_rasterizer.h"
@@ -37,18 +64,23 @@ void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
 
 class CpuPass final : public RenderPass {
  public:
-  CpuPass(const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance,
+  CpuPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
           const CpuRendererOptions& options, std::shared_ptr<PassResources> resources)
       : view_(view),
         layout_(layout),
+        order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
+               .ties = frame::TieRuleOf(frame::BackEnd::kCpu)},
         options_(options),
         rays_(MakePixelRays(view)),
         width_(view.viewport().width_px),
         height_(view.viewport().height_px),
         resources_(std::move(resources)),
-        shade_table_(resources_->ShadeTableOf(appearance)),
         image_(resources_->TakeImage(width_, height_)),
-        buffers_(resources_->TakeBuffers(width_, height_)) {}
+        buffers_(resources_->TakeBuffers(width_, height_)) {
+    for (const frame::Surface& surface : spec.surfaces) {
+      shade_tables_.push_back(resources_->ShadeTableOf(surface.appearance));
+    }
+  }
 
   CpuPass(const CpuPass&) = delete;
   CpuPass& operator=(const CpuPass&) = delete;
@@ -68,13 +100,14 @@ class CpuPass final : public RenderPass {
             "block %d: the layout has %d blocks", item.mesh->block_id, layout_.block_count()));
       }
       ISOSCOPE_CHECK_EQ(item.mesh->positions.size(), item.mesh->normals.size());
+      ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
     }
     bool must_shade = false;
     {
-      // Shared: many meshes are drawn at a time; exclusive: kept meshes are shaded and dropped.
-      const absl::ReaderMutexLock drawing(&shading_mutex_);
+      // Shared, because many threads draw at a time. Shading, which drops meshes, is exclusive.
+      const base::ReaderMutexLock drawing(&shading_mutex_);
       PassResources::Scratch& scratch = resources_->LocalScratch();
-      scratch.first_numbers.clear();
+      scratch.first_primitive_ids.clear();
       scratch.block_ids.clear();
       for (const MeshToDraw& item : meshes) {
         scratch.block_ids.push_back(item.mesh->block_id);
@@ -82,9 +115,9 @@ class CpuPass final : public RenderPass {
       scratch.footprints.resize(meshes.size());
       view_.FootprintsOf(layout_, scratch.block_ids, absl::MakeSpan(scratch.footprints));
       {
-        const absl::MutexLock lock(&meshes_mutex_);
+        const base::MutexLock lock(&meshes_mutex_);
         for (const MeshToDraw& item : meshes) {
-          scratch.first_numbers.push_back(Keep(item.mesh));
+          scratch.first_primitive_ids.push_back(Keep(item));
         }
         must_shade = IsFull();
       }
@@ -96,19 +129,19 @@ class CpuPass final : public RenderPass {
         }
         scratch.rasterizer.Rasterize(
             drawn, view_, footprint, meshes[i].open,
-            [&](const FragmentBatch& batch) { Merge(batch, drawn, scratch.first_numbers[i]); });
+            [&](const FragmentBatch& batch) { Merge(batch, scratch.first_primitive_ids[i]); });
       }
     }
     if (must_shade) {
-      const absl::MutexLock exclusive(&shading_mutex_);
+      const base::WriterMutexLock exclusive(&shading_mutex_);
       bool is_still_full = false;
       {
-        // Another thread may have done it meanwhile.
-        const absl::MutexLock lock(&meshes_mutex_);
+        // Another thread may have shaded meanwhile.
+        const base::MutexLock lock(&meshes_mutex_);
         is_still_full = IsFull();
       }
       if (is_still_full) {
-        ShadeKept(/*is_last=*/false);
+        ShadeKept(/*is_last=*/false, nullptr);
       }
     }
     return absl::OkStatus();
@@ -117,46 +150,49 @@ class CpuPass final : public RenderPass {
   absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     {
-      const absl::MutexLock exclusive(&shading_mutex_);
-      ShadeKept(/*is_last=*/true);
+      const base::WriterMutexLock exclusive(&shading_mutex_);
+      ShadeKept(/*is_last=*/true, &cancellation);
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
       is_clean_ = true;
     }
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     return std::move(image_);
   }
 
  private:
-  // An image tile with fragments to shade.
+  // A lock tile with image tiles to shade, which are bits as in LockTile::touched.
   struct TileIndex {
     int lock_tile = 0;
-    std::uint32_t touched = 0;  // in
-    std::uint32_t drawn = 0;    // out: the image tiles that do have fragments
+    std::uint32_t touched = 0;  // in: the image tiles that may have fragments
+    std::uint32_t drawn = 0;    // out: those that do
   };
 
   [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
-    return kept_bytes_ > options_.max_kept_bytes || next_number_ > options_.max_kept_numbers;
+    const std::size_t tie_bytes = tie_count_.load(std::memory_order_relaxed) * sizeof(TiedFragment);
+    return kept_bytes_ + tie_bytes > options_.max_kept_bytes ||
+           next_primitive_id_ > options_.max_kept_primitives;
   }
 
-  // Keeps a mesh until it is shaded; the number of its first triangle.
-  std::uint32_t Keep(std::shared_ptr<const mesh::CompactMesh> mesh)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+  // Keeps a mesh until it is shaded. Returns the primitive id of its first triangle.
+  std::uint32_t Keep(const MeshToDraw& item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+    const mesh::CompactMesh& mesh = *item.mesh;
     const auto units =
-        static_cast<std::uint32_t>((mesh->triangles.size() + kNumberUnit - 1) / kNumberUnit);
-    const auto first_number = static_cast<std::uint32_t>(next_number_);
-    next_number_ += std::uint64_t{units} * kNumberUnit;
-    // Meshes of all threads that passed the test below at a time still find room.
-    ISOSCOPE_CHECK_LT(next_number_, std::uint64_t{kShaded});
-    kept_bytes_ += mesh->size_bytes();
+        static_cast<std::uint32_t>((mesh.triangles.size() + kPrimitiveUnit - 1) / kPrimitiveUnit);
+    const auto first_primitive_id = static_cast<std::uint32_t>(next_primitive_id_);
+    next_primitive_id_ += std::uint64_t{units} * kPrimitiveUnit;
+    // Several threads may find the pass not full and add meshes. There is room for all of them.
+    ISOSCOPE_CHECK_LT(next_primitive_id_, std::uint64_t{kShaded});
+    kept_bytes_ += mesh.size_bytes();
     buffers_->mesh_of_unit.insert(buffers_->mesh_of_unit.end(), units,
                                   static_cast<std::uint32_t>(buffers_->meshes.size()));
     KeptMesh& kept = buffers_->meshes.emplace_back();
-    kept.positions = mesh->positions.data();
-    kept.normals = mesh->normals.data();
-    kept.triangles = mesh->triangles;
-    kept.first_number = first_number;
-    kept.block_id = mesh->block_id;
-    kept.mesh = std::move(mesh);
-    return first_number;
+    kept.positions = mesh.positions.data();
+    kept.normals = mesh.normals.data();
+    kept.triangles = mesh.triangles;
+    kept.first_primitive_id = first_primitive_id;
+    kept.owner = order_.OwnerOf(item.surface_index, mesh.block_id);
+    kept.shade_table = shade_tables_[item.surface_index]->data();
+    kept.mesh = item.mesh;
+    return first_primitive_id;
   }
 
   template <typename Fn>
@@ -196,9 +232,10 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Puts fragments of a block into the picture. Locks are taken in one order, row by row.
-  void Merge(const FragmentBatch& batch, const mesh::CompactMesh& mesh,
-             std::uint32_t first_number) ABSL_NO_THREAD_SAFETY_ANALYSIS {
+  // Puts fragments of one mesh into the picture. Every thread takes the locks row by row, so that
+  // no threads wait for each other in a circle.
+  void Merge(const FragmentBatch& batch,
+             std::uint32_t first_primitive_id) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     ForEachLockTile(batch.bounds, [&](int row, int column, LockTile& tile) {
       tile.Lock();
       Touch(batch.bounds, row, column, &tile);
@@ -209,39 +246,71 @@ class CpuPass final : public RenderPass {
       const std::uint32_t pixel = batch.pixels[i];
       Fragment& old = fragments[std::size_t{(pixel >> 16) * width + (pixel & 0xffff)}];
       const Fragment fragment =
-          Fragment{batch.depths[i]} << 32 | (first_number + batch.triangles[i]);
+          Fragment{batch.depths[i]} << 32 | (first_primitive_id + batch.triangles[i]);
       if ((old ^ fragment) >> 32 != 0) [[likely]] {
         old = std::min(old, fragment);
-      } else if (WinsTie(fragment, old, pixel, mesh, first_number)) {
-        old = fragment;
+      } else {
+        AddTie(fragment, pixel);
       }
     }
     ForEachLockTile(batch.bounds, [](int, int, LockTile& tile) { tile.Unlock(); });
   }
 
-  // Of two fragments with one depth, the one of the lower block stays, and in one block the one of
-  // the lower triangle. `fragment` is of `mesh`.
-  bool WinsTie(Fragment fragment, Fragment old, std::uint32_t pixel, const mesh::CompactMesh& mesh,
-               std::uint32_t first_number) {
-    const std::uint32_t old_number = NumberOf(old);
-    if (old_number == kShaded) {
-      const std::size_t index =
-          image_.IndexOf(static_cast<int>(pixel & 0xffff), static_cast<int>(pixel >> 16));
-      return mesh.block_id < image::BlockOf(image_.keys[index]);
-    }
-    if (old_number >= first_number && old_number - first_number < mesh.triangles.size()) {
-      return NumberOf(fragment) < old_number;
-    }
-    const absl::MutexLock lock(&meshes_mutex_);
-    return mesh.block_id <
-           buffers_->meshes[buffers_->mesh_of_unit[old_number / kNumberUnit]].block_id;
+  // Keeps a fragment whose pixel has another one of its depth. The lock of its tile is held.
+  void AddTie(Fragment fragment, std::uint32_t pixel) {
+    const int x = static_cast<int>(pixel & 0xffff);
+    const int y = static_cast<int>(pixel >> 16);
+    const int lock_tile = y / kLockTilePx * buffers_->lock_columns + x / kLockTilePx;
+    buffers_->lock_tiles[static_cast<std::size_t>(lock_tile)].ties.push_back(
+        {fragment, static_cast<std::uint32_t>(image_.IndexOf(x, y))});
+    tie_count_.fetch_add(1, std::memory_order_relaxed);
   }
 
-  // Shades every pixel whose triangle is kept and drops the meshes. Which pixels are shaded early
-  // does not change the picture: a later, nearer fragment replaces them. The last time also takes
-  // the fragments out of the buffers.
-  void ShadeKept(bool is_last) ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
-    const absl::MutexLock lock(&meshes_mutex_);
+  // Decides the ties of a lock tile whose pixels are shaded: of the fragments that have the depth
+  // of their pixel, the first in the order stays. Most have been hidden since they came.
+  void SettleTies(std::vector<TiedFragment>* ties, PassResources::Scratch* scratch) {
+    for (std::size_t begin = 0; begin < ties->size();) {
+      std::size_t end = begin;
+      for (; end < ties->size() && scratch->batch.count < ShadeBatch::kCapacity; ++end) {
+        const TiedFragment& tied = (*ties)[end];
+        if (image::HaveEqualDepth(image_.keys[tied.pixel], tied.fragment)) {
+          AddToBatch(tied.pixel, tied.fragment, scratch);
+        }
+      }
+      ComputeColors(scratch);
+      for (std::size_t i = 0; i < scratch->batch.count; ++i) {
+        const std::uint64_t key =
+            (scratch->fragments[i] >> 32 << 32) | std::uint64_t{scratch->meshes[i]->owner};
+        const std::uint32_t pixel = scratch->pixels[i];
+        if (order_.IsBefore(key, scratch->colors[i], image_.keys[pixel], image_.colors[pixel])) {
+          image_.keys[pixel] = key;
+          image_.colors[pixel] = scratch->colors[i];
+        }
+      }
+      scratch->batch.count = 0;
+      begin = end;
+    }
+    ties->clear();
+  }
+
+  // Adds a pixel and its fragment to the batch.
+  void AddToBatch(std::uint32_t pixel_index, Fragment fragment,
+                  PassResources::Scratch* scratch) const {
+    const std::uint32_t width = static_cast<std::uint32_t>(width_);
+    ShadeBatch& batch = scratch->batch;
+    scratch->pixels[batch.count] = pixel_index;
+    scratch->fragments[batch.count] = fragment;
+    batch.x[batch.count] = static_cast<float>(pixel_index % width) + 0.5F;
+    batch.y[batch.count] = static_cast<float>(pixel_index / width) + 0.5F;
+    ++batch.count;
+  }
+
+  // Shades every pixel whose triangle is kept, and drops the meshes. The last call of a pass also
+  // takes the fragments out of the buffers. If `cancellation` fires, it stops between lock tiles
+  // and leaves the rest.
+  void ShadeKept(bool is_last, const base::Cancellation* cancellation)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
+    const base::MutexLock lock(&meshes_mutex_);
     std::vector<TileIndex> tiles;
     for (std::size_t i = 0; i < buffers_->lock_tiles.size(); ++i) {
       LockTile& tile = buffers_->lock_tiles[i];
@@ -250,6 +319,9 @@ class CpuPass final : public RenderPass {
       }
     }
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
+      if (cancellation != nullptr && cancellation->is_cancelled()) {
+        return;
+      }
       PassResources::Scratch& scratch = resources_->LocalScratch();
       LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(tiles[i].lock_tile)];
       const int first_column = tiles[i].lock_tile % buffers_->lock_columns * kImageTileColumns;
@@ -268,6 +340,9 @@ class CpuPass final : public RenderPass {
         }
       }
       ShadePixels(&scratch);
+      if (!tile.ties.empty()) {
+        SettleTies(&tile.ties, &scratch);
+      }
       if (is_last) {
         tile.touched = 0;
         tile.touched_rows = {};
@@ -290,11 +365,12 @@ class CpuPass final : public RenderPass {
     buffers_->meshes.clear();
     buffers_->mesh_of_unit.clear();
     kept_bytes_ = 0;
-    next_number_ = 0;
+    tie_count_.store(0, std::memory_order_relaxed);
+    next_primitive_id_ = 0;
   }
 
-  // Asks for the fragments of an image tile in these rows of pixels, which are too far apart for
-  // the processor to guess.
+  // Prefetches the fragments of an image tile in the given rows of pixels. The rows are too far
+  // apart for the processor to guess.
   void PrefetchFragments(int column, int row, std::uint16_t rows) const {
     constexpr int kTilePx = image::TileSet::kTilePx;
     constexpr std::size_t kLineFragments = 64 / sizeof(Fragment);
@@ -308,8 +384,9 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Adds the pixels of the image tile to those to shade; whether it has any. `touched`: rows of
-  // pixels. Tiles of an agent among many hold a few: they are shaded together.
+  // Adds the pixels of an image tile that have a fragment to the batch. Returns false if there are
+  // none. `touched` has a bit for each row of pixels to look at. With many agents a tile holds few
+  // pixels, so one batch takes several tiles.
   bool GatherTile(int column, int row, std::uint16_t touched, bool is_last,
                   PassResources::Scratch* scratch) {
     constexpr int kTilePx = image::TileSet::kTilePx;
@@ -323,7 +400,7 @@ class CpuPass final : public RenderPass {
     const int columns = std::min(kTilePx, width_ - begin_x);
     const int rows = std::min(kTilePx, height_ - begin_y);
     const std::size_t first = image_.IndexOf(begin_x, begin_y);
-    // No fragment is kShaded too. Most tiles of an agent among many hold a few fragments or none.
+    // With the ignored bits set, a shaded pixel and a pixel without fragment look the same.
     const image::TileMask unshaded =
         image::CoverageOf(buffers_->fragments.data() + first, static_cast<std::size_t>(width_),
                           columns, touched, kNoFragment, ~Fragment{kShaded});
@@ -334,7 +411,7 @@ class CpuPass final : public RenderPass {
       const std::size_t begin = image_.IndexOf(begin_x, begin_y + y);
       Fragment* fragments = buffers_->fragments.data() + begin;
       if (of_row != 0) {
-        // Planes of the image come from a pool and have left the cache.
+        // The image comes from a pool; its planes have left the processor's cache.
         for (int x = 0; x < columns; x += 8) {
           __builtin_prefetch(&image_.keys[begin + static_cast<std::size_t>(x)], 1);
         }
@@ -362,22 +439,36 @@ class CpuPass final : public RenderPass {
     return true;
   }
 
-  // Shades what was gathered.
+  // Shades the batch, writes it into the image, and empties it.
   void ShadePixels(PassResources::Scratch* scratch) {
     ShadeBatch& batch = scratch->batch;
     if (batch.count == 0) {
       return;
     }
-    // Meshes have left the cache since they were drawn: ask for all that is needed before it is.
+    ComputeColors(scratch);
     for (std::size_t i = 0; i < batch.count; ++i) {
-      const std::uint32_t number = NumberOf(scratch->fragments[i]);
-      const KeptMesh& mesh = MeshOf(number);
+      image_.keys[scratch->pixels[i]] =
+          (scratch->fragments[i] >> 32 << 32) | std::uint64_t{scratch->meshes[i]->owner};
+      image_.colors[scratch->pixels[i]] = scratch->colors[i];
+    }
+    batch.count = 0;
+  }
+
+  // Fills `colors` for the pixels and fragments of the batch. meshes_mutex_ is held.
+  void ComputeColors(PassResources::Scratch* scratch) const {
+    ShadeBatch& batch = scratch->batch;
+    // The meshes have left the processor's cache since they were drawn, so everything is prefetched
+    // one loop before it is used.
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      const std::uint32_t primitive_id = PrimitiveIdOf(scratch->fragments[i]);
+      const KeptMesh& mesh = MeshOf(primitive_id);
       scratch->meshes[i] = &mesh;
-      Prefetch(mesh.triangles, number - mesh.first_number);
+      Prefetch(mesh.triangles, primitive_id - mesh.first_primitive_id);
     }
     for (std::size_t i = 0; i < batch.count; ++i) {
       const KeptMesh& mesh = *scratch->meshes[i];
-      scratch->corners[i] = mesh.triangles[NumberOf(scratch->fragments[i]) - mesh.first_number];
+      scratch->corners[i] =
+          mesh.triangles[PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id];
       for (const std::uint32_t vertex : scratch->corners[i]) {
         __builtin_prefetch(&mesh.positions[vertex]);
         __builtin_prefetch(&mesh.normals[vertex]);
@@ -396,32 +487,27 @@ class CpuPass final : public RenderPass {
         batch.normal[3 * c + 1][i] = normal.y;
         batch.normal[3 * c + 2][i] = normal.z;
       }
-      image_.keys[scratch->pixels[i]] =
-          (scratch->fragments[i] >> 32 << 32) | std::uint64_t{mesh.block_id};
     }
     ComputeShadeSteps(rays_, &batch);
     for (std::size_t k = 0; k < batch.inexact_count; ++k) {
       const std::uint32_t i = batch.inexact[k];
-      const std::uint32_t number = NumberOf(scratch->fragments[i]);
-      const KeptMesh& mesh = MeshOf(number);
+      const KeptMesh& mesh = *scratch->meshes[i];
       batch.step[i] =
-          ShadeStep(*mesh.mesh, number - mesh.first_number,
+          ShadeStep(*mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
                     static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
                     static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
     }
-    const image::Rgba8* table = shade_table_->data();
     for (std::size_t i = 0; i < batch.count; ++i) {
-      image_.colors[scratch->pixels[i]] = table[batch.step[i]];
+      scratch->colors[i] = scratch->meshes[i]->shade_table[batch.step[i]];
     }
-    batch.count = 0;
   }
 
-  // meshes_mutex_ is held by whoever shades.
-  [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t number) const {
-    return buffers_->meshes[buffers_->mesh_of_unit[number / kNumberUnit]];
+  // meshes_mutex_ is held.
+  [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t primitive_id) const {
+    return buffers_->meshes[buffers_->mesh_of_unit[primitive_id / kPrimitiveUnit]];
   }
 
-  // What ComputeShadeSteps computes, in doubles.
+  // Computes in doubles the step that ComputeShadeSteps computes in floats.
   [[nodiscard]] std::uint32_t ShadeStep(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                         int x, int y) const {
     const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view_, x, y);
@@ -443,15 +529,15 @@ class CpuPass final : public RenderPass {
       to_eye = view_.camera().eye - math::TransformPoint(view_.world_from_index(), position);
     }
     const double scale = math::Dot(normal, normal) * math::Dot(to_eye, to_eye);
-    // No normal: as if it faced the eye.
+    // Without a normal the surface is shaded as if it faced the eye.
     const double cosine =
         scale > 0 ? std::min(std::abs(math::Dot(normal, to_eye)) / std::sqrt(scale), 1.0) : 1.0;
     return static_cast<std::uint32_t>(std::lround(cosine * kShadeSteps));
   }
 
-  // Takes the fragments and meshes of a pass that was given up out of the buffers.
+  // Takes the fragments and meshes of an abandoned pass out of the buffers.
   void Clear() {
-    const absl::MutexLock lock(&meshes_mutex_);
+    const base::MutexLock lock(&meshes_mutex_);
     for (int row = 0; row < buffers_->lock_rows; ++row) {
       for (int column = 0; column < buffers_->lock_columns; ++column) {
         LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(row) *
@@ -460,6 +546,7 @@ class CpuPass final : public RenderPass {
         if (tile.touched == 0) {
           continue;
         }
+        tile.ties.clear();
         tile.touched = 0;
         tile.touched_rows = {};
         const int begin_x = column * kLockTilePx;
@@ -477,23 +564,25 @@ class CpuPass final : public RenderPass {
 
   const view::View view_;
   const volume::BlockLayout layout_;
+  const image::FragmentOrder order_;
   const CpuRendererOptions options_;
   const PixelRays rays_;
   const int width_;
   const int height_;
   const std::shared_ptr<PassResources> resources_;
-  const std::shared_ptr<const std::vector<image::Rgba8>> shade_table_;
-  absl::Mutex shading_mutex_;
-  absl::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
-  // Written while shading only. Keys and colours of the pixels whose fragment is kShaded.
+  std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
+  base::SharedMutex shading_mutex_;
+  base::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
+  // Holds keys and colours of the pixels whose primitive id is kShaded. Only shading writes it.
   image::FrameImage image_;
-  // Fragments are guarded by their lock tile while drawing, by shading_mutex_ while shading; meshes
-  // by meshes_mutex_.
+  // Lock tiles guard fragments while a thread draws, shading_mutex_ guards them while one shades.
+  // meshes_mutex_ guards the meshes.
   std::unique_ptr<PassBuffers> buffers_;
   bool is_clean_ = false;
   bool has_shaded_ = false;  // guarded by shading_mutex_
-  std::uint64_t next_number_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
+  std::uint64_t next_primitive_id_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
   std::size_t kept_bytes_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
+  std::atomic<std::size_t> tie_count_{0};  // since the meshes were dropped
 };
 
 class CpuRenderer final : public Renderer {
@@ -503,9 +592,9 @@ class CpuRenderer final : public Renderer {
 
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
-                                                        const Appearance& appearance) override {
+                                                        const frame::FrameSpec& spec) override {
     try {
-      return std::make_unique<CpuPass>(view, layout, appearance, options_, resources_);
+      return std::make_unique<CpuPass>(view, layout, spec, options_, resources_);
     } catch (const std::bad_alloc&) {
       return NoMemoryFor(view.viewport());
     }
@@ -517,12 +606,18 @@ class CpuRenderer final : public Renderer {
       try {
         resources_->Prepare(viewport.width_px, viewport.height_px);
       } catch (const std::bad_alloc&) {
-        // Whoever begins a pass is told.
+        // BeginPass reports it.
       }
     });
   }
 
-  [[nodiscard]] std::string description() const override { return "cpu: portable rasterizer"; }
+  [[nodiscard]] frame::PictureRevision picture_revision() const override {
+    return {.back_end = frame::BackEnd::kCpu, .driver = ""};
+  }
+
+  [[nodiscard]] std::string description() const override {
+    return absl::StrCat("cpu: software rasterizer, ", RasterInstructionSet());
+  }
 
  private:
   const CpuRendererOptions options_;
@@ -532,7 +627,7 @@ class CpuRenderer final : public Renderer {
 }  // namespace
 
 std::unique_ptr<Renderer> MakeCpuRenderer(const CpuRendererOptions& options) {
-  ISOSCOPE_CHECK_LE(options.max_kept_numbers, std::uint64_t{1} << 31);
+  ISOSCOPE_CHECK_LE(options.max_kept_primitives, std::uint64_t{1} << 31);
   return std::make_unique<CpuRenderer>(options);
 }
 

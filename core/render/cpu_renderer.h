@@ -1,5 +1,5 @@
 // The CPU back end, for nodes without a GPU: faster than a software OpenGL on isosurfaces, whose
-// triangles are about a pixel in size (docs/performance.md).
+// triangles are about a pixel in size (docs/experiments.md).
 
 #ifndef ISOSCOPE_CORE_RENDER_CPU_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_CPU_RENDERER_H_
@@ -12,13 +12,14 @@
 
 namespace isoscope::render {
 
-// Meshes are rasterised by the thread that adds them, and kept until their pixels are shaded: at
-// Finish, or when more of them wait in a pass than this.
+// The thread that adds a mesh rasterises it. The pass keeps the mesh until its pixels are shaded:
+// in Finish, or earlier once the kept meshes exceed one of these limits.
 struct CpuRendererOptions {
   std::size_t max_kept_bytes = std::size_t{512} << 20;
-  // Triangles, about: those of a mesh are rounded up to a multiple of 64. At most 2^31.
-  std::uint64_t max_kept_numbers = std::uint64_t{1} << 31;
-  // Of images and buffers that no pass uses.
+  // A mesh takes one primitive id for each triangle, rounded up to a multiple of 64. This limit is
+  // at most 2^31.
+  std::uint64_t max_kept_primitives = std::uint64_t{1} << 31;
+  // Bounds images and buffers that no pass uses.
   std::size_t max_unused_bytes = std::size_t{256} << 20;
 };
 

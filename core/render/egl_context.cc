@@ -85,7 +85,7 @@ bool HasClientExtension(absl::string_view extension) {
   return ContainsWord(eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS), extension);
 }
 
-// epoxy aborts the process if a library it needs is missing, so that is asked first.
+// epoxy aborts the process if a library that it needs is missing, so this checks first.
 absl::Status CheckLibraries() {
   if (!epoxy_has_egl()) {
     return absl::FailedPreconditionError("libEGL.so.1 can't be loaded");
@@ -198,7 +198,7 @@ struct EglContextMaker {
     if (display == EGL_NO_DISPLAY) {
       return EglFailure("there is no such display");
     }
-    // Displays belong to the process: eglTerminate would take this one from other contexts, so
+    // Displays belong to the process. eglTerminate would take this one from other contexts, so
     // nobody ever calls it.
     EGLint major = 0;
     EGLint minor = 0;
@@ -218,7 +218,7 @@ struct EglContextMaker {
                                            EGL_CONTEXT_OPENGL_PROFILE_MASK,
                                            EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
                                            EGL_NONE};
-    // Owns what is made from here on, so that a failure below gives it back.
+    // It owns the objects that are made from here on, so that a failure below frees them.
     std::unique_ptr<EglContext> made(new EglContext);
     made->display_ = display;
     made->origin_ = std::string(origin);
@@ -250,6 +250,66 @@ struct EglContextMaker {
   }
 };
 
+namespace {
+
+// Tries the EGL devices, or the one asked for. Null if none works; FAILED_PRECONDITION if there is
+// no such device.
+absl::StatusOr<std::unique_ptr<EglContext>> TryDevices(int device,
+                                                       std::vector<std::string>* tried) {
+  absl::StatusOr<std::vector<Device>> devices = QueryDevices();
+  if (!devices.ok()) {
+    tried->push_back(absl::StrCat("EGL devices: ", devices.status().message()));
+    return nullptr;
+  }
+  if (device >= static_cast<int>(devices->size())) {
+    return absl::FailedPreconditionError(absl::StrCat("there is no EGL device ", device,
+                                                      ": this machine has ", devices->size(),
+                                                      ". --list-egl-devices tells which"));
+  }
+  std::stable_sort(devices->begin(), devices->end(), [](const Device& a, const Device& b) {
+    return !a.is_software && b.is_software;
+  });
+  if (devices->empty()) {
+    tried->emplace_back("EGL devices: there are none");
+  }
+  for (const Device& candidate : *devices) {
+    if (device >= 0 && candidate.index != device) {
+      continue;
+    }
+    const std::string origin = absl::StrCat("device ", candidate.index, " (", candidate.name, ")");
+    auto context = EglContextMaker::MakeOn(EglContextMaker::DisplayOf(candidate), origin);
+    if (context.ok()) {
+      return context;
+    }
+    tried->push_back(absl::StrCat(origin, ": ", context.status().message()));
+  }
+  return nullptr;
+}
+
+// Tries what needs no device. Null if nothing works.
+std::unique_ptr<EglContext> TryPlatforms(std::vector<std::string>* tried) {
+  if (HasClientExtension("EGL_MESA_platform_surfaceless")) {
+    auto context = EglContextMaker::MakeOn(
+        eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr),
+        "surfaceless platform");
+    if (context.ok()) {
+      return *std::move(context);
+    }
+    tried->push_back(absl::StrCat("surfaceless platform: ", context.status().message()));
+  } else {
+    tried->emplace_back(
+        "surfaceless platform: not supported (EGL_MESA_platform_surfaceless is missing)");
+  }
+  auto context = EglContextMaker::MakeOn(eglGetDisplay(EGL_DEFAULT_DISPLAY), "default display");
+  if (context.ok()) {
+    return *std::move(context);
+  }
+  tried->push_back(absl::StrCat("default display: ", context.status().message()));
+  return nullptr;
+}
+
+}  // namespace
+
 absl::StatusOr<std::unique_ptr<EglContext>> EglContext::Make(int device) {
   std::vector<std::string> tried;
   const auto failure = [&tried]() {
@@ -257,65 +317,19 @@ absl::StatusOr<std::unique_ptr<EglContext>> EglContext::Make(int device) {
         "EGL can't start an OpenGL 3.3 core context. Tried: ", absl::StrJoin(tried, "; "), ". ",
         kAdvice));
   };
-  const auto record = [&tried](absl::string_view what, const absl::Status& status) {
-    tried.push_back(absl::StrCat(what, ": ", status.message()));
-  };
   const absl::Status libraries = CheckLibraries();
   if (!libraries.ok()) {
-    record("loading the libraries", libraries);
+    tried.push_back(absl::StrCat("loading the libraries: ", libraries.message()));
     return failure();
   }
-
-  absl::StatusOr<std::vector<Device>> devices = QueryDevices();
-  if (devices.ok()) {
-    if (device >= static_cast<int>(devices->size())) {
-      return absl::FailedPreconditionError(absl::StrCat("there is no EGL device ", device,
-                                                        ": this machine has ", devices->size(),
-                                                        ". --list-egl-devices tells which"));
-    }
-    std::stable_sort(devices->begin(), devices->end(), [](const Device& a, const Device& b) {
-      return !a.is_software && b.is_software;
-    });
-    if (devices->empty()) {
-      tried.emplace_back("EGL devices: there are none");
-    }
-    for (const Device& candidate : *devices) {
-      if (device >= 0 && candidate.index != device) {
-        continue;
-      }
-      const std::string origin =
-          absl::StrCat("device ", candidate.index, " (", candidate.name, ")");
-      auto context = EglContextMaker::MakeOn(EglContextMaker::DisplayOf(candidate), origin);
-      if (context.ok()) {
-        return context;
-      }
-      record(origin, context.status());
-    }
-  } else {
-    record("EGL devices", devices.status());
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<EglContext> context, TryDevices(device, &tried));
+  if (context == nullptr && device < 0) {
+    context = TryPlatforms(&tried);
   }
-  if (device >= 0) {
+  if (context == nullptr) {
     return failure();
   }
-
-  if (HasClientExtension("EGL_MESA_platform_surfaceless")) {
-    auto context = EglContextMaker::MakeOn(
-        eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr),
-        "surfaceless platform");
-    if (context.ok()) {
-      return context;
-    }
-    record("surfaceless platform", context.status());
-  } else {
-    tried.emplace_back(
-        "surfaceless platform: not supported (EGL_MESA_platform_surfaceless is missing)");
-  }
-  auto context = EglContextMaker::MakeOn(eglGetDisplay(EGL_DEFAULT_DISPLAY), "default display");
-  if (context.ok()) {
-    return context;
-  }
-  record("default display", context.status());
-  return failure();
+  return context;
 }
 
 EglContext::~EglContext() {
@@ -334,7 +348,7 @@ bool EglContext::is_hardware() const { return !IsSoftwareGlRenderer(gl_renderer_
 absl::StatusOr<std::vector<EglDevice>> ListEglDevices() {
   absl::Status error;
   std::vector<EglDevice> listed;
-  // On a thread of its own, so that contexts current on the caller's stay so.
+  // This runs on a thread of its own, so that the caller's current context stays current.
   std::thread([&error, &listed]() {
     error = CheckLibraries();
     if (!error.ok()) {

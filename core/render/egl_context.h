@@ -1,8 +1,8 @@
 // An OpenGL 3.3 core context without a window system, through EGL.
 //
-// What is tried, in this order, until something works: the EGL devices (hardware before software),
-// Mesa's surfaceless platform, the default display. If nothing works, the error tells what each
-// answered and what to install.
+// Make tries, in this order, until something works: the EGL devices (hardware before software),
+// Mesa's surfaceless platform, the default display. If nothing works, the error has the answer of
+// each and names the packages to install.
 
 #ifndef ISOSCOPE_CORE_RENDER_EGL_CONTEXT_H_
 #define ISOSCOPE_CORE_RENDER_EGL_CONTEXT_H_
@@ -17,10 +17,10 @@
 
 namespace isoscope::render {
 
-// Lives on one thread: made, used and destroyed there, and current there all the time.
+// Lives on one thread, which makes, uses and destroys it. It is current there all the time.
 class EglContext {
  public:
-  // `device`: as ListEglDevices numbers them, or -1 for the first of everything that works.
+  // `device`: an index of ListEglDevices, or -1 for the first device or platform that works.
   // FAILED_PRECONDITION if no context can be made; the message is for people.
   static absl::StatusOr<std::unique_ptr<EglContext>> Make(int device);
   ~EglContext();
@@ -28,12 +28,12 @@ class EglContext {
   EglContext(const EglContext&) = delete;
   EglContext& operator=(const EglContext&) = delete;
 
-  // What the context was made on: "device 0 (/dev/dri/card0)", "surfaceless platform".
+  // The device or platform of the context: "device 0 (/dev/dri/card0)", "surfaceless platform".
   [[nodiscard]] const std::string& origin() const { return origin_; }
   // GL_RENDERER and GL_VERSION.
   [[nodiscard]] const std::string& gl_renderer() const { return gl_renderer_; }
   [[nodiscard]] const std::string& gl_version() const { return gl_version_; }
-  // Whether a GPU draws, not a software rasteriser.
+  // Returns true if a GPU draws, not a software rasteriser.
   [[nodiscard]] bool is_hardware() const;
 
  private:
@@ -49,22 +49,22 @@ class EglContext {
   std::string gl_version_;
 };
 
-// One EGL device of this machine and what becomes of a context on it.
+// One EGL device of this machine, and the result of making a context on it.
 struct EglDevice {
   int index = 0;     // for RendererOptions::egl_device
-  std::string name;  // what EGL tells of it: device file, vendor, "software"
+  std::string name;  // from EGL: device file, vendor, "software"
   bool is_software = false;
   absl::Status status;      // whether an OpenGL 3.3 core context could be made
   std::string gl_renderer;  // if so
 };
 
-// Probes every EGL device; takes about 0.1 s for each. FAILED_PRECONDITION if EGL is not installed
-// or can't list devices. Thread-safe; leaves no context current on the calling thread.
+// Tries every EGL device, about 0.1 s each. FAILED_PRECONDITION if EGL is not installed or can't
+// list devices. Thread-safe. Leaves the calling thread's current context as it is.
 absl::StatusOr<std::vector<EglDevice>> ListEglDevices();
 // One line for each device, for `isoscope-agent --list-egl-devices`.
 std::string FormatEglDevices(const std::vector<EglDevice>& devices);
 
-// Whether GL_RENDERER names a software rasteriser (llvmpipe, softpipe, SWR, swrast).
+// Returns true if GL_RENDERER names a software rasteriser (llvmpipe, softpipe, SWR, swrast).
 bool IsSoftwareGlRenderer(absl::string_view gl_renderer);
 
 }  // namespace isoscope::render

@@ -11,11 +11,10 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/function_ref.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
-#include "absl/time/time.h"
 
 #include "core/base/check.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
 #include "core/mesh/block_mesh.h"
@@ -26,43 +25,48 @@
 namespace isoscope::render {
 namespace {
 
-// How soon a waiting Finish notices that its frame was cancelled.
-constexpr absl::Duration kPollInterval = absl::Milliseconds(5);
-
-// What a pass hands to the GL thread. Shared by both, so that neither has to wait for the other
-// when a frame is given up.
+// The work that a pass hands to the GL thread. Both share it, so that neither waits for the other
+// when a frame is abandoned.
 struct Batch {
-  Batch(const view::View& batch_view, const Appearance& batch_appearance,
-        std::vector<DrawItem> batch_items)
-      : view(batch_view), appearance(batch_appearance), items(std::move(batch_items)) {}
+  Batch(const view::View& batch_view, std::vector<frame::Surface> batch_surfaces,
+        const image::FragmentOrder& batch_order, std::vector<DrawItem> batch_items)
+      : view(batch_view),
+        surfaces(std::move(batch_surfaces)),
+        order(batch_order),
+        items(std::move(batch_items)) {}
 
   const view::View view;
-  const Appearance appearance;
+  const std::vector<frame::Surface> surfaces;
+  const image::FragmentOrder order;
   std::vector<DrawItem> items;  // taken by the GL thread
   std::atomic<bool> abandoned{false};
-  // Written by the GL thread before `done`.
+  // Written by the GL thread before is_drawn.
   absl::StatusOr<image::FrameImage> result = absl::UnknownError("not drawn");
-  absl::Notification done;
+
+  base::Mutex mutex;
+  base::CondVar drawn;
+  bool is_drawn ABSL_GUARDED_BY(mutex) = false;
 };
 
-absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, const view::View& view,
-                                          const Appearance& appearance, std::vector<DrawItem> items,
+absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, Batch* batch,
                                           absl::FunctionRef<absl::Status()> poll) {
   try {
-    return drawer->Draw(view, appearance, std::move(items), poll);
+    return drawer->Draw(batch->view, batch->surfaces, batch->order, std::move(batch->items), poll);
   } catch (const std::bad_alloc&) {
-    return NoMemoryFor(view.viewport());
+    return NoMemoryFor(batch->view.viewport());
   }
 }
 
 class EglRenderPass : public RenderPass {
  public:
   EglRenderPass(const view::View& view, const volume::BlockLayout& layout,
-                const Appearance& appearance, std::size_t batch_bytes, GlThread* thread,
+                const frame::FrameSpec& spec, std::size_t batch_bytes, GlThread* thread,
                 GlMeshDrawer* drawer)
       : view_(view),
         layout_(layout),
-        appearance_(appearance),
+        surfaces_(spec.surfaces),
+        order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
+               .ties = frame::TieRuleOf(frame::BackEnd::kEgl)},
         batch_bytes_(batch_bytes),
         thread_(*thread),
         drawer_(*drawer) {}
@@ -79,17 +83,17 @@ class EglRenderPass : public RenderPass {
   using RenderPass::Add;
   absl::Status Add(std::span<const MeshToDraw> meshes) override {
     for (const MeshToDraw& item : meshes) {
-      ISOSCOPE_RETURN_IF_ERROR(AddOne(item.mesh, item.open));
+      ISOSCOPE_RETURN_IF_ERROR(AddOne(item));
     }
     return absl::OkStatus();
   }
 
   absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
-    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    const base::MutexLock drawing_lock(&drawing_mutex_);
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
-    // An empty pass is drawn too if nothing was before: a picture that is too large fails whether
-    // or not a block is on it.
+    // An empty pass draws once, too: a picture that is too large fails whether or not a block is on
+    // it.
     if (!image_.has_value() || HasCollected()) {
       SubmitCollected();
       ISOSCOPE_RETURN_IF_ERROR(Absorb(&cancellation));
@@ -98,8 +102,10 @@ class EglRenderPass : public RenderPass {
   }
 
  private:
-  absl::Status AddOne(std::shared_ptr<const mesh::CompactMesh> mesh, const image::PixelMask* open) {
+  absl::Status AddOne(const MeshToDraw& item) {
+    const std::shared_ptr<const mesh::CompactMesh>& mesh = item.mesh;
     ISOSCOPE_CHECK(mesh != nullptr);
+    ISOSCOPE_CHECK_LT(item.surface_index, surfaces_.size());
     ISOSCOPE_CHECK_EQ(mesh->positions.size(), mesh->normals.size());
     if (mesh->block_id >= layout_.block_count()) {
       return absl::InvalidArgumentError(absl::StrCat("a mesh of block ", mesh->block_id,
@@ -114,78 +120,79 @@ class EglRenderPass : public RenderPass {
       return absl::OkStatus();
     }
     {
-      const absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       collected_bytes_ += mesh->size_bytes();
-      // The mask is copied: the GL thread may still draw after a pass that was given up is gone.
-      collected_.push_back({.mesh = std::move(mesh),
-                            .footprint = footprint,
-                            .open = open == nullptr ? std::nullopt : std::optional(*open)});
+      // The mask is copied, because the GL thread may still draw when an abandoned pass is gone.
+      collected_.push_back(
+          {.mesh = mesh,
+           .surface_index = item.surface_index,
+           .footprint = footprint,
+           .open = item.open == nullptr ? std::nullopt : std::optional(*item.open)});
       if (collected_bytes_ < batch_bytes_) {
         return absl::OkStatus();
       }
     }
-    const absl::MutexLock drawing_lock(&drawing_mutex_);
+    const base::MutexLock drawing_lock(&drawing_mutex_);
     {
-      // Another thread may have drawn it while this one waited for its turn.
-      const absl::MutexLock lock(&mutex_);
+      // Another thread may have drawn the batch while this one waited for its turn.
+      const base::MutexLock lock(&mutex_);
       if (collected_bytes_ < batch_bytes_) {
         return absl::OkStatus();
       }
     }
-    // At most one batch is with the GL thread while the next is collected.
+    // The GL thread has at most one batch while the pass collects the next.
     ISOSCOPE_RETURN_IF_ERROR(Absorb(nullptr));
     SubmitCollected();
     return absl::OkStatus();
   }
 
   bool HasCollected() {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     return !collected_.empty();
   }
 
   void SubmitCollected() ABSL_EXCLUSIVE_LOCKS_REQUIRED(drawing_mutex_) {
     std::vector<DrawItem> items;
     {
-      const absl::MutexLock lock(&mutex_);
+      const base::MutexLock lock(&mutex_);
       items = std::exchange(collected_, {});
       collected_bytes_ = 0;
     }
-    in_flight_ = std::make_shared<Batch>(view_, appearance_, std::move(items));
+    in_flight_ = std::make_shared<Batch>(view_, surfaces_, order_, std::move(items));
     thread_.Submit([batch = in_flight_, &drawer = drawer_]() {
       const auto poll = [&batch]() {
         return batch->abandoned.load(std::memory_order_acquire)
                    ? absl::CancelledError("the frame was given up")
                    : absl::OkStatus();
       };
-      batch->result =
-          TryDraw(&drawer, batch->view, batch->appearance, std::move(batch->items), poll);
-      batch->done.Notify();
+      batch->result = TryDraw(&drawer, batch.get(), poll);
+      const base::MutexLock lock(&batch->mutex);
+      batch->is_drawn = true;
+      batch->drawn.SignalAll();
     });
   }
 
-  // Waits for the batch in flight, if any, and composites it. The error of drawing sticks.
+  // Waits for the batch in flight, if any, and composites it. An error of drawing stays.
   absl::Status Absorb(const base::Cancellation* cancellation)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(drawing_mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(status_);
     if (in_flight_ == nullptr) {
       return absl::OkStatus();
     }
-    if (cancellation == nullptr) {
-      in_flight_->done.WaitForNotification();
-    } else {
-      while (!in_flight_->done.WaitForNotificationWithTimeout(kPollInterval)) {
-        status_ = cancellation->Check();
-        if (!status_.ok()) {
-          in_flight_->abandoned.store(true, std::memory_order_release);
-          return status_;
-        }
-      }
+    Batch& waited = *in_flight_;
+    static const base::Cancellation kNever;
+    status_ = base::AwaitOrCancelled(
+        cancellation == nullptr ? kNever : *cancellation, &waited.mutex, &waited.drawn,
+        [&waited]() ABSL_SHARED_LOCKS_REQUIRED(waited.mutex) { return waited.is_drawn; });
+    if (!status_.ok()) {
+      waited.abandoned.store(true, std::memory_order_release);
+      return status_;
     }
     const std::shared_ptr<Batch> batch = std::exchange(in_flight_, nullptr);
     status_ = batch->result.status();
     ISOSCOPE_RETURN_IF_ERROR(status_);
     if (image_.has_value()) {
-      composite::CompositeInto(*batch->result, &*image_);
+      composite::CompositeInto(*batch->result, order_, &*image_);
     } else {
       image_ = *std::move(batch->result);
     }
@@ -194,18 +201,19 @@ class EglRenderPass : public RenderPass {
 
   const view::View view_;
   const volume::BlockLayout layout_;
-  const Appearance appearance_;
+  const std::vector<frame::Surface> surfaces_;
+  const image::FragmentOrder order_;
   const std::size_t batch_bytes_;
   GlThread& thread_;
   GlMeshDrawer& drawer_;
 
-  // Held while a batch is exchanged with the GL thread; taken before mutex_.
-  absl::Mutex drawing_mutex_;
+  // A thread holds it while it exchanges a batch with the GL thread. It is taken before mutex_.
+  base::Mutex drawing_mutex_;
   std::shared_ptr<Batch> in_flight_ ABSL_GUARDED_BY(drawing_mutex_);
   std::optional<image::FrameImage> image_ ABSL_GUARDED_BY(drawing_mutex_);
   absl::Status status_ ABSL_GUARDED_BY(drawing_mutex_);
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::vector<DrawItem> collected_ ABSL_GUARDED_BY(mutex_);
   std::size_t collected_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
 };
@@ -238,14 +246,14 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
                                   static_cast<std::size_t>(viewport.height_px) *
                                   (sizeof(std::uint64_t) + sizeof(image::Rgba8));
   if (image_bytes > max_unused_bytes_) {
-    return;  // too large to be kept, maybe to be drawn
+    return;  // too large to keep, maybe too large to draw
   }
   try {
     for (int i = 0; i < pass_count; ++i) {
       images_->Prepare(viewport.width_px, viewport.height_px);
     }
   } catch (const std::bad_alloc&) {
-    return;  // whoever begins a pass is told
+    return;  // BeginPass reports it
   }
   volume::GridGeometry geometry;
   geometry.sample_dims = {2, 2, 2};
@@ -259,13 +267,13 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
   triangle.normals.assign(3, {0, 0, 1});
   triangle.indices = {0, 1, 2};
   DrawItem item{.mesh = mesh::Compact(triangle),
+                .surface_index = 0,
                 .footprint = view->FootprintOf({0, 0, 0}, {1, 1, 1}),
                 .open = std::nullopt};
+  Batch batch(*view, {frame::Surface()}, {}, {std::move(item)});
   absl::Notification done;
   thread_->Submit([&]() {
-    TryDraw(drawer_.get(), *view, {}, {std::move(item)}, []() {
-      return absl::OkStatus();
-    }).IgnoreError();
+    TryDraw(drawer_.get(), &batch, []() { return absl::OkStatus(); }).IgnoreError();
     done.Notify();
   });
   done.WaitForNotification();
@@ -279,9 +287,13 @@ EglRenderer::~EglRenderer() {
 }
 
 absl::StatusOr<std::unique_ptr<RenderPass>> EglRenderer::BeginPass(
-    const view::View& view, const volume::BlockLayout& layout, const Appearance& appearance) {
-  return std::make_unique<EglRenderPass>(view, layout, appearance, batch_bytes_, thread_.get(),
+    const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec) {
+  return std::make_unique<EglRenderPass>(view, layout, spec, batch_bytes_, thread_.get(),
                                          drawer_.get());
+}
+
+frame::PictureRevision EglRenderer::picture_revision() const {
+  return {.back_end = frame::BackEnd::kEgl, .driver = thread_->driver()};
 }
 
 }  // namespace isoscope::render

@@ -18,19 +18,19 @@ namespace isoscope::render {
 class GlMeshDrawer;
 
 struct EglRendererOptions {
-  // As ListEglDevices numbers them; -1: the first that works.
+  // An index of ListEglDevices. -1: the first device that works.
   int egl_device = -1;
-  // A pass draws what it has collected once that is so large: larger costs memory (each open pass
-  // can hold about twice this), smaller costs a read-back of the picture each time.
+  // A pass draws its collected meshes once they have this size. A larger batch costs memory (each
+  // open pass can hold about two), a smaller one costs more read-backs of the picture.
   std::size_t batch_bytes = std::size_t{256} << 20;
-  // Of images that no pass uses.
+  // Bounds images that no pass uses.
   std::size_t max_unused_bytes = std::size_t{256} << 20;
 };
 
 // Thread-safe. Passes must not outlive it.
 class EglRenderer : public Renderer {
  public:
-  // EglContext::Make's errors, or INTERNAL if the driver refuses the shaders.
+  // Returns the errors of EglContext::Make, or INTERNAL if the driver refuses the shaders.
   static absl::StatusOr<std::unique_ptr<EglRenderer>> Make(const EglRendererOptions& options);
   ~EglRenderer() override;
 
@@ -39,11 +39,12 @@ class EglRenderer : public Renderer {
 
   absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                         const volume::BlockLayout& layout,
-                                                        const Appearance& appearance) override;
+                                                        const frame::FrameSpec& spec) override;
   // Also draws a triangle, so that the driver compiles its programs for pictures of this size.
   void Prepare(const view::Viewport& viewport, int pass_count) override;
+  [[nodiscard]] frame::PictureRevision picture_revision() const override;
   [[nodiscard]] std::string description() const override { return thread_->description(); }
-  // Whether a GPU draws.
+  // Returns true if a GPU draws.
   [[nodiscard]] bool is_hardware() const { return thread_->is_hardware(); }
 
  private:

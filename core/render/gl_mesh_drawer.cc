@@ -1,3 +1,23 @@
+// A picture in four steps:
+//
+// 1. Items are sorted from the highest owner (surface, then block) to the lowest. With the depth
+//    test GL_LEQUAL the last of two equal depths stays, so the lowest owner wins.
+// 2. The list is cut into chunks: items of one surface, at most 2^17 vertices and 2^19 indices (or
+//    one larger item). `poll` is asked before each chunk, so a cancelled frame ends soon.
+// 3. DrawChunk writes six buffers and makes one draw call:
+//
+//      positions  vertex   3 floats, index space
+//      normals    vertex   3 floats, world space
+//      slots      vertex   the index of its item in the chunk, which finds the item in `blocks`
+//      indices    corner   the triangles of each item from the last to the first
+//      blocks     item     BlockTexel, which the shader reads as two texels of 4 x 32 bits
+//      masks      item     its open pixels, a bit a cell, in words of 32 bits
+//
+//    The fragment shader drops fragments outside the item's rectangle and open pixels, clamps the
+//    depth, and shades.
+// 4. The planes are read back. The picture is drawn upside down, so that row 0 of the framebuffer
+//    is row 0 of the image.
+
 #include "core/render/gl_mesh_drawer.h"
 
 #include <algorithm>
@@ -17,8 +37,9 @@
 namespace isoscope::render {
 namespace {
 
-// A chunk is what is uploaded and drawn at once: large enough that calls cost nothing, small enough
-// that its buffers are reused from the cache and cancellation is noticed within milliseconds.
+// The size of a chunk, which is uploaded and drawn at once. Chunks are large enough that calls cost
+// nothing. They are small enough that their buffers stay in the processor's cache, and that a
+// cancellation is noticed within milliseconds.
 constexpr std::size_t kMaxChunkVertices = 1 << 17;
 constexpr std::size_t kMaxChunkIndices = 1 << 19;
 
@@ -45,8 +66,9 @@ void main() {
 constexpr const char* kFragmentShader = R"(#version 330 core
 in vec3 fragment_normal;
 flat in uint fragment_slot;
-// For each slot two texels: block id, bits of the nearest depth, first pixel (x | y << 16), end
-// pixel; and of its mask: first word, shift, first cell (column | row << 16), columns and rows.
+// Each slot has two texels. The first one holds the owner, the bits of the nearest depth, the first
+// pixel (x | y << 16) and the end pixel. The second one holds, of the mask, the first word, the
+// shift, the first cell (column | row << 16), and the number of columns and rows.
 uniform usamplerBuffer blocks;
 uniform usamplerBuffer masks;
 const uint kNoMask = 0xffffffffu;
@@ -57,7 +79,7 @@ uniform vec3 ray_y;
 uniform vec4 base_color;
 uniform vec3 shading;  // ambient, specular, shininess
 layout(location = 0) out vec4 color;
-layout(location = 1) out uint block_id;
+layout(location = 1) out uint owner;
 void main() {
   uvec4 block = texelFetch(blocks, int(2u * fragment_slot));
   uvec4 mask = texelFetch(blocks, int(2u * fragment_slot + 1u));
@@ -81,7 +103,7 @@ void main() {
     }
   }
   gl_FragDepth = clamp(gl_FragCoord.z, uintBitsToFloat(block.y), 1.0);
-  block_id = block.x;
+  owner = block.x;
   vec3 ray = ray_origin + ray_x * gl_FragCoord.x + ray_y * gl_FragCoord.y;
   float normal_squared = dot(fragment_normal, fragment_normal);
   float facing = 1.0;
@@ -97,13 +119,13 @@ void main() {
 
 constexpr std::uint32_t kNoMask = 0xffffffff;
 
-// What the fragment shader reads of a block.
+// The facts about an item that the fragment shader reads: two texels.
 struct BlockTexel {
-  std::uint32_t block_id = 0;
+  std::uint32_t owner = 0;
   std::uint32_t nearest_depth_bits = 0;
   std::uint32_t first_pixel = 0;
   std::uint32_t end_pixel = 0;
-  std::uint32_t mask_first_word = kNoMask;  // of 32 bits
+  std::uint32_t mask_first_word = kNoMask;  // index of a 32-bit word of `masks`
   std::uint32_t mask_shift = 0;
   std::uint32_t mask_first_cell = 0;
   std::uint32_t mask_cells = 0;
@@ -115,7 +137,7 @@ std::uint32_t PackPixel(int x, int y) {
 }
 static_assert(view::kMaxViewportPx <= 0xffff, "pixels are packed in 16 + 16 bits");
 
-// How many words of 32 bits the mask of an item takes.
+// Returns the number of 32-bit words that the mask of an item takes.
 std::size_t MaskWordsOf(const DrawItem& item) {
   return item.open.has_value() ? 2 * item.open->words.size() : 0;
 }
@@ -183,15 +205,15 @@ GlMeshDrawer::~GlMeshDrawer() {
   glDeleteVertexArrays(1, &vertex_array_);
 }
 
-void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appearance) {
-  // Positions are taken relative to the volume's centre, near which cameras look: the matrix then
-  // has no large translation that cancels in floats. Whole numbers, so the subtraction is exact for
-  // all but the vertices near index 0.
+void GlMeshDrawer::SetView(const view::View& view) {
+  // Positions are relative to the volume's centre, near which cameras look. So the matrix has no
+  // large translation that cancels in floats. The centre has whole coordinates, so the subtraction
+  // is exact for all but the vertices near index 0.
   const math::Index3& dims = view.geometry().sample_dims;
   const math::Vec3d center{std::floor(static_cast<double>(dims.x) / 2),
                            std::floor(static_cast<double>(dims.y) / 2),
                            std::floor(static_cast<double>(dims.z) / 2)};
-  // Upside down, so that row 0 of the framebuffer is the top of the image.
+  // The picture is drawn upside down: row 0 of the framebuffer is the top of the image.
   math::Mat4d flip;
   flip.At(1, 1) = -1;
   const math::Mat4d clip_from_centered =
@@ -203,7 +225,7 @@ void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appeara
   const view::Camera& camera = view.camera();
   const double width = view.viewport().width_px;
   const double height = view.viewport().height_px;
-  // The half sides of the image plane at distance 1; orthographic rays are all parallel.
+  // Half the sides of the image plane at distance 1. Orthographic rays are all parallel.
   const double half_y = camera.projection == view::Projection::kPerspective
                             ? std::tan(camera.fov_y_radians / 2)
                             : 0.0;
@@ -216,23 +238,28 @@ void GlMeshDrawer::SetUniforms(const view::View& view, const Appearance& appeara
           view.forward() - view.right() * half_x + view.up() * half_y);
   SetVec3(program_->Uniform("ray_x"), view.right() * (2 * half_x / width));
   SetVec3(program_->Uniform("ray_y"), view.up() * (-2 * half_y / height));
+  glUniform1i(program_->Uniform("blocks"), 0);
+  glUniform1i(program_->Uniform("masks"), 1);
+}
+
+void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {
   const image::Rgba8& base = appearance.base_color;
   glUniform4f(program_->Uniform("base_color"), static_cast<float>(base.r) / 255.0F,
               static_cast<float>(base.g) / 255.0F, static_cast<float>(base.b) / 255.0F,
               static_cast<float>(base.a) / 255.0F);
   glUniform3f(program_->Uniform("shading"), appearance.ambient, appearance.specular,
               appearance.shininess);
-  glUniform1i(program_->Uniform("blocks"), 0);
-  glUniform1i(program_->Uniform("masks"), 1);
 }
 
 absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
-                                                     const Appearance& appearance,
+                                                     std::span<const frame::Surface> surfaces,
+                                                     const image::FragmentOrder& order,
                                                      std::vector<DrawItem> items,
                                                      absl::FunctionRef<absl::Status()> poll) {
   ISOSCOPE_RETURN_IF_ERROR(poll());
   std::sort(items.begin(), items.end(), [](const DrawItem& a, const DrawItem& b) {
-    return a.mesh->block_id > b.mesh->block_id;
+    return std::pair(a.surface_index, a.mesh->block_id) >
+           std::pair(b.surface_index, b.mesh->block_id);
   });
   const int width = view.viewport().width_px;
   const int height = view.viewport().height_px;
@@ -242,22 +269,25 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     ISOSCOPE_ASSIGN_OR_RETURN(framebuffer_, GlFramebuffer::Make(width, height));
   }
   framebuffer_->BindAndClear();
-  SetUniforms(view, appearance);
+  SetView(view);
 
   std::size_t begin = 0;
   while (begin < items.size()) {
     ISOSCOPE_RETURN_IF_ERROR(poll());
+    const std::uint32_t surface_index = items[begin].surface_index;
+    SetAppearance(surfaces[surface_index].appearance);
     std::size_t end = begin;
     std::size_t vertices = 0;
     std::size_t indices = 0;
     std::size_t mask_words = 0;
-    // At least one item; a single large mesh makes a large chunk.
+    // A chunk has at least one item. A single large mesh makes a large chunk.
     do {
       vertices += items[end].mesh->positions.size();
       indices += 3 * items[end].mesh->triangles.size();
       mask_words += MaskWordsOf(items[end]);
       ++end;
-    } while (end < items.size() && 2 * (end - begin + 1) <= max_texels_ &&
+    } while (end < items.size() && items[end].surface_index == surface_index &&
+             2 * (end - begin + 1) <= max_texels_ &&
              mask_words + MaskWordsOf(items[end]) <= max_texels_ &&
              vertices + items[end].mesh->positions.size() <= kMaxChunkVertices &&
              indices + 3 * items[end].mesh->triangles.size() <= kMaxChunkIndices);
@@ -266,7 +296,7 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
           absl::StrCat("the mask of block ", items[begin].mesh->block_id, " has ", mask_words,
                        " words; this OpenGL takes at most ", max_texels_));
     }
-    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin)));
+    ISOSCOPE_RETURN_IF_ERROR(DrawChunk(std::span(items).subspan(begin, end - begin), order));
     begin = end;
   }
   ISOSCOPE_RETURN_IF_ERROR(poll());
@@ -275,7 +305,8 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
   return image;
 }
 
-absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
+absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items,
+                                     const image::FragmentOrder& order) {
   std::size_t vertex_count = 0;
   std::size_t index_count = 0;
   std::size_t mask_word_count = 0;
@@ -290,7 +321,7 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
   ISOSCOPE_ASSIGN_OR_RETURN(void* slots, slots_->Map(vertex_count * sizeof(std::uint32_t)));
   ISOSCOPE_ASSIGN_OR_RETURN(void* indices, indices_->Map(index_count * sizeof(std::uint32_t)));
   ISOSCOPE_ASSIGN_OR_RETURN(void* blocks, blocks_->Map(items.size() * sizeof(BlockTexel)));
-  // One word more: an empty buffer can't be mapped.
+  // There is one word more, because an empty buffer can't be mapped.
   ISOSCOPE_ASSIGN_OR_RETURN(void* masks,
                             masks_->Map((mask_word_count + 1) * sizeof(std::uint32_t)));
   auto* position_out = static_cast<math::Vec3f*>(positions);
@@ -306,7 +337,7 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items) {
     const mesh::CompactMesh& mesh = *item.mesh;
     const view::PixelRect& rect = item.footprint.rect;
     BlockTexel texel{
-        .block_id = mesh.block_id,
+        .owner = order.OwnerOf(item.surface_index, mesh.block_id),
         .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
         .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
         .end_pixel = PackPixel(rect.end_x, rect.end_y)};

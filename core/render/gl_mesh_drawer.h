@@ -1,12 +1,12 @@
-// Draws block meshes with OpenGL into a FrameImage. How the promise of renderer.h is kept:
+// Draws block meshes with OpenGL into a FrameImage. It keeps the promise of renderer.h like this:
 //
 // * A fragment's colour and depth come from its triangle and the view alone: one program, vertex
 //   positions relative to one point of the volume, no blending, dithering or multisampling.
-// * Depth is written by the fragment shader: the interpolated depth, clamped from below to the
-//   block's nearest depth. Fragments outside the block's rectangle or mask are dropped.
-// * The depth test is GL_LEQUAL, so of equal depths the last drawn stays; blocks are drawn from the
-//   highest id to the lowest and triangles from the last to the first. So the smallest FragmentKey
-//   stays, and even depth 1 wins over the background.
+// * The fragment shader writes the interpolated depth, clamped from below to the block's nearest
+//   depth. It drops fragments outside the block's rectangle or mask.
+// * The depth test is GL_LEQUAL, so of equal depths the last drawn stays. Meshes are drawn from the
+//   highest owner (surface, then block) to the lowest, and triangles from the last to the first. So
+//   image::TieRule::kOwner decides, and even depth 1 wins over the background.
 
 #ifndef ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
 #define ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
@@ -23,18 +23,19 @@
 #include "absl/status/statusor.h"
 #include <epoxy/gl.h>
 
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/image/pixel_mask.h"
 #include "core/mesh/compact_mesh.h"
-#include "core/render/appearance.h"
 #include "core/render/gl_objects.h"
 #include "core/view/view.h"
 
 namespace isoscope::render {
 
-// A mesh, where its block can appear, and outside what its fragments are dropped.
+// A mesh, the pixels that its block can cover, and the pixels that it may still win.
 struct DrawItem {
   std::shared_ptr<const mesh::CompactMesh> mesh;
+  std::uint32_t surface_index = 0;
   view::Footprint footprint;
   std::optional<image::PixelMask> open;
 };
@@ -42,27 +43,31 @@ struct DrawItem {
 // GL thread only.
 class GlMeshDrawer {
  public:
-  // Its pictures come from `images`.
+  // Makes a drawer whose pictures come from `images`.
   static absl::StatusOr<std::unique_ptr<GlMeshDrawer>> Make(
       std::shared_ptr<image::FrameImagePool> images);
   ~GlMeshDrawer();
   GlMeshDrawer(const GlMeshDrawer&) = delete;
   GlMeshDrawer& operator=(const GlMeshDrawer&) = delete;
 
-  // Draws `items`, in whatever order they come, on a background of its own.
+  // Draws `items`, in any order, on an empty picture.
   //
+  // surfaces: the surfaces of the frame; items have an index into them.
   // poll: called between draws; its error ends the work and is returned.
-  // RESOURCE_EXHAUSTED if the driver can't have so large a picture or mask, or has no memory.
-  absl::StatusOr<image::FrameImage> Draw(const view::View& view, const Appearance& appearance,
+  // RESOURCE_EXHAUSTED if the picture or a mask is too large for the driver, or memory runs out.
+  absl::StatusOr<image::FrameImage> Draw(const view::View& view,
+                                         std::span<const frame::Surface> surfaces,
+                                         const image::FragmentOrder& order,
                                          std::vector<DrawItem> items,
                                          absl::FunctionRef<absl::Status()> poll);
 
  private:
   GlMeshDrawer() = default;
 
-  void SetUniforms(const view::View& view, const Appearance& appearance);
-  // Uploads and draws items that fit the buffers together, in their order.
-  absl::Status DrawChunk(std::span<const DrawItem> items);
+  void SetView(const view::View& view);
+  void SetAppearance(const frame::Appearance& appearance);
+  // Uploads and draws items of one surface that fit the buffers together, in their order.
+  absl::Status DrawChunk(std::span<const DrawItem> items, const image::FragmentOrder& order);
 
   std::shared_ptr<image::FrameImagePool> images_;
   std::unique_ptr<GlProgram> program_;

@@ -36,7 +36,7 @@ absl::Status GlStatus(const char* what) {
   if (first == GL_NO_ERROR) [[likely]] {
     return absl::OkStatus();
   }
-  // Several may be pending; a lost context would answer for ever.
+  // Several errors may be pending. The limit is for a lost context, which reports errors for ever.
   for (int i = 0; i < 100 && glGetError() != GL_NO_ERROR; ++i) {
   }
   if (first == GL_OUT_OF_MEMORY) {
@@ -58,7 +58,7 @@ absl::StatusOr<void*> GlStreamBuffer::Map(std::size_t size_bytes) {
   }
   Bind();
   if (size_bytes > capacity_bytes_) {
-    // Half as much again, so that chunks of slowly growing size don't reallocate each time.
+    // Half as much again, so that a slowly growing size does not reallocate each time.
     const std::size_t capacity = size_bytes + size_bytes / 2;
     glBufferData(target_, static_cast<GLsizeiptr>(capacity), nullptr, GL_STREAM_DRAW);
     ISOSCOPE_RETURN_IF_ERROR(GlStatus("allocate a vertex buffer"));
@@ -142,7 +142,7 @@ absl::StatusOr<std::unique_ptr<GlFramebuffer>> GlFramebuffer::Make(int width, in
     glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, *name);
   };
   attach(GL_COLOR_ATTACHMENT0, GL_RGBA8, &made->color_);
-  attach(GL_COLOR_ATTACHMENT1, GL_R32UI, &made->block_id_);
+  attach(GL_COLOR_ATTACHMENT1, GL_R32UI, &made->owner_);
   attach(GL_DEPTH_ATTACHMENT, GL_DEPTH_COMPONENT32F, &made->depth_);
   const std::string what = absl::StrCat("make a picture of ", width, " x ", height, " pixels");
   ISOSCOPE_RETURN_IF_ERROR(GlStatus(what.c_str()));
@@ -158,7 +158,7 @@ absl::StatusOr<std::unique_ptr<GlFramebuffer>> GlFramebuffer::Make(int width, in
 
 GlFramebuffer::~GlFramebuffer() {
   glDeleteFramebuffers(1, &framebuffer_);
-  for (const GLuint renderbuffer : {color_, block_id_, depth_}) {
+  for (const GLuint renderbuffer : {color_, owner_, depth_}) {
     glDeleteRenderbuffers(1, &renderbuffer);
   }
 }
@@ -167,7 +167,7 @@ void GlFramebuffer::BindAndClear() const {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
   glViewport(0, 0, width_, height_);
   constexpr std::array<GLfloat, 4> kTransparent{0, 0, 0, 0};
-  constexpr std::array<GLuint, 4> kBackground{image::kNoBlock, 0, 0, 0};
+  constexpr std::array<GLuint, 4> kBackground{image::kNoOwner, 0, 0, 0};
   glClearBufferfv(GL_COLOR, 0, kTransparent.data());
   glClearBufferuiv(GL_COLOR, 1, kBackground.data());
   glClearBufferfv(GL_DEPTH, 0, &image::kFarDepth);
@@ -177,14 +177,14 @@ absl::Status GlFramebuffer::ReadInto(GlReadback* scratch, image::FrameImage* ima
   ISOSCOPE_CHECK_EQ(image->width, width_);
   ISOSCOPE_CHECK_EQ(image->height, height_);
   scratch->colors.resize(image->pixel_count());
-  scratch->block_ids.resize(image->pixel_count());
+  scratch->owners.resize(image->pixel_count());
   scratch->depths.resize(image->pixel_count());
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
   glReadBuffer(GL_COLOR_ATTACHMENT0);
   glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, scratch->colors.data());
   glReadBuffer(GL_COLOR_ATTACHMENT1);
-  glReadPixels(0, 0, width_, height_, GL_RED_INTEGER, GL_UNSIGNED_INT, scratch->block_ids.data());
+  glReadPixels(0, 0, width_, height_, GL_RED_INTEGER, GL_UNSIGNED_INT, scratch->owners.data());
   glReadPixels(0, 0, width_, height_, GL_DEPTH_COMPONENT, GL_FLOAT, scratch->depths.data());
   ISOSCOPE_RETURN_IF_ERROR(GlStatus("read the picture back"));
 
@@ -193,17 +193,17 @@ absl::Status GlFramebuffer::ReadInto(GlReadback* scratch, image::FrameImage* ima
     for (int begin_x = 0; begin_x < width_; begin_x += kTilePx) {
       const std::size_t begin = image->IndexOf(begin_x, y);
       const std::size_t end = begin + static_cast<std::size_t>(std::min(kTilePx, width_ - begin_x));
-      std::uint32_t all_ids = image::kNoBlock;
+      std::uint32_t all_owners = image::kNoOwner;
       for (std::size_t i = begin; i < end; ++i) {
-        all_ids &= scratch->block_ids[i];
+        all_owners &= scratch->owners[i];
       }
-      if (all_ids == image::kNoBlock) {
+      if (all_owners == image::kNoOwner) {
         continue;
       }
       image->touched.Insert(begin_x / kTilePx, y / kTilePx);
       std::uint32_t covered = 0;
       for (std::size_t i = begin; i < end; ++i) {
-        image->keys[i] = image::FragmentKey(scratch->depths[i], scratch->block_ids[i]);
+        image->keys[i] = image::FragmentKey(scratch->depths[i], scratch->owners[i]);
         image->colors[i] = scratch->colors[i];
         covered |= std::uint32_t{image->keys[i] != image::kBackgroundKey} << (i - begin);
       }

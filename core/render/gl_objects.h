@@ -1,5 +1,5 @@
-// OpenGL objects that free themselves. All of this: GL thread only, with the context current, from
-// construction to destruction.
+// OpenGL objects that free themselves. All of them are for the GL thread only, with the context
+// current from construction to destruction.
 
 #ifndef ISOSCOPE_CORE_RENDER_GL_OBJECTS_H_
 #define ISOSCOPE_CORE_RENDER_GL_OBJECTS_H_
@@ -17,11 +17,11 @@
 
 namespace isoscope::render {
 
-// OK, or what glGetError tells about the calls so far: RESOURCE_EXHAUSTED for GL_OUT_OF_MEMORY,
-// INTERNAL otherwise. `what`: "draw 17 blocks".
+// Returns the error that glGetError has for the calls so far: RESOURCE_EXHAUSTED for
+// GL_OUT_OF_MEMORY, INTERNAL otherwise. `what`: "draw 17 blocks".
 absl::Status GlStatus(const char* what);
 
-// A buffer that is rewritten again and again and keeps the largest size it had.
+// A buffer that is rewritten again and again, and keeps the largest size that it had.
 class GlStreamBuffer {
  public:
   explicit GlStreamBuffer(GLenum target);
@@ -31,10 +31,10 @@ class GlStreamBuffer {
 
   [[nodiscard]] GLuint name() const { return name_; }
   void Bind() const;
-  // Binds it and maps `size_bytes` (> 0) for writing; what it held is lost. Draws already issued
-  // still see what they were issued with. RESOURCE_EXHAUSTED if the driver has no memory.
+  // Binds the buffer and maps `size_bytes` (> 0) for writing. The old contents are lost, except for
+  // draws that were issued with them. RESOURCE_EXHAUSTED if the driver has no memory.
   absl::StatusOr<void*> Map(std::size_t size_bytes);
-  // INTERNAL if the driver lost the contents meanwhile.
+  // Ends writing. INTERNAL if the driver has lost the contents.
   absl::Status Unmap();
 
  private:
@@ -47,7 +47,7 @@ class GlStreamBuffer {
 // A linked vertex and fragment shader.
 class GlProgram {
  public:
-  // INTERNAL, with the compiler's log, if they don't compile.
+  // Returns INTERNAL, with the compiler's log, if a shader does not compile.
   static absl::StatusOr<std::unique_ptr<GlProgram>> Make(const char* vertex_source,
                                                          const char* fragment_source);
   ~GlProgram();
@@ -62,17 +62,17 @@ class GlProgram {
   GLuint name_ = 0;
 };
 
-// Where the planes of a GlFramebuffer are read to, reused from picture to picture.
+// The memory that the planes of a GlFramebuffer are read into, reused from picture to picture.
 struct GlReadback {
   std::vector<image::Rgba8> colors;
-  std::vector<std::uint32_t> block_ids;
+  std::vector<std::uint32_t> owners;
   std::vector<float> depths;
 };
 
-// Colour (RGBA8), block id (R32UI) and depth (32-bit float) of one size.
+// Colour (RGBA8), owner (R32UI) and depth (32-bit float) of one size.
 class GlFramebuffer {
  public:
-  // RESOURCE_EXHAUSTED if the driver can't have one so large; the message has its limit.
+  // Returns RESOURCE_EXHAUSTED, with the driver's limit, if the size is too large for the driver.
   static absl::StatusOr<std::unique_ptr<GlFramebuffer>> Make(int width, int height);
   ~GlFramebuffer();
   GlFramebuffer(const GlFramebuffer&) = delete;
@@ -81,10 +81,10 @@ class GlFramebuffer {
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }
 
-  // Makes it the target of drawing, the viewport its size, and all pixels background.
+  // Makes it the target of drawing, sets the viewport to its size, and clears all pixels.
   void BindAndClear() const;
-  // Reads the picture; framebuffer row 0 becomes image row 0. Touched are the tiles in which a
-  // block owns a pixel.
+  // Reads the picture. Row 0 of the framebuffer becomes row 0 of the image. Touches the tiles in
+  // which a block owns a pixel.
   // REQUIRES: `image` has this size and is all background.
   absl::Status ReadInto(GlReadback* scratch, image::FrameImage* image) const;
 
@@ -95,7 +95,7 @@ class GlFramebuffer {
   int height_ = 0;
   GLuint framebuffer_ = 0;
   GLuint color_ = 0;
-  GLuint block_id_ = 0;
+  GLuint owner_ = 0;
   GLuint depth_ = 0;
 };
 

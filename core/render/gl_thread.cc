@@ -14,8 +14,10 @@ absl::StatusOr<std::unique_ptr<GlThread>> GlThread::Start(int egl_device) {
   self->thread_ = std::thread([self, egl_device]() { self->Run(egl_device); });
   absl::Status status;
   {
-    const absl::MutexLock lock(&self->mutex_);
-    self->mutex_.Await(absl::Condition(&self->started_));
+    const base::MutexLock lock(&self->mutex_);
+    self->changed_.Await(&self->mutex_, [self]() ABSL_SHARED_LOCKS_REQUIRED(self->mutex_) {
+      return self->started_;
+    });
     status = self->start_status_;
   }
   if (!status.ok()) {
@@ -26,28 +28,31 @@ absl::StatusOr<std::unique_ptr<GlThread>> GlThread::Start(int egl_device) {
 
 GlThread::~GlThread() {
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     stopping_ = true;
+    changed_.SignalAll();
   }
   thread_.join();
 }
 
 void GlThread::Submit(Job job) {
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   queue_.push_back(std::move(job));
+  changed_.SignalAll();
 }
 
 void GlThread::Run(int egl_device) {
   absl::StatusOr<std::unique_ptr<EglContext>> context = EglContext::Make(egl_device);
   if (context.ok()) {
-    description_ = absl::StrCat("egl: ", (*context)->gl_renderer(), ", OpenGL ",
-                                (*context)->gl_version(), ", ", (*context)->origin());
+    driver_ = absl::StrCat((*context)->gl_renderer(), ", OpenGL ", (*context)->gl_version());
+    description_ = absl::StrCat("egl: ", driver_, ", ", (*context)->origin());
     is_hardware_ = (*context)->is_hardware();
   }
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     start_status_ = context.status();
     started_ = true;
+    changed_.SignalAll();
   }
   if (!context.ok()) {
     return;
@@ -55,11 +60,10 @@ void GlThread::Run(int egl_device) {
   while (true) {
     Job job;
     {
-      const absl::MutexLock lock(&mutex_);
-      const auto has_news = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      const base::MutexLock lock(&mutex_);
+      changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
         return !queue_.empty() || stopping_;
-      };
-      mutex_.Await(absl::Condition(&has_news));
+      });
       if (queue_.empty()) {
         return;
       }

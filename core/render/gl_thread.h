@@ -1,4 +1,4 @@
-// The one thread that owns an OpenGL context. Everybody else hands it work.
+// The one thread that owns an OpenGL context. Other threads hand it their work.
 
 #ifndef ISOSCOPE_CORE_RENDER_GL_THREAD_H_
 #define ISOSCOPE_CORE_RENDER_GL_THREAD_H_
@@ -12,27 +12,31 @@
 #include "absl/functional/any_invocable.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::render {
 
-// Thread-safe. The destructor runs what is queued, then destroys the context on its thread.
+// Thread-safe. The destructor runs the queued jobs, then destroys the context on its thread.
 class GlThread {
  public:
   using Job = absl::AnyInvocable<void() &&>;
 
-  // EglContext::Make's errors.
+  // Returns the errors of EglContext::Make.
   static absl::StatusOr<std::unique_ptr<GlThread>> Start(int egl_device);
   ~GlThread();
 
   GlThread(const GlThread&) = delete;
   GlThread& operator=(const GlThread&) = delete;
 
-  // Queues `job`; jobs run one after another in the order they came, with the context current.
+  // Queues `job`. Jobs run one at a time, in the order of the calls, with the context current.
   void Submit(Job job);
 
   // "egl: llvmpipe (...), OpenGL 4.5 (Core Profile) Mesa 22.3.6, device 0 (software)".
   [[nodiscard]] const std::string& description() const { return description_; }
+  // The driver that decides the pixels: "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core
+  // Profile) Mesa ...".
+  [[nodiscard]] const std::string& driver() const { return driver_; }
   [[nodiscard]] bool is_hardware() const { return is_hardware_; }
 
  private:
@@ -40,10 +44,12 @@ class GlThread {
   void Run(int egl_device);
 
   // Written by the thread before started_ is set, constant after.
+  std::string driver_;
   std::string description_;
   bool is_hardware_ = false;
 
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar changed_;
   bool started_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status start_status_ ABSL_GUARDED_BY(mutex_);
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;

@@ -8,7 +8,10 @@
 namespace isoscope::render {
 namespace {
 
-std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
+// Enough tables, of 16 KiB each, for two frames with as many surfaces as a frame can have.
+constexpr std::size_t kMaxShadeTables = 2 * frame::kMaxSurfaces;
+
+std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
   std::vector<image::Rgba8> table(kShadeSteps + 1);
   for (std::size_t i = 0; i <= kShadeSteps; ++i) {
     const double c = static_cast<double>(i) / kShadeSteps;
@@ -30,7 +33,7 @@ std::vector<image::Rgba8> MakeShadeTable(const Appearance& appearance) {
 
 std::unique_ptr<PassBuffers> PassResources::TakeBuffers(int width, int height) {
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     const auto found = std::find_if(unused_.rbegin(), unused_.rend(), [&](const auto& unused) {
       return unused->width == width && unused->height == height;
     });
@@ -50,7 +53,7 @@ void PassResources::GiveBack(std::unique_ptr<PassBuffers> buffers) {
     return;
   }
   std::vector<std::unique_ptr<PassBuffers>> dropped;  // freed after the lock
-  const absl::MutexLock lock(&mutex_);
+  const base::MutexLock lock(&mutex_);
   while (unused_bytes_ + size > max_unused_buffer_bytes_) {
     unused_bytes_ -= unused_.front()->size_bytes();
     dropped.push_back(std::move(unused_.front()));
@@ -65,7 +68,7 @@ void PassResources::Prepare(int width, int height) {
   const std::size_t fragment_bytes =
       static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
   {
-    const absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     if (unused_bytes_ + fragment_bytes > max_unused_buffer_bytes_) {
       return;
     }
@@ -74,13 +77,20 @@ void PassResources::Prepare(int width, int height) {
 }
 
 std::shared_ptr<const std::vector<image::Rgba8>> PassResources::ShadeTableOf(
-    const Appearance& appearance) {
-  const absl::MutexLock lock(&mutex_);
-  if (shade_table_ == nullptr || !(table_appearance_ == appearance)) {
-    shade_table_ = std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance));
-    table_appearance_ = appearance;
+    const frame::Appearance& appearance) {
+  const base::MutexLock lock(&mutex_);
+  const auto found =
+      std::find_if(shade_tables_.begin(), shade_tables_.end(),
+                   [&](const ShadeTable& table) { return table.appearance == appearance; });
+  if (found != shade_tables_.end()) {
+    return found->colors;
   }
-  return shade_table_;
+  if (shade_tables_.size() == kMaxShadeTables) {
+    shade_tables_.erase(shade_tables_.begin());
+  }
+  shade_tables_.push_back(
+      {appearance, std::make_shared<const std::vector<image::Rgba8>>(MakeShadeTable(appearance))});
+  return shade_tables_.back().colors;
 }
 
 }  // namespace isoscope::render

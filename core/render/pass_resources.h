@@ -1,4 +1,4 @@
-// The memory of the passes of the CPU renderer, and what they know of a pixel.
+// The memory of the passes of the CPU renderer, and the word that stands for a pixel.
 
 #ifndef ISOSCOPE_CORE_RENDER_PASS_RESOURCES_H_
 #define ISOSCOPE_CORE_RENDER_PASS_RESOURCES_H_
@@ -13,14 +13,14 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/synchronization/mutex.h"
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
 #include "core/base/large_pages.h"
+#include "core/base/mutex.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/math/vec.h"
 #include "core/mesh/compact_mesh.h"
-#include "core/render/appearance.h"
 #include "core/render/cpu_rasterizer.h"
 #include "core/render/shade_kernel.h"
 #include "core/view/view.h"
@@ -28,25 +28,33 @@
 
 namespace isoscope::render {
 
-// Pixels are guarded in squares of this side, one lock each.
+// Each lock guards the pixels of a square of this side.
 inline constexpr int kLockTilePx = 64;
-// In a lock tile.
+// Columns of image tiles in a lock tile; it has as many rows.
 inline constexpr int kImageTileColumns = kLockTilePx / image::TileSet::kTilePx;
 
-// What a pass knows of a pixel while it draws, in one word, so that the nearer of two fragments is
-// the smaller word: depth bits << 32 | the number of its triangle. Triangles are numbered over all
-// kept meshes.
+// A pixel while a pass draws: depth bits << 32 | primitive id. The nearer of two fragments is the
+// smaller word. Primitive ids count the triangles of all kept meshes, in the order in which the
+// meshes came.
 using Fragment = std::uint64_t;
 inline constexpr Fragment kNoFragment = std::numeric_limits<Fragment>::max();
-// The number of a fragment that is in the image already, with its block and colour.
+// The primitive id of a fragment whose owner and colour are in the image already.
 inline constexpr std::uint32_t kShaded = std::numeric_limits<std::uint32_t>::max();
-// A mesh's numbers begin at a multiple of this, so that a table finds the mesh of a number.
-inline constexpr std::uint32_t kNumberUnit = 64;
+// The primitive ids of a mesh begin at a multiple of this, so that a table finds the mesh of an id.
+inline constexpr std::uint32_t kPrimitiveUnit = 64;
 
-constexpr std::uint32_t NumberOf(Fragment fragment) { return static_cast<std::uint32_t>(fragment); }
+constexpr std::uint32_t PrimitiveIdOf(Fragment fragment) {
+  return static_cast<std::uint32_t>(fragment);
+}
 
-// A square of pixels that one thread at a time draws into. Held for well under a microsecond at a
-// time, so waiting is spinning; yields in case the holder lost its core.
+// A fragment whose colour must be compared with that of its pixel, an index of the image's planes.
+struct TiedFragment {
+  Fragment fragment = kNoFragment;
+  std::uint32_t pixel = 0;
+};
+
+// A square of pixels that one thread at a time draws into. A thread holds it for well under a
+// microsecond, so waiting is spinning. A waiter yields in case the holder has lost its core.
 class alignas(64) LockTile {
  public:
   void Lock() {
@@ -58,10 +66,12 @@ class alignas(64) LockTile {
   }
   void Unlock() { is_locked_.clear(std::memory_order_release); }
 
-  // The image tiles in it that may have fragments: bit column + row * kImageTileColumns; and which
-  // of their rows of pixels, as bits. Guarded by the lock.
+  // Bit column + row * kImageTileColumns is set for each image tile that may have fragments.
+  // touched_rows has a bit for each of its rows of pixels that may. The lock guards both.
   std::uint32_t touched = 0;
   std::array<std::uint16_t, std::size_t{kImageTileColumns} * kImageTileColumns> touched_rows{};
+  // Fragments that came to a pixel with the depth of the one that was there. The lock guards it.
+  std::vector<TiedFragment> ties;
 
  private:
   std::atomic_flag is_locked_;
@@ -72,12 +82,13 @@ struct KeptMesh {
   const math::Vec3f* positions = nullptr;
   const mesh::CompactNormal* normals = nullptr;
   mesh::TriangleVertices triangles;
-  std::uint32_t first_number = 0;
-  volume::BlockId block_id = 0;
+  std::uint32_t first_primitive_id = 0;
+  std::uint32_t owner = 0;                    // image::FragmentOrder::OwnerOf
+  const image::Rgba8* shade_table = nullptr;  // of its surface
   std::shared_ptr<const mesh::CompactMesh> mesh;
 };
 
-// The large vectors of a pass. Between passes: no fragments, no meshes, nothing touched.
+// The large vectors of a pass. Between passes there is no fragment, no mesh, and nothing touched.
 struct PassBuffers {
   PassBuffers(int buffer_width, int buffer_height)
       : width(buffer_width),
@@ -99,18 +110,19 @@ struct PassBuffers {
   base::LargePageVector<Fragment> fragments;
   std::vector<LockTile> lock_tiles;
   std::vector<KeptMesh> meshes;
-  std::vector<std::uint32_t> mesh_of_unit;  // by number / kNumberUnit, an index of `meshes`
+  std::vector<std::uint32_t>
+      mesh_of_unit;  // by primitive id / kPrimitiveUnit, an index of `meshes`
 };
 
-// What the passes of a CPU renderer share: what they have no more use for goes to the next one, so
-// that a picture touches no fresh memory. Thread-safe.
+// The memory that the passes of a CPU renderer share. A pass that ends gives its memory to the next
+// one, so that a picture touches no fresh pages. Thread-safe.
 class PassResources {
  public:
   // Scratch space of a thread.
   struct Scratch {
     CpuRasterizer rasterizer;
-    // Of the meshes at hand.
-    std::vector<std::uint32_t> first_numbers;
+    // One element for each mesh of an Add.
+    std::vector<std::uint32_t> first_primitive_ids;
     std::vector<volume::BlockId> block_ids;
     std::vector<view::Footprint> footprints;
     ShadeBatch batch;
@@ -118,6 +130,7 @@ class PassResources {
     std::array<Fragment, ShadeBatch::kCapacity> fragments{};
     std::array<const KeptMesh*, ShadeBatch::kCapacity> meshes{};
     std::array<std::array<std::uint32_t, 3>, ShadeBatch::kCapacity> corners{};
+    std::array<image::Rgba8, ShadeBatch::kCapacity> colors{};
   };
 
   // An image takes 12 bytes a pixel, its buffers 8.
@@ -125,19 +138,20 @@ class PassResources {
       : max_unused_image_bytes_(max_unused_bytes / 5 * 3),
         max_unused_buffer_bytes_(max_unused_bytes / 5 * 2) {}
 
-  // Buffers for a picture of this size, as between passes.
+  // Returns buffers for a picture of this size, in their state between passes.
   std::unique_ptr<PassBuffers> TakeBuffers(int width, int height);
-  // Keeps them, and forgets those unused longest where that is too much. REQUIRES: as between
-  // passes.
+  // Keeps the buffers, and forgets those unused longest where that is too much. REQUIRES: their
+  // state is that between passes.
   void GiveBack(std::unique_ptr<PassBuffers> buffers);
   image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
-  // Adds unused buffers and an unused image, their pages touched; none if that were too much to
-  // keep.
+  // Adds unused buffers and an unused image, and touches their pages. Does nothing if they are too
+  // large to keep.
   void Prepare(int width, int height);
 
-  // The colour of each shade step.
-  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(const Appearance& appearance);
-  // Of the calling thread.
+  // Returns the colour of each shade step. Keeps the tables of the last few appearances.
+  std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(
+      const frame::Appearance& appearance);
+  // Returns the scratch space of the calling thread.
   Scratch& LocalScratch() { return scratch_.local(); }
 
  private:
@@ -146,11 +160,14 @@ class PassResources {
   const std::shared_ptr<image::FrameImagePool> images_ =
       image::FrameImagePool::Make(max_unused_image_bytes_);
   tbb::enumerable_thread_specific<Scratch> scratch_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
   std::vector<std::unique_ptr<PassBuffers>> unused_ ABSL_GUARDED_BY(mutex_);
   std::size_t unused_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  Appearance table_appearance_ ABSL_GUARDED_BY(mutex_);  // of the last table
-  std::shared_ptr<const std::vector<image::Rgba8>> shade_table_ ABSL_GUARDED_BY(mutex_);
+  struct ShadeTable {
+    frame::Appearance appearance;
+    std::shared_ptr<const std::vector<image::Rgba8>> colors;
+  };
+  std::vector<ShadeTable> shade_tables_ ABSL_GUARDED_BY(mutex_);  // the last made is the last
 };
 
 }  // namespace isoscope::render

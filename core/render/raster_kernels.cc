@@ -1,4 +1,33 @@
-// Based on: Pineda 1988, "A parallel algorithm for polygon rasterization" (edge functions).
+// Turns triangles into fragments. Three functions fill triangles; each suits one size:
+//
+//   FillTinyTriangles   box of at most 8 x 8 pixels   one triangle in each lane        32 bits
+//   FillSmallTriangle   at most 60 pixels a side      one pixel of a row in each lane  32 bits
+//   FillLargeTriangle   any size in the guard band    pixel by pixel                   64 bits
+//
+// The steps for the triangles of a small block:
+//
+// 1. TransformVertices projects in double and snaps x and y to 1/256 pixel, ties to even. Two
+//    blocks that share a vertex get the same integers for it.
+// 2. PackVertices subtracts the block's origin, a pixel left of and above all of its vertices, and
+//    packs a vertex as x | y << 16. A block of at most 254 pixels a side fits: (254 + 1) * 256 is
+//    less than 2^16.
+// 3. SetUp takes a triangle in each lane and finds its box: the pixels whose centres lie between
+//    the triangle's smallest and largest coordinates. It drops a triangle whose box is empty, and
+//    compresses the survivors, so that step 4 has few idle lanes. Example: x runs from 300 to 380.
+//    The box begins at (300 + 127) >> 8 = 1 and ends before (380 + 128) >> 8 = 1. It is empty:
+//    the nearest centres are at 128 and 384. A larger box goes to FillTriangle.
+// 4. FillSurvivors walks all boxes of a vector in step and evaluates three edge functions (Pineda
+//    1988). A pixel is covered if none is negative. The edge function of an edge that is neither a
+//    top nor a left one is lower by 1, so it excludes the centres that lie on the edge: of two
+//    triangles that share an edge, exactly one covers such a pixel.
+//
+// 32 bits suffice. A side is at most 60 * 256 < 2^14 long, and a pixel centre in the box is no
+// farther from a vertex. An edge function is the difference of two products below 2^28.
+//
+// All three functions, on every instruction set, give the same bits. Edge functions are exact
+// integers. A depth comes from the same float operations in the same order, on the same integers,
+// without fused multiply-add. Exchanging vertices b and c changes the sign of both factors of a
+// depth's slope, so the plane does not depend on the orientation either.
 
 #include "core/render/raster_kernels.h"
 
@@ -62,6 +91,7 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
   auto max_y = max_x;
 
   const auto transform = [&](const float* from, std::size_t to) HWY_ATTR {
+    // Positions become clip coordinates, in double.
     hn::Vec<decltype(df)> fx;
     hn::Vec<decltype(df)> fy;
     hn::Vec<decltype(df)> fz;
@@ -77,13 +107,16 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
     const VD clip_y = row(1);
     const VD clip_z = row(2);
     const VD clip_w = row(3);
+    // Clip coordinates become pixels and window depth, row 0 at the top.
     const VD inverse_w = hn::Div(one, clip_w);
     const VD x = hn::Mul(hn::Add(hn::Mul(hn::Mul(clip_x, inverse_w), half), half), width);
     const VD y = hn::Mul(hn::Sub(half, hn::Mul(hn::Mul(clip_y, inverse_w), half)), height);
     const VD z = hn::Add(hn::Mul(hn::Mul(clip_z, inverse_w), half), half);
+    // One vertex that must be clipped makes the whole block take the path that clips.
     const auto in_front = hn::And(hn::Gt(clip_w, hn::Zero(dd)), hn::Ge(clip_z, hn::Neg(clip_w)));
     const auto in_band = hn::And(hn::Le(hn::Abs(x), band), hn::Le(hn::Abs(y), band));
     all_valid = hn::And(all_valid, hn::And(in_front, in_band));
+    // The low 32 bits of the shifted number are v in 1/256 pixel, rounded.
     const auto snap = [&](VD v) HWY_ATTR {
       const VD shifted = hn::Add(hn::Mul(v, subpixels), shift);
       return hn::BitCast(di, hn::TruncateTo(du, hn::BitCast(d64, shifted)));
@@ -105,7 +138,7 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
     transform(&positions[i].x, i);
   }
   if (i < positions.size()) {
-    // The last vertex again in the lanes that are left over.
+    // The last vertex fills the lanes that are left over.
     std::array<math::Vec3f, 8> rest;
     for (std::size_t k = 0; k < lanes; ++k) {
       rest[k] = positions[std::min(i + k, positions.size() - 1)];
@@ -119,13 +152,13 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
           .max_y = hn::GetLane(hn::MaxOfLanes(di, max_y))};
 }
 
-// How depth goes over a triangle: the plane through its vertices, from vertex a. A function of the
-// triangle alone, and the same arithmetic wherever a fragment's depth is wanted.
+// The depth over a triangle: the plane through its vertices, relative to vertex a. It depends on
+// the triangle alone, and all three fill functions compute it with the same arithmetic.
 struct DepthPlane {
   VF a;
   VF per_x;
   VF per_y;
-  // Slivers have steep planes: a fragment is never outside its own triangle's depths.
+  // A sliver has a steep plane. Its fragments are clamped to the depths of its vertices.
   VF low;
   VF high;
 };
@@ -155,12 +188,12 @@ HWY_INLINE VF DepthOfRow(const DepthPlane& plane, VI y_from_a) {
 HWY_INLINE VU DepthBits(const DepthPlane& plane, VF depth_of_row, VI x_from_a) {
   const DF df;
   const VF depth = hn::Add(depth_of_row, hn::Mul(plane.per_x, hn::ConvertTo(df, x_from_a)));
-  // + 0 turns -0 into +0, whose bits are the smallest.
+  // Adding 0 turns -0 into +0, whose bits are the smallest.
   const VF clamped = hn::Add(hn::Min(hn::Max(depth, plane.low), plane.high), hn::Zero(df));
   return hn::BitCast(DU(), clamped);
 }
 
-// Puts the lanes of a mask behind each other, for several vectors.
+// Moves the lanes of one mask to the front of several vectors.
 #if HWY_TARGET == HWY_AVX2
 // Highway's own Compress (1.0) copies its table at every call when GCC compiles it.
 constexpr auto kLanesOfBits = [] {
@@ -206,7 +239,8 @@ class Compressor {
 };
 #endif
 
-// Appends the lanes of `mask`.
+// Appends the fragments in the lanes of `mask`. Writes whole vectors, so that up to
+// FragmentBuffer::kSlack elements behind the last fragment are overwritten.
 HWY_INLINE void Append(VU pixels, VU depths, VU triangles, hn::Mask<DU> mask,
                        FragmentBuffer* buffer) {
   const DU du;
@@ -218,7 +252,7 @@ HWY_INLINE void Append(VU pixels, VU depths, VU triangles, hn::Mask<DU> mask,
   buffer->count = at + compress.count();
 }
 
-// Triangles whose box has a pixel centre in it, compressed.
+// The triangles that SetUp keeps, one behind the other: their boxes have at least one pixel.
 struct Survivors {
   static constexpr std::size_t kChunk = 512;
   static constexpr std::size_t kSize = kChunk + FragmentBuffer::kSlack;
@@ -230,7 +264,7 @@ struct Survivors {
   alignas(64) std::array<std::uint32_t, kSize> size;  // packed: the box's width and height
 };
 
-// x | y << 16, from the origin.
+// Step 2. Packs the block's vertices as x | y << 16, in 1/256 pixel from the block's origin.
 HWY_INLINE void PackVertices(const TinyTriangleTask& task) {
   const DI di;
   const DU du;
@@ -244,12 +278,13 @@ HWY_INLINE void PackVertices(const TinyTriangleTask& task) {
   }
 }
 
-// x and y may be negative: a sum of packed numbers is right if its x and y are not.
+// Packs x and y to be added to packed numbers. They may be negative, as long as x and y of the sum
+// are not.
 HWY_INLINE VU SetPacked(std::int32_t x, std::int32_t y) {
   return hn::Set(DU(), static_cast<std::uint32_t>(x) + (static_cast<std::uint32_t>(y) << 16));
 }
 
-// Finds the triangles [first, first + Survivors::kChunk) that may cover a pixel.
+// Step 3. Finds which of the triangles [first, first + Survivors::kChunk) may cover a pixel.
 HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors* survivors,
                       std::vector<std::uint32_t>* larger) {
   const DI di;
@@ -272,6 +307,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
 
   std::size_t count = 0;
   for (std::size_t t = first; t < end; t += lanes) {
+    // Load the vertex indices of one triangle into each lane.
     VU a;
     VU b;
     VU c;
@@ -289,7 +325,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
         hn::LoadInterleaved3(du, task.triangles.large() + 3 * t, a, b, c);
       }
     } else {
-      // Triangles without area in the lanes that are left over.
+      // Triangles without area fill the lanes that are left over.
       std::array<std::uint32_t, 3 * FragmentBuffer::kSlack> rest{};
       for (std::size_t i = t; i < triangle_count; ++i) {
         const std::array<std::uint32_t, 3> corners = task.triangles[i];
@@ -298,6 +334,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
       }
       hn::LoadInterleaved3(du, rest.data(), a, b, c);
     }
+    // Fetch the packed vertices and take x and y apart.
     const VU pa = hn::GatherIndex(du, packed, hn::BitCast(di, a));
     const VU pb = hn::GatherIndex(du, packed, hn::BitCast(di, b));
     const VU pc = hn::GatherIndex(du, packed, hn::BitCast(di, c));
@@ -307,6 +344,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
     const VI ay = hn::BitCast(di, hn::ShiftRight<16>(pa));
     const VI by = hn::BitCast(di, hn::ShiftRight<16>(pb));
     const VI cy = hn::BitCast(di, hn::ShiftRight<16>(pc));
+    // Find the box: first pixel inclusive, last pixel exclusive, cut to the block's rectangle.
     const VI low_x = hn::Min(hn::Min(ax, bx), cx);
     const VI low_y = hn::Min(hn::Min(ay, by), cy);
     const VI high_x = hn::Max(hn::Max(ax, bx), cx);
@@ -316,7 +354,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
     const VI end_x = hn::Min(hn::ShiftRight<kSubpixelBits>(hn::Add(high_x, after)), rect_end_x);
     const VI end_y = hn::Min(hn::ShiftRight<kSubpixelBits>(hn::Add(high_y, after)), rect_end_y);
     const auto has_pixels = hn::And(hn::Lt(begin_x, end_x), hn::Lt(begin_y, end_y));
-    // Of no use without pixels.
+    // Width and height mean something only in lanes of has_pixels.
     const VI width = hn::Sub(end_x, begin_x);
     const VI height = hn::Sub(end_y, begin_y);
     const auto is_tiny =
@@ -325,6 +363,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
     const VU begin = hn::BitCast(du, hn::Or(begin_x, hn::ShiftLeft<16>(begin_y)));
     const VU size = hn::BitCast(du, hn::Or(width, hn::ShiftLeft<16>(height)));
     const auto survives = hn::RebindMask(du, hn::And(has_pixels, is_tiny));
+    // Hand larger triangles to the caller, who fills them one at a time.
     const MI is_larger = hn::AndNot(is_tiny, has_pixels);
     if (!hn::AllFalse(di, is_larger)) [[unlikely]] {
       std::array<std::uint8_t, 8> bits{};
@@ -336,6 +375,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
                           static_cast<std::uint32_t>(std::countr_zero(rest)));
       }
     }
+    // Append the survivors.
     const Compressor compress(survives);
     const VU triangle = hn::Iota(du, static_cast<std::uint32_t>(t));
     hn::StoreU(compress(triangle), du, survivors->triangle.data() + count);
@@ -349,7 +389,7 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
     hn::StoreU(compress(size), du, survivors->size.data() + count);
     count += compress.count();
   }
-  // Boxes without pixels in the lanes that are left over.
+  // Boxes without pixels fill the lanes that FillSurvivors reads past the last survivor.
   for (auto& corner : survivors->corner) {
     hn::StoreU(zero, du, corner.data() + count);
   }
@@ -360,8 +400,8 @@ HWY_INLINE void SetUp(const TinyTriangleTask& task, std::size_t first, Survivors
   survivors->count = count;
 }
 
-// An edge function at the first pixel of a box: >= 0 inside. A pixel centre on an edge belongs to
-// the triangle only if the edge is a top or a left one.
+// An edge function at the first pixel of a box: not negative inside. A pixel centre on an edge
+// belongs to the triangle only if the edge is a top or a left one; other edges start 1 lower.
 struct Edge {
   VI value;
   VI step_x;
@@ -371,12 +411,13 @@ HWY_INLINE Edge MakeEdge(VI from_x, VI from_y, VI to_x, VI to_y, VI x, VI y) {
   const VI dx = hn::Sub(to_x, from_x);
   const VI dy = hn::Sub(to_y, from_y);
   const VI at = hn::Sub(hn::Mul(dx, hn::Sub(y, from_y)), hn::Mul(dy, hn::Sub(x, from_x)));
-  // Negative if dy < 0, or dy == 0 and dx > 0: both are below 2^15.
+  // All bits are set if dy < 0, or if dy == 0 and dx > 0. Both are below 2^15, so nothing is lost.
   const VI top_left = hn::ShiftRight<31>(hn::Sub(hn::ShiftLeft<16>(dy), dx));
   return {hn::Add(at, hn::Not(top_left)), hn::ShiftLeft<kSubpixelBits>(hn::Neg(dy)),
           hn::ShiftLeft<kSubpixelBits>(dx)};
 }
 
+// Step 4. Appends the fragments of the survivors to `buffer`.
 HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& survivors,
                               FragmentBuffer* buffer, absl::FunctionRef<void()> flush) {
   const DI di;
@@ -395,6 +436,7 @@ HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& sur
   const auto high = [&](VU v) HWY_ATTR { return hn::BitCast(di, hn::ShiftRight<16>(v)); };
 
   for (std::size_t i = 0; i < survivors.count; i += lanes) {
+    // Load one triangle into each lane: vertex a, and the sides u = b - a and v = c - a.
     const VU pa = hn::LoadU(du, survivors.xy[0].data() + i);
     const VU pb = hn::LoadU(du, survivors.xy[1].data() + i);
     const VU pc = hn::LoadU(du, survivors.xy[2].data() + i);
@@ -411,15 +453,18 @@ HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& sur
         hn::GatherIndex(df, depths, hn::BitCast(di, hn::LoadU(du, survivors.corner[1].data() + i)));
     const VF cz =
         hn::GatherIndex(df, depths, hn::BitCast(di, hn::LoadU(du, survivors.corner[2].data() + i)));
-    // The plane is the same, bit by bit, whichever of b and c comes first.
+    // Make the depth plane. It is the same, bit by bit, whichever of b and c comes first.
     const DepthPlane plane =
         MakeDepthPlane(ux, uy, vx, vy, hn::ConvertTo(df, signed_area), az, bz, cz, nearest);
+    // Exchange b and c of a clockwise triangle, so that all edge functions are positive inside.
     const MI is_clockwise = hn::Lt(signed_area, zero);
     const VI bx = hn::Add(ax, hn::IfThenElse(is_clockwise, vx, ux));
     const VI by = hn::Add(ay, hn::IfThenElse(is_clockwise, vy, uy));
     const VI cx = hn::Add(ax, hn::IfThenElse(is_clockwise, ux, vx));
     const VI cy = hn::Add(ay, hn::IfThenElse(is_clockwise, uy, vy));
 
+    // Evaluate the edge functions at the centre of each box's first pixel. A triangle without area
+    // gets a box of width 0.
     const VU begin = hn::LoadU(du, survivors.begin.data() + i);
     const VU size = hn::LoadU(du, survivors.size.data() + i);
     const VI x = hn::Add(hn::ShiftLeft<kSubpixelBits>(low(begin)), hn::Set(di, kHalfPixel));
@@ -433,10 +478,12 @@ HWY_INLINE void FillSurvivors(const TinyTriangleTask& task, const Survivors& sur
     VU row_pixel = hn::Add(begin, origin);
     VI y_from_a = hn::Sub(y, ay);
     const VI first_x_from_a = hn::Sub(x, ax);
+    // Make room for every pixel of every box.
     if (buffer->count + kTinyBoxPixels * lanes > FragmentBuffer::kCapacity) [[unlikely]] {
       flush();
       buffer->Extend(task.rect);
     }
+    // Walk the rows and columns of all boxes in step, and append the covered pixels.
     for (std::int32_t row = 0; row < kTinyBoxPx; ++row) {
       const MI in_rows = hn::Lt(hn::Set(di, row), height);
       if (hn::AllFalse(di, in_rows)) {
@@ -485,7 +532,8 @@ void FillTinyTriangles(const TinyTriangleTask& task, FragmentBuffer* buffer,
   }
 }
 
-// Edge functions of triangles up to kSmallTrianglePx: 32 bits hold them.
+// Fills a triangle of at most kSmallTrianglePx a side, `lanes` pixels of a row at a time. 32 bits
+// hold its edge functions.
 void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, FragmentBuffer* buffer,
                        absl::FunctionRef<void()> flush) {
   const DI di;
@@ -502,6 +550,7 @@ void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
   const VI by = hn::Set(di, b.y);
   const VI cx = hn::Set(di, c.x);
   const VI cy = hn::Set(di, c.y);
+  // Each lane starts at its own column and steps by as many pixels as there are lanes.
   const VI column = hn::Iota(di, 0);
   const auto start = [&](Edge edge) HWY_ATTR {
     edge.value = hn::Add(edge.value, hn::Mul(edge.step_x, column));
@@ -516,7 +565,7 @@ void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
       MakeDepthPlane(hn::Sub(bx, ax), hn::Sub(by, ay), hn::Sub(cx, ax), hn::Sub(cy, ay),
                      hn::Set(df, static_cast<float>(area)), hn::Set(df, a.z), hn::Set(df, b.z),
                      hn::Set(df, c.z), hn::Set(df, nearest_depth));
-  const VU number = hn::Set(du, triangle.index);
+  const VU triangle_index = hn::Set(du, triangle.index);
   const VI first_x_from_a = hn::Add(hn::Sub(x, ax), hn::ShiftLeft<kSubpixelBits>(column));
   const VI lane_step = hn::Set(di, lanes * kSubpixels);
   VI y_from_a = hn::Sub(y, ay);
@@ -538,8 +587,8 @@ void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
           buffer->Extend(box);
         }
         const VU pixel = hn::Add(SetPacked(px, py), hn::BitCast(du, column));
-        Append(pixel, DepthBits(plane, depth_of_row, x_from_a), number, hn::RebindMask(du, covered),
-               buffer);
+        Append(pixel, DepthBits(plane, depth_of_row, x_from_a), triangle_index,
+               hn::RebindMask(du, covered), buffer);
       }
       value_ab = hn::Add(value_ab, ab.step_x);
       value_bc = hn::Add(value_bc, bc.step_x);
@@ -553,6 +602,8 @@ void FillSmallTriangle(const ScreenTriangle& triangle, float nearest_depth, Frag
   }
 }
 
+std::int64_t Target() { return HWY_TARGET; }
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace isoscope::render
@@ -565,8 +616,10 @@ namespace {
 HWY_EXPORT(TransformVertices);
 HWY_EXPORT(FillTinyTriangles);
 HWY_EXPORT(FillSmallTriangle);
+HWY_EXPORT(Target);
 
-// The arithmetic of FillSmallTriangle with 64-bit edge functions, pixel by pixel.
+// Fills a triangle of any size: the arithmetic of FillSmallTriangle, but with edge functions of 64
+// bits, and pixel by pixel.
 void FillLargeTriangle(const ScreenTriangle& triangle, float nearest_depth, FragmentBuffer* buffer,
                        absl::FunctionRef<void()> flush) {
   constexpr std::int32_t kHalfPixel = kSubpixels / 2;
@@ -653,6 +706,12 @@ void FragmentBuffer::Extend(const view::PixelRect& rect) {
 ScreenBounds TransformVertices(const Projection& projection, std::span<const math::Vec3f> positions,
                                ScreenVertices* vertices) {
   return HWY_DYNAMIC_DISPATCH(TransformVertices)(projection, positions, vertices);
+}
+
+const char* RasterInstructionSet() {
+  const std::int64_t target = HWY_DYNAMIC_DISPATCH(Target)();
+  // Highway calls AVX-512 the third AVX.
+  return target == HWY_AVX3 || target == HWY_AVX3_DL ? "AVX-512" : hwy::TargetName(target);
 }
 
 void FillTinyTriangles(const TinyTriangleTask& task, FragmentBuffer* buffer,

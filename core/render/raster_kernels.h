@@ -1,6 +1,6 @@
-// The inner loops of the CPU rasteriser, compiled for several instruction sets (Highway); the best
-// one of the machine is chosen at run time. All of them give the same bits: no fused
-// multiply-add, no approximate reciprocals, and nothing depends on the width of a vector.
+// The inner loops of the CPU rasteriser, compiled for several instruction sets with Highway. The
+// best one of the machine is chosen at run time. All of them give the same bits: they use no fused
+// multiply-add and no approximate reciprocal, and nothing depends on the width of a vector.
 
 #ifndef ISOSCOPE_CORE_RENDER_RASTER_KERNELS_H_
 #define ISOSCOPE_CORE_RENDER_RASTER_KERNELS_H_
@@ -26,7 +26,7 @@ inline constexpr std::int32_t kSubpixels = 1 << kSubpixelBits;
 inline constexpr double kGuardBandPx = 32768;
 // Triangles no larger than this are filled with 32-bit edge functions: (2^6 px * 2^8)^2 * 2 < 2^31.
 inline constexpr std::int32_t kSmallTrianglePx = 60;
-// Depths behind the far plane are cut here: they all show as 1, and stay finite.
+// The largest depth of a vertex. Depths behind the far plane all show as 1, but must stay finite.
 inline constexpr double kMaxVertexDepth = 4;
 
 // The first pixel whose centre is at or right of `x` (1/256 pixels).
@@ -34,15 +34,15 @@ constexpr std::int32_t FirstPixelFrom(std::int32_t x) {
   return (x + kSubpixels / 2 - 1) >> kSubpixelBits;
 }
 
-// From index space to the screen.
+// Takes index space to the screen.
 struct Projection {
   std::array<double, 16> clip_from_index{};
   double width_px = 0;
   double height_px = 0;
 };
 
-// The vertices of a mesh on the screen: 1/256 pixels from the top left, window depth. The vectors
-// only grow, and are a few elements longer than `count`.
+// The vertices of a mesh on the screen: x and y in 1/256 pixel from the top left, window depth z.
+// The vectors only grow, and are at least FragmentBuffer::kSlack elements longer than `count`.
 struct ScreenVertices {
   std::size_t count = 0;
   std::vector<std::int32_t> x;
@@ -58,7 +58,7 @@ struct ScreenVertex {
   std::int32_t y = 0;
   float z = 0;
 };
-// A triangle with a positive area, and the pixels that its box and the footprint share.
+// A triangle with a positive area, and the pixels that lie in both its box and the footprint.
 struct ScreenTriangle {
   std::array<ScreenVertex, 3> v;
   std::uint32_t index = 0;
@@ -69,7 +69,7 @@ struct ScreenTriangle {
 class FragmentBuffer {
  public:
   static constexpr std::size_t kCapacity = 4096;
-  // How much one vector operation may write at most.
+  // The most elements that one vector operation writes.
   static constexpr std::size_t kSlack = 16;
 
   FragmentBuffer()
@@ -88,34 +88,37 @@ class FragmentBuffer {
   std::vector<std::uint32_t> triangles;
 };
 
-// Where the vertices of a block lie. Valid only if all of them are in front of the near plane and
-// in the guard band.
+// The bounds of a block's vertices, in 1/256 pixel. Valid only if every vertex lies behind the near
+// plane, as seen from the eye, and in the guard band.
 struct ScreenBounds {
   bool is_valid = false;
   std::int32_t min_x = 0, min_y = 0, max_x = 0, max_y = 0;
 };
 
-// Fills x, y and z. A vertex's place is a function of its position and the projection alone, so
-// blocks agree on the vertices they share. REQUIRES: positions is not empty.
+// Fills x, y and z. The result for a vertex depends on its position and the projection alone, so
+// blocks agree on the vertices that they share. REQUIRES: positions is not empty.
 ScreenBounds TransformVertices(const Projection& projection, std::span<const math::Vec3f> positions,
                                ScreenVertices* vertices);
 
-// The triangles of one block that extends over less than 255 pixels.
+// The triangles of one block of at most kMaxTinyExtentPx pixels a side.
 struct TinyTriangleTask {
   mesh::TriangleVertices triangles;
   ScreenVertices* vertices = nullptr;
   std::int32_t origin_x = 0;  // a pixel left of and above all vertices
   std::int32_t origin_y = 0;
-  view::PixelRect rect;  // not empty; fragments outside are dropped; within 255 px of the origin
+  view::PixelRect rect;  // not empty, within 255 px of the origin; drops fragments outside
   float nearest_depth = 0;
 };
 constexpr std::int32_t kMaxTinyExtentPx = 254;
 
-// Appends the fragments of all triangles that are a few pixels in size to `buffer`, and the numbers
-// of those that are larger to `larger`. `flush` is called when the buffer is full: it must reset
-// it.
+// Appends the fragments of the triangles that are a few pixels in size to `buffer`, and the indices
+// of larger triangles to `larger`. Calls `flush` when the buffer is full; `flush` must reset the
+// buffer.
 void FillTinyTriangles(const TinyTriangleTask& task, FragmentBuffer* buffer,
                        std::vector<std::uint32_t>* larger, absl::FunctionRef<void()> flush);
+
+// The instruction set that the kernels use on this machine: "AVX-512", "AVX2", "SSE4", ...
+const char* RasterInstructionSet();
 
 // Appends the fragments of one triangle of any size.
 void FillTriangle(const ScreenTriangle& triangle, float nearest_depth, FragmentBuffer* buffer,

@@ -1,16 +1,17 @@
-// Drawing block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and
-// CPU (docs/architecture.md).
+// Draws block meshes into a FrameImage. Two back ends keep the same contract: EGL (OpenGL) and CPU
+// (docs/architecture.md).
 //
-// The promise that makes culling exact: a pixel shows the fragment with the smallest FragmentKey
-// (depth, then block id; within a block, the triangle with the lowest index), and neither depth nor
-// colour of a fragment depends on what else is drawn, on the order, or on how meshes are spread
-// over passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1], and
-// fragments outside Footprint::rect are dropped, so that rounding can't break what culling
+// The promise that makes culling exact: a pixel shows the fragment that comes first in the frame's
+// image::FragmentOrder, whose tie rule is that of the back end (frame::TieRuleOf), and neither
+// depth nor colour of a fragment depends on what else is drawn, on the order, or on how meshes are
+// spread over passes. A fragment's depth is clamped to [Footprint::nearest_depth of its block, 1],
+// and fragments outside Footprint::rect are dropped, so that rounding can't break what culling
 // concludes from the footprint. Even a fragment of depth 1 wins over the background.
 
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_H_
 
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -21,47 +22,50 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/cancellation.h"
+#include "core/frame/frame_spec.h"
+#include "core/frame/picture_revision.h"
 #include "core/image/frame_image.h"
 #include "core/image/pixel_mask.h"
 #include "core/mesh/compact_mesh.h"
-#include "core/render/appearance.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 
 namespace isoscope::render {
 
 struct MeshToDraw {
-  // Not null; no longer changes; one normal a position.
+  // Not null, and changes no more. Has one normal for each position.
   std::shared_ptr<const mesh::CompactMesh> mesh;
-  // Fragments at other pixels are dropped; null: none is. Outlives the pass.
+  // The surface of the frame that the mesh is part of.
+  std::uint32_t surface_index = 0;
+  // Drops fragments at other pixels. Null: all pixels are open. Outlives the pass.
   const image::PixelMask* open = nullptr;
 };
 
-// What a back end answers that has no memory for a picture: RESOURCE_EXHAUSTED.
+// The error of a back end that has no memory for a picture: RESOURCE_EXHAUSTED.
 inline absl::Status NoMemoryFor(const view::Viewport& viewport) {
   return absl::ResourceExhaustedError(absl::StrCat("no memory for a picture of ", viewport.width_px,
                                                    " x ", viewport.height_px, " pixels"));
 }
 
-// One picture in the making. Destroying it unfinished abandons it.
+// One picture in the making. Destroying the pass before Finish abandons the picture.
 class RenderPass {
  public:
   virtual ~RenderPass() = default;
 
-  // Draws meshes, now or by Finish(). Thread-safe; any order. Each block at most once in a pass; an
-  // empty mesh is fine. May wait for earlier meshes to be drawn, so that memory stays bounded.
-  // INVALID_ARGUMENT if the layout has no such block. An error of earlier drawing is returned here
-  // or by Finish().
+  // Draws meshes, now or by Finish(), in any order. A block comes at most once for a surface, and
+  // may be empty. May wait until earlier meshes are drawn, so that memory stays bounded.
+  // INVALID_ARGUMENT if the layout has no such block. Returns an error of earlier drawing, unless
+  // Finish() does. Thread-safe.
   virtual absl::Status Add(std::span<const MeshToDraw> meshes) = 0;
   absl::Status Add(std::shared_ptr<const mesh::CompactMesh> mesh,
                    const image::PixelMask* open = nullptr) {
-    const MeshToDraw one{std::move(mesh), open};
+    const MeshToDraw one{.mesh = std::move(mesh), .open = open};
     return Add(std::span(&one, 1));
   }
 
-  // Completes the picture. Call once, after every Add has returned. Returns the error of
-  // `cancellation` if it fires, without waiting for what is being drawn; RESOURCE_EXHAUSTED if the
-  // back end can't draw so large a picture or has no memory.
+  // Completes the picture. Call it once, after every Add has returned. Returns the error of
+  // `cancellation` if it fires, without waiting for draws under way. RESOURCE_EXHAUSTED if the
+  // picture is too large for the back end, or memory runs out.
   virtual absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) = 0;
 };
 
@@ -70,16 +74,22 @@ class Renderer {
  public:
   virtual ~Renderer() = default;
 
-  // `view` is copied; `layout` must be that of the blocks to come and is copied too.
+  // Begins a pass of the frame `spec`, with the spec's view and the layout of the volume's blocks.
+  // Copies its arguments. RESOURCE_EXHAUSTED if there is no memory for the picture.
+  // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
   virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                                 const volume::BlockLayout& layout,
-                                                                const Appearance& appearance) = 0;
+                                                                const frame::FrameSpec& spec) = 0;
 
-  // Takes the memory of `pass_count` passes of this size, as far as it may keep it unused, so that
-  // the first frames find it touched. May do nothing.
+  // Takes the memory of `pass_count` passes of this size, as far as its limit for unused memory
+  // allows, and touches it for the first frames. May do nothing.
   virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/) {}
 
-  // For people: "egl: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 (Core Profile) Mesa 22.3.6".
+  // Returns the code and driver that decide its pixels.
+  [[nodiscard]] virtual frame::PictureRevision picture_revision() const = 0;
+
+  // For people: "cpu: software rasterizer, AVX2", "egl: llvmpipe (LLVM 15.0.6, 256 bits),
+  // OpenGL 4.5 (Core Profile) Mesa 22.3.6".
   [[nodiscard]] virtual std::string description() const = 0;
 };
 

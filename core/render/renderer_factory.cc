@@ -11,7 +11,7 @@
 namespace isoscope::render {
 namespace {
 
-// Meshes of a pass that wait for their pixels to be shaded (docs/architecture.md, "Memory").
+// docs/architecture.md, "Memory", says how much a pass may keep.
 std::unique_ptr<Renderer> MakeCpuRenderer(const RendererOptions& options) {
   CpuRendererOptions cpu;
   cpu.max_kept_bytes = options.max_kept_mesh_bytes;
@@ -20,7 +20,7 @@ std::unique_ptr<Renderer> MakeCpuRenderer(const RendererOptions& options) {
 }
 
 absl::StatusOr<std::unique_ptr<EglRenderer>> MakeEglRenderer(const RendererOptions& options) {
-  // A pass holds one batch that is drawn and one that is collected.
+  // A pass holds two batches: it collects one while the other is drawn.
   return EglRenderer::Make({.egl_device = options.egl_device,
                             .batch_bytes = options.max_kept_mesh_bytes / 2,
                             .max_unused_bytes = options.max_unused_bytes});

@@ -22,11 +22,11 @@ enum class RendererKind {
 
 struct RendererOptions {
   RendererKind kind = RendererKind::kAuto;
-  // Which EGL device, as `isoscope-agent --list-egl-devices` numbers them; -1: the first that
+  // The EGL device, by its index in `isoscope-agent --list-egl-devices`. -1: the first one that
   // works.
   int egl_device = -1;
-  // Meshes that wait in a pass to be drawn (EGL) or for their pixels to be shaded (CPU); images and
-  // buffers that no pass uses.
+  // The most bytes of meshes that a pass keeps, to draw them (EGL) or to shade their pixels (CPU);
+  // and the most bytes of images and buffers that no pass uses.
   std::size_t max_kept_mesh_bytes = std::size_t{256} << 20;
   std::size_t max_unused_bytes = std::size_t{256} << 20;
 };
@@ -34,8 +34,8 @@ struct RendererOptions {
 // "auto", "egl", "cpu"; INVALID_ARGUMENT otherwise.
 absl::StatusOr<RendererKind> RendererKindFromName(absl::string_view name);
 
-// FAILED_PRECONDITION if EGL can't start: says which platforms and devices were tried, what each
-// answered, and what to install.
+// FAILED_PRECONDITION if EGL can't start. The message names the platforms and devices that were
+// tried, their answers, and the packages to install.
 absl::StatusOr<std::unique_ptr<Renderer>> MakeRenderer(const RendererOptions& options);
 
 }  // namespace isoscope::render

@@ -1,4 +1,21 @@
-// Based on: Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
+// The shade of a pixel whose triangle is known, one pixel in each lane:
+//
+// 1. Set up the ray through the pixel's centre. Origin and direction are linear over the picture
+//    (PixelRays), so they cost two multiplications a component.
+// 2. Find where the ray meets the plane of the triangle a, b, c, as weights of b and c. With
+//    p = direction x (c - a), q = (origin - a) x (b - a) and determinant = (b - a) . p, they are
+//    wb = (origin - a) . p / determinant and wc = direction . q / determinant. The pixel lies in
+//    the triangle, but for the snapping of vertices; weights are clamped for that.
+// 3. Mix the normals of the vertices with the weights.
+// 4. The step is |n . v| * 4096, rounded, with n the unit normal and v the unit direction of the
+//    ray. A table of the surface then gives the colour.
+//
+// A triangle that is seen from the side has a small determinant, in which most digits cancel. Where
+// rounding could move a weight by more than a quarter, the pixel is reported as inexact and the
+// caller computes its step in doubles. Both ways depend on triangle, view and pixel alone, not on
+// the lane, so a pixel gets the same bits in every batch.
+//
+// Source: Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
 
 #include "core/render/shade_kernel.h"
 
@@ -72,15 +89,18 @@ void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
   const DU du;
   const VF zero = hn::Zero(df);
   const VF one = hn::Set(df, 1.0F);
-  // What rounding (a few units of 2^-24 of the numbers that cancel) may do to a weight: a quarter.
+  // Rounding errs by a few units of 2^-24 of the numbers that cancel. If the determinant is more
+  // than 2^-20 of them, a weight is wrong by a quarter at most.
   const VF resolution = hn::Set(df, 0x1p-20F);
   const VF no_normal = hn::Set(df, 1e-12F * mesh::kNormalScale * mesh::kNormalScale);
   batch->inexact_count = 0;
   for (std::size_t i = 0; i < batch->count; i += hn::Lanes(df)) {
+    // Step 1: rays through the pixels.
     const VF x = hn::LoadU(df, batch->x.data() + i);
     const VF y = hn::LoadU(df, batch->y.data() + i);
     const Vec3 origin = At(rays.index_origin, x, y);
     const Vec3 direction = At(rays.index_direction, x, y);
+    // Step 2: weights.
     const Vec3 a = LoadPosition(*batch, 0, i);
     const Vec3 ab = Subtract(LoadPosition(*batch, 1, i), a);
     const Vec3 ac = Subtract(LoadPosition(*batch, 2, i), a);
@@ -93,25 +113,25 @@ void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
         hn::Add(SumOfMagnitudes(ab), SumOfMagnitudes(ac)));
     const auto is_exact = hn::Gt(hn::Abs(determinant), hn::Mul(cancelling, resolution));
     const VF inverse = hn::Div(one, determinant);
-    // Weights of b and c; a pixel centre lies in its triangle but for the snapping of vertices.
     const VF wb = hn::Min(hn::Max(hn::Mul(Dot(to_origin, p), inverse), zero), one);
     const VF wc = hn::Min(hn::Max(hn::Mul(Dot(direction, q), inverse), zero), hn::Sub(one, wb));
 
+    // Step 3: normals.
     const Vec3 na = LoadNormal(*batch, 0, i);
     const Vec3 nb = Subtract(LoadNormal(*batch, 1, i), na);
     const Vec3 nc = Subtract(LoadNormal(*batch, 2, i), na);
     const auto mix = [&](VF n, VF b, VF c)
                          HWY_ATTR { return hn::Add(n, hn::Add(hn::Mul(b, wb), hn::Mul(c, wc))); };
     const Vec3 normal{mix(na.x, nb.x, nc.x), mix(na.y, nb.y, nc.y), mix(na.z, nb.z, nc.z)};
+    // Step 4: the step of |n . v|. Without a normal the surface is shaded as if it faced the eye.
     const Vec3 ray = At(rays.world_direction, x, y);
     const VF normal_squared = Dot(normal, normal);
     const VF facing =
         hn::Div(hn::Abs(Dot(normal, ray)), hn::Sqrt(hn::Mul(normal_squared, Dot(ray, ray))));
-    // No normal: as if it faced the eye.
     const VF cosine = hn::IfThenElse(hn::Gt(normal_squared, no_normal), hn::Min(facing, one), one);
     const VF step =
         hn::Add(hn::Mul(cosine, hn::Set(df, static_cast<float>(kShadeSteps))), hn::Set(df, 0.5F));
-    // What is not exact may be no number at all.
+    // An inexact step may be NaN. It is replaced by 0 and listed for the caller.
     const VF safe_step = hn::IfThenElseZero(is_exact, step);
     hn::StoreU(hn::BitCast(du, hn::ConvertTo(DI(), safe_step)), du, batch->step.data() + i);
     const auto is_inexact = hn::Not(hn::RebindMask(du, is_exact));
@@ -151,7 +171,7 @@ PixelRays MakePixelRays(const view::View& view) {
   const bool is_perspective = camera.projection == view::Projection::kPerspective;
   const double width = view.viewport().width_px;
   const double height = view.viewport().height_px;
-  // Half of what the picture shows: at distance 1, or anywhere if orthographic.
+  // Half the width and height that the picture shows: at distance 1, or at any if orthographic.
   const double half_y =
       is_perspective ? std::tan(camera.fov_y_radians / 2) : camera.view_height / 2;
   const double half_x = half_y * width / height;

@@ -1,5 +1,5 @@
-// Deferred shading of pixels whose triangle is known, many at a time: compiled for several
-// instruction sets as raster_kernels.h is, with the same bits from all of them.
+// Deferred shading of pixels whose triangle is known, many at a time. It is compiled for several
+// instruction sets, as raster_kernels.h is, and all of them give the same bits.
 
 #ifndef ISOSCOPE_CORE_RENDER_SHADE_KERNEL_H_
 #define ISOSCOPE_CORE_RENDER_SHADE_KERNEL_H_
@@ -12,10 +12,10 @@
 
 namespace isoscope::render {
 
-// Colour is a function of |n . v| alone; so many steps that none differs by more than one level.
+// Colour is a function of |n . v| alone. With this many steps, neighbours differ by one level.
 inline constexpr std::size_t kShadeSteps = 4096;
 
-// Something that is linear over the picture: at + per_x * x + per_y * y at position (x, y).
+// A vector that is linear over the picture: at + per_x * x + per_y * y at position (x, y).
 struct LinearVec3 {
   std::array<float, 3> at{};
   std::array<float, 3> per_x{};
@@ -30,7 +30,7 @@ struct PixelRays {
 };
 PixelRays MakePixelRays(const view::View& view);
 
-// Some pixels, each with its triangle.
+// Pixels to shade, each with its triangle.
 // NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): lanes begin at cache lines.
 struct ShadeBatch {
   static constexpr std::size_t kCapacity = 512;
@@ -42,11 +42,11 @@ struct ShadeBatch {
   alignas(64) Lane y;
   // [3 * corner + axis]
   alignas(64) std::array<Lane, 9> position;  // index space
-  // World space, mesh::CompactNormal; 0 0 0: there is none.
+  // World space, as mesh::CompactNormal. (0, 0, 0) means that there is none.
   alignas(64) std::array<std::array<std::int32_t, kSize>, 9> normal;
-  // What comes out: the step of |n . v|, 0 to kShadeSteps.
+  // The result: the step of |n . v|, 0 to kShadeSteps.
   alignas(64) std::array<std::uint32_t, kSize> step;
-  // The pixels whose triangle is seen too much from the side for floats: their step is no good.
+  // Pixels whose triangle is seen too much from the side for floats. Their step is not valid.
   std::size_t inexact_count = 0;
   alignas(64) std::array<std::uint32_t, kSize> inexact;
 };

@@ -19,11 +19,11 @@ namespace {
 constexpr int kKeepaliveTimeMs = 10'000;
 constexpr int kKeepaliveTimeoutMs = 5'000;
 constexpr int kConnectTimeoutMs = 5'000;
-// Servers allow pings twice as often as our clients send them: clocks and queues jitter.
+// Servers allow pings twice as often as our clients send them, because clocks and queues jitter.
 constexpr int kMinPingIntervalMs = kKeepaliveTimeMs / 2;
 
-// For messages of up to a MiB. gRPC would begin with windows of 64 KiB and frames of 16, and read
-// 8 KiB at a time; it widens them as it learns, which the first frame does not wait for.
+// Sets sizes for messages of up to 1 MiB. gRPC would begin with windows of 64 KiB and frames of 16
+// KiB, and read 8 KiB at a time. It widens them over time, which is too late for the first frame.
 template <typename SetFn>
 void SetTransferSizes(const SetFn& set) {
   constexpr int kMessageBytes = 1 << 20;
@@ -42,11 +42,11 @@ grpc::ChannelArguments MakeChannelArguments() {
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveTimeMs);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 0);
-  // A frame can be silent for long while agents work: pings must not run out.
+  // A frame can be silent for long while agents work, so pings must not run out.
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_PINGS_WITHOUT_DATA, 0);
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 50);
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
-  // Despite its name: how long one attempt to connect may take, handshake included.
+  // Despite its name, this limits the time of one attempt to connect, handshake included.
   arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, kConnectTimeoutMs);
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   SetTransferSizes([&](const char* name, int bytes) { arguments.SetInt(name, bytes); });
@@ -81,7 +81,7 @@ void ConfigureServer(grpc::ServerBuilder* builder) {
   builder->AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,
                               kMinPingIntervalMs);
   builder->AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
-  // Two servers on one port would take turns: the second one is an error.
+  // Two servers on one port would take turns. With 0 the second one fails to start.
   builder->AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   SetTransferSizes([&](const char* name, int bytes) { builder->AddChannelArgument(name, bytes); });
 }

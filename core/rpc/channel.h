@@ -1,8 +1,8 @@
-// Channels and servers made the same way everywhere: message limits, keepalive, reconnect back-off.
+// Makes all channels and servers alike: message limits, keepalive, reconnect back-off.
 //
-// A client that has a call in work pings after 10 s of silence and gives the connection up 5 s
-// later, so that a machine that vanished is noticed within 15 s; servers do the same, and allow
-// pings as often as every 5 s, so that no client of ours is sent away for pinging.
+// A client with a call in work pings after 10 s of silence, and gives the connection up 5 s later.
+// So it notices within 15 s that a machine has vanished. Servers do the same. They allow a ping
+// every 5 s, so that they refuse no client of ours for pinging.
 
 #ifndef ISOSCOPE_CORE_RPC_CHANNEL_H_
 #define ISOSCOPE_CORE_RPC_CHANNEL_H_
@@ -30,14 +30,14 @@ inline constexpr int kMaxMessageBytes = 256 * base::kMiB;
 grpc::ChannelArguments MakeChannelArguments();
 // An insecure channel to any gRPC target.
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target);
-// The same, but on a connection of its own: it dials at once, whatever earlier channels to the same
-// target have met.
+// Does the same on a connection of its own, which dials at once, even if earlier channels to the
+// target have failed.
 std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target);
 
 // Switches on health and reflection for all servers built later. Call before a ServerBuilder is
 // made. Thread-safe; any number of times.
 void EnableServerPlugins();
-// The same limits for a server.
+// Sets the same limits for a server.
 void ConfigureServer(grpc::ServerBuilder* builder);
 
 // A server that was started, and the port it is bound to (0: none, in-process channels only).
@@ -50,7 +50,7 @@ struct RunningServer {
 absl::StatusOr<RunningServer> StartServer(grpc::ServerBuilder* builder,
                                           const std::string& listen_address);
 
-// The deadline of a call; InfiniteFuture if it has none.
+// Returns the deadline of a call; InfiniteFuture if it has none.
 absl::Time DeadlineOf(const grpc::ServerContextBase& context);
 
 }  // namespace isoscope::rpc

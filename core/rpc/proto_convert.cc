@@ -28,15 +28,15 @@ std::string Join(absl::string_view path, absl::string_view field) {
   return path.empty() ? std::string(field) : absl::StrCat(path, ".", field);
 }
 
-// The degrees that come back as `radians` after multiplication; the shortest decimal if there is
-// one.
+// Returns the degrees that become `radians` again after multiplication; the shortest decimal if
+// there is one.
 double DegreesOf(double radians) {
   const double degrees = radians / kRadiansPerDegree;
   const double rounded = std::round(degrees * 1e9) / 1e9;
   return rounded * kRadiansPerDegree == radians ? rounded : degrees;
 }
 
-// Takes "camera up ..." of core's own checks to the path of the field.
+// Puts the path of the field into an error of core's own checks, such as "camera up ...".
 absl::Status WithPath(const absl::Status& status, absl::string_view path) {
   if (status.ok()) {
     return status;
@@ -320,7 +320,7 @@ absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view pa
                    absl::StrCat("must be in [1, ", store::kMaxShardCount, "]"));
   }
   const isoscope::v1::ValueRange& range = dataset.value_range();
-  // Infinite samples are samples; NaN is none.
+  // Infinite samples count, NaN does not.
   if (dataset.has_value_range() && !(range.min() <= range.max())) {
     return Invalid(Join(path, "value_range"), absl::StrCat(range.min(), " to ", range.max()),
                    "min must be <= max");
@@ -348,7 +348,7 @@ absl::StatusOr<std::vector<volume::BlockId>> BlockListFromProto(
   for (int i = 0; i < proto.block_id_deltas_size(); ++i) {
     const std::int64_t delta = proto.block_id_deltas(i);
     const std::int64_t min = i == 0 ? 0 : 1;
-    // Against the room that is left: the sum can't overflow.
+    // This compares with the room that is left, so that no sum can overflow.
     if (delta < min || delta >= block_count - id) {
       return Invalid(absl::StrCat(path, ".block_id_deltas[", i, "]"), delta,
                      absl::StrCat("ids must ascend and lie in [0, ", block_count,

@@ -1,8 +1,8 @@
-// Between messages and core types. What comes from the wire is checked in full: nothing that is not
-// finite or out of its range gets past here.
+// Converts between messages and core types. Values from the wire are checked in full: none that is
+// not finite, or out of its range, gets past here.
 //
-// All From functions return INVALID_ARGUMENT naming the field, its value and what is allowed.
-// `path` is the field's name in the request ("camera"); messages extend it ("camera.eye.x").
+// All From functions return an INVALID_ARGUMENT that names the field, its value and the allowed
+// ones. `path` is the field's name in the request ("camera"); messages extend it ("camera.eye.x").
 // Thread-safe.
 
 #ifndef ISOSCOPE_CORE_RPC_PROTO_CONVERT_H_
@@ -66,10 +66,10 @@ isoscope::v1::GridGeometry ToProto(const volume::GridGeometry& geometry);
 
 isoscope::v1::SampleType ToProto(volume::ScalarType type);
 
-// A dataset as clients see it, without missing_shards. `value_range` is left out if all samples are
-// NaN.
+// Returns a dataset as clients see it, without missing_shards. Leaves out `value_range` if all
+// samples are NaN.
 isoscope::v1::Dataset ToProto(const store::Manifest& manifest);
-// Checks what an agent says about its dataset: name, id, geometry, blocks, shard count.
+// Checks an agent's description of its dataset: name, id, geometry, blocks, shard count.
 absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view path);
 
 // `ids`: ascending, each once.
@@ -85,11 +85,11 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
     absl::string_view path);
 
 isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics);
-// Numbers as they are, durations as DurationFromProto.
+// Takes numbers as they are, and durations as DurationFromProto does.
 frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto);
 
 google::protobuf::Duration ToProto(absl::Duration duration);
-// Out-of-range messages are clamped to a range of +-10000 years: statistics only.
+// Clamps durations to +-10000 years. For statistics only.
 absl::Duration DurationFromProto(const google::protobuf::Duration& proto);
 
 }  // namespace isoscope::rpc

@@ -1,44 +1,34 @@
 #include "core/rpc/server_flags.h"
 
-#include <cstdlib>
-
 #include "absl/strings/str_cat.h"
-
-#include "core/base/log.h"
 
 namespace isoscope::rpc {
 
-void AddServerFlags(CLI::App* app, double* drain_seconds, std::string* log_level) {
+void AddServerFlags(CLI::App* app, ServerFlags* flags) {
   constexpr double kMaxDrainSeconds = 86400;
-  app->add_option("--drain-seconds", *drain_seconds,
+  app->add_option("--listen", flags->listen_address, "Address to serve on; port 0 takes a free one")
+      ->type_name("HOST:PORT")
+      ->envname("ISOSCOPE_LISTEN")
+      ->capture_default_str();
+  app->add_option("--max-concurrent-frames", flags->max_concurrent_frames,
+                  "Frames that may be in work at a time")
+      ->check(CLI::Range(1, 1024))
+      ->envname("ISOSCOPE_MAX_CONCURRENT_FRAMES")
+      ->capture_default_str();
+  app->add_option("--max-queued-frames", flags->max_queued_frames,
+                  "Frames that may wait; more are refused")
+      ->check(CLI::Range(0, 1 << 20))
+      ->envname("ISOSCOPE_MAX_QUEUED_FRAMES")
+      ->capture_default_str();
+  app->add_option("--drain-seconds", flags->drain_seconds,
                   "How long calls in work may take to end at shutdown")
       ->check(CLI::Range(0.0, kMaxDrainSeconds))
       ->envname("ISOSCOPE_DRAIN_SECONDS")
       ->capture_default_str();
-  app->add_option("--log-level", *log_level, "Lines below it are dropped")
+  app->add_option("--log-level", flags->log_level, "Lines below it are dropped")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
       ->envname("ISOSCOPE_LOG_LEVEL")
       ->capture_default_str();
-}
-
-void SilenceGrpcLog() {
-  constexpr int kKeepExisting = 0;
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet.
-  setenv("GRPC_VERBOSITY", "NONE", kKeepExisting);
-}
-
-void ApplyLogLevel(absl::string_view name) {
-  if (name == "debug") {
-    base::SetLogLevel(base::LogLevel::kDebug);
-  } else if (name == "warning") {
-    base::SetLogLevel(base::LogLevel::kWarning);
-  } else if (name == "error") {
-    base::SetLogLevel(base::LogLevel::kError);
-  } else if (name == "off") {
-    base::SetLogLevel(base::LogLevel::kOff);
-  } else {
-    base::SetLogLevel(base::LogLevel::kInfo);
-  }
 }
 
 std::string BoundAddress(absl::string_view listen_address, int port) {

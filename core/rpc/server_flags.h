@@ -1,4 +1,4 @@
-// What the two servers' command lines have in common.
+// The flags that both servers' command lines have.
 
 #ifndef ISOSCOPE_CORE_RPC_SERVER_FLAGS_H_
 #define ISOSCOPE_CORE_RPC_SERVER_FLAGS_H_
@@ -10,17 +10,19 @@
 
 namespace isoscope::rpc {
 
-// Adds --drain-seconds and --log-level.
-void AddServerFlags(CLI::App* app, double* drain_seconds, std::string* log_level);
+struct ServerFlags {
+  std::string listen_address;  // --listen, "HOST:PORT"
+  int max_concurrent_frames = 4;
+  int max_queued_frames = 0;
+  double drain_seconds = 30;
+  std::string log_level = "info";  // "debug", "info", "warning", "error" or "off"
+};
 
-// Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them: what goes wrong is told by
-// statuses. Call at the top of main.
-void SilenceGrpcLog();
+// Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
+// the parsing.
+void AddServerFlags(CLI::App* app, ServerFlags* flags);
 
-// `name` as --log-level takes it: "debug", "info", "warning", "error" or "off".
-void ApplyLogLevel(absl::string_view name);
-
-// `listen_address` with the port that was bound in place of its own: what a log line tells.
+// Returns `listen_address` with the bound port instead of its own, for a log line.
 std::string BoundAddress(absl::string_view listen_address, int port);
 
 }  // namespace isoscope::rpc

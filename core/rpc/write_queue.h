@@ -1,6 +1,6 @@
-// The sending half of a streaming reaction: one write in flight, a queue bounded by bytes, and an
-// end that waits for what was queued. Worker threads push and block when the peer is slow; gRPC's
-// reactions only hand over and never block.
+// The sending half of a streaming reaction: one write in flight, a queue bounded in bytes, and an
+// end that waits for the queued messages. Worker threads push, and block when the peer is slow.
+// gRPC's reactions only hand over and never block.
 
 #ifndef ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_
 #define ISOSCOPE_CORE_RPC_WRITE_QUEUE_H_
@@ -13,15 +13,16 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
-#include "absl/synchronization/mutex.h"
+
+#include "core/base/mutex.h"
 
 namespace isoscope::rpc {
 
 // `Message` is movable and has ByteSizeLong(). Thread-safe.
 //
-// `start_write(message)` begins a write; its end is reported by OnWriteDone. `finish(status)` is
-// called once, when Finish was called and no write is in flight; nothing follows it. Both are
-// called with the queue's lock held: they must not block nor call back.
+// `start_write(message)` begins a write; OnWriteDone reports its end. `finish(status)` is called
+// once, when Finish was called and no write is in flight; nothing follows it. Both are called with
+// the queue's lock held, so they must neither block nor call back.
 template <typename Message>
 class WriteQueue {
  public:
@@ -29,14 +30,13 @@ class WriteQueue {
              std::function<void(const absl::Status&)> finish)
       : max_bytes_(max_bytes), start_write_(std::move(start_write)), finish_(std::move(finish)) {}
 
-  // Queues `message`, waiting while `max_bytes` or more are queued. Returns false, and drops the
-  // message, once the queue is closed or finished: the caller stops working.
+  // Waits while `max_bytes` or more are queued, then queues `message`. Once the queue is closed or
+  // finished, drops the message and returns false: the caller should stop working.
   bool Push(Message message) {
-    absl::MutexLock lock(&mutex_);
-    const auto has_room_or_ends = [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
       return closed_ || status_.has_value() || queued_bytes_ < max_bytes_;
-    };
-    mutex_.Await(absl::Condition(&has_room_or_ends));
+    });
     if (closed_ || status_.has_value()) {
       return false;
     }
@@ -46,28 +46,30 @@ class WriteQueue {
     return true;
   }
 
-  // The write in flight has ended. `ok` false: the stream is broken; the queue closes.
+  // Ends the write in flight. If `ok` is false, the stream is broken, and the queue closes.
   void OnWriteDone(bool ok) {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     is_writing_ = false;
     if (!ok) {
       DropQueued();
       closed_ = true;
     }
+    changed_.SignalAll();
     StartNext();
   }
 
-  // Drops what is queued and wakes who waits in Push. Finish must still be called.
+  // Drops the queued messages and wakes threads that wait in Push. Finish must still be called.
   void Close() {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     closed_ = true;
     DropQueued();
+    changed_.SignalAll();
   }
 
-  // Ends the stream: with OK after all that is queued was written, with an error after the write in
-  // flight. Only the first call counts.
+  // Ends the stream: with OK after all queued messages were written, with an error after the write
+  // in flight. Only the first call counts.
   void Finish(const absl::Status& status) {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     if (status_.has_value()) {
       return;
     }
@@ -75,6 +77,7 @@ class WriteQueue {
     if (!status.ok()) {
       DropQueued();
     }
+    changed_.SignalAll();
     StartNext();
   }
 
@@ -103,7 +106,8 @@ class WriteQueue {
   const std::size_t max_bytes_;
   const std::function<void(const Message*)> start_write_;
   const std::function<void(const absl::Status&)> finish_;
-  absl::Mutex mutex_;
+  base::Mutex mutex_;
+  base::CondVar changed_;  // room, or an end: all that Push waits for
   std::deque<Message> queue_ ABSL_GUARDED_BY(mutex_);
   std::size_t queued_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   Message in_flight_ ABSL_GUARDED_BY(mutex_);

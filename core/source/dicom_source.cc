@@ -1,3 +1,28 @@
+// A series is a folder of files, one slice each, and their names say nothing of their order. A file
+// says where its first pixel lies (0020,0032), how its rows and columns run (0020,0037), how far
+// apart its pixels are (0028,0030) and which series it belongs to (0020,000e). Opening a series
+// takes four steps:
+//
+//   1. Every file with the DICOM mark is looked through (dicom_scan.h). Those that are no images
+//   are
+//      left out with one line in the log.
+//   2. The series is chosen: that of the file which the user gave, or the only one in the folder.
+//      From here on files of other series do not matter, damaged or not.
+//   3. ITK and GDCM read the headers of its slices, not their pixels.
+//   4. The slices are sorted along their normal, the cross product of rows and columns, and must
+//   make
+//      one volume: of one size, type and orientation, at one distance (within 1 %), straight above
+//      each other. A slice that is missing or there twice shows as a distance that differs.
+//
+//   position (0020,0032)  10\20\30   10\20\31.5   10\20\33       normal (0, 0, 1)
+//   along the normal      30         31.5         33             distance 1.5
+//
+// The pixels are decoded a slice at a time, when its rows are asked for; GDCM applies slope and
+// intercept (0028,1053 and 1052).
+//
+// Fields of the patient must never be printed. The libraries are silent (silent_libraries.h), and
+// no message of ours repeats one of theirs: exceptions quote fields too.
+
 #include "core/source/dicom_source.h"
 
 #include <algorithm>
@@ -12,18 +37,18 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "itkGDCMImageIO.h"
 #include "itkMetaDataObject.h"
-#include "itkObject.h"
 
-#include "core/base/coding.h"
+#include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/dicom_scan.h"
 #include "core/source/itk_types.h"
+#include "core/source/silent_libraries.h"
 #include "core/source/slice_source.h"
 
 namespace isoscope::source {
@@ -31,7 +56,6 @@ namespace {
 
 struct Slice {
   std::string path;
-  std::string series;  // its UID
   std::int64_t width = 0;
   std::int64_t height = 0;
   volume::ScalarType type = volume::ScalarType::kUint8;
@@ -54,127 +78,30 @@ itk::GDCMImageIO::Pointer ReadHeader(const std::string& path) {
   return io;
 }
 
-// Whether every element up to the end of the pixels lies within the file. GDCM ends the process by
-// an assertion where some of them are cut, so that files are looked through before. Big-endian and
-// deflated files pass unseen.
-// Source: DICOM PS3.5, section 7 (data elements), annex A.4 (encapsulated pixels); PS3.10,
-// section 7.
-class ElementWalker {
- public:
-  explicit ElementWalker(const io::RandomAccessFile* file) : file_(*file) {}
-
-  absl::StatusOr<bool> IsWhole() {
-    constexpr std::int64_t kMeta = 132;
-    char head[12];
-    if (!Has(kMeta, sizeof(head))) {
-      return false;
-    }
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(128, 4, head));
-    if (std::memcmp(head, "DICM", 4) != 0) {
-      return false;
-    }
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(kMeta, sizeof(head), head));
-    if (std::memcmp(head, "\2\0\0\0UL\4\0", 8) != 0) {
-      return false;
-    }
-    const std::int64_t meta_bytes = base::LoadLittleEndian<std::uint32_t>(head + 8);
-    constexpr std::int64_t kMaxMetaBytes = 1 << 20;
-    position_ = kMeta + 12;
-    if (meta_bytes > kMaxMetaBytes || !Has(position_, meta_bytes)) {
-      return false;
-    }
-    std::string meta(static_cast<std::size_t>(meta_bytes), '\0');
-    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, meta.size(), meta.data()));
-    position_ += meta_bytes;
-    constexpr absl::string_view kBigEndian("1.2.840.10008.1.2.2\0", 20);
-    constexpr absl::string_view kDeflated = "1.2.840.10008.1.2.1.99";
-    if (absl::StrContains(meta, kBigEndian) || absl::StrContains(meta, kDeflated)) {
-      return Has(position_, 8);
-    }
-    is_explicit_ = absl::StrContains(meta, "1.2.840.10008.1.2.");
-    return WalkToEndOfPixels();
-  }
-
- private:
-  [[nodiscard]] bool Has(std::int64_t offset, std::int64_t size) const {
-    return size <= file_.size_bytes() - offset;
-  }
-
-  absl::StatusOr<bool> WalkToEndOfPixels() {
-    constexpr std::uint32_t kUndefined = 0xffffffff;
-    constexpr std::uint32_t kPixels = 0x7fe00010;
-    constexpr std::uint32_t kItemGroup = 0xfffe;
-    constexpr std::uint32_t kItem = 0xfffee000;
-    constexpr std::uint32_t kSequenceEnd = 0xfffee0dd;
-    bool is_in_pixels = false;
-    while (Has(position_, 8)) {
-      char head[12] = {};
-      const std::int64_t head_bytes = std::min<std::int64_t>(12, file_.size_bytes() - position_);
-      ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, static_cast<std::size_t>(head_bytes), head));
-      const std::uint32_t group = base::LoadLittleEndian<std::uint16_t>(head);
-      const std::uint32_t tag = group << 16 | base::LoadLittleEndian<std::uint16_t>(head + 2);
-      std::uint32_t length = base::LoadLittleEndian<std::uint32_t>(head + 4);
-      position_ += 8;
-      if (group != kItemGroup && is_explicit_) {
-        // Some kinds have a length of 32 bits behind two empty bytes, all others one of 16.
-        static constexpr absl::string_view kLong = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
-        if (kLong.find(absl::string_view(head + 4, 2)) != absl::string_view::npos) {
-          length = base::LoadLittleEndian<std::uint32_t>(head + 8);
-          position_ += 4;
-        } else {
-          length = base::LoadLittleEndian<std::uint16_t>(head + 6);
-        }
-      }
-      if (tag == kPixels && length != kUndefined) {
-        return Has(position_, length);
-      }
-      is_in_pixels = is_in_pixels || tag == kPixels;
-      if (is_in_pixels && tag == kSequenceEnd) {
-        return true;
-      }
-      // Sequences and items of undefined length are gone through, all else is stepped over; so are
-      // items outside of pixels, element by element.
-      if (length != kUndefined && (is_in_pixels || tag != kItem)) {
-        if (!Has(position_, length)) {
-          return false;
-        }
-        position_ += length;
-      }
-    }
-    return false;
-  }
-
-  const io::RandomAccessFile& file_;
-  std::int64_t position_ = 0;
-  bool is_explicit_ = false;
-};
-
-absl::Status CheckIsWhole(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
-                            io::OpenRandomAccessFile(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const bool is_whole, ElementWalker(file.get()).IsWhole());
-  if (!is_whole) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "%s: its %d bytes do not hold a DICOM image up to the end of its pixels: it is cut or "
-        "damaged, or no image (then put it elsewhere)",
-        path, file->size_bytes()));
-  }
-  return absl::OkStatus();
+absl::Status CutError(const std::string& path) {
+  return absl::InvalidArgumentError(
+      absl::StrCat(path,
+                   ": does not hold a DICOM image up to the end of its pixels: it is cut or "
+                   "damaged; copy it again, or put it elsewhere if it is no slice of the series"));
 }
 
-absl::StatusOr<Slice> ReadSliceHeader(const std::string& path) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckIsWhole(path));
+// No word of the library: it may quote the patient's fields.
+std::string NotDecodable(const std::string& path, const DicomScan& scan) {
+  return absl::StrFormat(
+      "%s: can't be decoded as a DICOM image (transfer syntax %s): damaged, or of a kind that is "
+      "not known; convert it (gdcmconv --raw), or put it elsewhere if it is no slice of the series",
+      path, scan.transfer_syntax.empty() ? "unknown" : scan.transfer_syntax);
+}
+
+absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& scan) {
   itk::GDCMImageIO::Pointer io;
   try {
     io = ReadHeader(path);
-  } catch (const itk::ExceptionObject& error) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": can't be read as a DICOM image: ", error.GetDescription(),
-                     ": if it is none, put it elsewhere"));
+  } catch (const std::exception&) {
+    return absl::InvalidArgumentError(NotDecodable(path, scan));
   }
   Slice slice;
   slice.path = path;
-  itk::ExposeMetaData(io->GetMetaDataDictionary(), "0020|000e", slice.series);
   if (io->GetNumberOfDimensions() > 2 && io->GetDimensions(2) > 1) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: %d frames in one file; expected one slice a file: split it (gdcmimg --split), or "
@@ -198,48 +125,44 @@ absl::StatusOr<Slice> ReadSliceHeader(const std::string& path) {
   return slice;
 }
 
-// Sorts by position, checks that the slices are one volume, and returns its geometry.
-absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
-                                                 const std::string& name) {
-  std::stable_sort(slices->begin(), slices->end(),
-                   [](const Slice& a, const Slice& b) { return a.position < b.position; });
-  const Slice& first = slices->front();
-  for (const Slice& slice : *slices) {
-    if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
-          "type",
-          slice.path, slice.width, slice.height, volume::NameOf(slice.type), first.path,
-          first.width, first.height, volume::NameOf(first.type)));
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      if (!IsNear(slice.direction.columns[axis], first.direction.columns[axis], 1e-3)) {
-        return absl::InvalidArgumentError(
-            absl::StrFormat("%s: its orientation differs from that of %s: expected parallel slices",
-                            slice.path, first.path));
-      }
-    }
-    if (std::abs(slice.spacing.x - first.spacing.x) > 1e-3 * first.spacing.x ||
-        std::abs(slice.spacing.y - first.spacing.y) > 1e-3 * first.spacing.y) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", slice.path,
-          slice.spacing.x, slice.spacing.y, first.path, first.spacing.x, first.spacing.y));
+// Whether they can be slices of one volume, wherever they lie.
+absl::Status CheckAlike(const Slice& slice, const Slice& first) {
+  if (slice.width != first.width || slice.height != first.height || slice.type != first.type) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: %d x %d samples of %s, but %s has %d x %d of %s: expected slices of one size and "
+        "type",
+        slice.path, slice.width, slice.height, volume::NameOf(slice.type), first.path, first.width,
+        first.height, volume::NameOf(first.type)));
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!IsNear(slice.direction.columns[axis], first.direction.columns[axis], 1e-3)) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("%s: its orientation differs from that of %s: expected parallel slices",
+                          slice.path, first.path));
     }
   }
-  if (slices->size() < 2) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
+  if (std::abs(slice.spacing.x - first.spacing.x) > 1e-3 * first.spacing.x ||
+      std::abs(slice.spacing.y - first.spacing.y) > 1e-3 * first.spacing.y) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: pixels of %g x %g, but %s has %g x %g: expected slices of one spacing", slice.path,
+        slice.spacing.x, slice.spacing.y, first.path, first.spacing.x, first.spacing.y));
   }
-  const auto gaps = static_cast<double>(slices->size() - 1);
-  const double distance = (slices->back().position - first.position) / gaps;
-  for (std::size_t i = 1; i < slices->size(); ++i) {
-    const Slice& slice = (*slices)[i];
-    const double gap = slice.position - (*slices)[i - 1].position;
+  return absl::OkStatus();
+}
+
+// Whether sorted slices stand straight above each other at one distance; returns the distance.
+absl::StatusOr<double> DistanceOf(const std::vector<Slice>& slices) {
+  const Slice& first = slices.front();
+  const auto gaps = static_cast<double>(slices.size() - 1);
+  const double distance = (slices.back().position - first.position) / gaps;
+  for (std::size_t i = 1; i < slices.size(); ++i) {
+    const Slice& slice = slices[i];
+    const double gap = slice.position - slices[i - 1].position;
     if (!(std::abs(gap - distance) <= 0.01 * distance) || distance <= 0) {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: %g behind %s, where %g is the mean distance of %d slices: expected slices at one "
           "distance (one is missing, or there twice)",
-          slice.path, gap, (*slices)[i - 1].path, distance, slices->size()));
+          slice.path, gap, slices[i - 1].path, distance, slices.size()));
     }
     const math::Vec3d expected =
         first.origin + first.direction.columns[2] * (slice.position - first.position);
@@ -250,6 +173,23 @@ absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
           slice.path, math::Length(slice.origin - expected)));
     }
   }
+  return distance;
+}
+
+// Sorts by position, checks that the slices are one volume, and returns its geometry.
+absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
+                                                 const std::string& name) {
+  std::stable_sort(slices->begin(), slices->end(),
+                   [](const Slice& a, const Slice& b) { return a.position < b.position; });
+  const Slice& first = slices->front();
+  for (const Slice& slice : *slices) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckAlike(slice, first));
+  }
+  if (slices->size() < 2) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name, ": a series of one slice (", first.path, "); expected two or more"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const double distance, DistanceOf(*slices));
   volume::GridGeometry geometry;
   geometry.sample_dims = {first.width, first.height, static_cast<std::int64_t>(slices->size())};
   geometry.spacing = {first.spacing.x, first.spacing.y, distance};
@@ -264,7 +204,10 @@ class DicomReader final : public SliceReader {
 
   absl::Status ReadSlice(std::int64_t z, char* out) override {
     const Slice& slice = slices_[static_cast<std::size_t>(z)];
-    ISOSCOPE_RETURN_IF_ERROR(CheckIsWhole(slice.path));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DicomScan scan, ScanDicomFile(slice.path));
+    if (scan.content != DicomContent::kImage) {
+      return CutError(slice.path);
+    }
     try {
       const itk::GDCMImageIO::Pointer io = ReadHeader(slice.path);
       ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
@@ -277,12 +220,8 @@ class DicomReader final : public SliceReader {
       }
       io->Read(out);
       return absl::OkStatus();
-    } catch (const itk::ExceptionObject& error) {
-      return absl::DataLossError(
-          absl::StrCat(slice.path, ": can't be decoded as DICOM: ", error.GetDescription()));
-    } catch (const std::exception& error) {
-      return absl::DataLossError(
-          absl::StrCat(slice.path, ": can't be decoded as DICOM: ", error.what()));
+    } catch (const std::exception&) {
+      return absl::DataLossError(NotDecodable(slice.path, scan));
     }
   }
 
@@ -290,33 +229,102 @@ class DicomReader final : public SliceReader {
   const std::vector<Slice> slices_;
 };
 
-// The slices of the series that `path` names.
-absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
-  const bool is_folder = io::IsDirectory(path);
-  const std::string folder = DicomFolder(path);
-  std::map<std::string, std::vector<Slice>> series;  // by its UID
-  for (const std::string& file : DicomFilesIn(folder)) {
-    ISOSCOPE_ASSIGN_OR_RETURN(Slice slice, ReadSliceHeader(file));
-    series[slice.series].push_back(std::move(slice));
-  }
-  if (series.empty()) {
-    return absl::NotFoundError(absl::StrCat(folder, ": a folder without DICOM files"));
-  }
-  if (!is_folder) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Slice slice, ReadSliceHeader(path));
-    return series[slice.series];
-  }
-  if (series.size() > 1) {
-    std::vector<std::string> lines;
-    for (const auto& [uid, slices] : series) {
-      lines.push_back(
-          absl::StrFormat("%d slices, for example %s", slices.size(), slices.front().path));
+// The files of a folder that carry the DICOM mark.
+struct Folder {
+  std::map<std::string, std::vector<std::string>> series;  // images by their series' UID
+  std::map<std::string, DicomScan> scans;                  // of these, by path
+  std::vector<std::string> cut;                            // of no series that is known
+  std::vector<std::string> left_out;                       // no images
+};
+
+// Of a file whose elements pass unseen, GDCM finds it.
+std::string SeriesUid(const std::string& path, const DicomScan& scan) {
+  std::string uid = scan.series;
+  if (uid.empty() && scan.content == DicomContent::kImage) {
+    try {
+      itk::ExposeMetaData(ReadHeader(path)->GetMetaDataDictionary(), "0020|000e", uid);
+    } catch (const std::exception&) {
+      uid.clear();  // its slice will show that it can't be read
     }
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: %d series; give a file of the one that is meant: %s", path,
-                        series.size(), absl::StrJoin(lines, "; ")));
   }
-  return series.begin()->second;
+  return uid;
+}
+
+absl::StatusOr<Folder> ScanFolder(const std::string& path) {
+  Folder folder;
+  for (const std::string& file : DicomFilesIn(path)) {
+    ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, ScanDicomFile(file));
+    if (scan.content == DicomContent::kNoImage) {
+      folder.left_out.push_back(file);
+    } else if (scan.content == DicomContent::kCut && scan.series.empty()) {
+      folder.cut.push_back(file);
+    } else {
+      folder.series[SeriesUid(file, scan)].push_back(file);
+      folder.scans.emplace(file, std::move(scan));
+    }
+  }
+  return folder;
+}
+
+// The one series of a folder.
+absl::StatusOr<std::string> ChooseSeries(const Folder& folder, const std::string& path) {
+  if (folder.series.size() == 1) {
+    return folder.series.begin()->first;
+  }
+  std::vector<std::string> lines;
+  for (const auto& [uid, files] : folder.series) {
+    lines.push_back(absl::StrFormat("%d slices, for example %s", files.size(), files.front()));
+  }
+  return absl::InvalidArgumentError(
+      absl::StrFormat("%s: %d series; give a file of the one that is meant: %s", path,
+                      folder.series.size(), absl::StrJoin(lines, "; ")));
+}
+
+// The series that a file belongs to.
+absl::StatusOr<std::string> SeriesOf(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const DicomScan scan, ScanDicomFile(path));
+  if (scan.content == DicomContent::kCut) {
+    return CutError(path);
+  }
+  if (scan.content == DicomContent::kNoImage) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path,
+                     ": a DICOM file without an image (an index or a report, for example); give "
+                     "a slice of the series, or its folder"));
+  }
+  return SeriesUid(path, scan);
+}
+
+// The slices of the series that `path` names, in no order.
+absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
+  const std::string folder_path = DicomFolder(path);
+  ISOSCOPE_ASSIGN_OR_RETURN(const Folder folder, ScanFolder(folder_path));
+  if (!folder.cut.empty()) {
+    return CutError(folder.cut.front());
+  }
+  if (folder.series.empty()) {
+    return absl::NotFoundError(folder.left_out.empty()
+                                   ? absl::StrCat(folder_path, ": a folder without DICOM files")
+                                   : absl::StrFormat("%s: none of its %d DICOM files is an image",
+                                                     folder_path, folder.left_out.size()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string uid,
+                            io::IsDirectory(path) ? ChooseSeries(folder, path) : SeriesOf(path));
+  std::vector<Slice> slices;
+  for (const std::string& file : folder.series.at(uid)) {
+    const DicomScan& scan = folder.scans.at(file);
+    if (scan.content == DicomContent::kCut) {
+      return CutError(file);
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(Slice slice, ReadSliceHeader(file, scan));
+    slices.push_back(std::move(slice));
+  }
+  if (!folder.left_out.empty()) {
+    base::LogWarning("dicom_files_without_image_left_out", {{"count", folder.left_out.size()},
+                                                            {"first", folder.left_out.front()},
+                                                            {"series_slices", slices.size()}});
+  }
+  return slices;
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSeries(const std::string& path) {
@@ -361,15 +369,11 @@ std::string DicomFolder(const std::string& path) {
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path) {
+  SilenceImageLibraries();
   try {
-    itk::Object::GlobalWarningDisplayOff();
     return OpenSeries(path);
-  } catch (const itk::ExceptionObject& error) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": can't be read as DICOM: ", error.GetDescription()));
-  } catch (const std::exception& error) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": can't be read as DICOM: ", error.what()));
+  } catch (const std::exception&) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": can't be read as a DICOM series"));
   }
 }
 

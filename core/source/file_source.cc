@@ -22,7 +22,7 @@
 namespace isoscope::source {
 namespace {
 
-// What an InflateReader holds, with its scratch space.
+// Memory of an InflateReader with its scratch space.
 constexpr std::int64_t kInflaterBytes = 512 * base::kKiB;
 
 bool IsRescaled(const SampleLocation& location) {
@@ -50,55 +50,58 @@ void Rescale(std::size_t count, double slope, double intercept, const char* in, 
   }
 }
 
-class FileSource final : public VolumeSource {
+// The samples' bytes as they are stored, in one or several files. Holds one of them open.
+class StoredBytes {
  public:
-  FileSource(const volume::GridGeometry& geometry, SampleLocation location, std::string name,
-             std::unique_ptr<io::RandomAccessFile> file)
-      : geometry_(geometry),
-        type_(IsRescaled(location) ? RescaledType(location.stored_type) : location.stored_type),
-        location_(std::move(location)),
-        name_(std::move(name)),
-        file_(std::move(file)) {
-    if (location_.is_compressed) {
-      inflater_ = std::make_unique<InflateReader>(file_.get(), location_.offset);
-    }
-  }
+  // `size` bytes in all.
+  StoredBytes(SampleLocation location, std::int64_t size)
+      : location_(std::move(location)),
+        bytes_per_file_(size / static_cast<std::int64_t>(location_.files.size())) {}
 
-  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
-  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
-  [[nodiscard]] const std::string& name() const override { return name_; }
+  [[nodiscard]] const SampleLocation& location() const { return location_; }
 
-  [[nodiscard]] bool is_seekable() const override { return !location_.is_compressed; }
-  [[nodiscard]] std::int64_t memory_bytes() const override {
-    return location_.is_compressed ? kInflaterBytes : 0;
-  }
+  // INVALID_ARGUMENT if a file is too short, as far as its size shows.
+  absl::Status CheckFiles(const volume::GridGeometry& geometry);
 
-  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
-    const math::Index3& dims = geometry_.sample_dims;
-    const std::int64_t row_count = dims.y * dims.z;
-    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
-    const auto stored_size = static_cast<std::int64_t>(volume::SizeOf(location_.stored_type));
-    const std::int64_t row_bytes = dims.x * stored_size;
-    const std::int64_t begin = begin_row * row_bytes;
-    const auto size = static_cast<std::size_t>((end_row - begin_row) * row_bytes);
-    const std::size_t count = size / static_cast<std::size_t>(stored_size);
-    char* stored = out + count * volume::SizeOf(type_) - size;
-    if (location_.is_compressed) {
-      ISOSCOPE_RETURN_IF_ERROR(Inflate(begin, size, row_count * row_bytes, stored));
-    } else {
-      ISOSCOPE_RETURN_IF_ERROR(file_->ReadAt(location_.offset + begin, size, stored));
-    }
-    if (location_.is_big_endian) {
-      SwapBytes(static_cast<std::size_t>(stored_size), count, stored);
-    }
-    if (IsRescaled(location_)) {
-      RescaleSamples(count, stored, out);
+  // Bytes [begin, begin + size).
+  absl::Status Read(std::int64_t begin, std::size_t size, char* out) {
+    while (size > 0) {
+      ISOSCOPE_RETURN_IF_ERROR(Open(static_cast<std::size_t>(begin / bytes_per_file_)));
+      const std::int64_t within = begin % bytes_per_file_;
+      const std::size_t take = std::min(size, static_cast<std::size_t>(bytes_per_file_ - within));
+      ISOSCOPE_RETURN_IF_ERROR(location_.is_compressed
+                                   ? Inflate(within, take, out)
+                                   : file_->ReadAt(offset() + within, take, out));
+      begin += static_cast<std::int64_t>(take);
+      size -= take;
+      out += take;
     }
     return absl::OkStatus();
   }
 
  private:
-  absl::Status Inflate(std::int64_t begin, std::size_t size, std::int64_t total_size, char* out) {
+  absl::Status Open(std::size_t index) {
+    if (file_ != nullptr && index == open_index_) {
+      return absl::OkStatus();
+    }
+    inflater_ = nullptr;  // before its file
+    file_ = nullptr;
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, io::OpenRandomAccessFile(location_.files[index]));
+    open_index_ = index;
+    return absl::OkStatus();
+  }
+
+  // Of the first sample in the open file.
+  [[nodiscard]] std::int64_t offset() const {
+    return location_.at_file_end ? std::max<std::int64_t>(file_->size_bytes() - bytes_per_file_, 0)
+                                 : location_.offset;
+  }
+
+  // From `begin` within the open file.
+  absl::Status Inflate(std::int64_t begin, std::size_t size, char* out) {
+    if (inflater_ == nullptr) {
+      inflater_ = std::make_unique<InflateReader>(file_.get(), location_.offset);
+    }
     const std::int64_t position = location_.decoded_skip + begin;
     if (position < inflater_->position()) {
       inflater_->Rewind();
@@ -112,31 +115,109 @@ class FileSource final : public VolumeSource {
       return absl::InvalidArgumentError(absl::StrFormat(
           "%s: the header promises %d bytes of samples, the compressed data (%d bytes of file) "
           "ends after %d: the file is cut; copy it again",
-          location_.path, total_size, file_->size_bytes(),
+          file_->path(), bytes_per_file_, file_->size_bytes(),
           std::max<std::int64_t>(inflater_->position() - location_.decoded_skip, 0)));
     }
-    if (begin + static_cast<std::int64_t>(size) == total_size) {
+    if (begin + static_cast<std::int64_t>(size) == bytes_per_file_) {
       return inflater_->VerifyEnd();
     }
     return absl::OkStatus();
   }
 
+  SampleLocation location_;
+  std::int64_t bytes_per_file_;
+  std::size_t open_index_ = 0;
+  std::unique_ptr<io::RandomAccessFile> file_;
+  std::unique_ptr<InflateReader> inflater_;
+};
+
+absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
+  std::size_t longer_count = 0;
+  std::size_t first_longer = 0;
+  for (std::size_t i = location_.files.size(); i-- > 0;) {  // the first one stays open
+    ISOSCOPE_RETURN_IF_ERROR(Open(i));
+    if (location_.is_compressed) {
+      continue;  // its size says nothing
+    }
+    const std::int64_t file_size = file_->size_bytes();
+    if (offset() > file_size || file_size - offset() < bytes_per_file_) {
+      const math::Index3& dims = geometry.sample_dims;
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: %d x %d x %d samples of %s%s after %d header bytes need %d bytes, the file has %d",
+          file_->path(), dims.x, dims.y, dims.z, volume::NameOf(location_.stored_type),
+          location_.files.size() == 1 ? ""
+                                      : absl::StrFormat(" in %d files", location_.files.size()),
+          offset(), offset() + bytes_per_file_, file_size));
+    }
+    if (file_size - offset() > bytes_per_file_) {
+      ++longer_count;
+      first_longer = i;
+    }
+  }
+  if (longer_count > 0) {
+    ISOSCOPE_RETURN_IF_ERROR(Open(first_longer));
+    base::LogWarning("trailing_bytes_ignored", {{"file", file_->path()},
+                                                {"expected_bytes", offset() + bytes_per_file_},
+                                                {"found_bytes", file_->size_bytes()},
+                                                {"files", longer_count}});
+  }
+  return absl::OkStatus();
+}
+
+class FileSource final : public VolumeSource {
+ public:
+  FileSource(const volume::GridGeometry& geometry, StoredBytes stored, std::string name)
+      : geometry_(geometry),
+        type_(IsRescaled(stored.location()) ? RescaledType(stored.location().stored_type)
+                                            : stored.location().stored_type),
+        name_(std::move(name)),
+        stored_(std::move(stored)) {}
+
+  [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
+  [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
+  [[nodiscard]] const std::string& name() const override { return name_; }
+
+  [[nodiscard]] bool is_seekable() const override { return !location().is_compressed; }
+  [[nodiscard]] std::int64_t memory_bytes() const override {
+    return location().is_compressed ? kInflaterBytes : 0;
+  }
+
+  absl::Status ReadRows(std::int64_t begin_row, std::int64_t end_row, char* out) override {
+    const math::Index3& dims = geometry_.sample_dims;
+    const std::int64_t row_count = dims.y * dims.z;
+    ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= row_count);
+    const auto stored_size = static_cast<std::int64_t>(volume::SizeOf(location().stored_type));
+    const std::int64_t row_bytes = dims.x * stored_size;
+    const auto size = static_cast<std::size_t>((end_row - begin_row) * row_bytes);
+    const std::size_t count = size / static_cast<std::size_t>(stored_size);
+    char* stored = out + count * volume::SizeOf(type_) - size;
+    ISOSCOPE_RETURN_IF_ERROR(stored_.Read(begin_row * row_bytes, size, stored));
+    if (location().is_big_endian) {
+      SwapBytes(static_cast<std::size_t>(stored_size), count, stored);
+    }
+    if (IsRescaled(location())) {
+      RescaleSamples(count, stored, out);
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  [[nodiscard]] const SampleLocation& location() const { return stored_.location(); }
+
   void RescaleSamples(std::size_t count, const char* stored, char* out) const {
-    volume::VisitScalarType(location_.stored_type, [&]<typename In>() {
+    volume::VisitScalarType(location().stored_type, [&]<typename In>() {
       if (type_ == volume::ScalarType::kFloat32) {
-        Rescale<float, In>(count, location_.slope, location_.intercept, stored, out);
+        Rescale<float, In>(count, location().slope, location().intercept, stored, out);
       } else {
-        Rescale<double, In>(count, location_.slope, location_.intercept, stored, out);
+        Rescale<double, In>(count, location().slope, location().intercept, stored, out);
       }
     });
   }
 
   const volume::GridGeometry geometry_;
   const volume::ScalarType type_;
-  const SampleLocation location_;
   const std::string name_;
-  const std::unique_ptr<io::RandomAccessFile> file_;
-  std::unique_ptr<InflateReader> inflater_;
+  StoredBytes stored_;
 };
 
 }  // namespace
@@ -154,30 +235,15 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(const volume::GridG
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d samples: more than any file holds", name, sample_count));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::RandomAccessFile> file,
-                            io::OpenRandomAccessFile(location.path));
-  SampleLocation resolved = location;
-  if (!location.is_compressed) {
-    const std::int64_t sample_bytes = sample_count * stored_size;
-    const std::int64_t file_size = file->size_bytes();
-    if (location.at_file_end) {
-      resolved.offset = std::max<std::int64_t>(file_size - sample_bytes, 0);
-    }
-    if (resolved.offset > file_size || file_size - resolved.offset < sample_bytes) {
-      const math::Index3& dims = geometry.sample_dims;
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: %d x %d x %d samples of %s after %d header bytes need %d bytes, the file has %d",
-          location.path, dims.x, dims.y, dims.z, volume::NameOf(location.stored_type),
-          resolved.offset, resolved.offset + sample_bytes, file_size));
-    }
-    if (file_size - resolved.offset > sample_bytes) {
-      base::LogWarning("trailing_bytes_ignored",
-                       {{"file", location.path},
-                        {"expected_bytes", resolved.offset + sample_bytes},
-                        {"found_bytes", file_size}});
-    }
+  if (location.files.empty() ||
+      sample_count % static_cast<std::int64_t>(location.files.size()) != 0) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: %d samples in %d files; expected as many in each", name, sample_count,
+                        location.files.size()));
   }
-  return std::make_unique<FileSource>(geometry, std::move(resolved), name, std::move(file));
+  StoredBytes stored(location, sample_count * stored_size);
+  ISOSCOPE_RETURN_IF_ERROR(stored.CheckFiles(geometry));
+  return std::make_unique<FileSource>(geometry, std::move(stored), name);
 }
 
 }  // namespace isoscope::source

@@ -1,3 +1,23 @@
+// A path names a file and a dataset in it, "run.h5:/fields/density". A dataset is an array of any
+// number of axes, slowest first: [z][y][x]. The library reads boxes of it ("hyperslabs") and
+// converts type and byte order on the way. Opening one takes these steps:
+//
+//   1. The name is taken apart; without a dataset the file must hold exactly one that is a volume.
+//   2. All files that the dataset is read from are looked for (hdf5_storage.h): the library would
+//      read fill values where one is missing, and say nothing.
+//   3. Three axes are found: of (1, 93, 64, 1, 64) the axes 1, 2 and 4 are z, y and x.
+//   4. For a dataset in chunks the cache is set to one layer of them, and the dataset opened again.
+//
+// The cache is what makes rows cheap. Chunks are compressed whole, and rows come in ascending
+// order: of chunks of 32 x 32 x 32 samples each is needed for 32 planes. A layer, all chunks that
+// share their z, is decoded once if it fits (32 MiB); a larger one is decoded anew for each run of
+// rows.
+//
+// Rows [begin, end) are at most three boxes: the rest of a plane, whole planes, the start of a
+// plane.
+//
+//   rows 30 to 170 of planes of 64 rows: rows 30-63 of plane 0, plane 1, rows 0-41 of plane 2
+
 #include "core/source/hdf5_source.h"
 
 #include <algorithm>
@@ -6,7 +26,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -17,6 +36,7 @@
 #include "core/io/file.h"
 #include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_storage.h"
+#include "core/source/part_path.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
@@ -218,7 +238,7 @@ class Hdf5Source final : public VolumeSource {
   const Hdf5Handle dataset_;
 };
 
-// What the chunk cache should hold: a layer of chunks. 0 for a dataset without chunks.
+// Bytes of chunk cache: a layer of chunks. 0 for a dataset without chunks.
 absl::StatusOr<std::int64_t> ChunkCacheBytes(hid_t dataset, const std::vector<hsize_t>& dims,
                                              const std::array<std::size_t, 3>& axes,
                                              std::size_t sample_size, const std::string& name) {
@@ -308,22 +328,12 @@ absl::StatusOr<NamedDataset> OpenByName(const std::string& path) {
 }  // namespace
 
 bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
-  for (const char* ending : {".h5", ".hdf5", ".he5", ".hdf"}) {
-    if (absl::EndsWithIgnoreCase(path, ending)) {
-      *parts = {path, ""};
-      return true;
-    }
+  PartPath split;
+  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf"}, &split)) {
+    return false;
   }
-  for (std::size_t colon = path.find(':'); colon != std::string::npos;
-       colon = path.find(':', colon + 1)) {
-    Hdf5Path before;
-    if (colon + 1 < path.size() && SplitHdf5Path(path.substr(0, colon), &before) &&
-        before.dataset.empty()) {
-      *parts = {before.file, path.substr(colon + 1)};
-      return true;
-    }
-  }
-  return false;
+  *parts = {split.file, split.part};
+  return true;
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {

@@ -10,10 +10,10 @@
 #include "itkMetaImageIO.h"
 #include "itkNiftiImageIO.h"
 #include "itkNrrdImageIO.h"
-#include "itkObject.h"
 
 #include "core/base/status_macros.h"
 #include "core/source/itk_types.h"
+#include "core/source/silent_libraries.h"
 
 namespace isoscope::source {
 namespace {
@@ -116,8 +116,8 @@ absl::StatusOr<volume::ScalarType> ScalarTypeOf(itk::ImageIOBase::IOComponentEnu
 }
 
 absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string& path) {
+  SilenceImageLibraries();
   try {
-    itk::Object::GlobalWarningDisplayOff();
     const itk::ImageIOBase::Pointer io = MakeImageIo(format);
     io->SetFileName(path);
     if (!io->CanReadFile(path.c_str())) {

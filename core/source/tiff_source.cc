@@ -1,3 +1,23 @@
+// A TIFF file is a linked list of pages; a stack is one file of many pages, or many files of one
+// page. A page is stored in strips (a few whole rows) or tiles (rectangles, those at the right and
+// lower edge filled up), each compressed by itself:
+//
+//   strips of 4 rows        tiles of 4 x 4, of a page of 6 x 6
+//   +------------+          +----+----+
+//   | rows 0-3   |          |    |  ::|   ':' is no part of the page
+//   +------------+          +----+----+
+//   | rows 4-5   |          |    |  ::|
+//   +------------+          |::::|::::|
+//                           +----+----+
+//
+// When it is opened, every file's first page, and of a file of many pages their number, is looked
+// at; all must be of the size and type of the first. A slice is decoded when its rows are asked
+// for: strips straight into their place, tiles by way of one tile. Going on to the next page is
+// cheap, going back opens the file anew.
+//
+// libtiff writes its messages to standard error unless it is given functions: the last error goes
+// into a status of ours, warnings (private tags, mostly) are dropped.
+
 #include "core/source/tiff_source.h"
 
 #include <algorithm>
@@ -21,10 +41,10 @@
 namespace isoscope::source {
 namespace {
 
-// What a strip or tile may take when it is decoded: more would be no slice but an attack.
+// A decoded strip or tile takes no more: else it would be no slice but an attack.
 constexpr std::int64_t kMaxPieceBytes = 2 * base::kGiB;
 
-// What libtiff said last in this thread. It takes plain functions only.
+// The last message of libtiff in this thread. It takes plain functions only.
 std::string& LastMessage() {
   thread_local std::string message;
   return message;
@@ -65,7 +85,7 @@ absl::StatusOr<TiffFile> OpenTiff(const std::string& path) {
   return tiff;
 }
 
-// What all pages must share.
+// All pages must share it.
 struct PageFormat {
   std::uint32_t width = 0;
   std::uint32_t height = 0;

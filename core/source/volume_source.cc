@@ -85,7 +85,7 @@ std::vector<std::string> FilesLike(const std::string& pattern) {
 
 enum class SourceKind { kTiff, kHdf5, kDicom, kVti, kSampleFile };
 
-// What a path names.
+// The volume that a path names.
 struct FoundVolume {
   SourceKind kind = SourceKind::kSampleFile;
   std::vector<std::string>
@@ -116,7 +116,8 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
     return absl::InvalidArgumentError(absl::StrCat(
         path,
         ": unknown kind of file; known are NIfTI (.nii .nii.gz .hdr .img .img.gz), NRRD (.nrrd "
-        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (.vti), HDF5 (file.h5:/dataset), DICOM (a "
+        ".nhdr), MetaImage (.mha .mhd), VTK ImageData (file.vti, file.vti:array, "
+        "file.vti:array:component), HDF5 (file.h5:/dataset), DICOM (a "
         "series' folder or a file of it) and TIFF (a folder, a pattern in quotation marks, or a "
         "file of many pages); anything else is read as raw samples with --dims X,Y,Z "
         "--type T [--spacing X,Y,Z] [--origin X,Y,Z] [--endian little|big] [--header-bytes N]"));
@@ -133,8 +134,8 @@ absl::StatusOr<FoundVolume> FindSampleFile(const std::string& path) {
   }
   ISOSCOPE_ASSIGN_OR_RETURN(SampleLocation location, LocateSamples(suffix->format, header_path));
   std::vector<std::string> files{header_path};
-  if (location.path != header_path) {
-    files.push_back(location.path);
+  if (location.files.front() != header_path) {
+    files.insert(files.end(), location.files.begin(), location.files.end());
   }
   return FoundVolume{
       .files = std::move(files), .format = suffix->format, .location = std::move(location)};
@@ -151,12 +152,14 @@ absl::StatusOr<FoundVolume> FindVolume(const std::string& path) {
   if (io::IsDirectory(path)) {
     return FindInFolder(path);
   }
+  PartPath vti;
+  if (SplitVtiPath(path, &vti)) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(vti.file));
+    return FoundVolume{.kind = SourceKind::kVti, .files = {vti.file}};
+  }
   ISOSCOPE_RETURN_IF_ERROR(CheckIsFile(path));
   if (IsTiffName(path)) {
     return FoundVolume{.kind = SourceKind::kTiff, .files = {path}};
-  }
-  if (absl::EndsWithIgnoreCase(path, ".vti")) {
-    return FoundVolume{.kind = SourceKind::kVti, .files = {path}};
   }
   if (absl::EndsWithIgnoreCase(path, ".dcm") || IsDicomFile(path)) {
     return FoundVolume{.kind = SourceKind::kDicom, .files = DicomFilesIn(DicomFolder(path))};
@@ -208,7 +211,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenRawFile(const std::string& pat
                                       .origin = format.origin,
                                       .direction = {}};
   return MakeFileSource(geometry,
-                        {.path = path,
+                        {.files = {path},
                          .offset = format.header_bytes,
                          .is_big_endian = format.is_big_endian,
                          .stored_type = format.type},

@@ -37,7 +37,7 @@ class VolumeSource {
 
   // True if rows in any order cost no more than in ascending order.
   [[nodiscard]] virtual bool is_seekable() const { return true; }
-  // What it holds while it is read, for the memory limit.
+  // Memory while it is read, for the memory limit.
   [[nodiscard]] virtual std::int64_t memory_bytes() const { return 0; }
 
   // Reads planes [begin_z, end_z).
@@ -47,7 +47,7 @@ class VolumeSource {
   }
 };
 
-// What the command line says about a raw file; ignored for formats that carry it themselves, except
+// The command line's words about a raw file; ignored for formats that carry it themselves, except
 // that a flag given for those is an error (the caller checks is_raw).
 struct RawFormat {
   math::Index3 dims;
@@ -58,11 +58,13 @@ struct RawFormat {
   math::Vec3d origin;
 };
 
-// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), VTK ImageData
-// (.vti), a dataset of an HDF5 file ("file.h5:/dataset"), a DICOM series (its folder or a file of
-// it), a TIFF stack (a folder, a pattern with '*' or '?', a file of many pages).
-// NOT_FOUND, INVALID_ARGUMENT (unknown format: lists those known, and says how to read it as raw;
-// not three-dimensional; more than one component), DATA_LOSS.
+// Opens NIfTI (.nii .nii.gz .hdr .img), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd), the latter two
+// with samples in one file or several; an array of a VTK ImageData file ("file.vti",
+// "file.vti:array", "file.vti:array:component"), of points or cells; a dataset of an HDF5 file
+// ("file.h5:/dataset"); a DICOM series (its folder or a file of it); a TIFF stack (a folder, a
+// pattern with '*' or '?', a file of many pages). NOT_FOUND, INVALID_ARGUMENT (unknown format:
+// lists those known, and says how to read it as raw; not three-dimensional; more than one
+// component), DATA_LOSS.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& path);
 // The files that such a volume is read from: as long as none of them changes and none is added, it
 // stays as it is. Of a DICOM series that is all DICOM files of its folder, whatever their series.

@@ -8,18 +8,27 @@
 
 #include "absl/status/statusor.h"
 
+#include "core/source/part_path.h"
 #include "core/source/volume_source.h"
 
 namespace isoscope::source {
 
-// Opens the array that PointData names as its scalars, or its first one: integers of 8 to 32 bits
-// or floats, one component, either byte order; "appended" data (raw or base64) or inline "binary",
-// uncompressed or in zlib blocks. Only the header is held, and for compressed data the place of
-// every block (8 bytes a block; VTK writes blocks of 32 KiB). The file's Origin, Spacing, Direction
-// and the start of its extent give the world.
-// Source: VTK's file format description, "XML File Formats", https://docs.vtk.org.
-// INVALID_ARGUMENT: no such file; text ("ascii") data; several pieces; another compressor; sizes
-// that do not fit; the file ends early. DATA_LOSS: damaged.
+// True, with the parts, if the name is that of a VTK ImageData file, with or without an array:
+// "file.vti", "file.vti:density", "file.vti:velocity:2".
+bool SplitVtiPath(const std::string& path, PartPath* parts);
+
+// Opens one array of points or of cells, whose samples lie at the cells' centres: integers of 8 to
+// 32 bits or floats, either byte order; "appended" data (raw or base64) or inline "binary",
+// uncompressed or in zlib blocks. Of an array of several components, one (counted from 0). Without
+// a name: the first array of one component, points before cells, and of either that which is called
+// its scalars. The file's Origin, Spacing, Direction and the start of its extent give the world.
+//
+// Holds the header, 64 KiB, and of compressed data one block and where each one lies (8 bytes a
+// block; VTK writes blocks of 32 KiB).
+// INVALID_ARGUMENT: no such file; only arrays of several components and none chosen (lists them,
+// with the argument to give); text ("ascii") data; several pieces; another compressor; sizes that
+// do not fit; the file ends early. NOT_FOUND: no such array (lists those there are). DATA_LOSS:
+// damaged.
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVtiFile(const std::string& path);
 
 }  // namespace isoscope::source

@@ -1,3 +1,19 @@
+// Encoding a block takes two steps, and decoding the same in reverse:
+//
+//   1. Shuffle, for samples wider than a byte: the first byte of every sample, then the second of
+//      every sample, and so on. Neighbouring samples often agree in their higher bytes, so these
+//      become long repeats.
+//   2. Compress: one LZ4 block without frame or size, or one Zstandard frame (RFC 8878).
+//
+// Example: the uint16 samples 0x0102, 0x0103, 0x0104 are stored as 02 01 03 01 04 01 and shuffled
+// to 02 03 04 01 01 01.
+//
+// Invariants: a compressed block is at least one byte smaller than its samples, else it is stored
+// raw; the decoder refuses any other size before it looks at the bytes. The block index holds the
+// raw size, so neither format needs to.
+//
+// Layout: docs/format/shard.md, "blocks.bin".
+
 #include "core/store/block_codec.h"
 
 #include <lz4.h>
@@ -13,10 +29,10 @@
 namespace isoscope::store {
 namespace {
 
-// The fastest of the ordinary levels.
+// The fastest of Zstandard's ordinary levels.
 constexpr int kZstdLevel = 1;
 
-// Contexts cost more than compressing a small block: each thread keeps its own.
+// Making a context costs more than compressing a small block: each thread keeps its own.
 ZSTD_CCtx* ThreadCompressor() {
   thread_local const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(),
                                                                                   &ZSTD_freeCCtx);
@@ -30,8 +46,6 @@ ZSTD_DCtx* ThreadDecompressor() {
   return context.get();
 }
 
-// The first bytes of all samples, then the second ones, ...: of neighbouring samples the higher
-// bytes are often equal.
 template <std::size_t kWidth>
 void Shuffle(const char* in, std::size_t count, char* out) {
   for (std::size_t byte = 0; byte < kWidth; ++byte) {
@@ -72,7 +86,7 @@ void UnshuffleOf(std::size_t width, const char* in, std::size_t count, char* out
   }
 }
 
-// Compresses into `*out`, which then has the compressed size. False if it takes as much or more.
+// Compresses into `*out`, which then has the compressed size. False if that would not be smaller.
 bool Compress(BlockEncoding encoding, absl::string_view bytes, std::string* out) {
   if (bytes.size() < 2 || bytes.size() > LZ4_MAX_INPUT_SIZE) {
     return false;

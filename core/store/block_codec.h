@@ -1,4 +1,5 @@
-// How the bytes of one block are stored: as they are, or compressed.
+// Encodes and decodes the stored bytes of one block: raw, LZ4 or Zstandard (docs/format/shard.md,
+// "blocks.bin").
 
 #ifndef ISOSCOPE_CORE_STORE_BLOCK_CODEC_H_
 #define ISOSCOPE_CORE_STORE_BLOCK_CODEC_H_
@@ -19,15 +20,23 @@ namespace isoscope::store {
 absl::StatusOr<BlockEncoding> ParseBlockEncoding(absl::string_view name);
 absl::string_view NameOf(BlockEncoding encoding);
 
-// Encodes `samples`, a block of `type`, into `*out` and returns how: kRaw if `wanted` does not make
-// it smaller. Thread-safe.
+// Encodes the samples of one block into `*out` and returns the encoding: `wanted`, or kRaw if that
+// does not make the block smaller. Thread-safe.
+//
+// samples: [z][y][x] of `type`, x fastest, little-endian
 BlockEncoding EncodeBlock(BlockEncoding wanted, volume::ScalarType type, absl::string_view samples,
                           std::string* out);
 
-// Decodes what EncodeBlock made of `raw_size` bytes into `out`, which takes so many. `scratch` is
-// reused from call to call. DATA_LOSS if `stored` is no such encoding: whatever it holds, nothing
-// is read or written beyond the two. Damage that decodes to other samples is not seen here: the
-// block index has checksums. Thread-safe.
+// Decodes one block. Safe for any bytes: reads and writes stay within `stored` and `out`. Damage
+// that decodes to other samples passes unnoticed; the checksums of the block index reveal it.
+// Thread-safe.
+//
+// stored:   the bytes that EncodeBlock returned
+// raw_size: size of the decoded samples, bytes
+// scratch:  overwritten; pass the same string again to spare allocations
+// out:      raw_size bytes
+//
+// DATA_LOSS if `stored` is no such encoding of exactly raw_size bytes.
 absl::Status DecodeBlock(BlockEncoding encoding, volume::ScalarType type, absl::string_view stored,
                          std::size_t raw_size, std::string* scratch, char* out);
 

@@ -1,9 +1,11 @@
-// The order of blocks in a shard: cubes of 4 x 4 x 4 blocks one after the other, x fastest, and the
-// blocks of each along a Hilbert curve that ends beside the next cube. Blocks that lie near each
-// other in space lie near each other in the file; and what is cut four layers of blocks at a time
-// is written from the front to the back.
+// The order of blocks in a shard (docs/format/shard.md, "Blocks and their order").
+//
+// Cubes of 4 x 4 x 4 blocks follow each other, x fastest. In each cube the blocks follow a Hilbert
+// curve that ends beside the next cube. So neighbours in space are neighbours in the file, and a
+// partitioner that cuts four layers of blocks at a time writes the file from front to back.
+//
 // Source of the curve: Hilbert 1891, "Ueber die stetige Abbildung einer Linie auf ein
-// Flaechenstueck"; in three dimensions as in Skilling 2004, "Programming the Hilbert curve".
+// Flaechenstueck"; in three dimensions Skilling 2004 (references.bib: skilling-hilbert).
 
 #ifndef ISOSCOPE_CORE_STORE_BLOCK_ORDER_H_
 #define ISOSCOPE_CORE_STORE_BLOCK_ORDER_H_
@@ -16,16 +18,18 @@
 
 namespace isoscope::store {
 
-// Blocks on each edge of a cube.
+// Blocks along each edge of a cube.
 inline constexpr std::int64_t kCubeEdge = 4;
 
-// Of two blocks of a layout, the one with the lesser key comes first; no two have the same.
+// The key by which blocks are ordered: smaller keys come first, no two blocks of a layout have the
+// same. O(1).
 std::uint64_t BlockOrderKey(const volume::BlockLayout& layout, volume::BlockId id);
 
-// How many blocks of `box`, in blocks, come before the one at `index`, which lies in it. O(1).
+// The number of blocks of `box` that come before the block at `index`. O(1).
+// box: in blocks. REQUIRES: `index` lies in it.
 std::int64_t RankInBox(const math::IndexBox& box, const math::Index3& index);
 
-// The blocks of a box, not empty, in their order.
+// Visits the blocks of a box in their order. REQUIRES: the box is not empty. Thread-compatible.
 //
 //   for (BlocksInOrder blocks(box); !blocks.is_at_end(); blocks.Next()) { … blocks.index() … }
 class BlocksInOrder {
@@ -39,8 +43,8 @@ class BlocksInOrder {
 
  private:
   math::IndexBox box_;
-  math::Index3 cube_;         // its first block, perhaps outside of the box
-  std::uint64_t places_ = 0;  // on the curve, of the cube's blocks from this one on
+  math::Index3 cube_;            // first block of the current cube; may lie outside the box
+  std::uint64_t remaining_ = 0;  // curve mask: blocks of the cube that were not passed yet
 };
 
 }  // namespace isoscope::store

@@ -1,3 +1,15 @@
+// Typed access to members of a JSON object, in two layers:
+//
+//   ToInteger, ToDouble, ToCrc32c   one value: does it have the type, is it in range?
+//   JsonFields                      one member: find it, convert it, remember the first error
+//
+// Every value is checked before the JSON library's accessors are called, which throw on another
+// type; parsing reports errors without exceptions too. So nothing in a file can make this code
+// throw.
+//
+// Example: {"seed": -1} read as an unsigned integer records "where: member "seed": expected an
+// integer in [0, 2^64 - 1]" and leaves the target as it was.
+
 #include "core/store/json_fields.h"
 
 #include <cmath>

@@ -1,5 +1,5 @@
-// Type-checked reading of JSON members. Internal to core/store: the only place, with the encoders,
-// that knows the JSON library, and no exception of it escapes.
+// Type-checked reading of JSON members. Internal to core/store: only this file and the encoders
+// know the JSON library, and none of its exceptions escapes.
 
 #ifndef ISOSCOPE_CORE_STORE_JSON_FIELDS_H_
 #define ISOSCOPE_CORE_STORE_JSON_FIELDS_H_
@@ -24,27 +24,27 @@ Json JsonFromCrc32c(std::uint32_t crc32c);
 std::string DumpJson(const Json& json);
 
 // Reads members and remembers the first error, so that a decoder checks status() once at the end.
-// After an error, every read leaves its target as it was. Errors are DATA_LOSS naming `where`, the
-// member and what was expected. Views `json` and `where`, which must outlive it. Thread-compatible.
+// After an error, every read leaves its target as it was. Errors are DATA_LOSS and name `where`,
+// the member and the expected type. `json` and `where` must outlive the object. Thread-compatible.
 class JsonFields {
  public:
   JsonFields(const Json& json, absl::string_view where);
 
   void Read(const char* name, std::string* value);
-  // In [min, max].
+  // Reads an integer in [min, max].
   void Read(const char* name, std::int64_t min, std::int64_t max, std::int64_t* value);
   void Read(const char* name, std::uint64_t* value);
-  // Of exactly `count` elements.
+  // Reads an array of exactly `count` elements.
   void ReadDoubles(const char* name, std::size_t count, double* values);
   void ReadIntegers(const char* name, std::size_t count, std::int64_t min, std::int64_t max,
                     std::int64_t* values);
   void ReadDouble(const char* name, double* value);
   void ReadCrc32c(const char* name, std::uint32_t* value);
-  // A member that is an array or object, or null after an error.
+  // Returns a member that is an array or an object; null after an error.
   const Json* ReadArray(const char* name);
   const Json* ReadObject(const char* name);
 
-  // Takes over an error found elsewhere.
+  // Records an error found elsewhere, unless there is one already. OK is ignored.
   void Fail(const absl::Status& status);
   [[nodiscard]] const absl::Status& status() const { return status_; }
 

@@ -1,3 +1,20 @@
+// Encoding writes the members in a fixed order, then seals the text. Decoding trusts nothing:
+//
+//   1. VerifySeal: the CRC-32C of the whole text.
+//   2. ParseJsonFile: valid JSON of this format, in a version that this program knows.
+//   3. Each member by name: its type and range. JsonFields keeps the first error, so the members
+//      are read in a row and the error is checked once. Unknown members are ignored.
+//   4. Names become enumerators.
+//   5. CheckConsistency: the id has 32 hex digits, the geometry is valid, the blocks make a layout,
+//      and the block counts of the shards add up to its blocks.
+//
+// Invariant: decoding an encoded manifest gives the same manifest, bit for bit, if its strings are
+// UTF-8. Doubles are written with as many digits as that takes; the two infinities, which JSON
+// lacks, are the strings "inf" and "-inf".
+//
+// Example: tests/unit/core/store/manifest_test.cc has the whole text of a small manifest.
+// Members: docs/format/dataset.md, "manifest.json".
+
 #include "core/store/manifest.h"
 
 #include <cmath>
@@ -80,7 +97,7 @@ bool IsDatasetId(const std::string& id) {
   return id.size() == 32 && id.find_first_not_of("0123456789abcdef") == std::string::npos;
 }
 
-// What the members must fulfil together.
+// Checks what involves several members.
 absl::Status CheckConsistency(const Manifest& manifest, absl::string_view where) {
   if (!IsDatasetId(manifest.dataset_id)) {
     return absl::DataLossError(

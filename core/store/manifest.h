@@ -1,6 +1,6 @@
-// The manifest of a dataset: what every shard must agree on. JSON that carries its own CRC-32C
-// (docs/format/dataset.md); the same bytes lie in the dataset directory and in each shard
-// directory.
+// The manifest of a dataset, on which all its shards must agree. It is JSON that carries its own
+// CRC-32C (docs/format/dataset.md). The dataset directory and each shard directory hold the same
+// bytes.
 
 #ifndef ISOSCOPE_CORE_STORE_MANIFEST_H_
 #define ISOSCOPE_CORE_STORE_MANIFEST_H_
@@ -33,8 +33,8 @@ struct ShardSummary {
 };
 
 struct Manifest {
-  std::string dataset_id;  // 32 hex digits; a digest of content and parameters: same input, same id
-  std::string name;        // what clients ask for; from the output folder's name
+  std::string dataset_id;  // 32 hex digits: digest of content and parameters (ComputeDatasetId)
+  std::string name;        // clients ask for the dataset by it; from the output folder's name
   std::string source;      // file name (no folder) of the source volume, for people
   volume::GridGeometry geometry;
   volume::ScalarType scalar_type = volume::ScalarType::kUint8;
@@ -48,9 +48,10 @@ struct Manifest {
   friend bool operator==(const Manifest&, const Manifest&) = default;
 };
 
+// Returns the bytes of manifest.json, sealed.
 std::string EncodeManifest(const Manifest& manifest);
-// DATA_LOSS if the bytes are damaged (their CRC-32C does not match), FAILED_PRECONDITION if they
-// are of a newer format version. `where` names the file in messages.
+// Decodes and validates a manifest. `where` names the file in messages. DATA_LOSS if the bytes are
+// damaged or contradict themselves, FAILED_PRECONDITION if they have a newer format version.
 absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_view where);
 
 }  // namespace isoscope::store

@@ -13,7 +13,7 @@ namespace {
 constexpr absl::string_view kSealPrefix = "\"crc32c\": \"";
 constexpr absl::string_view kBlankDigits = "00000000";
 
-// Where the digits start, or npos unless there is exactly one seal that is complete.
+// Returns the offset of the digits, or npos unless there is exactly one complete seal.
 std::size_t FindDigits(absl::string_view text) {
   const std::size_t prefix = text.find(kSealPrefix);
   if (prefix == absl::string_view::npos ||

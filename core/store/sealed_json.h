@@ -12,10 +12,12 @@
 
 namespace isoscope::store {
 
-// Replaces the digits. REQUIRES: `text` holds `"crc32c": "00000000"` exactly once.
+// Returns `text` with its checksum in place of the blank digits.
+// REQUIRES: `text` holds `"crc32c": "00000000"` exactly once.
 std::string SealJson(std::string text);
 
-// The checksum of sealed text. DATA_LOSS, naming `where`, if it has none or does not match it.
+// Verifies sealed text and returns its checksum. DATA_LOSS, naming `where`, if the text has no seal
+// or does not match it.
 absl::StatusOr<std::uint32_t> VerifySeal(absl::string_view text, absl::string_view where);
 
 }  // namespace isoscope::store

@@ -1,3 +1,18 @@
+// Rewrites a raw shard in batches of about 8 MiB:
+//
+//   1. RawBlocks::Next reads the entries of the next blocks and their bytes, which lie one after
+//      the other in blocks.bin: one read each.
+//   2. Encode the blocks of the batch side by side, each into a string of its own, with the CRC-32C
+//      of the encoded bytes.
+//   3. Append them by ordinal to blocks.bin.compressed, and their entries to
+//      block_index.bin.compressed. A block's new offset is the sum of the encoded sizes before it.
+//
+// Then write the header of the new index, close both files and rename them over the raw ones.
+//
+// Invariants: ordinals do not change, so an interval tree that was built before stays valid. The
+// result does not depend on the number of threads or the size of a batch. A batch has at least one
+// block and at most kMaxBatchBlocks, which bounds its tables where blocks are tiny.
+
 #include "core/store/shard_compressor.h"
 
 #include <algorithm>
@@ -39,7 +54,7 @@ struct EncodedBlock {
   std::string bytes;
 };
 
-// Reads a raw shard from its first block to its last.
+// Reads a raw shard from its first block to its last. Thread-compatible.
 class RawBlocks {
  public:
   static absl::StatusOr<RawBlocks> Open(const std::string& directory, const ShardSummary& raw) {
@@ -62,8 +77,8 @@ class RawBlocks {
     return blocks;
   }
 
-  // The entries of the next blocks, together at most max_bytes, and their bytes one after the
-  // other. No entries: the end.
+  // Reads the next blocks, at most max_bytes together: their entries to `*batch`, their samples one
+  // after the other to `*bytes`. At the end the batch is empty.
   absl::Status Next(std::size_t max_bytes, std::vector<EncodedBlock>* batch, std::string* bytes) {
     batch->clear();
     const auto count = static_cast<std::size_t>(
@@ -99,9 +114,30 @@ class RawBlocks {
   std::unique_ptr<io::RandomAccessFile> index_file_;
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
   std::int64_t block_count_ = 0;
-  std::int64_t next_ = 0;
-  std::int64_t offset_ = 0;  // of block next_
+  std::int64_t next_ = 0;    // ordinal
+  std::int64_t offset_ = 0;  // of block next_ in blocks.bin
 };
+
+// Encodes the blocks of a batch: fills in their bytes, and encoding, size and checksum of their
+// entries. `bytes` holds the raw samples of all, one after the other.
+void EncodeBatch(BlockEncoding encoding, volume::ScalarType type, absl::string_view bytes,
+                 ParallelFor parallel_for, std::vector<EncodedBlock>* batch) {
+  std::vector<std::size_t> starts;
+  starts.reserve(batch->size());
+  std::size_t start = 0;
+  for (const EncodedBlock& block : *batch) {
+    starts.push_back(start);
+    start += block.entry.size;
+  }
+  parallel_for(batch->size(), [&](std::size_t i) {
+    EncodedBlock& block = (*batch)[i];
+    const absl::string_view samples = bytes.substr(starts[i], block.entry.size);
+    block.entry.encoding =
+        static_cast<std::uint32_t>(EncodeBlock(encoding, type, samples, &block.bytes));
+    block.entry.size = static_cast<std::uint32_t>(block.bytes.size());
+    block.entry.crc32c = base::Crc32c(block.bytes);
+  });
+}
 
 }  // namespace
 
@@ -116,13 +152,12 @@ absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume:
                             options.create_file(blocks_path + kPartialSuffix));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto index_file,
                             options.create_file(index_path + kPartialSuffix));
-  // The header is known at the end.
+  // Leaves room for the header, which is known at the end.
   ISOSCOPE_RETURN_IF_ERROR(index_file->Append(std::string(kBinaryHeaderBytes, '\0')));
 
   ShardSummary summary{.block_count = raw.block_count};
   std::uint32_t entries_crc32c = 0;
   std::vector<EncodedBlock> batch;
-  std::vector<std::size_t> starts;
   std::string bytes;
   while (true) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
@@ -130,20 +165,7 @@ absl::StatusOr<ShardSummary> CompressShard(const std::string& directory, volume:
     if (batch.empty()) {
       break;
     }
-    starts.clear();
-    std::size_t start = 0;
-    for (const EncodedBlock& block : batch) {
-      starts.push_back(start);
-      start += block.entry.size;
-    }
-    parallel_for(batch.size(), [&](std::size_t i) {
-      EncodedBlock& block = batch[i];
-      const absl::string_view samples(bytes.data() + starts[i], block.entry.size);
-      block.entry.encoding =
-          static_cast<std::uint32_t>(EncodeBlock(options.encoding, type, samples, &block.bytes));
-      block.entry.size = static_cast<std::uint32_t>(block.bytes.size());
-      block.entry.crc32c = base::Crc32c(block.bytes);
-    });
+    EncodeBatch(options.encoding, type, bytes, parallel_for, &batch);
     for (EncodedBlock& block : batch) {
       block.entry.offset = summary.block_bytes;
       ISOSCOPE_RETURN_IF_ERROR(blocks_file->Append(block.bytes));

@@ -9,8 +9,9 @@ namespace {
 
 constexpr std::size_t kHeaderCrcOffset = 12;
 
-// With its own field taken as zero. The field lies inside, not at the end: the CRC-32C of bytes
-// that end in their own CRC-32C is the same for all, and so would be that of the whole file.
+// The CRC-32C of a header, with its own field taken as zero. The field lies inside the header, not
+// at its end: the CRC-32C of bytes that end in their own CRC-32C is the same for all contents, and
+// the checksum of the whole file would then tell nothing.
 std::uint32_t HeaderCrc32c(std::string header) {
   base::StoreLittleEndian(std::uint32_t{0}, header.data() + kHeaderCrcOffset);
   return base::Crc32c(header);

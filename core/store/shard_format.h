@@ -1,4 +1,5 @@
-// Names and constants of a dataset on disk; docs/format/ says what they mean, byte by byte.
+// Names, constants and binary records of a dataset on disk (docs/format/dataset.md and shard.md,
+// with the same names).
 
 #ifndef ISOSCOPE_CORE_STORE_SHARD_FORMAT_H_
 #define ISOSCOPE_CORE_STORE_SHARD_FORMAT_H_
@@ -25,7 +26,7 @@ inline constexpr char kRangeTableFileName[] = "ranges.bin";
 inline constexpr char kBlocksFileName[] = "blocks.bin";
 inline constexpr char kBlockIndexFileName[] = "block_index.bin";
 inline constexpr char kIntervalTreeFileName[] = "interval_tree.bin";
-// Which shard of its dataset a shard directory is: JSON with its own CRC-32C.
+// Names the shard that a shard directory holds: JSON with its own CRC-32C.
 inline constexpr char kShardFileName[] = "shard.json";
 
 // "shard-00003-of-00016".
@@ -40,12 +41,12 @@ inline constexpr absl::string_view kManifestFormat = "isoscope-dataset";
 inline constexpr absl::string_view kShardFormat = "isoscope-shard";
 inline constexpr int kFormatVersion = 1;
 
-// What a reader accepts before it allocates. The largest manifest, of kMaxShardCount shards, takes
-// about 9 MiB.
+// Larger files are refused before memory is allocated for them. The largest manifest, of
+// kMaxShardCount shards, takes about 9 MiB.
 inline constexpr std::int64_t kMaxManifestBytes = 16 * base::kMiB;
 inline constexpr std::int64_t kMaxShardFileBytes = base::kMiB;
 
-// Part of the interval tree file whose CRC-32C is verified when a shard is opened.
+// The CRC-32C of this many first bytes of the interval tree is verified when a shard is opened.
 inline constexpr std::int64_t kIntervalTreeHeadBytes = 4 * base::kKiB;
 
 // The header of the binary files, kBinaryHeaderBytes long. Offsets in it:
@@ -68,13 +69,14 @@ struct BinaryHeader {
 
 // `magic` has 8 characters.
 std::string EncodeBinaryHeader(absl::string_view magic, const BinaryHeader& header);
-// Takes the whole file, and verifies magic, version, both checksums and the size. DATA_LOSS naming
-// `where` if it is damaged, FAILED_PRECONDITION if it is of a newer version.
+// Decodes the header of a binary file and verifies magic, version, both checksums and the size.
+// `bytes` is the whole file. DATA_LOSS naming `where` if it is damaged, FAILED_PRECONDITION if it
+// has a newer version.
 absl::StatusOr<BinaryHeader> DecodeBinaryFile(absl::string_view magic, absl::string_view bytes,
                                               absl::string_view where);
 
-// How the bytes of a block are stored. Reaches files: the numbers must never change. The samples
-// of types wider than a byte are shuffled before they are compressed: docs/format/shard.md.
+// The encoding of a block's stored bytes. On disk: never change the values. Samples wider than a
+// byte are shuffled before they are compressed (docs/format/shard.md, "blocks.bin").
 enum class BlockEncoding : std::uint32_t { kRaw = 0, kLz4 = 1, kZstd = 2 };
 
 // An entry of the block index. Offsets in it: 0 block id, 4 encoding, 8 offset (8 bytes), 16 stored
@@ -89,7 +91,7 @@ struct BlockIndexEntry {
   std::uint32_t crc32c = 0;
 };
 std::string EncodeBlockIndexEntry(const BlockIndexEntry& entry);
-// Reads kBlockIndexEntryBytes; any bytes will do.
+// Reads kBlockIndexEntryBytes. Any bytes are accepted: the caller checks the values.
 BlockIndexEntry DecodeBlockIndexEntry(const char* bytes);
 
 }  // namespace isoscope::store

@@ -1,3 +1,24 @@
+// Opening a shard verifies it from the root of its checksums down, so that each file is trusted
+// before the next is read:
+//
+//   1. manifest.json     its own seal
+//   2. ranges.bin        CRC-32C of the file, from the manifest
+//   3. shard.json        its own seal; CRC-32C of the manifest, counts and sizes as in the manifest
+//   4. interval_tree.bin size, and CRC-32C of its first 4096 bytes, from shard.json
+//   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
+//                        sizes, and an offset that is the sum of the sizes before it
+//   6. blocks.bin        size; each block's CRC-32C when it is read
+//
+// Invariant: sizes are compared before memory is allocated for them.
+//
+// Blocks are read in disk runs. PlanDiskRuns sorts the gaps between the wanted blocks and reads
+// over the smallest, up to 18 % of the wanted bytes, because a few bytes more cost less than
+// another request. Example: of blocks of 100 bytes, ordinals 0 to 5, 7 to 9 and 14 are wanted: 1000
+// bytes, so gaps may sum up to 180. The gap of 100 (ordinal 6) is read over, that of 400 (10 to 13)
+// is not: two disk runs, of 1000 and of 100 bytes.
+//
+// Layouts: docs/format/dataset.md, docs/format/shard.md.
+
 #include "core/store/shard_reader.h"
 
 #include <algorithm>
@@ -26,8 +47,8 @@ std::string PathIn(const std::string& directory, absl::string_view name) {
   return absl::StrCat(directory, "/", name);
 }
 
-// Opens a file that a finished directory must have.
-absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> OpenPart(
+// Opens a file that a finished directory must have: DATA_LOSS if it is missing.
+absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> OpenRequired(
     const std::string& path, const ShardReader::OpenFile& open_file) {
   auto file = open_file(path);
   if (absl::IsNotFound(file.status())) {
@@ -37,10 +58,10 @@ absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> OpenPart(
   return file;
 }
 
-// Reads a whole file that must have `size` bytes (a larger or smaller one is damaged).
-absl::StatusOr<std::string> ReadPart(const std::string& path, std::int64_t size,
-                                     const ShardReader::OpenFile& open_file) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenPart(path, open_file));
+// Reads a whole file. DATA_LOSS if it does not have exactly `size` bytes.
+absl::StatusOr<std::string> ReadRequired(const std::string& path, std::int64_t size,
+                                         const ShardReader::OpenFile& open_file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenRequired(path, open_file));
   if (file->size_bytes() != size) {
     return absl::DataLossError(
         absl::StrFormat("%s: %d bytes, expected %d", path, file->size_bytes(), size));
@@ -49,9 +70,9 @@ absl::StatusOr<std::string> ReadPart(const std::string& path, std::int64_t size,
 }
 
 // Reads a sealed JSON file of at most `max_size` bytes.
-absl::StatusOr<std::string> ReadJsonPart(const std::string& path, std::int64_t max_size,
-                                         const ShardReader::OpenFile& open_file) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenPart(path, open_file));
+absl::StatusOr<std::string> ReadRequiredJson(const std::string& path, std::int64_t max_size,
+                                             const ShardReader::OpenFile& open_file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto file, OpenRequired(path, open_file));
   if (file->size_bytes() > max_size) {
     return absl::DataLossError(
         absl::StrFormat("%s: %d bytes, expected at most %d", path, file->size_bytes(), max_size));
@@ -66,13 +87,13 @@ struct Descriptions {
   volume::RangeTable ranges;
 };
 
-// Reads what dataset and shard directories have in common.
+// Reads the manifest and the range table, which dataset and shard directories have in common.
 absl::StatusOr<Descriptions> ReadDescriptions(const std::string& directory,
                                               const ShardReader::OpenFile& open_file) {
   Descriptions descriptions;
   const std::string manifest_path = PathIn(directory, kManifestFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string manifest_bytes,
-                            ReadJsonPart(manifest_path, kMaxManifestBytes, open_file));
+                            ReadRequiredJson(manifest_path, kMaxManifestBytes, open_file));
   ISOSCOPE_ASSIGN_OR_RETURN(descriptions.manifest_crc32c,
                             VerifySeal(manifest_bytes, manifest_path));
   ISOSCOPE_ASSIGN_OR_RETURN(descriptions.manifest, DecodeManifest(manifest_bytes, manifest_path));
@@ -86,7 +107,7 @@ absl::StatusOr<Descriptions> ReadDescriptions(const std::string& directory,
   const std::int64_t ranges_size = static_cast<std::int64_t>(kBinaryHeaderBytes) +
                                    entry_size * descriptions.layout.block_count();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string ranges_bytes,
-                            ReadPart(ranges_path, ranges_size, open_file));
+                            ReadRequired(ranges_path, ranges_size, open_file));
   ISOSCOPE_ASSIGN_OR_RETURN(descriptions.ranges, DecodeRangeTable(ranges_bytes, ranges_path));
   const std::uint32_t ranges_crc32c = base::Crc32c(ranges_bytes);
   if (ranges_crc32c != manifest.range_table_crc32c) {
@@ -169,7 +190,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
 absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
   const std::string path = PathIn(directory_, kShardFileName);
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
-                            ReadJsonPart(path, kMaxShardFileBytes, open_file));
+                            ReadRequiredJson(path, kMaxShardFileBytes, open_file));
   ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, path).status());
   Json json;
   ISOSCOPE_RETURN_IF_ERROR(ParseJsonFile(bytes, path, kShardFormat, kFormatVersion, &json));
@@ -205,7 +226,7 @@ absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
   }
 
   const std::string tree_path = PathIn(directory_, kIntervalTreeFileName);
-  ISOSCOPE_ASSIGN_OR_RETURN(const auto tree_file, OpenPart(tree_path, open_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto tree_file, OpenRequired(tree_path, open_file));
   if (tree_file->size_bytes() != tree_bytes) {
     return absl::DataLossError(absl::StrFormat("%s: %d bytes, expected %d", tree_path,
                                                tree_file->size_bytes(), tree_bytes));
@@ -225,7 +246,7 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
   const std::string path = PathIn(directory_, kBlockIndexFileName);
   const std::int64_t size = static_cast<std::int64_t>(kBinaryHeaderBytes) +
                             static_cast<std::int64_t>(kBlockIndexEntryBytes) * expected.block_count;
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadPart(path, size, open_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, ReadRequired(path, size, open_file));
   ISOSCOPE_ASSIGN_OR_RETURN(const BinaryHeader header,
                             DecodeBinaryFile(kBlockIndexMagic, bytes, path));
   if (const std::uint32_t crc32c = base::Crc32c(bytes); crc32c != expected.block_index_crc32c) {
@@ -243,9 +264,13 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
         expected.block_count, kBlockIndexEntryBytes, static_cast<int>(manifest_.scalar_type),
         expected.block_bytes));
   }
+  ISOSCOPE_RETURN_IF_ERROR(DecodeEntries(path, bytes));
+  return OpenBlocks(open_file);
+}
 
-  entries_.reserve(static_cast<std::size_t>(header.count));
-  // In any order: programs may have reasons to write another.
+absl::Status ShardReader::DecodeEntries(const std::string& path, absl::string_view bytes) {
+  entries_.reserve((bytes.size() - kBinaryHeaderBytes) / kBlockIndexEntryBytes);
+  // Blocks may come in any order: another writer may have reasons for another one.
   volume::BlockSet seen(layout_.block_count());
   std::int64_t offset = 0;
   for (std::size_t at = kBinaryHeaderBytes; at < bytes.size(); at += kBlockIndexEntryBytes) {
@@ -282,14 +307,21 @@ absl::Status ShardReader::ReadBlockIndex(const OpenFile& open_file) {
                         .crc32c = entry.crc32c,
                         .encoding = encoding});
   }
+  return absl::OkStatus();
+}
 
-  const std::string blocks_path = PathIn(directory_, kBlocksFileName);
-  ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenPart(blocks_path, open_file));
+absl::Status ShardReader::OpenBlocks(const OpenFile& open_file) {
+  const std::int64_t manifest_bytes =
+      manifest_.shards[static_cast<std::size_t>(shard_index_)].block_bytes;
+  const std::int64_t index_bytes =
+      entries_.empty() ? 0 : entries_.back().offset + std::int64_t{entries_.back().size};
+  const std::string path = PathIn(directory_, kBlocksFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(blocks_file_, OpenRequired(path, open_file));
   blocks_file_->ExpectScatteredReads();
-  if (offset != expected.block_bytes || blocks_file_->size_bytes() != offset) {
+  if (index_bytes != manifest_bytes || blocks_file_->size_bytes() != index_bytes) {
     return absl::DataLossError(
-        absl::StrFormat("%s: %d bytes, the manifest expects %d and the block index %d", blocks_path,
-                        blocks_file_->size_bytes(), expected.block_bytes, offset));
+        absl::StrFormat("%s: %d bytes, the manifest expects %d and the block index %d", path,
+                        blocks_file_->size_bytes(), manifest_bytes, index_bytes));
   }
   return absl::OkStatus();
 }
@@ -306,7 +338,7 @@ std::string ShardReader::Where() const {
                          shard_index_, manifest_.shards.size());
 }
 
-std::vector<ShardReader::Run> ShardReader::PlanRuns(
+std::vector<ShardReader::DiskRun> ShardReader::PlanDiskRuns(
     absl::Span<const std::uint32_t> ordinals) const {
   std::vector<std::int64_t> gaps;
   std::int64_t useful_bytes = 0;
@@ -322,7 +354,8 @@ std::vector<ShardReader::Run> ShardReader::PlanRuns(
       }
     }
   }
-  // Gaps below `largest_gap` are read over, and the first `ties_left` of those that equal it.
+  // Find the largest gap that is read over. Of the gaps that equal it, only the first `ties_left`
+  // are.
   std::sort(gaps.begin(), gaps.end());
   auto budget = static_cast<std::int64_t>(kMaxGapShare * static_cast<double>(useful_bytes));
   std::int64_t largest_gap = 0;
@@ -336,15 +369,15 @@ std::vector<ShardReader::Run> ShardReader::PlanRuns(
     largest_gap = gap;
   }
 
-  std::vector<Run> runs;
+  std::vector<DiskRun> runs;
   for (std::size_t i = 0; i < ordinals.size(); ++i) {
     const Entry& entry = entries_[ordinals[i]];
     const std::int64_t end = entry.offset + entry.size;
     if (!runs.empty()) {
-      Run& run = runs.back();
+      DiskRun& run = runs.back();
       const std::int64_t gap = entry.offset - (run.offset + run.size);
       if ((gap == 0 || gap < largest_gap || (gap == largest_gap && ties_left > 0)) &&
-          end - run.offset <= kMaxRunBytes) {
+          end - run.offset <= kMaxDiskRunBytes) {
         ties_left -= gap == largest_gap ? 1 : 0;
         run.size = end - run.offset;
         ++run.count;
@@ -356,20 +389,20 @@ std::vector<ShardReader::Run> ShardReader::PlanRuns(
   return runs;
 }
 
-absl::Status ShardReader::ReadRun(
-    const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
+absl::Status ShardReader::ReadDiskRun(
+    const DiskRun& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
     absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
   const auto size = static_cast<std::size_t>(run.size);
-  return VisitRun(run, ordinals, blocks_file_->ReadAt(run.offset, size, buffer), buffer, visit);
+  return VisitDiskRun(run, ordinals, blocks_file_->ReadAt(run.offset, size, buffer), buffer, visit);
 }
 
-io::ReadQueue::Read ShardReader::RequestFor(const Run& run) const {
+io::ReadQueue::Read ShardReader::RequestFor(const DiskRun& run) const {
   return {
       .file = blocks_file_.get(), .offset = run.offset, .size = static_cast<std::size_t>(run.size)};
 }
 
-absl::Status ShardReader::VisitRun(
-    const Run& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
+absl::Status ShardReader::VisitDiskRun(
+    const DiskRun& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
     const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const {
   ISOSCOPE_CHECK_LE(run.first + run.count, ordinals.size());
   if (!read_status.ok()) {

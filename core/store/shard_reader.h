@@ -1,4 +1,5 @@
-// Reads one shard directory.
+// Reads datasets: the description in a dataset directory, and the blocks of a shard directory
+// (docs/format/dataset.md, shard.md).
 
 #ifndef ISOSCOPE_CORE_STORE_SHARD_READER_H_
 #define ISOSCOPE_CORE_STORE_SHARD_READER_H_
@@ -12,6 +13,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/types/span.h"
 
 #include "core/base/units.h"
@@ -25,28 +27,31 @@
 
 namespace isoscope::store {
 
-// A dataset directory's own description (not a shard's).
+// The description of a dataset, from its dataset directory.
 struct DatasetDescription {
   Manifest manifest;
   volume::RangeTable ranges;
-  std::vector<std::string> shard_directories;  // by shard index; those that exist, else ""
+  std::vector<std::string> shard_directories;  // by shard index; "" where it does not exist
 };
-// NOT_FOUND if `directory` holds no finished dataset, FAILED_PRECONDITION if it is a shard
-// directory or of a newer format version, DATA_LOSS if it is damaged.
+// Reads the description. NOT_FOUND if `directory` holds no finished dataset, FAILED_PRECONDITION if
+// it is a shard directory or has a newer format version, DATA_LOSS if it is damaged.
 absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory);
 
 // True if `directory` looks like a dataset directory / a shard directory.
 bool IsDatasetDirectory(const std::string& directory);
 bool IsShardDirectory(const std::string& directory);
 
-// Immutable after Open; thread-safe.
+// An open shard. Holds the range table and 24 bytes for each of its blocks. Immutable after Open;
+// thread-safe.
 class ShardReader {
  public:
-  // Verifies manifest, range table, shard file and block index (checksums, sizes, and that they
-  // belong together). Blocks are verified as they are read.
-  // NOT_FOUND: no shard there. FAILED_PRECONDITION: a shard that was never finished, or of a newer
-  // format version. DATA_LOSS: damaged; the message names file and offset. `open_file` opens each
-  // file: tests inject faults.
+  // Opens a shard and verifies manifest, range table, shard file and block index: their checksums,
+  // their sizes, and that they belong together. Blocks are verified as they are read.
+  //
+  // open_file: opens each file; tests inject faults here
+  //
+  // NOT_FOUND: there is no shard. FAILED_PRECONDITION: the shard was never finished, or has a newer
+  // format version. DATA_LOSS: it is damaged; the message names file and offset.
   using OpenFile =
       std::function<absl::StatusOr<std::unique_ptr<io::RandomAccessFile>>(const std::string& path)>;
   static absl::StatusOr<std::unique_ptr<ShardReader>> Open(
@@ -58,43 +63,57 @@ class ShardReader {
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
   [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_; }
   [[nodiscard]] std::int64_t block_count() const;
-  // The block at a place in the shard. REQUIRES: ordinal < block_count().
+  // REQUIRES: ordinal < block_count().
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
-  // Of manifest.json: what its member "crc32c" says. Equal in all shards of a dataset.
+  // The member "crc32c" of manifest.json. Equal in all shards of a dataset.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
 
-  // One run of neighbouring blocks on disk: read with one request.
-  struct Run {
-    std::int64_t offset = 0;
-    std::int64_t size = 0;
-    std::size_t first = 0;  // index into the ordinals that were planned
-    std::size_t count = 0;
+  // A disk run: blocks that lie near each other in blocks.bin and are read with one request.
+  struct DiskRun {
+    std::int64_t offset = 0;  // in blocks.bin, bytes
+    std::int64_t size = 0;    // bytes, gaps between the blocks included
+    std::size_t first = 0;    // index into the ordinals that were planned
+    std::size_t count = 0;    // blocks
   };
-  // Groups ascending `ordinals`, all < block_count(), into runs of at most kMaxRunBytes. The
-  // smallest gaps are read over, as many as together are at most kMaxGapShare of the blocks' bytes.
-  [[nodiscard]] std::vector<Run> PlanRuns(absl::Span<const std::uint32_t> ordinals) const;
-  static constexpr std::int64_t kMaxRunBytes = base::kMiB;
+  // Groups ordinals into disk runs of at most kMaxDiskRunBytes, or one block if that is larger.
+  // Small gaps are read over, the smallest first, as long as all of them are at most kMaxGapShare
+  // of the blocks' bytes. O(n log n).
+  //
+  // ordinals: ascending, each < block_count()
+  [[nodiscard]] std::vector<DiskRun> PlanDiskRuns(absl::Span<const std::uint32_t> ordinals) const;
+  static constexpr std::int64_t kMaxDiskRunBytes = base::kMiB;
   static constexpr double kMaxGapShare = 0.18;
 
-  // Reads one run of `ordinals` into `buffer`, run.size bytes, checks each block's CRC-32C and
-  // calls `visit` in order; the samples are valid during that call. DATA_LOSS names dataset, shard,
-  // block, file and offset; an error of `visit` is returned at once. Thread-safe.
-  absl::Status ReadRun(const Run& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
-                       absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
+  // Reads one disk run, then verifies, decodes and visits its blocks in order. Thread-safe.
+  //
+  // run, ordinals: as PlanDiskRuns returned and took them
+  // buffer:        run.size bytes, overwritten
+  // visit:         called once for each block; the samples are valid during the call
+  //
+  // DATA_LOSS names dataset, shard, block, file and offset. An error of `visit` is returned at
+  // once.
+  absl::Status ReadDiskRun(
+      const DiskRun& run, absl::Span<const std::uint32_t> ordinals, char* buffer,
+      absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
-  // The same in two steps: what to read, for a io::ReadQueue; and, with what that answered and
-  // the bytes it read, the rest.
-  [[nodiscard]] io::ReadQueue::Read RequestFor(const Run& run) const;
-  absl::Status VisitRun(const Run& run, absl::Span<const std::uint32_t> ordinals,
-                        const absl::Status& read_status, const char* bytes,
-                        absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
+  // ReadDiskRun in two steps, for an io::ReadQueue: RequestFor returns the request; VisitDiskRun
+  // takes the status and the bytes that the queue delivered, and does the rest.
+  [[nodiscard]] io::ReadQueue::Read RequestFor(const DiskRun& run) const;
+  absl::Status VisitDiskRun(
+      const DiskRun& run, absl::Span<const std::uint32_t> ordinals, const absl::Status& read_status,
+      const char* bytes, absl::FunctionRef<absl::Status(const volume::BlockSamples&)> visit) const;
 
  private:
   ShardReader() = default;
 
   absl::Status ReadShardFile(const OpenFile& open_file);
   absl::Status ReadBlockIndex(const OpenFile& open_file);
-  // "dataset NAME (ID), shard 3 of 16".
+  // Fills entries_ from the verified bytes of the block index and checks each entry. `path` is
+  // named in errors.
+  absl::Status DecodeEntries(const std::string& path, absl::string_view bytes);
+  // Opens blocks.bin and checks its size. REQUIRES: entries_ is filled.
+  absl::Status OpenBlocks(const OpenFile& open_file);
+  // Returns "dataset NAME (ID), shard 3 of 16".
   [[nodiscard]] std::string Where() const;
 
   struct Entry {

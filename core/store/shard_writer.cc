@@ -1,3 +1,28 @@
+// A shard directory comes into being in this order:
+//
+//   ShardWriter::Create             the directory, and blocks.bin
+//   ShardWriter::WriteBlock         samples at the offset that the caller gives, in any order
+//   ShardWriter::AppendIndexEntry   by ordinal; the first call closes blocks.bin and creates
+//                                   block_index.bin with 64 zero bytes instead of a header
+//   ShardWriter::Finish             the header of block_index.bin; the summary for the manifest
+//   the caller                      interval_tree.bin and ranges.bin
+//   WriteDescriptions               shard.json, a sync of the directory, manifest.json.partial,
+//                                   and its new name manifest.json
+//
+// Invariants: a file without its header was not finished, a directory without manifest.json was not
+// either, and no reader opens them. Blocks lie without gaps: the offset of ordinal i is the sum of
+// the sizes of the ordinals before it. The caller computes offsets before the entries exist, so
+// Finish compares the number of blocks and the end of blocks.bin with the index.
+//
+// Example: two blocks of 12 bytes each lie at offsets 0 and 12 of blocks.bin; block_index.bin has
+// 64 + 2 * 32 = 128 bytes (docs/format/shard.md lists them).
+//
+// Checksums form a tree whose root is the manifest: it holds the CRC-32C of ranges.bin and of each
+// block_index.bin, which holds that of each block; shard.json holds that of the manifest beside it
+// and of interval_tree.bin.
+//
+// Layouts: docs/format/shard.md, docs/format/dataset.md.
+
 #include "core/store/shard_writer.h"
 
 #include <algorithm>
@@ -35,7 +60,7 @@ void AppendVector(const math::Vec3<T>& vector, std::string* out) {
   base::AppendLittleEndian(vector.z, out);
 }
 
-// Size and checksums of a file.
+// The size and the checksums of a file.
 struct FileSums {
   std::int64_t size = 0;
   std::uint32_t crc32c = 0;
@@ -140,7 +165,7 @@ absl::Status ShardWriter::AppendIndexEntry(volume::BlockId id, std::uint32_t crc
         directory_, id, block_count_, layout_.block_count()));
   }
   if (index_file_ == nullptr) {
-    // Not before the index: with many shards there would be two buffers of each.
+    // Closed here, not in Finish: with many shards, a second buffer for each would be too much.
     ISOSCOPE_RETURN_IF_ERROR(blocks_file_->Close());
     ISOSCOPE_ASSIGN_OR_RETURN(index_file_,
                               create_file_(absl::StrCat(directory_, "/", kBlockIndexFileName)));
@@ -170,7 +195,6 @@ absl::StatusOr<ShardSummary> ShardWriter::Finish() {
         "the index, at least one",
         directory_, written_block_count_, blocks_file_->size_bytes(), block_count_, block_bytes_));
   }
-  // Last: an index that was not finished has no header.
   ISOSCOPE_RETURN_IF_ERROR(index_file_->WriteAt(
       0, EncodeBinaryHeader(kBlockIndexMagic, {.scalar_type = static_cast<std::uint32_t>(type_),
                                                .entry_size = kBlockIndexEntryBytes,
@@ -209,8 +233,8 @@ std::vector<std::vector<volume::BlockId>> BlocksByShard(
 }
 
 std::string ComputeDatasetId(const Manifest& manifest) {
-  // Strings carry their length and every number has a fixed width, so that no two manifests give
-  // the same bytes.
+  // Strings carry their length and all other fields have a fixed width, so different manifests give
+  // different bytes.
   std::string canonical;
   AppendString("isoscope dataset 1", &canonical);
   AppendString(manifest.source, &canonical);
@@ -277,11 +301,12 @@ absl::StatusOr<std::unique_ptr<RangeTableWriter>> RangeTableWriter::Create(
   return writer;
 }
 
-absl::Status RangeTableWriter::Append(const volume::RangeTable& part) {
-  ISOSCOPE_CHECK(part.type() == type_);
-  entries_crc32c_ = base::ExtendCrc32c(entries_crc32c_, part.bytes().data(), part.bytes().size());
-  block_count_ += part.block_count();
-  return file_->Append(part.bytes());
+absl::Status RangeTableWriter::Append(const volume::RangeTable& ranges) {
+  ISOSCOPE_CHECK(ranges.type() == type_);
+  entries_crc32c_ =
+      base::ExtendCrc32c(entries_crc32c_, ranges.bytes().data(), ranges.bytes().size());
+  block_count_ += ranges.block_count();
+  return file_->Append(ranges.bytes());
 }
 
 absl::StatusOr<std::uint32_t> RangeTableWriter::Finish() {
@@ -310,7 +335,7 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
     ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
         prefix + kShardFileName, EncodeShardFile(manifest, manifest_crc32c, shard_index, tree)));
   }
-  // Everything else is on disk before the manifest appears, and it appears whole.
+  // Everything else reaches the disk before the manifest appears, and the manifest appears whole.
   ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directory));
   const std::string partial_path = manifest_path + ".partial";
   ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(partial_path, manifest_bytes));

@@ -1,5 +1,6 @@
-// Writes one shard directory: blocks, block index, and at the end the descriptions that make it
-// readable. A directory without them can't be opened.
+// Writes one shard directory: blocks, block index, and at the end the descriptions (shard.json,
+// manifest.json), without which the directory can't be opened. The order of steps is at the head of
+// shard_writer.cc. Part of partitioning.
 
 #ifndef ISOSCOPE_CORE_STORE_SHARD_WRITER_H_
 #define ISOSCOPE_CORE_STORE_SHARD_WRITER_H_
@@ -22,38 +23,42 @@
 
 namespace isoscope::store {
 
-// Life: Create, WriteBlock for every block (any order), AppendIndexEntry for every block by
-// ordinal, Finish; then the caller writes the interval tree beside it and, once all shards of the
-// dataset are known, calls WriteDescriptions. WriteBlock may run beside itself in another writer,
-// not in the same one: thread-compatible. Memory: the buffers of two files, whatever the number of
-// blocks.
+// Call Create, then WriteBlock for every block in any order, then AppendIndexEntry for every block
+// by ordinal, then Finish. The caller then writes the interval tree beside them and, once all
+// shards of the dataset are known, calls WriteDescriptions.
 //
-// A block's place in the shard is its ordinal: its rank, among the shard's blocks, in the order of
-// BlockOrderKey (block_order.h). Blocks lie without gaps, so a block's offset is the sum of the
-// stored sizes of those before it.
+// A block's ordinal is its rank among the shard's blocks in the order of BlockOrderKey
+// (block_order.h). Blocks lie without gaps, so a block's offset is the sum of the stored sizes of
+// those before it.
+//
+// Memory: file buffers only, whatever the number of blocks. Thread-compatible.
 class ShardWriter {
  public:
   using CreateFile =
       std::function<absl::StatusOr<std::unique_ptr<io::WritableFile>>(const std::string& path)>;
 
-  // Creates `directory` (its parent must exist, it must not) and the block file in it.
-  // `create_file` makes each file: tests inject faults. After an error of this or a later call the
-  // directory is left for the caller to remove.
+  // Creates `directory` and the block file in it. The parent must exist, `directory` must not.
+  // `create_file` creates each file; tests inject faults here. After an error of this or a later
+  // call, the caller removes the directory.
   static absl::StatusOr<std::unique_ptr<ShardWriter>> Create(
       const std::string& directory, const volume::BlockLayout& layout, volume::ScalarType type,
       CreateFile create_file = io::CreateWritableFile);
 
-  // Writes a block at its offset and returns the CRC-32C of its samples, for the index.
-  // `samples`: StoredSizeBytes(layout, id, type) bytes. INVALID_ARGUMENT if the id or the size is
-  // wrong.
+  // Writes a block and returns the CRC-32C of its samples, for AppendIndexEntry.
+  //
+  // offset:  in blocks.bin, bytes: the stored sizes of all blocks of lower ordinal
+  // samples: StoredSizeBytes(layout, id, type) bytes
+  //
+  // INVALID_ARGUMENT if the id or the size is wrong; otherwise the file's errors.
   absl::StatusOr<std::uint32_t> WriteBlock(volume::BlockId id, std::int64_t offset,
                                            absl::string_view samples);
 
-  // Appends the entry of the next ordinal to the block index. The first call ends the writing of
-  // blocks. INVALID_ARGUMENT unless ids come in their order, each once.
+  // Appends the entry of the next ordinal to the block index. No block can be written after the
+  // first call. INVALID_ARGUMENT unless ids come in BlockOrderKey order, each once.
   absl::Status AppendIndexEntry(volume::BlockId id, std::uint32_t crc32c);
 
-  // Flushes both files. INTERNAL if what was written and what the index says differ in size.
+  // Writes the header of the index and flushes it. INTERNAL if the blocks that were written differ
+  // from those of the index in number or size.
   absl::StatusOr<ShardSummary> Finish();
 
  private:
@@ -67,24 +72,24 @@ class ShardWriter {
   std::int64_t written_block_count_ = 0;
 
   std::unique_ptr<io::WritableFile> index_file_;  // null before the first entry
-  std::int64_t block_count_ = 0;                  // in the index, as all below
+  std::int64_t block_count_ = 0;                  // entries in the index; so for all below
   std::int64_t block_bytes_ = 0;
   std::uint32_t entries_crc32c_ = 0;
   volume::BlockId last_id_ = 0;
 };
 
-// The blocks of each shard in the order of BlockOrderKey. shard_of_block[id] is in
-// [0, shard_count).
+// Returns the blocks of each shard in the order of BlockOrderKey: result[shard][ordinal].
+// shard_of_block: by block id, each in [0, shard_count)
 std::vector<std::vector<volume::BlockId>> BlocksByShard(
     const volume::BlockLayout& layout, const std::vector<std::uint16_t>& shard_of_block,
     int shard_count);
 
-// A digest (32 hex digits) of everything in `manifest` but its dataset_id and name.
+// Returns a digest, 32 hex digits, of everything in `manifest` but its dataset_id and name.
 std::string ComputeDatasetId(const Manifest& manifest);
 
-// The bytes of ranges.bin.
+// Returns the bytes of ranges.bin.
 std::string EncodeRangeTable(const volume::RangeTable& ranges);
-// DATA_LOSS if damaged. `where` names the file in messages.
+// Decodes a ranges.bin. DATA_LOSS if it is damaged. `where` names the file in messages.
 absl::StatusOr<volume::RangeTable> DecodeRangeTable(absl::string_view bytes,
                                                     absl::string_view where);
 
@@ -96,9 +101,9 @@ class RangeTableWriter {
   static absl::StatusOr<std::unique_ptr<RangeTableWriter>> Create(const std::string& path,
                                                                   volume::ScalarType type);
 
-  // The ranges of the next blocks by id. REQUIRES: of the same type.
-  absl::Status Append(const volume::RangeTable& part);
-  // Writes the header, flushes the file, and returns the CRC-32C of the whole of it.
+  // Appends the ranges of the next blocks by id. REQUIRES: ranges.type() is that of Create.
+  absl::Status Append(const volume::RangeTable& ranges);
+  // Writes the header, flushes the file, and returns the CRC-32C of the whole file.
   absl::StatusOr<std::uint32_t> Finish();
 
  private:
@@ -111,13 +116,13 @@ class RangeTableWriter {
   std::uint32_t entries_crc32c_ = 0;
 };
 
-// Writes the manifest into `directory` (a dataset or shard directory); with shard_index >= 0 also
-// the file that says which shard it is. The range table must lie there already, and for a shard the
-// interval tree, which is read once for its checksum. The manifest comes last, in one step.
-// NOT_FOUND if one of them does not; ALREADY_EXISTS if the directory is described already.
+// Writes the manifest into a dataset directory (shard_index < 0), or the manifest and shard.json
+// into a shard directory. The range table must lie there already, and in a shard the interval tree,
+// which is read once for its checksum. The manifest comes last and appears whole. NOT_FOUND if one
+// of these files is missing; ALREADY_EXISTS if the directory has a manifest.
 absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
                                int shard_index);
-// The same, after it wrote the range table.
+// Writes the range table, then does the same.
 absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
                                absl::string_view range_table_bytes, int shard_index);
 

@@ -10,8 +10,8 @@
 namespace isoscope::view {
 namespace {
 
-// The sine of the smallest angle between `up` and the view direction that still tells which way is
-// up: far above rounding, far below what anybody means.
+// The sine of the smallest angle between `up` and the view direction at which `up` counts as a
+// direction of its own: far above rounding errors, far below any camera that is meant.
 constexpr double kMinUpSine = 1e-6;
 
 // Rotates `v` about the unit vector `axis`, right-handed. Source: Rodrigues' rotation formula.
@@ -94,7 +94,7 @@ Camera MakeDefaultCamera(const math::Box3d& bounds) {
   Camera camera;
   camera.fov_y_radians = std::numbers::pi / 6;
   camera.target = bounds.Center();
-  // As VTK does for a box without a size.
+  // VTK's radius for a box without a size.
   const double radius = bounds.Radius() > 0 ? bounds.Radius() : 0.5;
   const double distance = radius / std::sin(camera.fov_y_radians / 2);
   camera.eye = camera.target + math::Vec3d{0, 0, distance};

@@ -1,4 +1,5 @@
-// Cameras, with VTK's conventions (docs/numerics.md): eye, target and up in world space.
+// Cameras, with VTK's conventions (docs/numerics.md, "Camera"). Eye, target and up are in world
+// space. All functions are thread-safe.
 
 #ifndef ISOSCOPE_CORE_VIEW_CAMERA_H_
 #define ISOSCOPE_CORE_VIEW_CAMERA_H_
@@ -31,23 +32,23 @@ struct Viewport {
 };
 
 inline constexpr int kMaxViewportPx = 16384;
-// What clients ask for unless they are told otherwise, and servers are prepared for.
+// The default of clients; servers keep images of this size ready.
 inline constexpr Viewport kCommonViewport{.width_px = 1024, .height_px = 1024};
 
-// INVALID_ARGUMENT, naming the field and its value, unless all is finite, eye != target, up is not
-// parallel to the view direction, and the angle or height is in its range.
+// Returns INVALID_ARGUMENT, naming the field and its value, unless all components are finite,
+// eye != target, up is not parallel to the view direction, and the angle or height is in its range.
 absl::Status Validate(const Camera& camera);
-// INVALID_ARGUMENT unless both sides are in [1, kMaxViewportPx].
+// Returns INVALID_ARGUMENT unless both sides are in [1, kMaxViewportPx].
 absl::Status Validate(const Viewport& viewport);
 
-// The camera that vtkRenderer::ResetCamera gives: target = centre of `bounds`, eye along +z from it
+// Returns the camera of vtkRenderer::ResetCamera: target = centre of `bounds`, eye along +z from it
 // at distance R / sin(fov/2), R = half the diagonal, up = +y, fov 30 degrees.
 Camera MakeDefaultCamera(const math::Box3d& bounds);
 
 // Turns the eye about `up` through the target (vtkCamera::Azimuth, its sign).
 void Azimuth(double radians, Camera* camera);
 // Turns the eye about the camera's right axis through the target (vtkCamera::Elevation, its sign),
-// and keeps `up` as it is. Callers orthogonalize if they turn on.
+// and keeps `up` as it is. Callers that turn further orthogonalize first.
 void Elevation(double radians, Camera* camera);
 // Makes `up` perpendicular to the view direction (vtkCamera::OrthogonalizeViewUp).
 void OrthogonalizeUp(Camera* camera);

@@ -1,3 +1,23 @@
+// Computes footprints as View::FootprintOf does (view.cc), for as many boxes at a time as a
+// register has doubles:
+//
+//   1. Project: clip coordinates x, y, z, w of the 8 corners, and the bound of the error that a
+//      float32 renderer makes in each: kClipError * (|m0| reach0 + |m1| reach1 + |m2| reach2 +
+//      |m3|).
+//   2. Outside if all corners are outside one plane of the frustum by more than the error.
+//      Undecided if one may lie in front of the near plane, or has w <= 0 within the error.
+//   3. Divide by w. The margin in pixels is half the viewport times ((error + reach * w's error) /
+//      w + kViewportError * (reach + 1)), plus kSnapErrorPx. Undecided if it exceeds kMaxMarginPx.
+//   4. CoverPixels: the pixels whose centres lie in the box's extent, grown by the margin.
+//
+// Invariant: the operations and their order are those of View::FootprintOf, so both give the same
+// bits. Undecided boxes are left to it.
+//
+// Example: 1024 pixels wide, x / w from -0.25 to 0, margin 1/16. The extent is 512 * 0.75 = 384 to
+// 512 pixels; the centre 383.5 is 7/16 too far to the left, so the columns are [384, 512).
+//
+// Derivation of the bounds: docs/numerics.md, "How far float32 can move a vertex".
+
 #include "core/view/footprint_kernel.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -16,12 +36,13 @@ namespace hn = hwy::HWY_NAMESPACE;
 using F64 = hn::CappedTag<double, FootprintBatch::kMultiple>;
 using Lanes = hn::Vec<F64>;
 
-// Of a clip coordinate, or of what is made of two: the least and the greatest over the 8 corners.
+// The least and the greatest value over the 8 corners of each box.
 struct Range {
   Lanes min;
   Lanes max;
 };
 
+// Returns the range of value(corner).
 template <typename Value>
 HWY_INLINE Range RangeOf(const Value& value) {
   Range range{value(0), value(0)};
@@ -33,12 +54,14 @@ HWY_INLINE Range RangeOf(const Value& value) {
   return range;
 }
 
-// One clip coordinate of the corners of a box, and by how much float32 may be wrong in it.
+// One clip coordinate of the corners of a box, and the bound of its float32 error.
 struct Row {
   Lanes corners[8];
   Lanes error;
 };
 
+// Step 1 transforms the 8 corners by one row of the matrix. A corner's coordinate is one of two
+// values on each axis, so 6 products make all 8.
 HWY_INLINE void Project(const math::Mat4d& m, std::size_t row, const Lanes (&min)[3],
                         const Lanes (&max)[3], const Lanes (&reach)[3], Row* out) {
   const F64 d;
@@ -59,8 +82,8 @@ HWY_INLINE void Project(const math::Mat4d& m, std::size_t row, const Lanes (&min
   out->error = hn::Mul(hn::Set(d, kClipError), sum);
 }
 
-// The pixels [begin, end) of an axis whose centres lie within `range` (as ndc, scaled and moved to
-// pixels) +- margin.
+// Step 4 finds the pixels [begin, end) of an axis whose centres lie in [min - margin, max +
+// margin], all in pixels.
 HWY_INLINE void CoverPixels(Lanes min, Lanes max, Lanes margin, int size_px, double* begin,
                             double* end) {
   const F64 d;
@@ -93,6 +116,8 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int hei
     }
     const Row& w = rows[3];
 
+    // Step 2: compare c + w and c - w with their errors. A box is outside if all its corners are
+    // outside the same plane, and near if one is in front of the near plane.
     auto is_outside = hn::Lt(one, zero);
     auto is_near = is_outside;
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -111,6 +136,7 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int hei
     const Range w_range = RangeOf([&](std::size_t k) HWY_ATTR { return w.corners[k]; });
     const Lanes min_w = hn::Sub(w_range.min, w.error);
 
+    // Step 3: divide by w, and bound the error in pixels.
     Lanes inverse_w[8];
     for (std::size_t k = 0; k < 8; ++k) {
       inverse_w[k] = hn::Div(one, w.corners[k]);
@@ -132,7 +158,7 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int hei
     };
     const Lanes margin_x = margin_of(x, half_width, rows[0].error);
     const Lanes margin_y = margin_of(y, half_height, rows[1].error);
-    // False for what is no number.
+    // False if a margin is NaN.
     const auto is_sure =
         hn::And(hn::Gt(min_w, zero), hn::Le(hn::Max(margin_x, margin_y), hn::Set(d, kMaxMarginPx)));
     const auto is_decided = hn::AndNot(is_near, is_sure);

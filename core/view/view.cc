@@ -1,3 +1,24 @@
+// Makes a view in four steps:
+//
+//   1. The camera's unit vectors right, up and -forward are the rows of the rotation to eye space.
+//   2. eye_from_index is composed directly, not as eye_from_world * world_from_index.
+//   3. The clip planes fit the 8 corners of the volume, plus a slack; near is at least 1/1000 of
+//      far for perspective, at least 0 for orthographic.
+//   4. Projection times both eye matrices gives clip_from_world and clip_from_index.
+//
+// A footprint answers, for a box of cells: which pixels can a float32 renderer cover, and how near
+// can a fragment be? It projects the 8 corners in double and grows their rectangle by a bound of
+// the renderer's error. Three cases need care: a box outside one plane of the frustum has no
+// pixels; a box that reaches the near plane, or has w <= 0, or needs a margin above 4 pixels, gets
+// the whole viewport and depth 0, so it is never hidden; any other gets its rectangle and the depth
+// of its nearest corner, rounded towards the viewer.
+//
+// Invariant: the same operations in the same order on every agent, in double, without contraction.
+// footprint_kernel.cc does the same for many boxes at a time; its example has numbers.
+//
+// Derivation: docs/numerics.md, "Camera" and "How far float32 can move a vertex". Exact culling
+// rests on it: "Depth, fragments and exact culling", conditions 2 and 3.
+
 #include "core/view/view.h"
 
 #include <algorithm>
@@ -18,14 +39,15 @@ namespace {
 // The near plane is at least this part of the far distance (VTK's choice for deep buffers): at the
 // far end one step of a 32-bit float depth is then 6e-5 of the far distance, less than a cell.
 constexpr double kMinNearFraction = 1e-3;
-// How far the planes keep from the volume, so that nothing on its boundary is clipped: a part of
-// its depth, and what float32 clip coordinates may be wrong by (kClipError, with room).
+// The planes keep off the volume, so that nothing on its boundary is clipped: by this fraction of
+// its depth, plus this fraction of its distance for the error of float32 clip coordinates
+// (kClipError, with room to spare).
 constexpr double kPlaneSlack = 1e-3;
 constexpr double kPlaneRoundingSlack = 4e-6;
 
 constexpr float kNearestDepthMax = 0x1.fffffep-1F;  // 1 - 2^-24
 
-// The largest float that is not above `depth`, in [0, 1 - 2^-24].
+// Returns the largest float that is not above `depth`, clamped to [0, 1 - 2^-24].
 float RoundTowardViewer(double depth) {
   const double inside = std::clamp(depth, 0.0, 1.0);
   auto rounded = static_cast<float>(inside);
@@ -62,8 +84,8 @@ bool IsFinite(const math::Mat4d& matrix) {
   return std::all_of(matrix.m.begin(), matrix.m.end(), [](double x) { return std::isfinite(x); });
 }
 
-// A box in clip space: its corners, coordinate by coordinate, and by how much float32 may be wrong
-// in each. Plain loops over the corners, which compilers turn into SIMD.
+// A box in clip space: its corners, coordinate by coordinate, and the bound of the float32 error of
+// each coordinate. Plain loops over the corners, which compilers turn into SIMD.
 struct ClipBox {
   static constexpr std::size_t kCorners = 8;
   std::array<std::array<double, kCorners>, 4> corners;  // [x, y, z, w][corner]
@@ -97,7 +119,7 @@ struct Range {
   double max = 0;
 };
 
-// Of value(corner) over all corners.
+// Returns the range of value(corner) over all corners.
 template <typename Value>
 Range RangeOf(const Value& value) {
   Range range{value(0), value(0)};
@@ -109,7 +131,7 @@ Range RangeOf(const Value& value) {
   return range;
 }
 
-// True if all of the box is certainly outside one plane of the frustum, however it is rounded. The
+// Returns true if the whole box is outside one plane of the frustum by more than the error. The
 // planes are linear, so the corners decide, whatever the sign of w.
 bool IsOutside(const ClipBox& box) {
   const std::array<double, ClipBox::kCorners>& w = box.corners[3];
@@ -124,12 +146,47 @@ bool IsOutside(const ClipBox& box) {
   return false;
 }
 
-// The pixels [begin, end) of an axis whose centres lie within [min, max] +- margin.
+// Finds the pixels [begin, end) of an axis whose centres lie in [min - margin, max + margin].
 void CoverPixels(double min, double max, double margin, int size_px, int* begin, int* end) {
   const double first = std::ceil(min - margin - 0.5);
   const double last = std::floor(max + margin - 0.5);
   *begin = static_cast<int>(std::clamp(first, 0.0, static_cast<double>(size_px)));
   *end = static_cast<int>(std::clamp(last + 1, 0.0, static_cast<double>(size_px)));
+}
+
+// Returns the transform to eye space of index space, composed from origin - eye and not by
+// multiplying matrices: a volume far from the world's origin keeps its digits.
+math::Mat4d EyeFromIndex(const math::Mat3d& rotation, const Camera& camera,
+                         const volume::GridGeometry& geometry) {
+  math::Mat3d linear;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    linear.columns[axis] =
+        rotation * (geometry.direction.columns[axis] * geometry.spacing[static_cast<int>(axis)]);
+  }
+  return math::MakeAffine(linear, rotation * (geometry.origin - camera.eye));
+}
+
+// Returns the distances, along the view direction, of the volume's nearest and farthest corners,
+// moved apart by the slack.
+Range DistancesOf(const volume::GridGeometry& geometry, const math::Mat4d& eye_from_index) {
+  math::Box3d index_box;
+  index_box.Add({0, 0, 0});
+  index_box.Add({static_cast<double>(geometry.sample_dims.x - 1),
+                 static_cast<double>(geometry.sample_dims.y - 1),
+                 static_cast<double>(geometry.sample_dims.z - 1)});
+  Range distances{.min = std::numeric_limits<double>::infinity(),
+                  .max = -std::numeric_limits<double>::infinity()};
+  for (const math::Vec3d& corner : index_box.Corners()) {
+    const double distance = -math::TransformPoint(eye_from_index, corner).z;
+    distances.min = std::min(distances.min, distance);
+    distances.max = std::max(distances.max, distance);
+  }
+  const double slack =
+      kPlaneSlack * (distances.max - distances.min) +
+      kPlaneRoundingSlack * std::max(std::abs(distances.min), std::abs(distances.max));
+  distances.min -= slack;
+  distances.max += slack;
+  return distances;
 }
 
 }  // namespace
@@ -154,38 +211,16 @@ absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
   // eye = rotation (world - eye position); x right, y up, z toward the viewer.
   const math::Mat3d rotation = math::Transposed({{view.right_, view.up_, -view.forward_}});
   const math::Mat4d eye_from_world = math::MakeAffine(rotation, -(rotation * camera.eye));
-  // Composed from origin - eye, not by multiplying matrices: a volume far from the world's origin
-  // keeps its digits.
-  math::Mat3d linear;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    linear.columns[axis] =
-        rotation * (geometry.direction.columns[axis] * geometry.spacing[static_cast<int>(axis)]);
-  }
-  const math::Mat4d eye_from_index =
-      math::MakeAffine(linear, rotation * (geometry.origin - camera.eye));
+  const math::Mat4d eye_from_index = EyeFromIndex(rotation, camera, geometry);
 
-  math::Box3d index_box;
-  index_box.Add({0, 0, 0});
-  index_box.Add({static_cast<double>(geometry.sample_dims.x - 1),
-                 static_cast<double>(geometry.sample_dims.y - 1),
-                 static_cast<double>(geometry.sample_dims.z - 1)});
-  double nearest = std::numeric_limits<double>::infinity();
-  double farthest = -std::numeric_limits<double>::infinity();
-  for (const math::Vec3d& corner : index_box.Corners()) {
-    const double distance = -math::TransformPoint(eye_from_index, corner).z;
-    nearest = std::min(nearest, distance);
-    farthest = std::max(farthest, distance);
-  }
-  const double slack = kPlaneSlack * (farthest - nearest) +
-                       kPlaneRoundingSlack * std::max(std::abs(nearest), std::abs(farthest));
-  nearest -= slack;
-  farthest += slack;
+  const Range distances = DistancesOf(geometry, eye_from_index);
   const bool is_perspective = camera.projection == Projection::kPerspective;
-  if (farthest > 0) {
-    view.far_distance_ = farthest;
-    view.near_distance_ = std::max(nearest, is_perspective ? kMinNearFraction * farthest : 0.0);
+  if (distances.max > 0) {
+    view.far_distance_ = distances.max;
+    view.near_distance_ =
+        std::max(distances.min, is_perspective ? kMinNearFraction * distances.max : 0.0);
   } else {
-    // All of the volume is behind the eye: any planes in front of it show the empty picture.
+    // The whole volume is behind the eye: any planes in front of the eye show the empty picture.
     view.far_distance_ = target_distance;
     view.near_distance_ = is_perspective ? kMinNearFraction * target_distance : 0.0;
   }

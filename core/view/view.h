@@ -1,5 +1,5 @@
-// A camera made concrete for one volume and one viewport: matrices, clip planes, and where a block
-// falls on the screen. Every agent computes the same numbers from the same request.
+// The view of one volume through one camera on one viewport: matrices, clip planes, and the pixels
+// that a block can cover. Every agent computes the same bits from the same request.
 
 #ifndef ISOSCOPE_CORE_VIEW_VIEW_H_
 #define ISOSCOPE_CORE_VIEW_VIEW_H_
@@ -27,13 +27,13 @@ struct PixelRect {
   friend bool operator==(const PixelRect&, const PixelRect&) = default;
 };
 
-// Where a block can appear.
+// The pixels and depths at which a block can appear.
 struct Footprint {
-  // Every pixel whose centre a triangle of the block can cover; rounded outward, cut at the
-  // viewport. The whole viewport if the block reaches in front of the near plane. Empty: the block
-  // can't be seen (outside the frustum).
+  // Holds every pixel whose centre a triangle of the block can cover: rounded outward, clipped to
+  // the viewport. It is the whole viewport if the block reaches the near plane, and empty if the
+  // block is outside the frustum.
   PixelRect rect;
-  // A window depth that no fragment of the block is nearer than: renderers clamp fragments to
+  // The least window depth of a fragment of the block. Renderers clamp fragments to
   // [nearest_depth, 1], so that rounding in interpolation can't break this (docs/numerics.md).
   float nearest_depth = 0;
 };
@@ -41,7 +41,8 @@ struct Footprint {
 // Immutable; thread-safe.
 class View {
  public:
-  // INVALID_ARGUMENT if camera, viewport or geometry do not validate.
+  // Makes the view of a volume. INVALID_ARGUMENT if camera, viewport or geometry do not validate,
+  // or if their projection is not finite.
   static absl::StatusOr<View> Make(const Camera& camera, const Viewport& viewport,
                                    const volume::GridGeometry& geometry);
 
@@ -53,22 +54,22 @@ class View {
   [[nodiscard]] const math::Mat4d& clip_from_index() const { return clip_from_index_; }
   [[nodiscard]] const math::Mat4d& world_from_index() const { return world_from_index_; }
   [[nodiscard]] const math::Mat4d& index_from_world() const { return index_from_world_; }
-  // Distances along the view direction; they fit the volume's bounding box, 0 < near < far for
-  // perspective.
+  // Distances of the clip planes along the view direction. They fit the volume's bounding box;
+  // 0 < near < far for perspective, 0 <= near < far for orthographic.
   [[nodiscard]] double near_distance() const { return near_distance_; }
   [[nodiscard]] double far_distance() const { return far_distance_; }
-  // Unit, world space, from the eye to the target; and the camera's unit right and true up.
+  // Unit vectors in world space: from the eye to the target, and the camera's right and true up.
   [[nodiscard]] const math::Vec3d& forward() const { return forward_; }
   [[nodiscard]] const math::Vec3d& right() const { return right_; }
   [[nodiscard]] const math::Vec3d& up() const { return up_; }
 
-  // The footprint of the box between two positions in index space (samples). Thread-safe; pure.
+  // Returns the footprint of the box between two positions in index space (samples). Pure.
   [[nodiscard]] Footprint FootprintOf(const math::Vec3d& index_min,
                                       const math::Vec3d& index_max) const;
-  // The footprint of a block's cells.
+  // Returns the footprint of a block's cells.
   [[nodiscard]] Footprint FootprintOf(const volume::BlockLayout& layout, volume::BlockId id) const;
-  // footprints[i] is FootprintOf(layout, ids[i]), bit for bit; several times as fast for many.
-  // REQUIRES: as many footprints as ids.
+  // Sets footprints[i] to FootprintOf(layout, ids[i]), bit for bit, several times as fast.
+  // REQUIRES: footprints.size() == ids.size().
   void FootprintsOf(const volume::BlockLayout& layout, absl::Span<const volume::BlockId> ids,
                     absl::Span<Footprint> footprints) const;
 

@@ -1,3 +1,26 @@
+// The rays of a frame, their division among agents, and the way from hits to occluding blocks. The
+// walk of a ray is in ray_kernel.cc.
+//
+// Ray indices count the faces of the volume's sides first, axis by axis, the lower side before the
+// upper, then the cells of a grid over the image. Rows are walked to and fro, so that successive
+// rays are neighbours:
+//
+//        row 0    0 -> 1 -> 2
+//                           |
+//        row 1    5 <- 4 <- 3
+//
+// Example: 4 x 3 x 2 blocks have 2 * (3 * 2 + 2 * 4 + 4 * 3) = 52 face rays: 0 to 11 normal to x,
+// 12 to 27 to y, 28 to 51 to z. Ray 3 goes through row 1, column 2 of the lower x side, whose
+// columns count along y and rows along z. A viewport of 1024 x 1024 pixels has 128 x 128 = 16384
+// rays more, from 52 on.
+//
+// An agent casts a contiguous share. The union of all hits does not depend on the shares, because a
+// ray is a function of its index. Hits and their active 26-neighbours occlude: a surface that a ray
+// meets continues in the neighbouring blocks.
+//
+// Source: Zhang, Bajaj and Ramachandran 2002, section 3.1 (references.bib:
+// zhang-random-distribution).
+
 #include "core/visibility/occluder_selection.h"
 
 #include <algorithm>
@@ -13,14 +36,14 @@
 namespace isoscope::visibility {
 namespace {
 
-// How dense the random rays are. They find what the face centres miss: blocks inside the volume
-// that show between others. Four times as many save less than 2 % of the triangles
-// (docs/performance.md).
+// The density of random rays. They find blocks that rays through face centres miss: those inside
+// the volume that show between others. Four times as many rays save less than 2 % of the triangles
+// (docs/experiments.md).
 constexpr double kPixelsPerRay = 8.0 * 8.0;
 constexpr double kMinImageRays = 1024;
 constexpr double kMaxImageRays = 65536;
 
-// The number of blocks on each face that is normal to `axis`.
+// Returns the number of blocks on a side of the volume that is normal to `axis`.
 std::int64_t FaceBlocks(const math::Index3& block_dims, int axis) {
   return block_dims[(axis + 1) % 3] * block_dims[(axis + 2) % 3];
 }
@@ -39,7 +62,7 @@ void OrBits(absl::Span<const std::uint64_t> from, std::int64_t from_begin, std::
   const auto word_of = [&](std::int64_t index) {
     return index >= 0 && index < from_size ? from[static_cast<std::size_t>(index)] : 0;
   };
-  // What comes to a word of `to`, if all its bits are in the range.
+  // Returns the 64 bits of `from` that fall on a word of `to`.
   const auto incoming = [&](std::int64_t word) {
     const std::uint64_t low = word_of(word + word_offset) >> shift;
     return shift == 0 ? low : low | word_of(word + word_offset + 1) << (64 - shift);
@@ -55,7 +78,7 @@ void OrBits(absl::Span<const std::uint64_t> from, std::int64_t from_begin, std::
   }
   to[static_cast<std::size_t>(first)] |= incoming(first) & first_mask;
   to[static_cast<std::size_t>(last)] |= incoming(last) & last_mask;
-  // Between them both source words exist.
+  // Between the first and the last word, both source words exist.
   std::uint64_t* const out = to.data();
   if (shift == 0) {
     const std::uint64_t* const in = from.data() + word_offset;
@@ -70,20 +93,20 @@ void OrBits(absl::Span<const std::uint64_t> from, std::int64_t from_begin, std::
   }
 }
 
-// Removes every row's block number `column`.
+// Removes the block at `column` from every row of blocks.
 void EraseColumn(const math::Index3& dims, std::int64_t column, absl::Span<std::uint64_t> words) {
   for (std::int64_t id = column; id < math::Volume(dims); id += dims.x) {
     words[static_cast<std::size_t>(id / 64)] &= ~(std::uint64_t{1} << (id % 64));
   }
 }
 
-// Adds to a set of blocks all 26 neighbours of each: those along x, then of all these along y, then
-// along z. Blocks are shifted by whole words of ids.
+// Adds to a set of blocks all 26 neighbours of each: the neighbours along x, then the neighbours of
+// all these along y, then along z. Each is a shift of the whole set, by 1, dims.x or a slab of ids.
 void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
   const std::int64_t count = math::Volume(dims);
   const std::int64_t slab = dims.x * dims.y;
   const absl::Span<std::uint64_t> grown = blocks->words();
-  // The neighbour in number of a row's end belongs to another row.
+  // Along x, the next id after the end of a row belongs to another row.
   volume::BlockSet not_first = *blocks;
   EraseColumn(dims, 0, not_first.words());
   volume::BlockSet not_last = *blocks;
@@ -137,35 +160,35 @@ RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::u
   scene_.world_forward = view.forward();
 }
 
-RaySet::Run RaySet::RunAt(std::int64_t begin, std::int64_t end) const {
-  Run run;
+RaySet::RowPart RaySet::RowPartAt(std::int64_t begin, std::int64_t end) const {
+  RowPart part;
   std::int64_t columns = scene_.grid_columns;
-  std::int64_t number = begin - face_ray_count_;  // within the faces of one side, or the image
+  std::int64_t offset = begin - face_ray_count_;  // in the image plane, or in one side's faces
   if (begin < face_ray_count_) {
-    number = begin;
-    run.row.axis = 0;
+    offset = begin;
+    part.row.axis = 0;
     std::int64_t face_blocks = FaceBlocks(scene_.block_dims, 0);
-    while (number >= 2 * face_blocks) {
-      number -= 2 * face_blocks;
-      face_blocks = FaceBlocks(scene_.block_dims, ++run.row.axis);
+    while (offset >= 2 * face_blocks) {
+      offset -= 2 * face_blocks;
+      face_blocks = FaceBlocks(scene_.block_dims, ++part.row.axis);
     }
-    run.row.is_upper = number >= face_blocks;
-    number -= run.row.is_upper ? face_blocks : 0;
-    columns = scene_.block_dims[(run.row.axis + 1) % 3];
+    part.row.is_upper = offset >= face_blocks;
+    offset -= part.row.is_upper ? face_blocks : 0;
+    columns = scene_.block_dims[(part.row.axis + 1) % 3];
   }
-  run.row.row = number / columns;
-  const std::int64_t step = number % columns;
-  run.count = std::min(columns - step, end - begin);
-  run.begin_column = run.row.row % 2 == 0 ? step : columns - step - run.count;
-  return run;
+  part.row.row = offset / columns;
+  const std::int64_t step = offset % columns;
+  part.count = std::min(columns - step, end - begin);
+  part.begin_column = part.row.row % 2 == 0 ? step : columns - step - part.count;
+  return part;
 }
 
-std::optional<Ray> RaySet::RayOf(std::int64_t number) const {
-  ISOSCOPE_CHECK_LE(0, number);
-  ISOSCOPE_CHECK_LT(number, count());
-  const Run run = RunAt(number, number + 1);
+std::optional<Ray> RaySet::RayOf(std::int64_t ray_index) const {
+  ISOSCOPE_CHECK_LE(0, ray_index);
+  ISOSCOPE_CHECK_LT(ray_index, count());
+  const RowPart part = RowPartAt(ray_index, ray_index + 1);
   Ray ray;
-  if (!MakeRay(scene_, run.row, run.begin_column, &ray.origin, &ray.direction)) {
+  if (!MakeRay(scene_, part.row, part.begin_column, &ray.origin, &ray.direction)) {
     return std::nullopt;
   }
   return ray;
@@ -180,17 +203,17 @@ void RaySet::Cast(std::int64_t begin, std::int64_t end, const volume::BlockSet& 
   ISOSCOPE_CHECK_EQ(active.words().size(), word_count);
   ISOSCOPE_CHECK_EQ(hits->words().size(), word_count);
   while (begin < end) {
-    const Run run = RunAt(begin, end);
-    CastRow(scene_, run.row, run.begin_column, run.begin_column + run.count, active.words().data(),
-            hits->words().data());
-    begin += run.count;
+    const RowPart part = RowPartAt(begin, end);
+    CastRow(scene_, part.row, part.begin_column, part.begin_column + part.count,
+            active.words().data(), hits->words().data());
+    begin += part.count;
   }
 }
 
 RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count) {
   ISOSCOPE_CHECK_LE(0, agent_index);
   ISOSCOPE_CHECK_LT(agent_index, agent_count);
-  // The first `rest` agents cast one ray more.
+  // Each of the first `rest` agents casts one ray more.
   const std::int64_t share = ray_count / agent_count;
   const std::int64_t rest = ray_count % agent_count;
   const auto begin_of = [&](std::int64_t agent) { return agent * share + std::min(agent, rest); };

@@ -1,3 +1,29 @@
+// A pyramid of farthest depths over the composited image. Level 0 has a texel for each pixel; a
+// texel of level L + 1 holds the farthest of the 2 x 2 texels below it. Levels 0 to 3 lie tile by
+// tile:
+//
+//        offset   0              256           320          336     340
+//                 | 16 x 16      | 8 x 8       | 4 x 4      | 2 x 2 |     floats of one tile
+//
+// Level 4 has one texel a tile and, with the coarser levels, is stored as a plane. All tiles
+// without a fragment share the first stored tile, which is uncovered throughout.
+//
+// Hides begins at a level at which the rectangle is a few texels wide. A texel that is nearer than
+// the block settles its pixels. One that is not settles the whole answer if all its pixels are in
+// the rectangle, for its farthest pixel is one of them; else its children inside the rectangle
+// decide. So only texels on the rectangle's border are refined, and the answer is that of all
+// pixels.
+//
+// Example: 20 x 9 pixels, x from 30 to 49 and y from 5 to 13, begin at level 3, as 20 >> 3 = 2 is
+// the first shift that gives at most 4: texels of 8 x 8 pixels, 3 to 6 across and 0 to 1 down,
+// eight looks where testing each pixel would take 180.
+//
+// Invariants: an uncovered pixel is 2, farther than any depth; a texel outside the image is 0,
+// nearer than any limit but 0, at which nothing is hidden. Nothing is rounded: depths stay
+// binary32. For MapKind::kMask a covered pixel is 0 and the limit is 2.
+//
+// Proof of exactness: docs/numerics.md, "Depth, fragments and exact culling".
+
 #include "core/visibility/occlusion_map.h"
 
 #include <algorithm>
@@ -13,12 +39,12 @@ namespace {
 
 constexpr int kTilePx = image::TileSet::kTilePx;
 
-// Hides first looks at a rectangle where it is at most this many texels wide and high.
+// Hides begins at the finest level at which a rectangle's longer side is at most this many texels.
 constexpr int kStartTexels = 4;
 
 float Farther(float a, float b) { return a > b ? a : b; }
 
-// The farthest of each 2 x 2 texels of a square of 2 side x 2 side.
+// Writes the farthest of each 2 x 2 texels of a square of 2 kSide x 2 kSide.
 template <int kSide>
 void Halve(const float* fine, float* coarse) {
   for (int y = 0; y < kSide; ++y) {
@@ -31,11 +57,12 @@ void Halve(const float* fine, float* coarse) {
   }
 }
 
-// Bit x - begin_x is set if texel x is not nearer than `limit`. At most 32 texels.
+// Returns one bit a texel of [begin_x, end_x), lowest first: set if the texel is not nearer than
+// `limit`. At most 32 texels.
 std::uint32_t OpenBits(const float* texels, int begin_x, int end_x, float limit) {
   std::uint32_t bits = 0;
   int x = begin_x;
-  // Four independent comparisons a step, or each would wait for the one before.
+  // Four independent comparisons a step: else each would wait for the one before.
   for (; x + 4 <= end_x; x += 4) {
     const std::uint32_t four =
         std::uint32_t{!(texels[x] < limit)} | std::uint32_t{!(texels[x + 1] < limit)} << 1 |
@@ -93,15 +120,15 @@ void OcclusionMap::BuildTiles(const image::FrameImage& image) {
   plane.height = rows;
   const std::size_t tile_count = static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows);
   plane.texels.assign(tile_count, kUncovered);
-  slots_.assign(tile_count, 0);
-  std::uint32_t slot_count = 1;
+  stored_index_.assign(tile_count, 0);
+  std::uint32_t stored_count = 1;
   for (int row = 0; row < rows; ++row) {
-    std::uint32_t* slots =
-        slots_.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(columns);
-    image.touched.ForEachInRow(row, [&](int column) { slots[column] = slot_count++; });
+    std::uint32_t* row_indices =
+        stored_index_.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(columns);
+    image.touched.ForEachInRow(row, [&](int column) { row_indices[column] = stored_count++; });
   }
-  // Not cleared: every texel of every slot is written.
-  tiles_ = std::make_unique_for_overwrite<float[]>(slot_count * kTileTexels);
+  // Memory is not cleared: every texel is written below.
+  tiles_ = std::make_unique_for_overwrite<float[]>(stored_count * kTileTexels);
   std::fill_n(tiles_.get(), kTileTexels, kUncovered);
 
   const bool is_mask = kind_ == MapKind::kMask;
@@ -111,9 +138,9 @@ void OcclusionMap::BuildTiles(const image::FrameImage& image) {
     const int tile_height = std::min(kTilePx, image.height - row * kTilePx);
     image.touched.ForEachInRow(row, [&](int column) {
       const std::size_t tile = first_tile + static_cast<std::size_t>(column);
-      float* texels = tiles_.get() + slots_[tile] * kTileTexels;
+      float* texels = tiles_.get() + stored_index_[tile] * kTileTexels;
       const int tile_width = std::min(kTilePx, image.width - column * kTilePx);
-      // Outside the image: nearer than everything, so that coarser texels speak of pixels alone.
+      // Texels outside the image are nearer than everything, so coarser texels ignore them.
       if (tile_width < kTilePx || tile_height < kTilePx) {
         std::fill_n(texels, kLevelOffset[1], 0.0F);
       }
@@ -172,7 +199,7 @@ float OcclusionMap::TexelAt(int level, int x, int y) const {
   const std::size_t tile =
       static_cast<std::size_t>(y >> side_bits) * static_cast<std::size_t>(planes_.front().width) +
       static_cast<std::size_t>(x >> side_bits);
-  return tiles_[slots_[tile] * kTileTexels + kLevelOffset[static_cast<std::size_t>(level)] +
+  return tiles_[stored_index_[tile] * kTileTexels + kLevelOffset[static_cast<std::size_t>(level)] +
                 static_cast<std::size_t>((y & mask) << side_bits | (x & mask))];
 }
 
@@ -181,19 +208,19 @@ bool OcclusionMap::IsNearer(int level, int x, int y, const view::PixelRect& rect
   if (TexelAt(level, x, y) < limit) {
     return true;
   }
-  // The pixels that this texel stands for, and those of them that are in the rectangle.
+  // The pixels of this texel, and those of them that lie in the rectangle.
   const view::PixelRect whole{x << level, y << level, std::min((x + 1) << level, width_px_),
                               std::min((y + 1) << level, height_px_)};
-  const view::PixelRect part{std::max(whole.begin_x, rect.begin_x),
-                             std::max(whole.begin_y, rect.begin_y),
-                             std::min(whole.end_x, rect.end_x), std::min(whole.end_y, rect.end_y)};
-  if (part == whole) {
+  const view::PixelRect common{
+      std::max(whole.begin_x, rect.begin_x), std::max(whole.begin_y, rect.begin_y),
+      std::min(whole.end_x, rect.end_x), std::min(whole.end_y, rect.end_y)};
+  if (common == whole) {
     return false;  // the farthest pixel is in the rectangle
   }
   const int finer = level - 1;
-  for (int child_y = part.begin_y >> finer; child_y <= (part.end_y - 1) >> finer; ++child_y) {
-    for (int child_x = part.begin_x >> finer; child_x <= (part.end_x - 1) >> finer; ++child_x) {
-      if (!IsNearer(finer, child_x, child_y, part, limit)) {
+  for (int child_y = common.begin_y >> finer; child_y <= (common.end_y - 1) >> finer; ++child_y) {
+    for (int child_x = common.begin_x >> finer; child_x <= (common.end_x - 1) >> finer; ++child_x) {
+      if (!IsNearer(finer, child_x, child_y, common, limit)) {
         return false;
       }
     }
@@ -237,15 +264,16 @@ std::uint32_t OcclusionMap::OpenTexels(int level, int y, int begin_x, int end_x,
   }
   const int side_bits = kTileLevels - level;
   const int side = 1 << side_bits;
-  const std::uint32_t* slots = slots_.data() + static_cast<std::size_t>(y >> side_bits) *
-                                                   static_cast<std::size_t>(planes_.front().width);
+  const std::uint32_t* row_indices =
+      stored_index_.data() +
+      static_cast<std::size_t>(y >> side_bits) * static_cast<std::size_t>(planes_.front().width);
   const std::size_t row = kLevelOffset[static_cast<std::size_t>(level)] +
                           (static_cast<std::size_t>(y & (side - 1)) << side_bits);
   std::uint32_t open = 0;
   for (int x = begin_x; x < end_x;) {
     const int tile_x = x & -side;
     const int tile_end_x = std::min(tile_x + side, end_x);
-    const float* texels = tiles_.get() + slots[x >> side_bits] * kTileTexels + row;
+    const float* texels = tiles_.get() + row_indices[x >> side_bits] * kTileTexels + row;
     open |= OpenBits(texels, x - tile_x, tile_end_x - tile_x, limit) << (x - begin_x);
     x = tile_end_x;
   }

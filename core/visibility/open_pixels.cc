@@ -1,3 +1,20 @@
+// The masks of all blocks as one string of bits, whole or as one Zstandard frame if that is
+// smaller.
+//
+//   header, 24 bytes: magic, CRC-32C of the rest, version, form, count of masks, count of bits
+//   body: mask after mask without gaps, lowest bit first, the last byte filled up with 0
+//
+// Masks begin at any bit: a word of a mask is spread over two words of the string by a shift.
+// Shapes are not sent, because a mask's shape follows from the block's rectangle (ClosedMaskOf),
+// which the agent knows. Example: rectangles of 40 x 10 pixels at pixel 0 need cells of 2 x 2
+// pixels to have at most 32 columns: 20 x 5 cells. Two such masks take 200 bits, 25 bytes; the
+// second begins at bit 36 of the second word.
+//
+// Invariant of the decoder: it compares counts with the shapes it expects before it allocates by
+// them, and refuses bits after the last mask.
+//
+// Layout: docs/format/wire.md, "Open pixels".
+
 #include "core/visibility/open_pixels.h"
 
 #include <cstddef>
@@ -30,10 +47,10 @@ std::size_t BitCount(const image::PixelMask& mask) {
 
 std::size_t WordCount(std::uint64_t bits) { return static_cast<std::size_t>((bits + 63) / 64); }
 
-// Bits of masks one after the other, with no gaps.
+// Concatenates the bits of the masks, `total` bits, without gaps.
 std::vector<std::uint64_t> Concatenate(std::span<const image::PixelMask> masks,
                                        std::uint64_t total) {
-  std::vector<std::uint64_t> all(WordCount(total) + 1);  // one more, so that a carry needs no test
+  std::vector<std::uint64_t> all(WordCount(total) + 1);  // one more: the carry needs no test
   std::uint64_t position = 0;
   for (const image::PixelMask& mask : masks) {
     std::size_t word = static_cast<std::size_t>(position / 64);
@@ -46,6 +63,60 @@ std::vector<std::uint64_t> Concatenate(std::span<const image::PixelMask> masks,
   }
   all.resize(WordCount(total));
   return all;
+}
+
+// Does the reverse: fills the words of each mask from `all`, which has one word more than its bits.
+void Split(std::span<const std::uint64_t> all, std::span<image::PixelMask> masks) {
+  std::uint64_t position = 0;
+  for (image::PixelMask& mask : masks) {
+    std::size_t word = static_cast<std::size_t>(position / 64);
+    const unsigned offset = static_cast<unsigned>(position % 64);
+    for (std::uint64_t& bits : mask.words) {
+      bits = all[word] >> offset;
+      ++word;
+      bits |= offset == 0 ? 0 : all[word] << (64 - offset);
+    }
+    const std::size_t spare = BitCount(mask) % 64;
+    if (spare != 0) {
+      mask.words.back() &= (std::uint64_t{1} << spare) - 1;
+    }
+    position += BitCount(mask);
+  }
+}
+
+struct Header {
+  std::uint8_t form = kStored;
+  std::uint32_t mask_count = 0;
+  std::uint64_t bit_count = 0;
+};
+
+// Verifies magic, checksum and version. DATA_LOSS if one is wrong.
+absl::StatusOr<Header> DecodeHeader(absl::string_view bytes) {
+  if (bytes.size() < kHeaderSize || bytes.substr(0, kMagicSize) != kMagic) {
+    return absl::DataLossError(
+        absl::StrFormat("open pixels of %d bytes: no header of %d bytes with the magic %s",
+                        bytes.size(), kHeaderSize, kMagic));
+  }
+  const auto stated_crc = base::LoadLittleEndian<std::uint32_t>(bytes.data() + kMagicSize);
+  const std::uint32_t actual_crc = base::Crc32c(bytes.substr(kChecksummedOffset));
+  if (stated_crc != actual_crc) {
+    return absl::DataLossError(
+        absl::StrFormat("open pixels of %d bytes: CRC-32C is %08x, the header states %08x",
+                        bytes.size(), actual_crc, stated_crc));
+  }
+  base::Decoder decoder(bytes.substr(kChecksummedOffset));
+  Header header;
+  std::uint8_t version = 0;
+  std::uint16_t reserved = 0;
+  const bool complete = decoder.Read(&version) && decoder.Read(&header.form) &&
+                        decoder.Read(&reserved) && decoder.Read(&header.mask_count) &&
+                        decoder.Read(&header.bit_count);
+  if (!complete || version != kVersion || header.form > kZstandard || reserved != 0) {
+    return absl::DataLossError(
+        absl::StrFormat("open pixels: version %d, form %d, reserved %d; expected %d, 0 or 1, 0",
+                        version, header.form, reserved, kVersion));
+  }
+  return header;
 }
 
 }  // namespace
@@ -80,31 +151,7 @@ std::string EncodeOpenPixels(std::span<const image::PixelMask> masks) {
 
 absl::StatusOr<std::vector<image::PixelMask>> DecodeOpenPixels(
     absl::string_view bytes, std::span<const view::PixelRect> rects) {
-  if (bytes.size() < kHeaderSize || bytes.substr(0, kMagicSize) != kMagic) {
-    return absl::DataLossError(
-        absl::StrFormat("open pixels of %d bytes: no header of %d bytes with the magic %s",
-                        bytes.size(), kHeaderSize, kMagic));
-  }
-  const auto stated_crc = base::LoadLittleEndian<std::uint32_t>(bytes.data() + kMagicSize);
-  const std::uint32_t actual_crc = base::Crc32c(bytes.substr(kChecksummedOffset));
-  if (stated_crc != actual_crc) {
-    return absl::DataLossError(
-        absl::StrFormat("open pixels of %d bytes: CRC-32C is %08x, the header states %08x",
-                        bytes.size(), actual_crc, stated_crc));
-  }
-  base::Decoder decoder(bytes.substr(kChecksummedOffset));
-  std::uint8_t version = 0;
-  std::uint8_t form = 0;
-  std::uint16_t reserved = 0;
-  std::uint32_t mask_count = 0;
-  std::uint64_t stated_bits = 0;
-  const bool complete = decoder.Read(&version) && decoder.Read(&form) && decoder.Read(&reserved) &&
-                        decoder.Read(&mask_count) && decoder.Read(&stated_bits);
-  if (!complete || version != kVersion || form > kZstandard || reserved != 0) {
-    return absl::DataLossError(
-        absl::StrFormat("open pixels: version %d, form %d, reserved %d; expected %d, 0 or 1, 0",
-                        version, form, reserved, kVersion));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const Header header, DecodeHeader(bytes));
   std::vector<image::PixelMask> masks;
   masks.reserve(rects.size());
   std::uint64_t total = 0;
@@ -112,15 +159,15 @@ absl::StatusOr<std::vector<image::PixelMask>> DecodeOpenPixels(
     masks.push_back(ClosedMaskOf(rect));
     total += BitCount(masks.back());
   }
-  if (mask_count != rects.size() || stated_bits != total) {
+  if (header.mask_count != rects.size() || header.bit_count != total) {
     return absl::DataLossError(
-        absl::StrFormat("open pixels of %d masks with %d bits; expected %d with %d", mask_count,
-                        stated_bits, rects.size(), total));
+        absl::StrFormat("open pixels of %d masks with %d bits; expected %d with %d",
+                        header.mask_count, header.bit_count, rects.size(), total));
   }
   const auto size = static_cast<std::size_t>((total + 7) / 8);
   absl::string_view stored = bytes.substr(kHeaderSize);
   std::string decompressed;
-  if (form == kZstandard) {
+  if (header.form == kZstandard) {
     ISOSCOPE_ASSIGN_OR_RETURN(decompressed, base::Decompress(stored, size));
     stored = decompressed;
   }
@@ -128,27 +175,13 @@ absl::StatusOr<std::vector<image::PixelMask>> DecodeOpenPixels(
     return absl::DataLossError(absl::StrFormat("open pixels of %d bits in %d bytes; expected %d",
                                                total, stored.size(), size));
   }
-  // Whole words, and one more so that a carry needs no test.
+  // Whole words, and one more: the carry needs no test.
   std::vector<std::uint64_t> all(WordCount(total) + 1);
   std::memcpy(all.data(), stored.data(), size);
   if (total % 64 != 0 && all[static_cast<std::size_t>(total / 64)] >> (total % 64) != 0) {
     return absl::DataLossError("open pixels: bits are set after the last mask");
   }
-  std::uint64_t position = 0;
-  for (image::PixelMask& mask : masks) {
-    std::size_t word = static_cast<std::size_t>(position / 64);
-    const unsigned offset = static_cast<unsigned>(position % 64);
-    for (std::uint64_t& bits : mask.words) {
-      bits = all[word] >> offset;
-      ++word;
-      bits |= offset == 0 ? 0 : all[word] << (64 - offset);
-    }
-    const std::size_t spare = BitCount(mask) % 64;
-    if (spare != 0) {
-      mask.words.back() &= (std::uint64_t{1} << spare) - 1;
-    }
-    position += BitCount(mask);
-  }
+  Split(all, masks);
   return masks;
 }
 

@@ -1,5 +1,5 @@
-// The pixels at which blocks could still win, from the coordinator to the agent that draws them:
-// the list of masks of the blocks of one agent as bytes. The layout is in docs/format/wire.md.
+// Encodes, for the blocks that an agent draws in step 3, the pixels that they could still win. The
+// coordinator sends these masks to the agent. Layout: docs/format/wire.md, "Open pixels".
 
 #ifndef ISOSCOPE_CORE_VISIBILITY_OPEN_PIXELS_H_
 #define ISOSCOPE_CORE_VISIBILITY_OPEN_PIXELS_H_
@@ -19,9 +19,9 @@ namespace isoscope::visibility {
 // Encodes the bits of masks, whose shapes the receiver knows (ClosedMaskOf). Thread-safe; pure.
 std::string EncodeOpenPixels(std::span<const image::PixelMask> masks);
 
-// The masks, each with the shape of ClosedMaskOf of its rectangle. Safe on hostile bytes: what is
-// allocated depends on `rects` alone. DATA_LOSS if the bytes are damaged or are not of so many
-// masks of these shapes. Thread-safe; pure. REQUIRES: rectangles as ClosedMaskOf does.
+// Decodes one mask for each rectangle, with the shape of ClosedMaskOf(rect). Safe for any bytes:
+// memory depends on `rects` alone. DATA_LOSS if the bytes are damaged, or hold other than one mask
+// of that shape for each rectangle. Thread-safe; pure. REQUIRES: rectangles as for ClosedMaskOf.
 absl::StatusOr<std::vector<image::PixelMask>> DecodeOpenPixels(
     absl::string_view bytes, std::span<const view::PixelRect> rects);
 

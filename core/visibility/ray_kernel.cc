@@ -1,3 +1,27 @@
+// Casts rays, as many at a time as a register has doubles, each through the grid of blocks up to
+// its first active one:
+//
+//   1. MakeRays: origin and direction in index space, through the centres of neighbouring boundary
+//      faces, or through random points of neighbouring cells of the image plane.
+//   2. StartWalks: clip to the volume by slabs; the block of entry; for each axis t of the next
+//      block boundary and t from one boundary to the next.
+//   3. WalkRays: test the block's bit; then cross the boundary that comes first, of equal ones that
+//      of the lowest axis, and add that axis' stride to the block id.
+//
+// Steps left on the three axes share one 64-bit word, so one subtraction counts and one test ends a
+// walk. Each axis has a field of bit_width(blocks - 1) bits, and above it an overrun bit that is
+// set when the field goes below 0. For 5 x 4 x 3 blocks:
+//
+//        bit    9    8 7    6    5 4    3    2 1 0
+//               |     z     |     y     |      x         one step: x 1 << 0, y 1 << 4, z 1 << 7
+//            overrun     overrun     overrun             overrun bits: 3, 6, 9
+//
+// Invariants: each step uses up one of these, so a walk ends after at most x + y + z steps however
+// t is rounded, and its block id always exists. Whole numbers below 2^53 are exact in double. Lanes
+// do not influence each other, so the hits do not depend on the width of registers.
+//
+// Source of the walk: Amanatides and Woo 1987, section 2 (references.bib: amanatides-woo).
+
 #include "core/visibility/ray_kernel.h"
 
 #include <algorithm>
@@ -27,20 +51,20 @@ using VecF64 = hn::Vec<F64>;
 
 constexpr std::size_t kMaxLanes = 8;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// Face centres this far outside the image are still cast: a part of their block may show.
+// Face centres up to this factor outside the image are still cast: their block may reach into it.
 constexpr double kViewportSlack = 1.02;
 
 using LaneArray = std::array<double, kMaxLanes>;
 
-// Rays, one to a lane.
+// A packet of rays, one to a lane.
 struct alignas(64) RayLanes {
   std::array<LaneArray, 3> origin;
   std::array<LaneArray, 3> direction;
   LaneArray t_end;  // infinity; below 0: no ray in this lane
 };
 
-// The first three elements of `row` applied to a position, and the fourth to 1: the operations of
-// math::Mat4d, in their order.
+// Returns element `row` of the matrix times (x, y, z, 1), by the operations of math::Mat4d in their
+// order.
 VecF64 TransformRow(F64 d, const math::Mat4d& m, std::size_t row, VecF64 x, VecF64 y, VecF64 z) {
   const auto in_plane =
       hn::Add(hn::Mul(hn::Set(d, m.At(row, 0)), x), hn::Mul(hn::Set(d, m.At(row, 1)), y));
@@ -65,14 +89,14 @@ void StoreRays(F64 d, VecF64 ox, VecF64 oy, VecF64 oz, const math::Vec3d& direct
   }
 }
 
-// t_end for lanes [0, count): a ray in those that are `shown`.
+// Sets t_end: lanes [0, count) that are `shown` have a ray.
 void StoreEnds(F64 d, hn::Mask<F64> shown, std::size_t count, RayLanes* rays) {
   const auto has_ray = hn::And(shown, hn::FirstN(d, count));
   hn::Store(hn::IfThenElse(has_ray, hn::Set(d, kInfinity), hn::Set(d, -1.0)), d,
             rays->t_end.data());
 }
 
-// The rays through the centres of `count` boundary faces from `column` on.
+// Step 1 for faces: makes the rays through the centres of `count` boundary faces from `column` on.
 void MakeFaceRays(F64 d, const RayScene& scene, const RayRow& row, std::int64_t column,
                   std::size_t count, RayLanes* rays) {
   const int u = (row.axis + 1) % 3;
@@ -118,10 +142,11 @@ void MakeFaceRays(F64 d, const RayScene& scene, const RayRow& row, std::int64_t 
             hn::Add(z, hn::Mul(hn::Set(d, scene.forward.z), back)), scene.forward, rays);
 }
 
-// `count` rays through random points of the cells from `column` on.
+// Step 1 for the image plane: makes `count` rays through random points of the cells from `column`
+// on.
 void MakeImageRays(F64 d, const RayScene& scene, const RayRow& row, std::int64_t column,
                    std::size_t count, RayLanes* rays) {
-  // Rays are numbered to and fro over the rows, and their numbers draw the random ones.
+  // Ray indices run to and fro over the rows; the random numbers of a ray follow from its index.
   const bool is_forth = row.row % 2 == 0;
   const std::int64_t first =
       row.row * scene.grid_columns + (is_forth ? column : scene.grid_columns - 1 - column);
@@ -169,8 +194,8 @@ void MakeRays(F64 d, const RayScene& scene, const RayRow& row, std::int64_t colu
   }
 }
 
-// The steps that are left on each axis live in one number: three fields, each with a bit above it
-// that is set when the field runs below 0. Block ids have 32 bits, so the fields fit.
+// The layout of the word that counts the steps left on each axis (head of this file). Block ids
+// have 32 bits, so the three fields and their overrun bits fit.
 struct StepFields {
   explicit StepFields(const math::Index3& dims) {
     int shift = 0;
@@ -182,21 +207,21 @@ struct StepFields {
       ++shift;
     }
   }
-  std::array<std::uint64_t, 3> one{};
-  std::uint64_t overrun = 0;
+  std::array<std::uint64_t, 3> one{};  // one step on each axis
+  std::uint64_t overrun = 0;           // the bits above the fields
 };
 
-// Where the walks of a vector of rays begin.
+// The first state of the walks of a packet.
 struct alignas(64) WalkLanes {
-  std::array<LaneArray, 3> t_next;  // of the next block boundary
-  std::array<LaneArray, 3> t_step;  // from one to the next
-  LaneArray t_exit;                 // of the volume
-  LaneArray id;                     // of the first block
-  LaneArray steps_left;             // StepFields
+  std::array<LaneArray, 3> t_next;  // t of the next block boundary
+  std::array<LaneArray, 3> t_step;  // from one boundary to the next
+  LaneArray t_exit;                 // where the ray leaves the volume; below 0: no walk
+  LaneArray id;                     // first block
+  LaneArray steps_left;             // as StepFields
 };
 
-// Clips the rays at the volume and finds their first blocks. False if no ray meets the volume;
-// lanes that do not have t_exit < 0.
+// Step 2 clips the rays to the volume and finds their first blocks. False if no ray meets the
+// volume; t_exit is below 0 in the lanes of rays that do not.
 bool StartWalks(F64 d, const RayScene& scene, const StepFields& fields, const RayLanes& rays,
                 WalkLanes* walks) {
   const auto zero = hn::Zero(d);
@@ -234,7 +259,7 @@ bool StartWalks(F64 d, const RayScene& scene, const StepFields& fields, const Ra
     const auto last = hn::Set(d, static_cast<double>(scene.block_dims[axis] - 1));
     const auto is_parallel = hn::Eq(direction, zero);
     const auto is_forward = hn::Gt(direction, zero);
-    // Exact on the axis of entry, where the division might round across the face.
+    // On the axis of entry the index is 0 or the last: the quotient might round across the face.
     const auto position = hn::Add(origin, hn::Mul(direction, t_enter));
     const auto cell = hn::Floor(hn::Div(position, block_size));
     const auto inside = hn::IfThenElseZero(hn::Gt(cell, zero), hn::Min(cell, last));
@@ -260,7 +285,7 @@ bool StartWalks(F64 d, const RayScene& scene, const StepFields& fields, const Ra
   return true;
 }
 
-// By how much a step along an axis changes the block id.
+// Returns the change of the block id by a step along an axis.
 hn::Vec<U64> IdStep(F64 d, const RayLanes& rays, std::size_t axis, std::int64_t stride) {
   const U64 du;
   const auto is_forward = hn::Gt(hn::Load(d, rays.direction[axis].data()), hn::Zero(d));
@@ -269,7 +294,8 @@ hn::Vec<U64> IdStep(F64 d, const RayLanes& rays, std::size_t axis, std::int64_t 
                         hn::Set(du, static_cast<std::uint64_t>(-stride)));
 }
 
-// Walks all rays side by side until each has met an active block or left the volume.
+// Step 3 walks all rays of a packet side by side until each has met an active block or left the
+// volume, and inserts the blocks met into `hits`.
 void WalkRays(F64 d, const RayScene& scene, const StepFields& fields, const RayLanes& rays,
               const std::uint64_t* active, std::uint64_t* hits) {
   WalkLanes walks;
@@ -294,7 +320,7 @@ void WalkRays(F64 d, const RayScene& scene, const StepFields& fields, const RayL
   const auto overrun = hn::Set(du, fields.overrun);
   auto id = hn::BitCast(du, hn::ConvertTo(di, hn::Load(d, walks.id.data())));
   auto steps_left = hn::BitCast(du, hn::ConvertTo(di, hn::Load(d, walks.steps_left.data())));
-  // A ray that has hit goes on until all have: steps that do not wait for what is found overlap.
+  // A ray that has hit walks on until all have: the next step then need not wait for the gather.
   auto is_inside = hn::Ge(t_exit, hn::Zero(d));
   auto is_searching = is_inside;
   auto has_hit = hn::Lt(t_exit, t_exit);  // none
@@ -317,7 +343,7 @@ void WalkRays(F64 d, const RayScene& scene, const StepFields& fields, const RayL
     const auto along_y_int = hn::RebindMask(du, along_y);
     steps_left = hn::Sub(
         steps_left, hn::IfThenElse(along_x_int, one_x, hn::IfThenElse(along_y_int, one_y, one_z)));
-    // The last block of an axis may be smaller than the step: there t_exit ends the walk.
+    // The last block of an axis may be smaller than a step: there t_exit ends the walk.
     is_inside =
         hn::And(is_inside,
                 hn::AndNot(hn::Gt(t, t_exit),

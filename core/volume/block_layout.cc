@@ -36,7 +36,7 @@ absl::StatusOr<BlockLayout> BlockLayout::Make(const math::Index3& sample_dims,
 }
 
 math::Index3 BlockLayout::IndexOf(BlockId id) const {
-  // Of 32 bits, as ids: divisions of 64 take two to four times as long.
+  // Divides 32-bit ids: divisions of 64 bits take two to four times as long.
   const auto row_blocks = static_cast<BlockId>(block_dims_.x);
   const auto rows = static_cast<BlockId>(block_dims_.y);
   const BlockId row = id / row_blocks;
@@ -71,7 +71,7 @@ math::IndexBox BlockLayout::StoredSamplesOf(BlockId id) const {
 math::Index3 DefaultBlockCells(const math::Index3& sample_dims) {
   constexpr std::int64_t kEnoughBlocks = 32768;
   for (const std::int64_t edge : {16, 12}) {
-    // Stops counting at what is enough: the product of three axes could overflow.
+    // Saturates at kEnoughBlocks: the product of three axes could overflow.
     std::int64_t blocks = 1;
     for (int axis = 0; axis < 3; ++axis) {
       const std::int64_t cells = std::max<std::int64_t>(sample_dims[axis] - 1, 1);

@@ -1,9 +1,16 @@
-// How a grid is cut into blocks of cells.
+// The division of a grid into blocks of cells.
 //
-// A cell is the hexahedron between 8 neighbouring samples; there are samples - 1 of them on an
-// axis. Blocks tile the cells from index 0; the last one of an axis may be smaller. A block stores
-// its own samples (one more than its cells on each axis, so that every cell belongs to exactly one
-// block) and one ghost sample on each side where the volume has one, for gradients.
+// A cell is the hexahedron between 8 neighbouring samples; an axis has samples - 1 of them. Blocks
+// tile the cells from index 0; the last block of an axis may be smaller. A block stores its own
+// samples, one more than its cells on each axis, so that every cell belongs to exactly one block.
+// For gradients it also stores one ghost sample on each side where the volume has one.
+//
+// Example: 11 samples on an axis are 10 cells; blocks of 4 cells:
+//
+//   block   cells   own samples   stored samples
+//     0     0..3        0..4           0..5
+//     1     4..7        4..8           3..9
+//     2     8..9        8..10          7..10
 
 #ifndef ISOSCOPE_CORE_VOLUME_BLOCK_LAYOUT_H_
 #define ISOSCOPE_CORE_VOLUME_BLOCK_LAYOUT_H_
@@ -17,7 +24,7 @@
 
 namespace isoscope::volume {
 
-// The number of a block in the whole volume: x fastest, as samples. At most kMaxBlockCount - 1.
+// A block's index in the whole volume: x fastest, then y, then z. At most kMaxBlockCount - 1.
 using BlockId = std::uint32_t;
 inline constexpr std::int64_t kMaxBlockCount = 0xffffffff;  // the last value means "no block"
 
@@ -26,11 +33,11 @@ class BlockLayout {
  public:
   BlockLayout() = default;
 
-  // INVALID_ARGUMENT unless every axis has >= 2 samples and 1 <= block_cells <= kMaxBlockCells, and
-  // there are at most kMaxBlockCount blocks.
+  // Makes a layout. INVALID_ARGUMENT unless every axis has >= 2 samples and
+  // 1 <= block_cells <= kMaxBlockCells, and there are at most kMaxBlockCount blocks.
   static absl::StatusOr<BlockLayout> Make(const math::Index3& sample_dims,
                                           const math::Index3& block_cells);
-  // Vertices of a block are counted in 16 + 16 bits and its cells fit a cache.
+  // Vertices of a block are counted in 16 + 16 bits, and its cells fit a cache.
   static constexpr std::int64_t kMaxBlockCells = 128;
 
   [[nodiscard]] const math::Index3& sample_dims() const { return sample_dims_; }
@@ -45,11 +52,11 @@ class BlockLayout {
                                 block_dims_.x * (block_index.y + block_dims_.y * block_index.z));
   }
   [[nodiscard]] math::Index3 IndexOf(BlockId id) const;
-  // The block's cells.
+  // Returns the block's cells.
   [[nodiscard]] math::IndexBox CellsOf(BlockId id) const;
-  // The samples that count for its span: one more than its cells on each axis.
+  // Returns the samples that count for its span: one more than its cells on each axis.
   [[nodiscard]] math::IndexBox OwnSamplesOf(BlockId id) const;
-  // Those plus the ghost layer, cut at the volume's border.
+  // Returns those plus the ghost layer, cut off at the volume's border.
   [[nodiscard]] math::IndexBox StoredSamplesOf(BlockId id) const;
 
  private:
@@ -58,10 +65,11 @@ class BlockLayout {
   math::Index3 block_dims_;
 };
 
-// The cells of a block where nobody says: on each axis 16, or 12, if that leaves 32 768 blocks,
-// 2048 for each of 16 agents; else 8, so that agents have equal shares of smaller volumes
-// (docs/architecture.md, "Blocks"). It depends on the volume alone: triangles are counted by
-// blocks, and must not change with the number of agents. REQUIRES: sample_dims >= 1.
+// Returns the default cells of a block: on each axis 16, or 12, if that leaves 32 768 blocks, 2048
+// for each of 16 agents; else 8, so that agents have equal shares of smaller volumes
+// (docs/architecture.md, "Blocks"). The result depends on the volume alone, because statistics
+// count triangles block by block and must not change with the number of agents. REQUIRES:
+// sample_dims >= 1.
 math::Index3 DefaultBlockCells(const math::Index3& sample_dims);
 
 }  // namespace isoscope::volume

@@ -20,7 +20,7 @@ struct BlockSamples {
   const char* bytes = nullptr;  // StoredSizeBytes(layout, block_id, type) of them
 };
 
-// The stored size of a block.
+// Returns the stored size of a block, uncompressed.
 inline std::size_t StoredSizeBytes(const BlockLayout& layout, BlockId id, ScalarType type) {
   return static_cast<std::size_t>(math::Volume(layout.StoredSamplesOf(id).dims())) * SizeOf(type);
 }

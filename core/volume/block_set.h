@@ -1,4 +1,4 @@
-// Sets of blocks of one volume.
+// Sets of blocks of one volume, and ranks in them.
 
 #ifndef ISOSCOPE_CORE_VOLUME_BLOCK_SET_H_
 #define ISOSCOPE_CORE_VOLUME_BLOCK_SET_H_
@@ -14,7 +14,7 @@
 
 namespace isoscope::volume {
 
-// One bit a block. Thread-compatible.
+// A set of blocks: one bit for each block of the volume. Thread-compatible.
 class BlockSet {
  public:
   BlockSet() = default;
@@ -24,9 +24,9 @@ class BlockSet {
   void Insert(BlockId id) { words_[id / 64] |= std::uint64_t{1} << (id % 64); }
   [[nodiscard]] bool Contains(BlockId id) const { return (words_[id / 64] >> (id % 64) & 1) != 0; }
   [[nodiscard]] std::int64_t Count() const;
-  // The members, ascending.
+  // Returns the members, ascending.
   [[nodiscard]] std::vector<BlockId> Ids() const;
-  // REQUIRES for both: a set of as many blocks.
+  // REQUIRES for both: `other` is a set of blocks of the same volume.
   void UnionWith(const BlockSet& other);
   void IntersectWith(const BlockSet& other);
 
@@ -40,18 +40,18 @@ class BlockSet {
   std::vector<std::uint64_t> words_;
 };
 
-// Tells how many members of a set come before a block. Immutable, thread-safe.
+// Turns the block ids of a set into ranks. Immutable; thread-safe.
 class BlockRanks {
  public:
   // O(blocks of the volume / 64). `blocks` must outlive it, unchanged.
   explicit BlockRanks(const BlockSet& blocks);
 
-  // The place of `id` among the members, ascending. REQUIRES: the set contains `id`. O(1).
+  // Returns how many members are less than `id`. REQUIRES: the set contains `id`. O(1).
   [[nodiscard]] std::size_t RankOf(BlockId id) const {
     const std::uint64_t before = words_[id / 64] & ((std::uint64_t{1} << (id % 64)) - 1);
     return ranks_[id / 64] + static_cast<std::size_t>(std::popcount(before));
   }
-  // The members of the set.
+  // The number of members.
   [[nodiscard]] std::size_t count() const { return count_; }
 
  private:

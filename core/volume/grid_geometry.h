@@ -1,4 +1,4 @@
-// Where a regular grid of samples lies in the world.
+// The position of a regular grid of samples in the world.
 
 #ifndef ISOSCOPE_CORE_VOLUME_GRID_GEOMETRY_H_
 #define ISOSCOPE_CORE_VOLUME_GRID_GEOMETRY_H_
@@ -22,14 +22,14 @@ struct GridGeometry {
 
   [[nodiscard]] math::Mat4d world_from_index() const;
   [[nodiscard]] math::Mat4d index_from_world() const;
-  // Takes gradients (d/d index) to world gradients: the inverse transpose of the linear part.
+  // The matrix from index gradients to world gradients: the inverse transpose of the linear part.
   [[nodiscard]] math::Mat3d world_gradient_from_index() const;
   // The world box around all samples.
   [[nodiscard]] math::Box3d Bounds() const;
 };
 
-// INVALID_ARGUMENT unless dims are >= 2 (and their product < 2^62), spacing finite and > 0, origin
-// finite and direction invertible.
+// Returns INVALID_ARGUMENT unless dims are >= 2 and their product is at most 2^62, spacing is
+// finite and > 0, origin is finite, and direction is invertible.
 absl::Status Validate(const GridGeometry& geometry);
 
 }  // namespace isoscope::volume

@@ -14,8 +14,8 @@
 
 namespace isoscope::volume {
 
-// In lanes that the compiler keeps in vector registers.
-// A NaN compares false and leaves a lane as it was.
+// Accumulates in lanes, which the compiler keeps in vector registers. A NaN compares false and
+// leaves its lane as it was. Thread-compatible.
 template <typename T>
 class MinMax {
  public:
@@ -29,7 +29,7 @@ class MinMax {
     }
   }
 
-  // `count` samples at `row`, little-endian, any alignment.
+  // Adds `count` samples at `row`, little-endian, any alignment.
   void AddRow(const char* row, std::size_t count) {
     std::size_t i = 0;
     for (; i + kLanes <= count; i += kLanes) {
@@ -47,7 +47,7 @@ class MinMax {
     }
   }
 
-  // The span of what was added; equal samples, equal bits.
+  // Returns the span of all samples added. Equal samples give equal bits, in any order.
   [[nodiscard]] volume::ScalarSpan Get() const {
     T min = min_[0];
     T max = max_[0];
@@ -55,7 +55,8 @@ class MinMax {
       min = min_[lane] < min ? min_[lane] : min;
       max = max_[lane] > max ? max_[lane] : max;
     }
-    // min > max only if no sample counted. Adding 0 turns -0 into +0: equal samples, one pattern.
+    // min > max only if no sample counted. Adding 0 turns -0 into +0: which of them came first then
+    // does not matter.
     return min > max
                ? volume::ScalarSpan{}
                : volume::ScalarSpan{static_cast<double>(min) + 0.0, static_cast<double>(max) + 0.0};

@@ -1,3 +1,19 @@
+// The table is one array, min and max of each block in turn, in the sample type:
+//
+//        block 0     block 1     block 2
+//        min | max | min | max | min | max | ...
+//
+// ActiveBlocks is one pass over it, each frame, in every agent. It turns the isovalue into the
+// smallest sample that is inside (InsideThreshold), so that spans are compared in the sample type:
+// a span is active iff min < threshold && max >= threshold. Kernels load a register of spans, split
+// it into minima and maxima, and pack the comparison into 64-bit words of the block set.
+//
+// Example: uint8 and isovalue 59.5 give threshold 60. [12, 60] is active, as 12 < 60 <= 60; [60,
+// 80] is not, for all its samples are inside; nor is [12, 59]. The empty span (255, 0) never is.
+//
+// The words are filled in whole: 64 spans make one, and the rest of the last one is done one by
+// one.
+
 #include "core/volume/range_table.h"
 
 #include <algorithm>
@@ -21,7 +37,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Which of a vector of spans (min, max) hold the threshold: bit i for span i.
+// Returns one bit for each span (min, max) of a register, lowest first: set if it is active.
 template <typename T, class D>
 std::uint64_t ActiveBits(D d, const T* spans, hn::Vec<D> threshold) {
   hn::Vec<D> min;
@@ -39,13 +55,13 @@ std::uint64_t ActiveBits(D d, const T* spans, hn::Vec<D> threshold) {
   return bits;
 }
 
-// Sets bit id of `words` iff min < threshold <= max of span id. `bytes`: as RangeTable::bytes().
+// Sets bit `id` of `words` iff span `id` is active. `bytes` are those of RangeTable::bytes().
 template <typename T>
 void FindActive(const char* bytes, std::size_t block_count, T threshold, std::uint64_t* words) {
   const hn::CappedTag<T, 64> d;
   const std::size_t lanes = hn::Lanes(d);
   const auto threshold_lanes = hn::Set(d, threshold);
-  // Only loaded as vectors, which need no alignment.
+  // Loaded as vectors only, which need no alignment.
   const auto* const spans = reinterpret_cast<const T*>(bytes);
   const std::size_t full_words = block_count / 64;
   for (std::size_t word = 0; word < full_words; ++word) {
@@ -83,7 +99,7 @@ namespace {
 
 HWY_EXPORT(FindActiveBlocks);
 
-// What an empty span is kept as: min > max in T.
+// The representation of an empty span: min > max in T.
 template <typename T>
 constexpr std::pair<T, T> EmptySpan() {
   if constexpr (std::is_floating_point_v<T>) {

@@ -18,20 +18,20 @@ struct ScalarSpan {
   friend constexpr bool operator==(const ScalarSpan&, const ScalarSpan&) = default;
 };
 
-// A sample is inside iff sample >= isovalue (as in VTK), so a block, cell or edge has the surface
-// in it iff min < isovalue <= max (docs/numerics.md).
+// Returns true if the surface passes through a block, cell or edge with these samples: a sample is
+// inside iff sample >= isovalue (as in VTK), so min < isovalue <= max (docs/numerics.md).
 constexpr bool IsActive(const ScalarSpan& span, double isovalue) {
   return span.min < isovalue && isovalue <= span.max;
 }
 
-// What InsideThreshold returns: `any` is false if no value of T is inside.
+// The smallest value of T that is inside.
 template <typename T>
 struct Threshold {
-  bool any = false;
+  bool any = false;  // false if no value of T is inside
   T value{};
 };
 
-// The smallest T that is inside, so that kernels compare in T: sample >= isovalue iff any and
+// Returns the threshold of an isovalue, so that kernels compare in T: sample >= isovalue iff any &&
 // sample >= value. NaN samples compare false. REQUIRES: isovalue is finite.
 template <typename T>
 Threshold<T> InsideThreshold(double isovalue) {

@@ -1,4 +1,4 @@
-// The sample types of a volume, and the one place where a run-time type becomes a C++ type.
+// The sample types of a volume, and VisitScalarType, which turns a run-time type into a C++ type.
 
 #ifndef ISOSCOPE_CORE_VOLUME_SCALAR_TYPE_H_
 #define ISOSCOPE_CORE_VOLUME_SCALAR_TYPE_H_
@@ -14,7 +14,7 @@
 
 namespace isoscope::volume {
 
-// Reaches files (docs/format/shard.md): the numbers must never change.
+// On disk (docs/format/dataset.md, shard.md): never change the values.
 enum class ScalarType : std::uint8_t {
   kUint8 = 1,
   kInt8 = 2,
@@ -27,9 +27,9 @@ enum class ScalarType : std::uint8_t {
 };
 
 std::size_t SizeOf(ScalarType type);
-// "uint8", "int8", ..., "float64": as on the command line and in manifests.
+// Returns "uint8", "int8", ..., "float64": the names of the command line and of manifests.
 absl::string_view NameOf(ScalarType type);
-// INVALID_ARGUMENT, listing the names, if `name` is none of them.
+// Returns the type of that name. INVALID_ARGUMENT, listing the names, if there is none.
 absl::StatusOr<ScalarType> ScalarTypeFromName(absl::string_view name);
 
 // Calls visitor.template operator()<T>() with the C++ type T of `type` and returns its result:

@@ -60,7 +60,7 @@ void BM_CompositeInto(benchmark::State& state) {
   const image::FrameImage from = MakePicture(500, static_cast<int>(state.range(0)));
   image::FrameImage into(kSize, kSize);
   for (auto _ : state) {
-    composite::CompositeInto(from, &into);
+    composite::CompositeInto(from, {.block_count = 1 << 20}, &into);
     benchmark::ClobberMemory();
   }
 }
@@ -104,7 +104,7 @@ void BM_DecodePixelsInto(benchmark::State& state) {
   for (auto _ : state) {
     image::FrameImage into = pool->Take(kSize, kSize);
     for (const std::string& band : bands) {
-      ISOSCOPE_CHECK(composite::DecodePixelsInto(band, &into).ok());
+      ISOSCOPE_CHECK(composite::DecodePixelsInto(band, {.block_count = 1 << 20}, &into).ok());
     }
     state.PauseTiming();  // clearing the image
     into = image::FrameImage();

@@ -124,13 +124,15 @@ void Draw(benchmark::State& state, Renderer* renderer, std::int64_t block_edge, 
           std::size_t stride) {
   const Blocks& blocks = BlocksOf(block_edge);
   const view::View view = MakeView(cell_px);
+  frame::FrameSpec spec;
+  spec.surfaces.resize(1);
   double add = std::numeric_limits<double>::infinity();
   double finish = add;
   std::int64_t covered = 0;
   double triangles = 0;
   double drawn = 0;
   for (auto unused : state) {
-    auto pass = renderer->BeginPass(view, blocks.layout, {}).value();
+    auto pass = renderer->BeginPass(view, blocks.layout, spec).value();
     triangles = 0;
     drawn = 0;
     double add_round = 0;
@@ -157,7 +159,7 @@ void Draw(benchmark::State& state, Renderer* renderer, std::int64_t block_edge, 
     finish = std::min(finish, end - middle);
     if (covered == 0) {
       covered = std::count_if(image.keys.begin(), image.keys.end(), [](std::uint64_t key) {
-        return image::BlockOf(key) != image::kNoBlock;
+        return image::OwnerOf(key) != image::kNoOwner;
       });
     }
   }
@@ -172,8 +174,10 @@ void Draw(benchmark::State& state, Renderer* renderer, std::int64_t block_edge, 
 void EmptyPass(benchmark::State& state, Renderer* renderer) {
   const Blocks& blocks = BlocksOf(8);
   const view::View view = MakeView(2);
+  frame::FrameSpec spec;
+  spec.surfaces.resize(1);
   for (auto unused : state) {
-    auto pass = renderer->BeginPass(view, blocks.layout, {}).value();
+    auto pass = renderer->BeginPass(view, blocks.layout, spec).value();
     benchmark::DoNotOptimize(pass->Finish(base::Cancellation()));
   }
 }

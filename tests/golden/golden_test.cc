@@ -50,18 +50,19 @@ struct Scene {
   volume::ScalarType type = volume::ScalarType::kUint8;
   volume::GridGeometry geometry{};
   std::string samples{};
-  agent::FrameRequest request{};
+  frame::FrameSpec request{};
 };
 
-agent::FrameRequest MakeRequest(const volume::GridGeometry& geometry, double isovalue,
-                                double azimuth_degrees, double elevation_degrees) {
+frame::FrameSpec MakeRequest(const volume::GridGeometry& geometry, double isovalue,
+                             double azimuth_degrees, double elevation_degrees) {
   constexpr double kRadians = std::numbers::pi / 180;
-  agent::FrameRequest request;
-  request.isovalue = isovalue;
+  frame::FrameSpec request;
+  request.surfaces.resize(1);
+  request.surfaces[0].isovalue = isovalue;
   request.camera = view::MakeDefaultCamera(geometry.Bounds());
-  view::Azimuth(azimuth_degrees * kRadians, &request.camera);
-  view::Elevation(elevation_degrees * kRadians, &request.camera);
-  view::OrthogonalizeUp(&request.camera);
+  view::Azimuth(azimuth_degrees * kRadians, &*request.camera);
+  view::Elevation(elevation_degrees * kRadians, &*request.camera);
+  view::OrthogonalizeUp(&*request.camera);
   request.viewport = {256, 192};
   return request;
 }
@@ -84,7 +85,7 @@ Scene MarschnerLobb() {
   scene.samples =
       testing::SampleField(testing::MarschnerLobbField(6, 0.25), dims, scene.type, 1, 0);
   scene.request = MakeRequest(scene.geometry, 0.5, 20, 40);
-  scene.request.camera.fov_y_radians /= 1.3;
+  scene.request.camera->fov_y_radians /= 1.3;
   return scene;
 }
 
@@ -100,13 +101,13 @@ Scene Torus(view::Projection projection) {
   scene.request = MakeRequest(scene.geometry, 128, -35, 25);
   if (projection == view::Projection::kPerspective) {
     // From near: what is closer must look larger.
-    scene.request.camera.eye = scene.request.camera.eye * 0.28;
-    scene.request.camera.fov_y_radians = 75 * std::numbers::pi / 180;
+    scene.request.camera->eye = scene.request.camera->eye * 0.28;
+    scene.request.camera->fov_y_radians = 75 * std::numbers::pi / 180;
   } else {
-    scene.request.camera.projection = view::Projection::kOrthographic;
-    scene.request.camera.view_height = 2.0;
+    scene.request.camera->projection = view::Projection::kOrthographic;
+    scene.request.camera->view_height = 2.0;
   }
-  scene.request.appearance.base_color = {70, 130, 220, 255};
+  scene.request.surfaces[0].appearance.base_color = {70, 130, 220, 255};
   return scene;
 }
 

@@ -176,6 +176,31 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
   EXPECT_TRUE(NothingIsLeftBehind());
 }
 
+TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
+  const CommandResult result =
+      RunIsoscope(Arguments({"bench", "cancel"},
+                            {"--isovalue", "128", "--shards", "2", "--cancels", "7",
+                             "--frames-per-start", "3", "--width", "256", "--height", "256",
+                             "--renderer", "cpu", "--json", folder_.Sub("cancel.json")}),
+                  Options(kSystemPath));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("2 agents in this process"));
+  EXPECT_THAT(result.out, HasSubstr("idle ms, median"));
+  EXPECT_TRUE(NothingIsLeftBehind());
+  const json bench = json::parse(ReadFile("cancel.json"), nullptr, /*allow_exceptions=*/false);
+  ASSERT_EQ(bench["frames"].size(), 7);
+  EXPECT_EQ(bench["agents"], 2);
+  EXPECT_GT(bench["cold_ms"], 0.0);
+  for (const json& frame : bench["frames"]) {
+    EXPECT_GE(frame["idle_ms"], 0.0);
+    EXPECT_GE(frame["answer_ms"], 0.0);
+  }
+  const CommandResult refused =
+      RunIsoscope(Arguments({"bench", "cancel"}, {"--cancels", "7"}), Options(kSystemPath));
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("--isovalue V is missing"));
+}
+
 TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {
   const std::vector<std::string> tail = {"--output",         folder_.Sub("paper"),
                                          "--isovalues",      "auto",

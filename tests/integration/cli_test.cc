@@ -399,6 +399,36 @@ TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
   }
 }
 
+TEST_F(CliTest, ALevelWithoutASurfaceIsSaidForEveryKindOfInput) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::unique_ptr<testing::Process> server,
+      testing::StartIsoscope({"serve", Path("d"), "--listen", "127.0.0.1:0", "--renderer", "cpu"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, server->WaitForOutLine("127.0.0.1:"));
+  const json range =
+      ParseJson(MustRun({"info", Path("d"), "--json"})).at("datasets").at(0).at("value_range");
+  const std::string said = absl::StrFormat(
+      "isovalue 300 has no surface: the values of the volume "
+      "are in [%g, %g]",
+      range[0].get<double>(), range[1].get<double>());
+  const std::vector<std::string> raw = Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
+  for (const std::vector<std::string>& input :
+       std::vector<std::vector<std::string>>{raw, {Path("d")}, {"--server", address}}) {
+    SCOPED_TRACE(input[0]);
+    for (const char* command : {"render", "export"}) {
+      const std::string output = Path(std::string(command) == "render" ? "empty.png" : "empty.ply");
+      const CommandResult empty =
+          RunIsoscope(Join({command, "--isovalue", "300", "--output", output}, input), Options());
+      EXPECT_EQ(empty.exit_code, 0) << empty.err;
+      EXPECT_TRUE(absl::StrContains(empty.err, said)) << command << ": " << empty.err;
+      EXPECT_TRUE(io::PathExists(output));
+      const CommandResult full = RunIsoscope(
+          Join({command, "--isovalue", kIsovalue, "--output", output}, input), Options());
+      EXPECT_EQ(full.err, "") << command;
+    }
+  }
+}
+
 TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
   ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
   const std::vector<std::string> base{"render", Path("d"),  "--isovalue", kIsovalue,    "--width",
@@ -522,6 +552,56 @@ TEST_F(CliTest, CompressionChangesFilesNotPictures) {
                  testing::RawFlags(gyroid_)));
     EXPECT_TRUE(Render({Path(compression), "--renderer", "cpu"}) == png) << compression;
   }
+}
+
+TEST_F(CliTest, TheCacheKeepsToItsLimitAndSaysWhatItHas) {
+  const std::vector<std::string> raw = testing::RawFlags(gyroid_);
+  const auto render = [&](const std::string& name, const std::vector<std::string>& more) {
+    if (!io::PathExists(Path(name))) {
+      ISOSCOPE_EXPECT_OK(testing::WriteRawFile(gyroid_, Path(name)));
+    }
+    Render(Join(Join({Path(name), "--renderer", "cpu"}, raw), more));
+  };
+  const auto list = [&] {
+    return ParseJson(MustRun({"cache", "list", "--json", "--cache-limit", "1G"}, Options()));
+  };
+  EXPECT_TRUE(list().at("entries").empty());
+  render("a.raw", {});
+  render("b.raw", {});
+  render("a.raw", {});
+  json listed = list();
+  EXPECT_EQ(listed.at("folder"), Path("cache/isoscope"));
+  EXPECT_EQ(listed.at("limit_bytes"), 1 << 30);
+  ASSERT_EQ(listed.at("entries").size(), 2U);
+  EXPECT_EQ(listed.at("entries")[0].at("source"), Path("a.raw")) << "the last one used is first";
+  EXPECT_EQ(listed.at("entries")[1].at("source"), Path("b.raw"));
+  const auto size_bytes = listed.at("entries")[0].at("size_bytes").get<std::int64_t>();
+  EXPECT_GT(size_bytes, static_cast<std::int64_t>(gyroid_.samples.size()));
+  EXPECT_EQ(listed.at("total_bytes"), 2 * size_bytes);
+  EXPECT_EQ(listed.at("entries")[0].at("is_in_use"), false);
+
+  // With room for two, the third drives out b, which was not used for longest.
+  render("c.raw", {"--cache-limit", absl::StrCat(2 * size_bytes + 100)});
+  listed = list();
+  ASSERT_EQ(listed.at("entries").size(), 2U);
+  EXPECT_EQ(listed.at("entries")[0].at("source"), Path("c.raw"));
+  EXPECT_EQ(listed.at("entries")[1].at("source"), Path("a.raw"));
+
+  const std::string text = MustRun({"cache", "list"}, Options());
+  EXPECT_TRUE(absl::StrContains(text, Path("c.raw"))) << text;
+  EXPECT_TRUE(absl::StrContains(text, "2 volumes, ")) << text;
+  const CommandResult unknown = RunIsoscope({"cache", "clear", Path("b.raw")}, Options());
+  EXPECT_EQ(unknown.exit_code, 1);
+  EXPECT_TRUE(absl::StrContains(unknown.err, "NOT_FOUND")) << unknown.err;
+  const std::string one = MustRun({"cache", "clear", Path("c.raw")}, Options());
+  EXPECT_TRUE(absl::StrContains(one, "made of " + Path("c.raw"))) << one;
+  EXPECT_EQ(list().at("entries").size(), 1U);
+  MustRun({"cache", "clear"}, Options());
+  EXPECT_TRUE(list().at("entries").empty());
+
+  testing::ProcessOptions wrong = Options();
+  wrong.environment.push_back("ISOSCOPE_CACHE_LIMIT=much");
+  EXPECT_EQ(RunIsoscope({"cache", "list"}, wrong).exit_code, 2);
 }
 
 TEST_F(CliTest, HelpAndVersionAreNoErrors) {

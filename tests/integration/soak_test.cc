@@ -179,12 +179,12 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
         const auto one, Cut(volume, block_cells, 1, &dice, temp.Sub("one"), renderer_.get()));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto many, Cut(volume, block_cells, shard_count, &dice,
                                                        temp.Sub("many"), renderer_.get()));
-    std::vector<agent::FrameRequest> requests;
+    std::vector<frame::FrameSpec> requests;
     std::vector<server::FrameResult> expected;
     for (int view = 0; view < kViewCount; ++view) {
-      agent::FrameRequest request =
-          testing::RandomRequest(dice.Bits(), volume.geometry.Bounds(),
-                                 volume.isovalues[static_cast<std::size_t>(dice.Whole(0, 1))]);
+      frame::FrameSpec request =
+          testing::RandomSpec(dice.Bits(), volume.geometry.Bounds(),
+                              volume.isovalues[static_cast<std::size_t>(dice.Whole(0, 1))]);
       request.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, one->Render(request));
       covered_pixel_count_ += testing::CoveredPixels(result.image);

@@ -1,6 +1,7 @@
 // `render` and `export` straight from every kind of source that `partition` takes: what they give
 // is what the same samples give as an NRRD file, and it is new when a file of the source is.
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -127,19 +128,39 @@ void WriteHdf5(const std::string& folder, const Samples& samples) {
   H5Fclose(file);
 }
 
-void WriteVti(const std::string& folder, const Samples& samples) {
+// An array of points or cells with the tags around it.
+void WriteVtiArray(const std::string& path, const math::Index3& extent, const std::string& data,
+                   const std::string& attributes, const std::string& bytes) {
   std::string size;
-  base::AppendLittleEndian(static_cast<std::uint32_t>(samples.now.size()), &size);
-  const std::string extent =
-      absl::StrCat("\"0 ", kDims.x - 1, " 0 ", kDims.y - 1, " 0 ", kDims.z - 1, "\"");
-  WriteFile(folder + "/v.vti",
+  base::AppendLittleEndian(static_cast<std::uint32_t>(bytes.size()), &size);
+  const std::string text = absl::StrCat("\"0 ", extent.x, " 0 ", extent.y, " 0 ", extent.z, "\"");
+  WriteFile(path,
             absl::StrCat("<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" "
                          "byte_order=\"LittleEndian\">\n<ImageData WholeExtent=",
-                         extent, ">\n<Piece Extent=", extent,
-                         ">\n<PointData Scalars=\"v\">\n<DataArray type=\"Int16\" Name=\"v\" "
-                         "format=\"appended\" offset=\"0\"/>\n</PointData></Piece></ImageData>\n"
-                         "<AppendedData encoding=\"raw\">\n_",
-                         size, samples.now, "\n</AppendedData>\n</VTKFile>\n"));
+                         text, ">\n<Piece Extent=", text, ">\n<", data,
+                         ">\n<DataArray type=\"Int16\" Name=\"v\" ", attributes,
+                         " format=\"appended\" offset=\"0\"/>\n</", data,
+                         "></Piece></ImageData>\n<AppendedData encoding=\"raw\">\n_", size, bytes,
+                         "\n</AppendedData>\n</VTKFile>\n"));
+}
+
+void WriteVti(const std::string& folder, const Samples& samples) {
+  WriteVtiArray(folder + "/v.vti", kDims - math::Index3{1, 1, 1}, "PointData", "Scalars=\"v\"",
+                samples.now);
+}
+
+void WriteVtiCells(const std::string& folder, const Samples& samples) {
+  WriteVtiArray(folder + "/v.vti", kDims, "CellData", "", samples.now);
+}
+
+// Of the other component no sample reaches the isovalue.
+void WriteVtiComponents(const std::string& folder, const Samples& samples) {
+  std::string tuples;
+  for (std::size_t at = 0; at < samples.now.size(); at += 2) {
+    absl::StrAppend(&tuples, "\x80\x80", samples.now.substr(at, 2));
+  }
+  WriteVtiArray(folder + "/v.vti", kDims - math::Index3{1, 1, 1}, "PointData",
+                "NumberOfComponents=\"2\"", tuples);
 }
 
 void WriteGzipNrrd(const std::string& folder, const Samples& samples) {
@@ -153,6 +174,35 @@ void WriteDetachedNrrd(const std::string& folder, const Samples& samples) {
               testing::NrrdHeader(kDims, "short", "raw", "data file: samples\n"));
   }
   WriteFile(folder + "/samples", samples.now);
+}
+
+// Slices 1 to 16 in files of their own.
+void WriteNumberedSlices(const std::string& folder, const Samples& samples, bool is_compressed) {
+  for (std::size_t z = 0; z < static_cast<std::size_t>(kDims.z); ++z) {
+    if (samples.IsNew(z)) {
+      WriteFile(absl::StrCat(folder, "/s", z + 1),
+                is_compressed ? testing::Gzip(samples.Slice(z)) : samples.Slice(z));
+    }
+  }
+}
+
+void WriteNrrdOfSlices(const std::string& folder, const Samples& samples) {
+  WriteNumberedSlices(folder, samples, true);
+  if (samples.before.empty()) {
+    WriteFile(folder + "/v.nhdr",
+              testing::NrrdHeader(kDims, "short", "gzip", "data file: s%d 1 16 1\n"));
+  }
+}
+
+void WriteMetaImageOfSlices(const std::string& folder, const Samples& samples) {
+  WriteNumberedSlices(folder, samples, false);
+  std::string names;
+  for (int z = 1; z <= 16; ++z) {
+    absl::StrAppend(&names, "s", z, "\n");
+  }
+  if (samples.before.empty()) {
+    WriteFile(folder + "/v.mhd", testing::MetaHeader(kDims, "MET_SHORT", "LIST\n" + names));
+  }
 }
 
 void WriteGzipNifti(const std::string& folder, const Samples& samples) {
@@ -223,42 +273,78 @@ TEST_P(SourceTest, GivesWhatItsSamplesGiveAndChangesWithThem) {
 
 INSTANTIATE_TEST_SUITE_P(
     Kinds, SourceTest,
-    ::testing::Values(Source{.name = "Raw",
-                             .write = WriteRaw,
-                             .input = "v.raw",
-                             .flags = {"--dims", "24,20,16", "--type", "int16"}},
-                      Source{.name = "GzipNrrd",
-                             .write = WriteGzipNrrd,
-                             .input = "v.nrrd",
-                             .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
-                             .origin = "(10,20,30)"},
-                      Source{.name = "DetachedNrrd",
-                             .write = WriteDetachedNrrd,
-                             .input = "v.nhdr",
-                             .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
-                             .origin = "(10,20,30)"},
-                      Source{.name = "GzipNifti",
-                             .write = WriteGzipNifti,
-                             .input = "v.nii.gz",
-                             .space = "right-anterior-superior",
-                             .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
-                             .origin = "(10,20,30)"},
-                      Source{.name = "Vti", .write = WriteVti, .input = "v.vti"},
-                      Source{.name = "Hdf5", .write = WriteHdf5, .input = "v.h5:/field"},
-                      Source{.name = "TiffFolder", .write = WriteTiffSlices, .input = ""},
-                      Source{.name = "TiffPattern", .write = WriteTiffSlices, .input = "s*.tif"},
-                      Source{.name = "TiffPages", .write = WriteTiffPages, .input = "pages.tif"},
-                      Source{.name = "DicomFolder",
-                             .write = WriteDicomSlices,
-                             .input = ".",
-                             .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
-                             .origin = "(10,20,30)"},
-                      Source{.name = "DicomFile",
-                             .write = WriteDicomSlices,
-                             .input = "im3",
-                             .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
-                             .origin = "(10,20,30)"}),
+    ::testing::Values(
+        Source{.name = "Raw",
+               .write = WriteRaw,
+               .input = "v.raw",
+               .flags = {"--dims", "24,20,16", "--type", "int16"}},
+        Source{.name = "GzipNrrd",
+               .write = WriteGzipNrrd,
+               .input = "v.nrrd",
+               .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+               .origin = "(10,20,30)"},
+        Source{.name = "DetachedNrrd",
+               .write = WriteDetachedNrrd,
+               .input = "v.nhdr",
+               .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+               .origin = "(10,20,30)"},
+        Source{.name = "GzipNifti",
+               .write = WriteGzipNifti,
+               .input = "v.nii.gz",
+               .space = "right-anterior-superior",
+               .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+               .origin = "(10,20,30)"},
+        Source{.name = "NrrdOfSlices",
+               .write = WriteNrrdOfSlices,
+               .input = "v.nhdr",
+               .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+               .origin = "(10,20,30)"},
+        Source{.name = "MetaImageOfSlices",
+               .write = WriteMetaImageOfSlices,
+               .input = "v.mhd",
+               .directions = "(0,1.5,0) (-2,0,0) (0,0,3)",
+               .origin = "(10,20,30)"},
+        Source{.name = "Vti", .write = WriteVti, .input = "v.vti"},
+        Source{.name = "VtiCells",
+               .write = WriteVtiCells,
+               .input = "v.vti",
+               .origin = "(0.5,0.5,0.5)"},
+        Source{.name = "VtiComponent", .write = WriteVtiComponents, .input = "v.vti:v:1"},
+        Source{.name = "Hdf5", .write = WriteHdf5, .input = "v.h5:/field"},
+        Source{.name = "TiffFolder", .write = WriteTiffSlices, .input = ""},
+        Source{.name = "TiffPattern", .write = WriteTiffSlices, .input = "s*.tif"},
+        Source{.name = "TiffPages", .write = WriteTiffPages, .input = "pages.tif"},
+        Source{.name = "DicomFolder",
+               .write = WriteDicomSlices,
+               .input = ".",
+               .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
+               .origin = "(10,20,30)"},
+        Source{.name = "DicomFile",
+               .write = WriteDicomSlices,
+               .input = "im3",
+               .directions = "(0.5,0,0) (0,2,0) (0,0,1.5)",
+               .origin = "(10,20,30)"}),
     [](const auto& test) { return std::string(test.param.name); });
+
+TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
+  const testing::TempDir directory;
+  const std::string more = testing::DicomElement(0x31, 0x1010, "LO", "Doe^Jane");
+  for (int z = 0; z < 3; ++z) {
+    WriteFile(
+        directory.Sub(absl::StrCat("im", z)),
+        testing::DicomBytes({.position = absl::StrCat("0\\0\\", z), .number = z, .more = more},
+                            std::string(12 * 9 * 2, 'p')));
+  }
+  const std::string report =
+      testing::DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.88.33", .more = more}, "");
+  WriteFile(directory.Sub("report"), report.substr(0, report.size() - 12));
+  const CommandResult result = testing::RunIsoscope({"info", directory.path()});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_TRUE(absl::StrContains(result.out, "12 x 9 x 3 of int16")) << result.out;
+  EXPECT_TRUE(absl::StrContains(result.err, directory.Sub("report"))) << result.err;
+  EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+  EXPECT_FALSE(absl::StrContains(result.out + result.err, "Doe"));
+}
 
 TEST(EmptyFolderTest, SaysWhatIsMissing) {
   const testing::TempDir directory;

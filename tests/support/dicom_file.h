@@ -22,13 +22,34 @@ inline std::string DicomElement(std::uint16_t group, std::uint16_t element, cons
   base::AppendLittleEndian(group, &bytes);
   base::AppendLittleEndian(element, &bytes);
   bytes += vr;
-  if (vr == "OW" || vr == "OB") {
+  if (vr == "OW" || vr == "OB" || vr == "SQ" || vr == "UN") {
     base::AppendLittleEndian(std::uint16_t{0}, &bytes);
     base::AppendLittleEndian(static_cast<std::uint32_t>(value.size()), &bytes);
   } else {
     base::AppendLittleEndian(static_cast<std::uint16_t>(value.size()), &bytes);
   }
   return bytes + value;
+}
+
+// An item of a sequence, or a fragment of compressed pixels.
+inline std::string DicomItem(const std::string& content) {
+  std::string bytes("\xfe\xff\x00\xe0", 4);
+  base::AppendLittleEndian(static_cast<std::uint32_t>(content.size()), &bytes);
+  return bytes + content;
+}
+
+// An item and an element without a length: with a delimiter behind the content.
+inline std::string DicomOpenItem(const std::string& content) {
+  return std::string("\xfe\xff\x00\xe0\xff\xff\xff\xff", 8) + content +
+         std::string("\xfe\xff\x0d\xe0\0\0\0\0", 8);
+}
+inline std::string DicomOpenElement(std::uint16_t group, std::uint16_t element,
+                                    const std::string& vr, const std::string& content) {
+  std::string bytes;
+  base::AppendLittleEndian(group, &bytes);
+  base::AppendLittleEndian(element, &bytes);
+  return bytes + vr + std::string("\0\0\xff\xff\xff\xff", 6) + content +
+         std::string("\xfe\xff\xdd\xe0\0\0\0\0", 8);
 }
 
 template <typename T>
@@ -46,19 +67,20 @@ struct DicomSlice {
   std::string orientation = "1\\0\\0\\0\\1\\0";
   int number = 1;
   bool is_signed = true;
+  std::string storage_class = "1.2.840.10008.5.1.4.1.1.2";  // CT
+  std::string more{};                                       // elements of the groups 0029 to 7fdf
 };
 
 // The file of a slice: `pixels` as [y][x] of 16 bits, 0.5 apart on x and 2 on y.
 inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels) {
-  const std::string ct = "1.2.840.10008.5.1.4.1.1.2";
   const std::string uid = absl::StrCat("1.2.3.4.", slice.number);
-  const std::string meta = DicomElement(2, 1, "OB", std::string("\0\1", 2)) +
-                           DicomElement(2, 2, "UI", ct) + DicomElement(2, 3, "UI", uid) +
-                           DicomElement(2, 0x10, "UI", "1.2.840.10008.1.2.1") +
-                           DicomElement(2, 0x12, "UI", "1.2.3.4");
+  const std::string meta =
+      DicomElement(2, 1, "OB", std::string("\0\1", 2)) +
+      DicomElement(2, 2, "UI", slice.storage_class) + DicomElement(2, 3, "UI", uid) +
+      DicomElement(2, 0x10, "UI", "1.2.840.10008.1.2.1") + DicomElement(2, 0x12, "UI", "1.2.3.4");
   return std::string(128, '\0') + "DICM" +
          DicomElement(2, 0, "UL", DicomNumber(static_cast<std::uint32_t>(meta.size()))) + meta +
-         DicomElement(8, 0x16, "UI", ct) + DicomElement(8, 0x18, "UI", uid) +
+         DicomElement(8, 0x16, "UI", slice.storage_class) + DicomElement(8, 0x18, "UI", uid) +
          DicomElement(8, 0x60, "CS", "CT") + DicomElement(0x20, 0xd, "UI", "1.2.9") +
          DicomElement(0x20, 0xe, "UI", slice.series) +
          DicomElement(0x20, 0x13, "IS", absl::StrCat(slice.number)) +
@@ -74,7 +96,7 @@ inline std::string DicomBytes(const DicomSlice& slice, const std::string& pixels
          DicomElement(0x28, 0x102, "US", DicomNumber(std::uint16_t{15})) +
          DicomElement(0x28, 0x103, "US",
                       DicomNumber(static_cast<std::uint16_t>(slice.is_signed ? 1 : 0))) +
-         DicomElement(0x7fe0, 0x10, "OW", pixels);
+         slice.more + DicomElement(0x7fe0, 0x10, "OW", pixels);
 }
 
 }  // namespace isoscope::testing

@@ -26,11 +26,12 @@ struct VisibleBlocks {
 
 class LocalAgentLink final : public server::AgentLink {
  public:
-  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameRequest& request,
+  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
                  const agent::AgentResources& resources, absl::Time deadline,
                  server::AgentListener* listener)
       : shard_(std::move(shard)),
-        request_(request),
+        task_(task),
+        identity_{absl::StrCat("local agent ", task.agent_index), {shard_->reader->shard_index()}},
         resources_(resources),
         cancellation_(deadline),
         listener_(listener),
@@ -55,18 +56,16 @@ class LocalAgentLink final : public server::AgentLink {
     absl::MutexLock lock(&mutex_);
     cancelled_ = true;
   }
-  [[nodiscard]] std::string name() const override {
-    return absl::StrCat("local agent ", request_.agent_index);
-  }
+  [[nodiscard]] const server::AgentIdentity& agent() const override { return identity_; }
   [[nodiscard]] std::int64_t network_bytes() const override { return 0; }
 
  private:
   absl::Status Run() {
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<agent::FramePipeline> pipeline,
-        agent::FramePipeline::Make({shard_}, request_, resources_, &cancellation_));
+        agent::FramePipeline::Make({shard_}, task_, resources_, &cancellation_));
     image::FrameImage image;
-    if (request_.culling == frame::Culling::kNone) {
+    if (task_.spec.culling == frame::Culling::kNone) {
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderAll());
     } else {
       ISOSCOPE_ASSIGN_OR_RETURN(agent::RaySelection selection, pipeline->SelectOccluders());
@@ -98,13 +97,14 @@ class LocalAgentLink final : public server::AgentLink {
   }
 
   [[nodiscard]] frame::AgentStatistics Statistics(frame::AgentStatistics measured) const {
-    measured.agent_address = name();
-    measured.shard_indices = {shard_->reader->shard_index()};
+    measured.agent_address = identity_.address;
+    measured.shard_indices = identity_.shard_indices;
     return measured;
   }
 
   const std::shared_ptr<const agent::Shard> shard_;
-  const agent::FrameRequest request_;
+  const agent::FrameTask task_;
+  const server::AgentIdentity identity_;
   const agent::AgentResources resources_;
   base::Cancellation cancellation_;
   server::AgentListener* const listener_;
@@ -140,21 +140,21 @@ void LocalCluster::ForgetAll(std::size_t cache_bytes) {
   active_blocks_ = std::make_unique<server::ActiveBlocksCache>(kActiveBlocksBytes);
 }
 
-absl::StatusOr<server::FrameResult> LocalCluster::Render(const agent::FrameRequest& request,
+absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec& spec,
                                                          const base::Cancellation& cancellation) {
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const view::View view,
-      view::View::Make(request.camera, request.viewport, manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*spec.camera, spec.viewport, manifest().geometry));
   std::vector<std::vector<int>> shard_indices;
   for (const std::shared_ptr<const agent::Shard>& shard : shards_) {
     shard_indices.push_back({shard->reader->shard_index()});
   }
-  const std::string active_key =
-      server::ActiveBlocksCache::KeyOf(manifest().dataset_id, shard_indices, request.isovalue);
+  const std::string active_key = server::ActiveBlocksCache::KeyOf(
+      manifest().dataset_id, shard_indices, frame::IsovaluesOf(spec));
   server::FrameSetup setup;
+  setup.spec = &spec;
   setup.view = &view;
+  setup.ties = frame::TieRuleOf(renderer_->picture_revision().back_end);
   setup.layout = &shards_.front()->reader->layout();
-  setup.culling = request.culling;
   setup.agent_count = static_cast<int>(shards_.size());
   setup.active = active_blocks_->Find(active_key);
   setup.images = images_.get();
@@ -163,7 +163,8 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const agent::FrameReque
   const auto begin =
       [&](int agent_index,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
-    agent::FrameRequest own = request;
+    agent::FrameTask own;
+    own.spec = spec;
     own.frame_number = frame_number;
     own.agent_index = agent_index;
     own.agent_count = setup.agent_count;
@@ -173,12 +174,12 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const agent::FrameReque
     return std::make_unique<LocalAgentLink>(shards_[static_cast<std::size_t>(agent_index)], own,
                                             resources, cancellation.deadline(), listener);
   };
-  ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result,
-                            server::RunFrame(setup, begin, cancellation));
-  if (setup.active == nullptr && result.active != nullptr) {
-    active_blocks_->Insert(active_key, result.active);
+  server::FrameOutcome outcome = server::RunFrame(setup, begin, cancellation);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.status);
+  if (setup.active == nullptr && outcome.result.active != nullptr) {
+    active_blocks_->Insert(active_key, outcome.result.active);
   }
-  return result;
+  return std::move(outcome.result);
 }
 
 }  // namespace isoscope::testing

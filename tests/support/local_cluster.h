@@ -16,10 +16,10 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/render/renderer.h"
 #include "partition-agent/block_cache.h"
-#include "partition-agent/frame_request.h"
 #include "partition-agent/shard.h"
 #include "server/active_blocks.h"
 #include "server/frame_coordinator.h"
@@ -51,10 +51,10 @@ class LocalCluster {
 
   // Renders one frame through all steps. Of `request`, its number, what tells the
   // agents apart and report_active_blocks are set here.
-  absl::StatusOr<server::FrameResult> Render(const agent::FrameRequest& request,
+  absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec,
                                              const base::Cancellation& cancellation);
-  absl::StatusOr<server::FrameResult> Render(const agent::FrameRequest& request) {
-    return Render(request, base::Cancellation());
+  absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec) {
+    return Render(spec, base::Cancellation());
   }
 
  private:

@@ -8,17 +8,16 @@
 #include <numbers>
 
 #include "core/base/random.h"
+#include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
-#include "partition-agent/frame_request.h"
 #include "server/frame_coordinator.h"
 
 namespace isoscope::testing {
 
 // A camera that is inside the volume as often as outside, near and far, turned any way.
-inline agent::FrameRequest RandomRequest(std::uint64_t seed, const math::Box3d& bounds,
-                                         double isovalue) {
+inline frame::FrameSpec RandomSpec(std::uint64_t seed, const math::Box3d& bounds, double isovalue) {
   std::uint64_t counter = 0;
   const auto unit = [&] { return base::RandomUnit(seed, counter++); };
   const auto signed_unit = [&] { return 2 * unit() - 1; };
@@ -30,22 +29,23 @@ inline agent::FrameRequest RandomRequest(std::uint64_t seed, const math::Box3d& 
       }
     }
   };
-  agent::FrameRequest request;
-  request.isovalue = isovalue;
+  frame::FrameSpec spec;
+  spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+  view::Camera& camera = spec.camera.emplace();
   const double radius = bounds.Radius();
-  request.camera.target = bounds.Center() + direction() * (0.5 * radius * unit());
-  request.camera.eye = request.camera.target + direction() * (radius * (0.02 + 2.5 * unit()));
-  request.camera.up = direction();
+  camera.target = bounds.Center() + direction() * (0.5 * radius * unit());
+  camera.eye = camera.target + direction() * (radius * (0.02 + 2.5 * unit()));
+  camera.up = direction();
   if (unit() < 0.5) {
-    request.camera.projection = view::Projection::kPerspective;
-    request.camera.fov_y_radians = (5 + 110 * unit()) * std::numbers::pi / 180;
+    camera.projection = view::Projection::kPerspective;
+    camera.fov_y_radians = (5 + 110 * unit()) * std::numbers::pi / 180;
   } else {
-    request.camera.projection = view::Projection::kOrthographic;
-    request.camera.view_height = radius * (0.1 + 2.5 * unit());
+    camera.projection = view::Projection::kOrthographic;
+    camera.view_height = radius * (0.1 + 2.5 * unit());
   }
-  request.viewport = {32 + static_cast<int>(130 * unit()), 32 + static_cast<int>(130 * unit())};
-  request.ray_seed = seed;
-  return request;
+  spec.viewport = {32 + static_cast<int>(130 * unit()), 32 + static_cast<int>(130 * unit())};
+  spec.ray_seed = seed;
+  return spec;
 }
 
 // Numbers of pixels.
@@ -63,7 +63,7 @@ inline Difference Compare(const image::FrameImage& a, const image::FrameImage& b
   for (std::size_t i = 0; i < a.pixel_count(); ++i) {
     difference.colors += a.colors[i] == b.colors[i] ? 0 : 1;
     difference.depths += image::DepthOf(a.keys[i]) == image::DepthOf(b.keys[i]) ? 0 : 1;
-    difference.owners += image::BlockOf(a.keys[i]) == image::BlockOf(b.keys[i]) ? 0 : 1;
+    difference.owners += image::OwnerOf(a.keys[i]) == image::OwnerOf(b.keys[i]) ? 0 : 1;
   }
   return difference;
 }
@@ -71,7 +71,7 @@ inline Difference Compare(const image::FrameImage& a, const image::FrameImage& b
 inline std::int64_t CoveredPixels(const image::FrameImage& image) {
   std::int64_t count = 0;
   for (const std::uint64_t key : image.keys) {
-    count += image::BlockOf(key) == image::kNoBlock ? 0 : 1;
+    count += image::OwnerOf(key) == image::kNoOwner ? 0 : 1;
   }
   return count;
 }

@@ -2,10 +2,10 @@
 
 #include <numbers>
 
-#include "client-cli/usage.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/usage.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {

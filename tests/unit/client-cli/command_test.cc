@@ -10,11 +10,12 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "client-cli/interrupt.h"
-#include "client-cli/source_flags.h"
+#include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/interrupt.h"
+#include "client-cli/source_flags.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/io/file.h"
@@ -41,7 +42,7 @@ Outcome RunCli(const std::vector<std::string>& arguments) {
   std::ostringstream out;
   std::ostringstream err;
   const int exit_code =
-      RunCommandLine(arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
+      RunCommandLine(arguments, Commands(), {.out = &out, .err = &err, .interrupt = &interrupt});
   return {exit_code, out.str(), err.str()};
 }
 
@@ -181,9 +182,20 @@ std::vector<WrongUsage> RenderRows() {
       RenderRemote({"--renderer", "cpu"}, {"--renderer can't be used with --server"}),
       RenderRemote({"--shards", "2"}, {"--shards can't be used with --server"}),
       RenderRemote({"--threads", "2"}, {"--threads can't be used with --server"}),
+      RenderRemote({"--cache-limit", "1G"}, {"--cache-limit can't be used with --server"}),
+      Render({"--cache-limit", "0"}, {"--cache-limit", "'0' is not a size"}),
+      {{"cache"}, {"'cache' is the first of two words", "cache list, cache clear"}},
+      {{"cache", "list", "x"}, {"'x' is one argument too many"}},
       RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
       {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
       {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE.ply is missing"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.jpg"},
+       {"'a.jpg'", "the suffix '.jpg'", "PNG", "expected 'a.png'"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "f/a-%d.png.gz"},
+       {"the suffix '.gz'", "PNG"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", "PNG"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.obj"},
+       {"'o.obj'", "the suffix '.obj'", "PLY", "expected 'o.ply'"}},
       {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.ply", "--azimuth", "1"},
        {"unknown flag --azimuth"}},
   };
@@ -248,7 +260,9 @@ TEST(CommandTest, HelpListsEveryCommand) {
 
 TEST(CommandTest, HelpOfACommandHasExamplesAndDefaults) {
   for (const Command& command : Commands()) {
-    const Outcome outcome = RunCli({command.name, "--help"});
+    std::vector<std::string> arguments = absl::StrSplit(command.name, ' ');
+    arguments.emplace_back("--help");
+    const Outcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_THAT(outcome.out, HasSubstr("\nUsage: isoscope " + command.name + " " + command.usage));
     EXPECT_EQ(outcome.out.find("Usage:"), outcome.out.rfind("Usage:"));

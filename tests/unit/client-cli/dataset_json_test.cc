@@ -76,13 +76,14 @@ TEST(DatasetJsonTest, AgentsShowStateAndShards) {
   agent.set_message("connection refused");
   agent.set_version("0.1.0");
   agent.set_renderer("cpu");
+  agent.set_picture_revision("2 cpu");
   v1::ServedShard& shard = *agent.add_shards();
   shard.set_dataset("head");
   shard.set_shard_index(3);
   shard.set_block_count(504);
   const Json json = AgentToJson(agent);
   EXPECT_EQ(json, Json::parse(R"({"address": "10.0.0.1:50052", "state": "unreachable",
-    "message": "connection refused", "version": "0.1.0", "renderer": "cpu",
+    "message": "connection refused", "version": "0.1.0", "renderer": "cpu", "picture_revision": "2 cpu",
     "shards": [{"dataset": "head", "shard": 3, "block_count": 504}]})"));
   EXPECT_THAT(DescribeAgents(Json::array({json})), HasSubstr("unreachable"));
   EXPECT_THAT(DescribeAgents(Json::array({json})), HasSubstr("head/3"));

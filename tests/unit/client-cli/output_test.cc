@@ -11,6 +11,7 @@
 #include "gtest/gtest.h"
 #include <sys/stat.h>
 
+#include "client-cli/usage.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -106,6 +107,18 @@ TEST(OutputTest, DevicesAreWrittenAsTheyAre) {
   struct stat info {};
   ASSERT_EQ(stat("/dev/null", &info), 0);
   EXPECT_TRUE(S_ISCHR(info.st_mode));
+}
+
+TEST(OutputTest, OnlyTheSuffixOfTheFormatIsTaken) {
+  for (const char* path : {"a.png", "A.PNG", "f.old/a", "a", ".png", "f/.a", "/dev/null"}) {
+    ISOSCOPE_EXPECT_OK(CheckSuffix(path, ".png", "PNG"));
+  }
+  for (const char* path : {"a.jpg", "a.png.jpeg", "f.png/a.gif", "v1.5", "a."}) {
+    EXPECT_TRUE(IsUsageError(CheckSuffix(path, ".png", "PNG"))) << path;
+  }
+  EXPECT_EQ(CheckSuffix("f/head.obj", ".ply", "PLY").message(),
+            "--output 'f/head.obj': the suffix '.obj' is not that of the format written, PLY; "
+            "expected 'head.ply'");
 }
 
 TEST(OutputTest, CheckWritableTellsWithoutATrace) {

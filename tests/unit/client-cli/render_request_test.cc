@@ -1,8 +1,8 @@
 #include "client-cli/render_request.h"
 
-#include "client-cli/usage.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/usage.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {

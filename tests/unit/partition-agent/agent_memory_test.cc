@@ -116,7 +116,7 @@ TEST(AgentMemoryTest, TooSmallALimitSaysWhatIsInUseAndWhatWouldDo) {
 TEST(AgentMemoryTest, ReadsUnderWayAreAShareOfTheLimitBetweenOneRunAndWhatPays) {
   EXPECT_EQ(AgentMemory(AgentMemory::kMinLimitBytes).read_bytes(), 3 * kMiB);
   EXPECT_GE(AgentMemory(AgentMemory::kMinLimitBytes).read_bytes(),
-            static_cast<std::size_t>(store::ShardReader::kMaxRunBytes));
+            static_cast<std::size_t>(store::ShardReader::kMaxDiskRunBytes));
   EXPECT_EQ(AgentMemory(256 * kMiB).read_bytes(), 8 * kMiB);
   EXPECT_EQ(AgentMemory(512 * kMiB).read_bytes(), 16 * kMiB);
   EXPECT_EQ(AgentMemory(4096 * kMiB).read_bytes(), 16 * kMiB);

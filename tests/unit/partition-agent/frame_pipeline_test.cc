@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
 #include <thread>
@@ -36,6 +37,8 @@ using isoscope::testing::SmallDataset;
 using isoscope::testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+constexpr image::FragmentOrder kOrder{.block_count = 1 << 20, .ties = image::TieRule::kColor};
+
 using Shards = std::vector<std::shared_ptr<const Shard>>;
 
 // One whole frame of one agent: both images composited, and what it took.
@@ -70,9 +73,9 @@ class FramePipelineTest : public ::testing::Test {
   }
 
   absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
-      const Shards& shards, const FrameRequest& request,
+      const Shards& shards, const FrameTask& request,
       const base::Cancellation* cancellation = nullptr) {
-    FrameRequest numbered = request;
+    FrameTask numbered = request;
     numbered.frame_number = frame_number_.fetch_add(1);
     return FramePipeline::Make(shards, numbered, Resources(),
                                cancellation == nullptr ? &never_ : cancellation);
@@ -84,8 +87,9 @@ class FramePipelineTest : public ::testing::Test {
 
   // What a coordinator of this agent alone sends for step 3: the blocks, and their open pixels.
   static std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
-      const Frame& frame, const FrameRequest& request, const SmallDataset& dataset) {
-    const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+      const Frame& frame, const FrameTask& request, const SmallDataset& dataset) {
+    const view::View view =
+        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     const volume::BlockLayout layout = dataset.layout();
     const auto map =
         visibility::OcclusionMap::FromImage(frame.occluders, visibility::MapKind::kDepth);
@@ -102,7 +106,7 @@ class FramePipelineTest : public ::testing::Test {
     return {blocks, visibility::EncodeOpenPixels(masks)};
   }
 
-  void RunAlone(const Shards& shards, const FrameRequest& request, const SmallDataset& dataset,
+  void RunAlone(const Shards& shards, const FrameTask& request, const SmallDataset& dataset,
                 Frame* frame) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->selection, pipeline->SelectOccluders());
@@ -113,7 +117,8 @@ class FramePipelineTest : public ::testing::Test {
       active.Insert(id);
     }
     // The coordinator sends those that are in the picture.
-    const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+    const view::View view =
+        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     frame->occluding_blocks.clear();
     for (const volume::BlockId id :
          visibility::OccludingBlocks(frame->selection.hits, layout, active).Ids()) {
@@ -127,11 +132,11 @@ class FramePipelineTest : public ::testing::Test {
     std::tie(frame->visible_blocks, open_pixels) = VisibleOf(*frame, request, dataset);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->image,
                                   pipeline->RenderVisible(frame->visible_blocks, open_pixels));
-    composite::CompositeInto(frame->occluders, &frame->image);
+    composite::CompositeInto(frame->occluders, kOrder, &frame->image);
     frame->statistics = pipeline->statistics();
   }
 
-  image::FrameImage RenderAll(const Shards& shards, const FrameRequest& request,
+  image::FrameImage RenderAll(const Shards& shards, const FrameTask& request,
                               frame::AgentStatistics* statistics = nullptr) {
     const auto pipeline = Make(shards, request);
     EXPECT_THAT(pipeline, isoscope::testing::IsOk());
@@ -183,14 +188,15 @@ TEST_F(FramePipelineTest, RenderAllDrawsEveryTriangleOfTheReference) {
 TEST_F(FramePipelineTest, StatisticsAddUp) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
 
   // Counted again from the definitions.
-  const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+  const view::View view =
+      *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
   const store::ShardReader& reader = *shards.front()->reader;
-  const volume::BlockSet active = reader.ranges().ActiveBlocks(request.isovalue);
+  const volume::BlockSet active = reader.ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
   EXPECT_EQ(frame.selection.active, active.Ids());
   const auto drawn = static_cast<std::int64_t>(frame.visible_blocks.size()) +
                      static_cast<std::int64_t>(frame.occluding_blocks.size());
@@ -217,7 +223,7 @@ TEST_F(FramePipelineTest, StatisticsAddUp) {
 
 TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
   const SmallDataset dataset(1);
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, pipeline->RenderAll());
   const absl::Duration before = pipeline->statistics().busy_duration;
@@ -228,7 +234,7 @@ TEST_F(FramePipelineTest, EncodingIsPartOfTheBusyTime) {
 TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
   frame::AgentStatistics all;
@@ -239,7 +245,7 @@ TEST_F(FramePipelineTest, CulledPictureIsThatOfAllBlocks) {
 TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
   const SmallDataset dataset(3);
   const Shards shards = dataset.OpenShards();
-  FrameRequest request = dataset.Request();
+  FrameTask request = dataset.Request();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto alone, Make(shards, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection of_one, alone->SelectOccluders());
   const std::vector<volume::BlockId>& expected = of_one.hits;
@@ -266,7 +272,7 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
 
 TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
   const SmallDataset dataset(1);
-  FrameRequest request = dataset.Request();
+  FrameTask request = dataset.Request();
   request.report_active_blocks = false;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
@@ -277,14 +283,15 @@ TEST_F(FramePipelineTest, ActiveBlocksAreReportedOnlyIfAskedFor) {
 TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  FrameRequest request = dataset.Request();
-  request.isovalue = 230;  // near the largest: not all blocks are active
+  FrameTask request = dataset.Request();
+  request.spec.surfaces[0].isovalue = 230;  // near the largest: not all blocks are active
   const volume::BlockId block_count = static_cast<volume::BlockId>(dataset.layout().block_count());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto own, Make({shards[0]}, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, own->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto others, Make({shards[1]}, request));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection other_selection, others->SelectOccluders());
-  const volume::BlockSet active = shards[0]->reader->ranges().ActiveBlocks(request.isovalue);
+  const volume::BlockSet active =
+      shards[0]->reader->ranges().ActiveBlocks(request.spec.surfaces[0].isovalue);
   volume::BlockId inactive = 0;
   while (inactive < block_count && active.Contains(inactive)) {
     ++inactive;
@@ -315,8 +322,9 @@ TEST_F(FramePipelineTest, BlocksThatAreNotItsOwnActiveOnesAreRefused) {
 TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
-  const view::View view = *view::View::Make(request.camera, request.viewport, dataset.geometry());
+  const FrameTask request = dataset.Request();
+  const view::View view =
+      *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
   // Each cell of each block's mask is open or not, as dice decide.
   std::vector<volume::BlockId> blocks;
   std::vector<image::PixelMask> masks;
@@ -334,7 +342,7 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
       }
     }
   }
-  image::FrameImage expected(request.viewport.width_px, request.viewport.height_px);
+  image::FrameImage expected(request.spec.viewport.width_px, request.spec.viewport.height_px);
   std::int64_t dropped = 0;
   for (std::size_t i = 0; i < blocks.size(); ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto one, Make(shards, request));
@@ -354,7 +362,7 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
         }
       }
     }
-    composite::CompositeInto(open, &expected);
+    composite::CompositeInto(open, kOrder, &expected);
   }
   EXPECT_GT(dropped, 1000);
   ISOSCOPE_ASSERT_OK(first->RenderOccluders({}));
@@ -372,7 +380,7 @@ TEST_F(FramePipelineTest, FragmentsAtClosedPixelsAreDroppedAndNoOthers) {
 TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame frame;
   RunAlone(shards, request, dataset, &frame);
   ASSERT_GT(frame.visible_blocks.size(), 1U);
@@ -402,11 +410,11 @@ TEST_F(FramePipelineTest, DamagedOrForeignOpenPixelsAreDataLoss) {
 TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
-  FrameRequest turned = request;
-  view::Azimuth(2.0, &turned.camera);
-  FrameRequest other = request;
-  other.isovalue = SmallDataset::kIsovalue + 10;
+  const FrameTask request = dataset.Request();
+  FrameTask turned = request;
+  view::Azimuth(2.0, &*turned.spec.camera);
+  FrameTask other = request;
+  other.spec.surfaces[0].isovalue = SmallDataset::kIsovalue + 10;
   Frame cold;
   RunAlone(shards, request, dataset, &cold);
   EXPECT_GT(cold.statistics.read_bytes, 0);
@@ -423,7 +431,7 @@ TEST_F(FramePipelineTest, FollowingFramesReadNothingIfAllFits) {
   frame::AgentStatistics of_other;
   const image::FrameImage other_image = RenderAll(shards, other, &of_other);
   EXPECT_GT(of_other.index_page_read_count, 0);
-  for (const FrameRequest& known : {request, other, turned}) {
+  for (const FrameTask& known : {request, other, turned}) {
     frame::AgentStatistics statistics;
     const image::FrameImage image = RenderAll(shards, known, &statistics);
     EXPECT_EQ(statistics.read_bytes, 0);
@@ -446,8 +454,8 @@ TEST_F(FramePipelineTest, SamplesAreReadTwiceAndThenKept) {
   const double isovalues[] = {128.25, 128.5, 128.75};
   std::vector<std::int64_t> block_bytes;
   for (const double isovalue : isovalues) {
-    FrameRequest request = dataset.Request();
-    request.isovalue = isovalue;
+    FrameTask request = dataset.Request();
+    request.spec.surfaces[0].isovalue = isovalue;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
     const std::int64_t index_bytes = pipeline->statistics().read_bytes;
@@ -472,8 +480,8 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
   constexpr int kIsovalueCount = 60;
   constexpr std::size_t kSmallCacheBytes = std::size_t{4} << 20;
   const auto request_of = [&dataset](int i) {
-    FrameRequest request = dataset.Request();
-    request.isovalue = 100.5 + i;
+    FrameTask request = dataset.Request();
+    request.spec.surfaces[0].isovalue = 100.5 + i;
     return request;
   };
   std::vector<image::FrameImage> expected;
@@ -501,9 +509,9 @@ TEST_F(FramePipelineTest, ManyIsovaluesStayWithinTheBytesOfTheCache) {
 TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  std::vector<FrameRequest> requests(3, dataset.Request());
-  requests[1].isovalue += 10;
-  view::Azimuth(0.5, &requests[2].camera);
+  std::vector<FrameTask> requests(3, dataset.Request());
+  requests[1].spec.surfaces[0].isovalue += 10;
+  view::Azimuth(0.5, &*requests[2].spec.camera);
   std::vector<Frame> expected(requests.size());
   cache_ = std::make_unique<BlockCache>(0);
   for (std::size_t i = 0; i < requests.size(); ++i) {
@@ -533,13 +541,13 @@ TEST_F(FramePipelineTest, CacheOfAnySizeChangesNothingAndIsBounded) {
 TEST_F(FramePipelineTest, PipelinesSideBySideOnOneCacheGiveTheirOwnPictures) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  std::vector<FrameRequest> requests(4, dataset.Request());
-  requests[1].isovalue += 10;
-  view::Azimuth(0.5, &requests[2].camera);
-  requests[3].isovalue += 10;
+  std::vector<FrameTask> requests(4, dataset.Request());
+  requests[1].spec.surfaces[0].isovalue += 10;
+  view::Azimuth(0.5, &*requests[2].spec.camera);
+  requests[3].spec.surfaces[0].isovalue += 10;
   std::vector<image::FrameImage> expected;
   expected.reserve(requests.size());
-  for (const FrameRequest& request : requests) {
+  for (const FrameTask& request : requests) {
     expected.push_back(RenderAll(shards, request));
   }
   for (const std::size_t max_bytes : kCacheSizes) {
@@ -564,7 +572,7 @@ TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) 
   const std::string path = dataset.shard_directory(0) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   const image::FrameImage expected = RenderAll(shards, request);
   ForgetAll();
   for (std::int64_t offset = 100; offset < size; offset += 5000) {
@@ -581,14 +589,14 @@ TEST_F(FramePipelineTest, WhatADamagedBlockLeftInTheCacheIsNeverAnotherPicture) 
 TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   frame::AgentStatistics both;
   const image::FrameImage expected = RenderAll(shards, request, &both);
   frame::AgentStatistics first;
   frame::AgentStatistics second;
   image::FrameImage image = RenderAll({shards[0]}, request, &first);
   EXPECT_FALSE(image == expected) << "the second shard shows nothing";
-  composite::CompositeInto(RenderAll({shards[1]}, request, &second), &image);
+  composite::CompositeInto(RenderAll({shards[1]}, request, &second), kOrder, &image);
   EXPECT_TRUE(image == expected);
   EXPECT_EQ(both.triangle_count, first.triangle_count + second.triangle_count);
   EXPECT_EQ(both.unique_vertex_count, first.unique_vertex_count + second.unique_vertex_count);
@@ -598,7 +606,7 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
 TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   Frame expected;
   for (const int thread_count : {1, 2, 5}) {
     arena_ = std::make_unique<tbb::task_arena>(thread_count);
@@ -619,7 +627,7 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   const std::string path = dataset.shard_directory(1) + "/" + store::kBlocksFileName;
   const auto size = static_cast<std::int64_t>(std::filesystem::file_size(path));
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   // Blocks of the gyroid are active almost everywhere; count the places that hit an active one.
   int failures = 0;
   for (int part = 0; part < 8; ++part) {
@@ -652,7 +660,8 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto visible, Make(shards, request));
   ISOSCOPE_ASSERT_OK(visible->SelectOccluders());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage none, visible->RenderOccluders({}));
-  EXPECT_TRUE(none == image::FrameImage(request.viewport.width_px, request.viewport.height_px));
+  EXPECT_TRUE(none ==
+              image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
   EXPECT_THAT(visible->RenderVisible(selection.active, ""),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("shard 1 of 2")));
 }
@@ -660,7 +669,7 @@ TEST_F(FramePipelineTest, DamagedBlockIsDataLossThatSaysWhereAndNeverAPicture) {
 TEST_F(FramePipelineTest, CancelledFrameStopsInEachStep) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameRequest request = dataset.Request();
+  const FrameTask request = dataset.Request();
   for (int step = 0; step < 4; ++step) {
     SCOPED_TRACE(step);
     base::Cancellation cancellation;
@@ -701,12 +710,15 @@ class CancellingRenderer final : public render::Renderer {
       : renderer_(renderer), cancellation_(cancellation) {}
   absl::StatusOr<std::unique_ptr<render::RenderPass>> BeginPass(
       const view::View& view, const volume::BlockLayout& layout,
-      const render::Appearance& appearance) override {
-    auto pass = renderer_->BeginPass(view, layout, appearance);
+      const frame::FrameSpec& spec) override {
+    auto pass = renderer_->BeginPass(view, layout, spec);
     if (!pass.ok()) {
       return pass.status();
     }
     return std::make_unique<Pass>(*std::move(pass), cancellation_);
+  }
+  [[nodiscard]] frame::PictureRevision picture_revision() const override {
+    return renderer_->picture_revision();
   }
   [[nodiscard]] std::string description() const override { return renderer_->description(); }
 
@@ -769,24 +781,106 @@ TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
 TEST_F(FramePipelineTest, BadRequestIsRefused) {
   const SmallDataset dataset(1);
   const Shards shards = dataset.OpenShards();
-  FrameRequest request = dataset.Request();
-  request.viewport.width_px = 0;
+  FrameTask request = dataset.Request();
+  request.spec.viewport.width_px = 0;
   EXPECT_THAT(Make(shards, request), StatusIs(absl::StatusCode::kInvalidArgument));
   request = dataset.Request();
-  request.camera.eye = request.camera.target;
+  request.spec.camera->eye = request.spec.camera->target;
   EXPECT_THAT(Make(shards, request), StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST_F(FramePipelineTest, IsovalueOutsideTheDataGivesAnEmptyPicture) {
   const SmallDataset dataset(2);
-  FrameRequest request = dataset.Request();
-  request.isovalue = 1000;
+  FrameTask request = dataset.Request();
+  request.spec.surfaces[0].isovalue = 1000;
   Frame frame;
   RunAlone(dataset.OpenShards(), request, dataset, &frame);
   EXPECT_TRUE(frame.selection.hits.empty());
   EXPECT_EQ(frame.statistics.active_block_count, 0);
   EXPECT_TRUE(frame.image ==
-              image::FrameImage(request.viewport.width_px, request.viewport.height_px));
+              image::FrameImage(request.spec.viewport.width_px, request.spec.viewport.height_px));
+}
+
+// A frame of several surfaces is the composite of frames of each, and reads a block once.
+TEST_F(FramePipelineTest, SeveralSurfacesAreTheCompositeOfEach) {
+  const SmallDataset dataset{2};
+  const Shards shards = dataset.OpenShards();
+  const std::vector<double> isovalues{SmallDataset::kIsovalue, SmallDataset::kIsovalue + 25,
+                                      SmallDataset::kIsovalue - 25};
+  const auto block_count = static_cast<std::uint32_t>(dataset.layout().block_count());
+  const image::FragmentOrder order{.block_count = block_count, .ties = image::TieRule::kColor};
+  FrameTask task = dataset.Request();
+  task.spec.surfaces.clear();
+  image::FrameImage expected(task.spec.viewport.width_px, task.spec.viewport.height_px);
+  frame::AgentStatistics sum;
+  std::set<volume::BlockId> active;
+  for (std::uint32_t i = 0; i < isovalues.size(); ++i) {
+    FrameTask alone = dataset.Request();
+    alone.spec.surfaces[0].isovalue = isovalues[i];
+    alone.spec.surfaces[0].appearance.base_color = {static_cast<std::uint8_t>(80 + 60 * i), 90, 70,
+                                                    255};
+    task.spec.surfaces.push_back(alone.spec.surfaces[0]);
+    ForgetAll();
+    frame::AgentStatistics statistics;
+    image::FrameImage image = RenderAll(shards, alone, &statistics);
+    for (std::uint64_t& key : image.keys) {
+      if (key != image::kBackgroundKey) {
+        key = image::FragmentKey(image::DepthOf(key), order.OwnerOf(i, image::OwnerOf(key)));
+      }
+    }
+    composite::CompositeInto(image, order, &expected);
+    sum.triangle_count += statistics.triangle_count;
+    sum.unique_vertex_count += statistics.unique_vertex_count;
+    sum.read_bytes = std::max(sum.read_bytes, statistics.read_bytes);
+    for (const volume::BlockId id : shards[0]->reader->ranges().ActiveBlocks(isovalues[i]).Ids()) {
+      active.insert(id);
+    }
+  }
+  ForgetAll();
+  frame::AgentStatistics statistics;
+  EXPECT_TRUE(RenderAll(shards, task, &statistics) == expected);
+  EXPECT_EQ(statistics.triangle_count, sum.triangle_count);
+  EXPECT_EQ(statistics.unique_vertex_count, sum.unique_vertex_count);
+  EXPECT_EQ(statistics.active_block_count, static_cast<std::int64_t>(active.size()));
+  EXPECT_EQ(statistics.visible_block_count, static_cast<std::int64_t>(active.size()));
+  // The steps with culling give the same picture.
+  Frame frame;
+  task.spec.culling = frame::Culling::kDepth;
+  RunAlone(shards, task, dataset, &frame);
+  EXPECT_TRUE(frame.image == expected);
+}
+
+TEST_F(FramePipelineTest, ABlockIsReadOnceForAllSurfaces) {
+  const SmallDataset dataset{1};
+  const Shards shards = dataset.OpenShards();
+  FrameTask one = dataset.Request();
+  frame::AgentStatistics of_one;
+  RenderAll(shards, one, &of_one);
+  FrameTask twice = one;
+  twice.spec.surfaces.push_back(one.spec.surfaces[0]);
+  ForgetAll();
+  frame::AgentStatistics of_twice;
+  RenderAll(shards, twice, &of_twice);
+  EXPECT_GT(of_one.read_bytes, 0);
+  // The tree is asked twice at most; blocks are most of the bytes.
+  EXPECT_LT(of_twice.read_bytes, of_one.read_bytes + of_one.read_bytes / 4);
+  EXPECT_EQ(of_twice.triangle_count, 2 * of_one.triangle_count);
+  EXPECT_EQ(of_twice.visible_block_count, of_one.visible_block_count);
+}
+
+TEST_F(FramePipelineTest, AFrameWithoutACameraIsRefused) {
+  const SmallDataset dataset{1};
+  FrameTask task = dataset.Request();
+  task.spec.camera.reset();
+  EXPECT_THAT(Make(dataset.OpenShards(), task),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("camera")));
+}
+
+TEST_F(FramePipelineTest, AStepOutOfOrderEndsTheProcess) {
+  const SmallDataset dataset{1};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(dataset.OpenShards(), dataset.Request()));
+  EXPECT_DEATH(pipeline->RenderOccluders({}).IgnoreError(), "next_step_");
+  EXPECT_DEATH(pipeline->RenderVisible({}, "").IgnoreError(), "next_step_");
 }
 
 }  // namespace

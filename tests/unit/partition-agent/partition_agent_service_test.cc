@@ -36,6 +36,9 @@ using isoscope::testing::SmallDataset;
 using ::testing::AnyOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+// No two fragments of the scene have one depth.
+constexpr image::FragmentOrder kOrder{.block_count = 1 << 20, .ties = image::TieRule::kColor};
+
 using Stub = v1::PartitionAgentService::Stub;
 
 std::string CodeOf(const grpc::Status& status) {
@@ -88,7 +91,7 @@ class FrameCall {
     v1::RenderFrameResponse message;
     while (stream_->Read(&message)) {
       for (const std::string& band : message.bands()) {
-        EXPECT_THAT(composite::DecodePixelsInto(band, image), isoscope::testing::IsOk());
+        EXPECT_THAT(composite::DecodePixelsInto(band, kOrder, image), isoscope::testing::IsOk());
       }
       if (message.message_case() != v1::RenderFrameResponse::MESSAGE_NOT_SET) {
         return message;
@@ -142,24 +145,25 @@ class PartitionAgentServiceTest : public ::testing::Test {
   }
 
   v1::RenderFrameRequest Begin(frame::Culling culling = frame::Culling::kDepth) const {
-    const FrameRequest request = dataset_.Request();
+    const FrameTask request = dataset_.Request();
     v1::RenderFrameRequest message;
     v1::BeginFrame* begin = message.mutable_begin();
     begin->set_frame_number(1);
     begin->set_dataset_id(dataset_.manifest().dataset_id);
     begin->add_shard_indices(0);
     begin->add_shard_indices(1);
-    begin->set_isovalue(request.isovalue);
-    *begin->mutable_camera() = rpc::ToProto(request.camera);
-    *begin->mutable_viewport() = rpc::ToProto(request.viewport);
-    begin->set_culling(rpc::ToProto(culling));
-    begin->set_ray_seed(static_cast<std::int64_t>(request.ray_seed));
+    isoscope::v1::RenderIsosurfaceRequest* asked = begin->mutable_request();
+    asked->set_isovalue(request.spec.surfaces[0].isovalue);
+    *asked->mutable_camera() = rpc::ToProto(*request.spec.camera);
+    *asked->mutable_viewport() = rpc::ToProto(request.spec.viewport);
+    asked->set_culling(rpc::ToProto(culling));
+    asked->set_ray_seed(static_cast<std::int64_t>(request.spec.ray_seed));
     begin->set_agent_count(1);
     begin->set_report_active_blocks(true);
     return message;
   }
   image::FrameImage EmptyImage() const {
-    const view::Viewport viewport = dataset_.Request().viewport;
+    const view::Viewport viewport = dataset_.Request().spec.viewport;
     return {viewport.width_px, viewport.height_px};
   }
 
@@ -178,12 +182,12 @@ class PartitionAgentServiceTest : public ::testing::Test {
   // Steps 2 and 3 of a frame that waits for occluders: the hits, and then what they do not hide.
   void Complete(FrameCall* call, const RaySelection& selection, image::FrameImage* image,
                 v1::RenderFrameResponse* last) const {
-    const FrameRequest request = dataset_.Request();
+    const FrameTask request = dataset_.Request();
     EXPECT_TRUE(call->SendOccluders(selection.hits));
     EXPECT_TRUE(call->ReadPixels(image).has_occluders_done());
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         const view::View view,
-        view::View::Make(request.camera, request.viewport, dataset_.geometry()));
+        view::View::Make(*request.spec.camera, request.spec.viewport, dataset_.geometry()));
     const auto map = visibility::OcclusionMap::FromImage(*image, visibility::MapKind::kDepth);
     std::vector<volume::BlockId> blocks;
     std::vector<image::PixelMask> masks;
@@ -215,7 +219,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
   }
 
   image::FrameImage Expected() const { return Expected(dataset_.Request()); }
-  image::FrameImage Expected(const FrameRequest& request) const {
+  image::FrameImage Expected(const FrameTask& request) const {
     const base::Cancellation never;
     BlockCache none(0);
     auto pipeline = FramePipeline::Make(
@@ -268,8 +272,8 @@ TEST_F(PartitionAgentServiceTest, ASmallPictureComesWithTheMessageThatEndsTheSte
 TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebibyte) {
   FrameCall call(stub_.get());
   v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
-  begin.mutable_begin()->mutable_viewport()->set_width_px(2500);
-  begin.mutable_begin()->mutable_viewport()->set_height_px(2000);
+  begin.mutable_begin()->mutable_request()->mutable_viewport()->set_width_px(2500);
+  begin.mutable_begin()->mutable_request()->mutable_viewport()->set_height_px(2000);
   ASSERT_TRUE(call.Send(begin));
   image::FrameImage image(2500, 2000);
   int message_count = 0;
@@ -281,12 +285,12 @@ TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebib
     bytes += message.ByteSizeLong();
     EXPECT_TRUE(message.bands_size() == 1 || message.ByteSizeLong() < (std::size_t{11} << 17));
     for (const std::string& band : message.bands()) {
-      ISOSCOPE_EXPECT_OK(composite::DecodePixelsInto(band, &image));
+      ISOSCOPE_EXPECT_OK(composite::DecodePixelsInto(band, kOrder, &image));
     }
   }
   EXPECT_GT(message_count, 1) << bytes << " bytes in one message";
-  FrameRequest request = dataset_.Request();
-  request.viewport = {.width_px = 2500, .height_px = 2000};
+  FrameTask request = dataset_.Request();
+  request.spec.viewport = {.width_px = 2500, .height_px = 2000};
   EXPECT_EQ(image, Expected(request));
 }
 
@@ -372,12 +376,15 @@ TEST_F(PartitionAgentServiceTest, WhatIsNotServedIsAFailedPrecondition) {
 }
 
 TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
-  std::vector<v1::RenderFrameRequest> bad(5, Begin());
-  bad[0].mutable_begin()->set_isovalue(std::numeric_limits<double>::quiet_NaN());
-  bad[1].mutable_begin()->clear_camera();
-  bad[2].mutable_begin()->mutable_viewport()->set_width_px(-1);
+  std::vector<v1::RenderFrameRequest> bad(6, Begin());
+  bad[0].mutable_begin()->mutable_request()->set_isovalue(std::numeric_limits<double>::quiet_NaN());
+  bad[1].mutable_begin()->mutable_request()->clear_camera();
+  bad[2].mutable_begin()->mutable_request()->mutable_viewport()->set_width_px(-1);
   bad[3].mutable_begin()->set_agent_index(1);
   bad[4].mutable_begin()->add_shard_indices(2);
+  // A parameter of a newer version, deep in the request.
+  isoscope::v1::Camera* camera = bad[5].mutable_begin()->mutable_request()->mutable_camera();
+  camera->GetReflection()->MutableUnknownFields(camera)->AddVarint(77, 1);
   for (std::size_t i = 0; i < bad.size(); ++i) {
     FrameCall call(stub_.get());
     call.Send(bad[i]);

@@ -15,7 +15,7 @@
 #include "core/partition/partitioner.h"
 #include "core/source/volume_source.h"
 #include "core/store/shard_format.h"
-#include "partition-agent/frame_request.h"
+#include "partition-agent/frame_task.h"
 #include "partition-agent/shard.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/synthetic_fields.h"
@@ -66,15 +66,15 @@ class SmallDataset {
   }
 
   // From a corner, close enough that some blocks are beside the picture.
-  [[nodiscard]] agent::FrameRequest Request() const {
-    agent::FrameRequest request;
-    request.isovalue = kIsovalue;
-    request.camera = view::MakeDefaultCamera(geometry_.Bounds());
-    view::Azimuth(0.6, &request.camera);
-    view::Elevation(0.4, &request.camera);
-    view::Zoom(3.0, &request.camera);
-    request.viewport = {120, 90};
-    request.ray_seed = 5;
+  [[nodiscard]] agent::FrameTask Request() const {
+    agent::FrameTask request;
+    request.spec.surfaces = {{.isovalue = kIsovalue, .appearance = {}}};
+    request.spec.camera = view::MakeDefaultCamera(geometry_.Bounds());
+    view::Azimuth(0.6, &*request.spec.camera);
+    view::Elevation(0.4, &*request.spec.camera);
+    view::Zoom(3.0, &*request.spec.camera);
+    request.spec.viewport = {120, 90};
+    request.spec.ray_seed = 5;
     return request;
   }
 

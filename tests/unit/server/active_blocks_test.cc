@@ -21,7 +21,7 @@ using ::testing::ElementsAre;
 using ShardsByAgent = std::vector<std::vector<int>>;
 
 std::string KeyOf(const std::string& id, const ShardsByAgent& shards, double isovalue) {
-  return ActiveBlocksCache::KeyOf(id, shards, isovalue);
+  return ActiveBlocksCache::KeyOf(id, shards, {isovalue});
 }
 
 // The first `count` blocks of a small volume, all of one agent.

@@ -1,246 +1,285 @@
 #include "server/agent_registry.h"
 
 #include <atomic>
+#include <functional>
+#include <map>
 #include <memory>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/time/clock.h"
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/mutex.h"
+#include "core/frame/picture_revision.h"
+#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
-#include "tests/unit/server/fake_agent.h"
+#include "tests/unit/server/make_shard.h"
 
 namespace isoscope::server {
 namespace {
 
 using ::testing::AllOf;
-using testing::FakeAgent;
 using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::MakeShard;
 using testing::StatusIs;
 
+using Shards = std::vector<isoscope::internal::v1::ShardDescription>;
+
 constexpr char kOtherId[] = "ffffffffffffffffffffffffffffffff";
 
-AgentState Answering(const std::string& address,
-                     std::vector<isoscope::internal::v1::ShardDescription> shards) {
-  AgentState state;
-  state.address = address;
-  state.status = absl::OkStatus();
-  state.shards = std::move(shards);
-  return state;
-}
-
-TEST(DatasetsOfTest, ShardsAreGroupedByAgentInOrderOfFirstShards) {
-  const auto datasets =
-      DatasetsOf({Answering("a:1", {MakeShard("head", 1, 3)}),
-                  Answering("b:1", {MakeShard("head", 0, 3), MakeShard("head", 2, 3)})});
-  const DatasetState& head = datasets.at("head");
-  ASSERT_THAT(head.status, IsOk());
-  ASSERT_EQ(head.agents.size(), 2u);
-  EXPECT_EQ(head.agents[0].address, "b:1");
-  EXPECT_EQ(head.agents[0].shard_indices, std::vector<int>({0, 2}));
-  EXPECT_EQ(head.agents[1].shard_indices, std::vector<int>({1}));
-  EXPECT_EQ(head.dataset.missing_shards_size(), 0);
-}
-
-TEST(DatasetsOfTest, MissingShardsAndUnreachableAgentsAreNamed) {
-  AgentState lost = Answering("b:1", {MakeShard("head", 1, 3)});
-  lost.status = absl::UnavailableError("connection refused");
-  const auto datasets = DatasetsOf({Answering("a:1", {MakeShard("head", 0, 3)}), lost});
-  const DatasetState& head = datasets.at("head");
-  EXPECT_THAT(head.status, StatusIs(absl::StatusCode::kFailedPrecondition,
-                                    AllOf(HasSubstr("shards 1, 2 of 3"), HasSubstr("b:1"),
-                                          HasSubstr("connection refused"))));
-  EXPECT_TRUE(head.is_served);
-  ASSERT_EQ(head.dataset.missing_shards_size(), 2);
-  EXPECT_EQ(head.dataset.missing_shards(0), 1);
-}
-
-TEST(DatasetsOfTest, ADatasetWhoseAgentsAreAllLostIsStillKnown) {
-  AgentState lost = Answering("b:1", {MakeShard("head", 0, 1)});
-  lost.status = absl::UnavailableError("gone");
-  const auto datasets = DatasetsOf({lost});
-  EXPECT_FALSE(datasets.at("head").is_served);
-  EXPECT_THAT(datasets.at("head").status, StatusIs(absl::StatusCode::kFailedPrecondition));
-}
-
-TEST(DatasetsOfTest, ContradictoryAgentsAreBothNamedWithTheirValues) {
-  const auto datasets = DatasetsOf({Answering("a:1", {MakeShard("head", 0, 2)}),
-                                    Answering("b:1", {MakeShard("head", 1, 2, kOtherId)})});
-  EXPECT_THAT(datasets.at("head").status,
-              StatusIs(absl::StatusCode::kFailedPrecondition,
-                       AllOf(HasSubstr("a:1"), HasSubstr("b:1"), HasSubstr(testing::kSomeId),
-                             HasSubstr(kOtherId))));
-  EXPECT_EQ(datasets.at("head").dataset.missing_shards_size(), 2);
-}
-
-TEST(DatasetsOfTest, DifferentChecksumsUnderOneIdContradict) {
-  isoscope::internal::v1::ShardDescription other = MakeShard("head", 1, 2);
-  other.set_range_table_crc32c(0xdead);
-  const auto datasets =
-      DatasetsOf({Answering("a:1", {MakeShard("head", 0, 2)}), Answering("b:1", {other})});
-  EXPECT_THAT(datasets.at("head").status,
-              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("0000dead")));
-}
-
-TEST(DatasetsOfTest, WhatALostAgentServedDoesNotContradictWhatIsServedNow) {
-  AgentState lost = Answering("a:1", {MakeShard("head", 0, 2, kOtherId)});
-  lost.status = absl::UnavailableError("gone");
-  const auto datasets = DatasetsOf({lost, Answering("b:1", {MakeShard("head", 0, 1)})});
-  EXPECT_THAT(datasets.at("head").status, IsOk());
-}
-
-TEST(DatasetsOfTest, OfReplicasTheFirstReachableByAddressIsTaken) {
-  AgentState lost = Answering("a:1", {MakeShard("head", 0, 1)});
-  lost.status = absl::UnavailableError("gone");
-  const auto datasets = DatasetsOf({lost, Answering("b:1", {MakeShard("head", 0, 1)}),
-                                    Answering("c:1", {MakeShard("head", 0, 1)})});
-  ASSERT_THAT(datasets.at("head").status, IsOk());
-  ASSERT_EQ(datasets.at("head").agents.size(), 1u);
-  EXPECT_EQ(datasets.at("head").agents[0].address, "b:1");
-}
-
-TEST(DnsTargetTest, NamesAreTakenApartAndMalformedOnesRefused) {
-  DnsName name;
-  EXPECT_TRUE(*ParseDnsTarget("dns:///agents.local:50052", &name));
-  EXPECT_EQ(name.host, "agents.local");
-  EXPECT_EQ(name.port, "50052");
-  EXPECT_TRUE(*ParseDnsTarget("dns:///[::1]:50052", &name));
-  EXPECT_EQ(name.host, "::1");
-  EXPECT_FALSE(*ParseDnsTarget("localhost:50052", &name));
-  for (const char* bad : {"", "dns:///", "dns:///host", "dns:///:1", "dns:///host:"}) {
-    EXPECT_THAT(ParseDnsTarget(bad, &name), StatusIs(absl::StatusCode::kInvalidArgument)) << bad;
+// A cluster without agents: what it answers for them is set by address. Thread-safe. The tests of
+// the registry use it instead of gRPC, which ThreadSanitizer does not see through.
+class FakeCluster {
+ public:
+  void Serve(const std::string& address, Shards shards) {
+    const base::MutexLock lock(&mutex_);
+    shards_[address] = std::move(shards);
   }
-}
-
-TEST(DnsTargetTest, NumericHostsResolveToThemselves) {
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<std::string> addresses,
-                                ResolveAddresses({"127.0.0.1", "50052"}));
-  EXPECT_EQ(addresses, std::vector<std::string>({"127.0.0.1:50052"}));
-}
-
-// Polls so seldom that only what the registry does by itself counts.
-AgentRegistryOptions LazyOptions(const std::vector<std::string>& targets) {
-  AgentRegistryOptions options;
-  for (const std::string& target : targets) {
-    options.endpoints.push_back({target, nullptr});
+  void Stop(const std::string& address) {
+    const base::MutexLock lock(&mutex_);
+    shards_.erase(address);
   }
-  options.poll_interval = absl::Hours(1);
-  return options;
-}
+  void SetResolved(std::vector<std::string> addresses) {
+    const base::MutexLock lock(&mutex_);
+    resolved_ = std::move(addresses);
+  }
+  // From now on nobody answers before the probe is cancelled.
+  void Hang() {
+    const base::MutexLock lock(&mutex_);
+    hangs_ = true;
+  }
+  void WaitUntilOneHangs() {
+    const base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_,
+                   [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return hanging_count_ > 0; });
+  }
+
+  // Polls so seldom that only what the registry does by itself counts.
+  AgentRegistryOptions LazyOptions(const std::vector<std::string>& targets) {
+    AgentRegistryOptions options;
+    for (const std::string& target : targets) {
+      options.endpoints.push_back({target, nullptr});
+    }
+    options.poll_interval = absl::Hours(1);
+    options.resolve = [this](const DnsName& name) -> absl::StatusOr<std::vector<std::string>> {
+      EXPECT_EQ(name.host, "agents");
+      const base::MutexLock lock(&mutex_);
+      if (resolved_.empty()) {
+        return absl::UnavailableError("can't resolve agents:50052");
+      }
+      return resolved_;
+    };
+    options.probe = [this](absl::Span<AgentProbe> probes, const base::Cancellation& cancellation) {
+      const absl::Status status = base::AwaitOrCancelled(
+          cancellation, &mutex_, &changed_, [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+            hanging_count_ += hangs_ ? 1 : 0;
+            changed_.SignalAll();
+            return !hangs_;
+          });
+      const base::MutexLock lock(&mutex_);
+      for (AgentProbe& probe : probes) {
+        const auto found = shards_.find(probe.address);
+        if (!status.ok()) {
+          probe.answer = status;
+        } else if (found == shards_.end()) {
+          probe.answer = absl::UnavailableError("connection refused");
+        } else {
+          isoscope::internal::v1::DescribeShardsResponse answer;
+          *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision());
+          answer.mutable_shards()->Assign(found->second.begin(), found->second.end());
+          probe.answer = std::move(answer);
+        }
+      }
+    };
+    return options;
+  }
+
+ private:
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  std::map<std::string, Shards> shards_ ABSL_GUARDED_BY(mutex_);
+  std::vector<std::string> resolved_ ABSL_GUARDED_BY(mutex_);
+  bool hangs_ ABSL_GUARDED_BY(mutex_) = false;
+  int hanging_count_ ABSL_GUARDED_BY(mutex_) = 0;
+};
 
 absl::Time Soon() { return absl::Now() + absl::Seconds(20); }
 
 TEST(AgentRegistryTest, BadEndpointsAreRefused) {
-  EXPECT_THAT(AgentRegistry::Start(LazyOptions({})), StatusIs(absl::StatusCode::kInvalidArgument));
-  EXPECT_THAT(AgentRegistry::Start(LazyOptions({"a:1", "a:1"})),
+  FakeCluster cluster;
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({})),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"a:1", "a:1"})),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("twice")));
-  EXPECT_THAT(AgentRegistry::Start(LazyOptions({"dns:///x"})),
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"dns:///x"})),
               StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST(AgentRegistryTest, NamesAreFoundAndTheOnlyDatasetNeedsNone) {
-  FakeAgent agent({MakeShard("head", 0, 1)});
-  agent.Start();
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
-                                AgentRegistry::Start(LazyOptions({agent.address()})));
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("", Soon()));
+  const base::Cancellation soon(Soon());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("", soon));
   EXPECT_EQ(found.dataset.name(), "head");
-  EXPECT_THAT(registry->FindComplete("haed", Soon()),
+  EXPECT_THAT(registry->FindComplete("haed", soon),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("\"head\"")));
 }
 
 TEST(AgentRegistryTest, OneOfSeveralDatasetsMustBeNamed) {
-  FakeAgent agent({MakeShard("foot", 0, 1, kOtherId), MakeShard("head", 0, 1)});
-  agent.Start();
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("foot", 0, 1, kOtherId), MakeShard("head", 0, 1)});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
-                                AgentRegistry::Start(LazyOptions({agent.address()})));
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   EXPECT_THAT(registry->Find(""), StatusIs(absl::StatusCode::kInvalidArgument,
                                            AllOf(HasSubstr("\"foot\""), HasSubstr("\"head\""))));
 }
 
 TEST(AgentRegistryTest, AReturningAgentServesTheNextFrameAtOnce) {
-  auto agent = std::make_unique<FakeAgent>(
-      std::vector<isoscope::internal::v1::ShardDescription>{MakeShard("head", 0, 1)});
-  agent->Start();
-  const int port = agent->port();
-  const std::string address = agent->address();
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
   std::atomic<int> ready_count{0};
   std::atomic<int> lost_count{0};
-  AgentRegistryOptions options = LazyOptions({address});
+  AgentRegistryOptions options = cluster.LazyOptions({"a:1"});
   options.on_readiness = [&](bool is_ready) { (is_ready ? ready_count : lost_count)++; };
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   EXPECT_EQ(ready_count.load(), 1);
 
-  agent->Stop();
-  registry->ReportFailure(address);
-  EXPECT_THAT(registry->FindComplete("head", Soon()),
-              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr(address)));
+  cluster.Stop("a:1");
+  registry->ReportFailure("a:1");
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("head", soon),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("a:1")));
   EXPECT_EQ(lost_count.load(), 1);
 
-  FakeAgent again({MakeShard("head", 0, 1)});
-  again.Start(port);
-  EXPECT_THAT(registry->FindComplete("head", Soon()), IsOk());
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  EXPECT_THAT(registry->FindComplete("head", soon), IsOk());
   EXPECT_EQ(ready_count.load(), 2);
+}
+
+TEST(AgentRegistryTest, WaitsForAgentsThatComeLater) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
+  EXPECT_THAT(registry->WaitUntilReady(absl::Now() + absl::Milliseconds(20)),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("b:1")));
+  std::thread starter([&] { cluster.Serve("b:1", {MakeShard("head", 1, 2)}); });
+  ISOSCOPE_EXPECT_OK(registry->WaitUntilReady(Soon()));
+  starter.join();
 }
 
 TEST(AgentRegistryTest, AnAgentThatLiesAboutItsDatasetIsNotUsed) {
   isoscope::internal::v1::ShardDescription bad = MakeShard("head", 0, 1);
   bad.mutable_dataset()->set_block_count(12345);
-  FakeAgent agent({bad});
-  agent.Start();
+  FakeCluster cluster;
+  cluster.Serve("a:1", {bad});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
-                                AgentRegistry::Start(LazyOptions({agent.address()})));
-  EXPECT_THAT(registry->FindComplete("head", Soon()),
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  EXPECT_THAT(registry->FindComplete("head", base::Cancellation(Soon())),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("block_count is 12345")));
 }
 
 TEST(AgentRegistryTest, EveryAddressBehindANameIsAnAgentAndThoseThatVanishAreDropped) {
-  FakeAgent first({MakeShard("head", 0, 2)});
-  FakeAgent second({MakeShard("head", 1, 2)});
-  FakeAgent replacement({MakeShard("head", 1, 2)});
-  first.Start();
-  second.Start();
-  replacement.Start();
-  absl::Mutex mutex;
-  std::vector<std::string> addresses = {first.address(), second.address()};
-  AgentRegistryOptions options = LazyOptions({"dns:///agents:50052"});
-  options.resolve = [&](const DnsName& name) -> absl::StatusOr<std::vector<std::string>> {
-    EXPECT_EQ(name.host, "agents");
-    absl::MutexLock lock(&mutex);
-    return addresses;
-  };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  FakeCluster cluster;
+  cluster.Serve("10.0.0.1:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("10.0.0.2:1", {MakeShard("head", 1, 2)});
+  cluster.Serve("10.0.0.3:1", {MakeShard("head", 1, 2)});
+  cluster.SetResolved({"10.0.0.1:1", "10.0.0.2:1"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"dns:///agents:50052"})));
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   EXPECT_EQ(registry->agents().size(), 2u);
 
-  const std::string lost = second.address();
-  second.Stop();
-  {
-    absl::MutexLock lock(&mutex);
-    addresses = {first.address(), replacement.address()};
-  }
-  registry->ReportFailure(lost);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("head", Soon()));
-  EXPECT_EQ(found.agents[1].address, replacement.address());
+  cluster.Stop("10.0.0.2:1");
+  cluster.SetResolved({"10.0.0.1:1", "10.0.0.3:1"});
+  registry->ReportFailure("10.0.0.2:1");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found,
+                                registry->FindComplete("head", base::Cancellation(Soon())));
+  EXPECT_EQ(found.agents[1].address, "10.0.0.3:1");
   for (const AgentState& agent : registry->agents()) {
-    EXPECT_NE(agent.address, lost);
+    EXPECT_NE(agent.address, "10.0.0.2:1");
   }
 }
 
-TEST(AgentRegistryTest, ANameThatCannotBeResolvedIsReportedAsSuch) {
-  AgentRegistryOptions options = LazyOptions({"dns:///agents:50052"});
-  options.resolve = [](const DnsName&) -> absl::StatusOr<std::vector<std::string>> {
-    return absl::UnavailableError("can't resolve agents:50052");
-  };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
-  EXPECT_THAT(registry->FindComplete("", Soon()),
+TEST(AgentRegistryTest, AnAddressThatTheNameForgotStaysAsLongAsItAnswers) {
+  FakeCluster cluster;
+  cluster.Serve("10.0.0.1:1", {MakeShard("head", 0, 1)});
+  cluster.SetResolved({"10.0.0.1:1"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"dns:///agents:50052"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const base::Cancellation soon(Soon());
+  for (const std::vector<std::string>& resolved :
+       {std::vector<std::string>{"10.0.0.2:1"}, std::vector<std::string>{}}) {
+    cluster.SetResolved(resolved);
+    registry->ReportFailure("10.0.0.1:1");
+    EXPECT_THAT(registry->FindComplete("head", soon), IsOk());
+  }
+}
+
+TEST(AgentRegistryTest, ANameThatCannotBeResolvedIsReportedAsSuchUntilItCan) {
+  FakeCluster cluster;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"dns:///agents:50052"})));
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("", soon),
               StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("can't resolve")));
+  cluster.Serve("10.0.0.1:1", {MakeShard("head", 0, 1)});
+  cluster.SetResolved({"10.0.0.1:1"});
+  EXPECT_THAT(registry->FindComplete("", soon), IsOk());
+  EXPECT_EQ(registry->agents().size(), 1u);
+}
+
+// Without a deadline of their own: what is not woken would wait for kMaxFrameWait or hang.
+TEST(AgentRegistryTest, ACancelledFrameAndTheEndDoNotWaitForAgentsThatHang) {
+  FakeCluster cluster;
+  cluster.Hang();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto registry, AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  cluster.WaitUntilOneHangs();
+  base::Cancellation cancellation;
+  std::thread frame([&] {
+    EXPECT_THAT(registry->FindComplete("head", cancellation),
+                StatusIs(absl::StatusCode::kCancelled));
+  });
+  cancellation.Cancel();
+  frame.join();
+  registry.reset();
+}
+
+TEST(AgentRegistryTest, FramesFailuresAndQuestionsMeet) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("b:1", {MakeShard("head", 1, 2)});
+  AgentRegistryOptions options = cluster.LazyOptions({"a:1", "b:1"});
+  options.poll_interval = absl::Milliseconds(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 3; ++i) {
+    threads.emplace_back([&registry, i] {
+      for (int round = 0; round < 30; ++round) {
+        registry->ReportFailure(round % 2 == 0 ? "a:1" : "b:1");
+        const base::Cancellation soon(Soon());
+        EXPECT_THAT(registry->FindComplete(i == 0 ? "" : "head", soon), IsOk());
+        EXPECT_EQ(registry->agents().size(), 2u);
+        EXPECT_EQ(registry->datasets().size(), 1u);
+      }
+    });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
 }
 
 }  // namespace

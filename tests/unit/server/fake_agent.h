@@ -16,33 +16,10 @@
 
 #include "core/base/check.h"
 #include "core/rpc/channel.h"
-#include "core/rpc/proto_convert.h"
-#include "core/store/manifest.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+#include "tests/unit/server/make_shard.h"
 
 namespace isoscope::testing {
-
-inline constexpr char kSomeId[] = "0123456789abcdef0123456789abcdef";
-
-// One shard of a dataset of 9^3 samples in 8 blocks.
-inline isoscope::internal::v1::ShardDescription MakeShard(const std::string& name, int shard_index,
-                                                          int shard_count,
-                                                          const std::string& id = kSomeId) {
-  store::Manifest manifest;
-  manifest.dataset_id = id;
-  manifest.name = name;
-  manifest.geometry.sample_dims = {9, 9, 9};
-  manifest.value_range = {0, 255};
-  manifest.block_cells = {4, 4, 4};
-  manifest.shards.resize(static_cast<std::size_t>(shard_count));
-  isoscope::internal::v1::ShardDescription shard;
-  *shard.mutable_dataset() = rpc::ToProto(manifest);
-  shard.set_manifest_crc32c(0x1234);
-  shard.set_range_table_crc32c(0x5678);
-  shard.set_shard_index(shard_index);
-  shard.set_block_count(8 / shard_count);
-  return shard;
-}
 
 // A blocking service: each call has a thread of its own, so scripts may block.
 class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Service {
@@ -56,6 +33,7 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   ~FakeAgent() override { Stop(); }
 
   // Set before Start.
+  std::function<void()> on_describe = [] {};
   std::function<grpc::Status(grpc::ServerContext*, FrameStream*)> on_frame;
   std::function<grpc::Status(grpc::ServerContext*, SurfaceWriter*)> on_surface;
 
@@ -83,8 +61,12 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   grpc::Status DescribeShards(grpc::ServerContext* /*context*/,
                               const isoscope::internal::v1::DescribeShardsRequest* /*request*/,
                               isoscope::internal::v1::DescribeShardsResponse* response) override {
+    on_describe();
     response->set_version("1.2.3");
     response->set_renderer("fake");
+    response->mutable_picture_revision()->set_number(1);
+    response->mutable_picture_revision()->set_back_end(
+        isoscope::internal::v1::PictureRevision::BACK_END_CPU);
     response->mutable_shards()->Assign(shards_.begin(), shards_.end());
     return grpc::Status::OK;
   }
@@ -111,7 +93,7 @@ inline grpc::Status PlayEmptyFrame(FakeAgent::FrameStream* stream) {
   if (!stream->Read(&request)) {
     return {grpc::StatusCode::INVALID_ARGUMENT, "no begin"};
   }
-  if (request.begin().culling() != isoscope::v1::CULLING_NONE) {
+  if (request.begin().request().culling() != isoscope::v1::CULLING_NONE) {
     response.mutable_ray_hits();
     stream->Write(response);
     stream->Read(&request);

@@ -138,7 +138,8 @@ class Agent {
 
   AgentListener& coordinator() { return *listener_; }
   [[nodiscard]] int index() const { return index_; }
-  [[nodiscard]] std::string name() const { return absl::StrCat("agent-", index_); }
+  [[nodiscard]] std::string name() const { return identity_.address; }
+  [[nodiscard]] const AgentIdentity& identity() const { return identity_; }
 
   // Wait for the coordinator's word; CANCELLED once the frame is cancelled.
   absl::StatusOr<Blocks> AwaitOccluders() { return Await(&occluders_); }
@@ -192,6 +193,7 @@ class Agent {
   }
 
   const int index_;
+  const AgentIdentity identity_{absl::StrCat("agent-", index_), {index_}};
   AgentListener* const listener_;
   mutable absl::Mutex mutex_;
   std::optional<Blocks> occluders_ ABSL_GUARDED_BY(mutex_);
@@ -239,7 +241,7 @@ class FrameCoordinatorTest : public ::testing::Test {
       agent_->SetVisible({blocks, std::move(open_pixels)});
     }
     void Cancel() override { agent_->Cancel(); }
-    [[nodiscard]] std::string name() const override { return agent_->name(); }
+    [[nodiscard]] const AgentIdentity& agent() const override { return agent_->identity(); }
     [[nodiscard]] std::int64_t network_bytes() const override {
       return std::int64_t{1000} << agent_->index();
     }
@@ -260,17 +262,25 @@ class FrameCoordinatorTest : public ::testing::Test {
       agents_.push_back(std::make_shared<Agent>(index, listener));
       return std::make_unique<Link>(agents_.back(), scripts[static_cast<std::size_t>(index)], this);
     };
+    frame::FrameSpec spec;
+    spec.surfaces.resize(1);
+    spec.culling = culling;
     FrameSetup setup;
+    setup.spec = &spec;
     setup.view = &view_;
     setup.layout = &layout_;
-    setup.culling = culling;
     setup.agent_count = static_cast<int>(scripts.size());
     setup.active = known_active_;
     setup.images = images_.get();
     setup.arena = &arena_;
-    absl::StatusOr<FrameResult> result = RunFrame(setup, begin, *cancellation_);
+    FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
-    return result;
+    failures_ = outcome.failures;
+    EXPECT_TRUE(failures_.empty() || !outcome.status.ok());
+    if (!outcome.status.ok()) {
+      return outcome.status;
+    }
+    return std::move(outcome.result);
   }
 
   // An agent that behaves: its hits and active blocks, then images in shuffled bands.
@@ -306,7 +316,11 @@ class FrameCoordinatorTest : public ::testing::Test {
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
   tbb::task_arena arena_{2};
+  const image::FragmentOrder order_{
+      .block_count = static_cast<std::uint32_t>(layout_.block_count()),
+      .ties = image::TieRule::kColor};
   std::shared_ptr<const ActiveBlocks> known_active_;
+  std::vector<AgentFailure> failures_;  // of the last frame
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
@@ -473,12 +487,12 @@ TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
     for (std::uint64_t agent = 0; agent < 5; ++agent) {
       const image::FrameImage first = RandomImage(100 * seed + 2 * agent, 0.15);
       rest.push_back(RandomImage(100 * seed + 2 * agent + 1, 0.15));
-      composite::CompositeInto(first, &occluders);
+      composite::CompositeInto(first, order_, &occluders);
       scripts.push_back(Behave({}, {}, first, rest.back(), 100 * seed + agent));
     }
     image::FrameImage expected = occluders;
     for (const image::FrameImage& image : rest) {
-      composite::CompositeInto(image, &expected);
+      composite::CompositeInto(image, order_, &expected);
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
     EXPECT_TRUE(result.image == expected);
@@ -490,7 +504,7 @@ TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
   std::vector<Script> scripts;
   for (std::uint64_t agent = 0; agent < 3; ++agent) {
     const image::FrameImage image = RandomImage(agent, 0.4);
-    composite::CompositeInto(image, &expected);
+    composite::CompositeInto(image, order_, &expected);
     scripts.push_back([image, agent](Agent& self) {
       for (std::string& band : ShuffledBands(image, agent)) {
         self.coordinator().OnPixels({std::move(band)});
@@ -639,7 +653,7 @@ TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
 }
 
 TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
-  const absl::Status error = absl::DataLossError("agent-1: dataset head, shard 1: block 7 damaged");
+  const absl::Status error = absl::DataLossError("dataset head, shard 1: block 7 damaged");
   const std::vector<Script> failing = {
       [&](Agent&) { return error; },
       [&](Agent& self) {
@@ -654,12 +668,23 @@ TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
         self.coordinator().OnOccludersDone();
         return self.AwaitVisible().ok() ? error : absl::InternalError("no visible blocks came");
       }};
+  const std::vector<FrameStage> stages{FrameStage::kSelectingOccluders,
+                                       FrameStage::kRenderingOccluders,
+                                       FrameStage::kRenderingVisible};
   for (const Script& script : failing) {
     // The others have done all they are asked for and wait for the end, or for the next step.
     using enum Say;
     const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
     const auto result = Run(frame::Culling::kDepth, {other, script, other});
-    EXPECT_EQ(result.status(), error);
+    EXPECT_EQ(
+        result.status(),
+        absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
+    // As data, for who repeats the agent's part.
+    ASSERT_EQ(failures_.size(), 1U);
+    EXPECT_EQ(failures_[0].agent_index, 1U);
+    EXPECT_EQ(failures_[0].agent, (AgentIdentity{"agent-1", {1}}));
+    EXPECT_EQ(failures_[0].stage, stages[static_cast<std::size_t>(&script - failing.data())]);
+    EXPECT_EQ(failures_[0].status, error);
     EXPECT_TRUE(agents_[0]->is_cancelled());
     EXPECT_TRUE(agents_[2]->is_cancelled());
   }
@@ -683,7 +708,10 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
   const rlimit none{.rlim_cur = 1 << 20, .rlim_max = before.rlim_max};
+  frame::FrameSpec spec;
+  spec.surfaces.resize(1);
   FrameSetup setup;
+  setup.spec = &spec;
   setup.view = &huge;
   setup.layout = &layout_;
   setup.agent_count = 1;
@@ -699,7 +727,7 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
             return absl::CancelledError();
           },
           *cancellation_)
-          .status();
+          .status;
   ASSERT_EQ(setrlimit(RLIMIT_AS, &before), 0);
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("16384 x 16384")));
   EXPECT_FALSE(was_begun);
@@ -708,9 +736,9 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
 
 TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
   cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(30));
-  EXPECT_THAT(
-      Run(frame::Culling::kDepth, {Wait(), Wait()}),
-      StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-0, agent-1")));
+  EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), Wait()}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-0 (shard 0), agent agent-1 (shard 1)")));
   EXPECT_TRUE(agents_[0]->is_cancelled());
   EXPECT_TRUE(agents_[1]->is_cancelled());
 }
@@ -731,9 +759,9 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
     ++answered;
     return self.AwaitCancel();
   };
-  EXPECT_THAT(
-      Run(frame::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
-      StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-1, agent-3")));
+  EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-3 (shard 3)")));
 
   answered = 0;
   const Script draws = [&](Agent& self) -> absl::Status {
@@ -752,7 +780,8 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
     return self.AwaitCancel();
   };
   EXPECT_THAT(Run(frame::Culling::kDepth, {draws, draws, draws}),
-              StatusIs(absl::StatusCode::kDeadlineExceeded, EndsWith("not answered: agent-2")));
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-2 (shard 2)")));
 }
 
 TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {

@@ -146,11 +146,11 @@ TEST_F(IsosurfaceServiceTest, AgentsGetTheRequestAndTheirShare) {
   EXPECT_EQ(begin.agent_count(), 2);
   ASSERT_EQ(begin.shard_indices_size(), 1);
   EXPECT_EQ(begin.shard_indices(0), 1);
-  EXPECT_EQ(begin.ray_seed(), 77);
-  EXPECT_EQ(begin.isovalue(), 100);
+  EXPECT_EQ(begin.request().ray_seed(), 77);
+  EXPECT_EQ(begin.request().isovalue(), 100);
   // Bit for bit: every agent must compute the same view.
-  EXPECT_EQ(begin.camera().perspective().fov_y_degrees(), 33.3);
-  EXPECT_EQ(begin.camera().eye().z(), 0.1);
+  EXPECT_EQ(begin.request().camera().perspective().fov_y_degrees(), 33.3);
+  EXPECT_EQ(begin.request().camera().eye().z(), 0.1);
 }
 
 TEST_F(IsosurfaceServiceTest, AgentsAreAskedForActiveBlocksOncePerLevel) {
@@ -231,6 +231,10 @@ TEST_F(IsosurfaceServiceTest, BadRequestsAreRefusedNamingTheField) {
   request = Request();
   request.mutable_camera();
   expect_bad(request, "camera.eye");
+  // A parameter of a newer version: without it the picture might be another one.
+  request = Request();
+  request.GetReflection()->MutableUnknownFields(&request)->AddVarint(99, 1);
+  expect_bad(request, "number 99");
   request = Request();
   request.set_dataset("haed");
   EXPECT_THAT(Render(request), StatusIs(absl::StatusCode::kNotFound, HasSubstr("head")));

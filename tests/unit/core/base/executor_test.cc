@@ -7,6 +7,8 @@
 #include "absl/synchronization/notification.h"
 #include "gtest/gtest.h"
 
+#include "core/base/mutex.h"
+
 namespace isoscope::base {
 namespace {
 
@@ -44,18 +46,20 @@ TEST(ExecutorTest, FullQueueRefusesAndDropsTheTask) {
 
 TEST(ExecutorTest, ThreadsRunAtTheSameTime) {
   // Each task waits for all others: with fewer threads than tasks it would never end.
-  absl::Mutex mutex;
+  Mutex mutex;
+  CondVar changed;
   int arrived = 0;
   Executor executor(4, 4);
   std::vector<std::unique_ptr<absl::Notification>> done;
   for (int i = 0; i < 4; ++i) {
     done.push_back(std::make_unique<absl::Notification>());
     ASSERT_TRUE(executor.TrySchedule([&, notification = done.back().get()] {
-      const auto all_arrived = [&arrived] { return arrived == 4; };
-      mutex.Lock();
-      ++arrived;
-      mutex.Await(absl::Condition(&all_arrived));
-      mutex.Unlock();
+      {
+        const MutexLock lock(&mutex);
+        ++arrived;
+        changed.SignalAll();
+        changed.Await(&mutex, [&arrived] { return arrived == 4; });
+      }
       notification->Notify();
     }));
   }

@@ -117,8 +117,9 @@ TEST(BandFormatTest, NumbersOfTheWholeRangeAreReadBack) {
 
 TEST(BandFormatTest, ColorsAndNumbersAreInverse) {
   constexpr image::Rgba8 kColor = {1, 2, 3, 4};
-  static_assert(NumberOf(kColor) == 0x01020304 && ColorOf(0x01020304) == kColor);
-  EXPECT_LT(NumberOf({1, 255, 255, 255}), NumberOf({2, 0, 0, 0})) << "red first";
+  static_assert(image::PackedColor(kColor) == 0x01020304 && ColorOf(0x01020304) == kColor);
+  EXPECT_LT(image::PackedColor({1, 255, 255, 255}), image::PackedColor({2, 0, 0, 0}))
+      << "red first";
 }
 
 TEST(BandFormatTest, TilesAtTheEdgesArePartlyInside) {

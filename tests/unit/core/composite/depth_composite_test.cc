@@ -41,10 +41,12 @@ image::FrameImage MakeImage(std::uint64_t seed, std::uint32_t agent) {
 }
 
 // By the definition, one pixel at a time.
+constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
+
 image::FrameImage Reference(const image::FrameImage& a, const image::FrameImage& b) {
   image::FrameImage out = a;
   for (std::size_t i = 0; i < out.pixel_count(); ++i) {
-    if (b.keys[i] < a.keys[i]) {
+    if (kOrder.IsBefore(b.keys[i], b.colors[i], a.keys[i], a.colors[i])) {
       out.keys[i] = b.keys[i];
       out.colors[i] = b.colors[i];
     }
@@ -69,11 +71,11 @@ void ExpectCoveredWhereDrawn(const image::FrameImage& image) {
 
 image::FrameImage Composite(const image::FrameImage& a, const image::FrameImage& b) {
   image::FrameImage out = a;
-  CompositeInto(b, &out);
+  CompositeInto(b, kOrder, &out);
   return out;
 }
 
-TEST(DepthCompositeTest, TheSmallerFragmentKeyWins) {
+TEST(DepthCompositeTest, TheFirstFragmentInTheOrderWins) {
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const image::FrameImage a = MakeImage(2 * seed, 0);
     const image::FrameImage b = MakeImage(2 * seed + 1, 1);
@@ -106,7 +108,7 @@ TEST(DepthCompositeTest, TheOrderOfArrivalDoesNotMatter) {
   do {
     image::FrameImage all(kWidth, kHeight);
     for (const std::size_t agent : order) {
-      CompositeInto(images[agent], &all);
+      CompositeInto(images[agent], kOrder, &all);
     }
     if (first.width == 0) {
       first = all;
@@ -118,8 +120,8 @@ TEST(DepthCompositeTest, TheOrderOfArrivalDoesNotMatter) {
 TEST(DepthCompositeTest, ASurfaceAtTheFarPlaneBeatsTheBackground) {
   image::FrameImage surface(1, 1);
   surface.Set(0, 0, image::FragmentKey(1.0F, 9), {1, 2, 3, 255});
-  EXPECT_EQ(image::BlockOf(Composite(image::FrameImage(1, 1), surface).keys[0]), 9U);
-  EXPECT_EQ(image::BlockOf(Composite(surface, image::FrameImage(1, 1)).keys[0]), 9U);
+  EXPECT_EQ(image::OwnerOf(Composite(image::FrameImage(1, 1), surface).keys[0]), 9U);
+  EXPECT_EQ(image::OwnerOf(Composite(surface, image::FrameImage(1, 1)).keys[0]), 9U);
 }
 
 TEST(FlattenOverTest, OnlyWhatNoBlockCoversShowsTheBackground) {

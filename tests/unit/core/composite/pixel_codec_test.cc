@@ -39,7 +39,7 @@ image::FrameImage MakeNoise(int width, int height, double coverage, std::uint64_
     const auto depth = static_cast<float>(base::RandomUnit(seed, 4 * i + 1));
     const std::uint64_t bits = base::RandomBits(seed, 4 * i + 2);
     image.Set(static_cast<int>(i) % width, static_cast<int>(i) / width,
-              image::FragmentKey(depth, static_cast<std::uint32_t>(bits) % image::kNoBlock),
+              image::FragmentKey(depth, static_cast<std::uint32_t>(bits) % image::kNoOwner),
               {static_cast<std::uint8_t>(bits >> 32), static_cast<std::uint8_t>(bits >> 40),
                static_cast<std::uint8_t>(bits >> 48), 255});
   }
@@ -64,10 +64,14 @@ image::FrameImage MakeSmooth(int width, int height) {
   return image;
 }
 
+// One surface of as many blocks as there can be.
+constexpr image::FragmentOrder kOrder{.block_count = image::kNoOwner,
+                                      .ties = image::TieRule::kColor};
+
 image::FrameImage Decode(const std::vector<std::string>& bands, int width, int height) {
   image::FrameImage image(width, height);
   for (const std::string& band : bands) {
-    ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, &image));
+    ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, kOrder, &image));
   }
   return image;
 }
@@ -90,7 +94,7 @@ TEST(PixelCodecTest, EveryPixelComesBack) {
 TEST(PixelCodecTest, ExtremeValuesComeBack) {
   image::FrameImage image(3, 1);
   image.Set(0, 0, image::FragmentKey(0.0F, 0), {0, 255, 0, 255});
-  image.Set(1, 0, image::FragmentKey(1.0F, image::kNoBlock - 1), {255, 0, 255, 255});
+  image.Set(1, 0, image::FragmentKey(1.0F, image::kNoOwner - 1), {255, 0, 255, 255});
   image.Set(2, 0, image::FragmentKey(0x1.fffffep-1F, 0), {0, 0, 0, 255});
   ExpectRoundTrip(image);
 }
@@ -112,7 +116,7 @@ TEST(PixelCodecTest, TheNearerFragmentStays) {
   into.Set(1, 0, image::FragmentKey(0.5F, 9), {2, 2, 2, 255});
   const std::vector<std::string> bands = EncodePixels(far);
   ASSERT_EQ(bands.size(), 1U);
-  ISOSCOPE_ASSERT_OK(DecodePixelsInto(bands[0], &into));
+  ISOSCOPE_ASSERT_OK(DecodePixelsInto(bands[0], kOrder, &into));
   EXPECT_THAT(into.keys, ElementsAre(image::FragmentKey(0.25F, 9),
                                      image::FragmentKey(0.5F, 7)));  // a tie: the lower block
   EXPECT_EQ(into.colors[0].r, 2);
@@ -161,7 +165,7 @@ TEST(PixelCodecTest, BandsOfManyImagesCanBeCompositedAtTheSameTimeWithLocks) {
   for (std::uint64_t seed = 0; seed < 12; ++seed) {
     // Some at all pixels, some at a few.
     const image::FrameImage image = MakeNoise(kWidth, kHeight, seed % 3 == 0 ? 1.0 : 0.1, seed);
-    CompositeInto(image, &expected);
+    CompositeInto(image, kOrder, &expected);
     for (std::string& band : EncodePixels(image)) {
       bands.push_back(std::move(band));
     }
@@ -173,7 +177,7 @@ TEST(PixelCodecTest, BandsOfManyImagesCanBeCompositedAtTheSameTimeWithLocks) {
     for (std::size_t first = 0; first < 4; ++first) {
       threads.emplace_back([&, first] {
         for (std::size_t i = first; i < bands.size(); i += 4) {
-          ISOSCOPE_EXPECT_OK(DecodePixelsInto(bands[i], &into, &locks));
+          ISOSCOPE_EXPECT_OK(DecodePixelsInto(bands[i], kOrder, &into, &locks));
         }
       });
     }
@@ -202,9 +206,11 @@ TEST(PixelCodecTest, EveryTruncationIsDataLossAndLeavesTheImage) {
   for (std::size_t size = 0; size < band.size(); ++size) {
     // An allocation of exactly this size, so that a sanitizer sees a read past it.
     const std::string cut(band.data(), size);
-    ASSERT_THAT(DecodePixelsInto(cut, &into), StatusIs(absl::StatusCode::kDataLoss, _)) << size;
+    ASSERT_THAT(DecodePixelsInto(cut, kOrder, &into), StatusIs(absl::StatusCode::kDataLoss, _))
+        << size;
   }
-  EXPECT_THAT(DecodePixelsInto(band + "x", &into), StatusIs(absl::StatusCode::kDataLoss, _));
+  EXPECT_THAT(DecodePixelsInto(band + "x", kOrder, &into),
+              StatusIs(absl::StatusCode::kDataLoss, _));
   EXPECT_EQ(into, before);
 }
 
@@ -214,7 +220,8 @@ TEST(PixelCodecTest, EveryBitFlipIsDataLossAndLeavesTheImage) {
   image::FrameImage into = before;
   for (std::size_t bit = 0; bit < 8 * band.size(); ++bit) {
     band[bit / 8] = static_cast<char>(band[bit / 8] ^ (1 << (bit % 8)));
-    ASSERT_THAT(DecodePixelsInto(band, &into), StatusIs(absl::StatusCode::kDataLoss, _)) << bit;
+    ASSERT_THAT(DecodePixelsInto(band, kOrder, &into), StatusIs(absl::StatusCode::kDataLoss, _))
+        << bit;
     band[bit / 8] = static_cast<char>(band[bit / 8] ^ (1 << (bit % 8)));
   }
   EXPECT_EQ(into, before);
@@ -259,7 +266,7 @@ TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
     image::FrameImage into = empty;
     std::int64_t refused = 0;
     const auto try_band = [&](const std::string& damaged) {
-      const absl::Status status = DecodePixelsInto(damaged, &into);
+      const absl::Status status = DecodePixelsInto(damaged, kOrder, &into);
       if (status.ok()) {
         into = empty;
         return true;
@@ -314,7 +321,7 @@ TEST(PixelCodecTest, BandsOfOneImageCanBeDecodedAtTheSameTime) {
   image::FrameImage into(500, 700);
   std::vector<std::thread> threads;
   for (const std::string& band : bands) {
-    threads.emplace_back([&] { ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, &into)); });
+    threads.emplace_back([&] { ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, kOrder, &into)); });
   }
   for (std::thread& thread : threads) {
     thread.join();
@@ -368,7 +375,7 @@ TEST(PixelCodecTest, EveryLengthOfADifferenceOfDepthComesBack) {
 TEST(PixelCodecTest, ABandOfAnotherImageSizeIsRefused) {
   const std::string band = EncodePixels(MakeSmooth(40, 30))[0];
   image::FrameImage into(30, 40);
-  EXPECT_THAT(DecodePixelsInto(band, &into),
+  EXPECT_THAT(DecodePixelsInto(band, kOrder, &into),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("40 x 30 pixels; expected 30 x 40")));
 }
 

@@ -108,16 +108,57 @@ TEST(TilePackingTest, OnlyNearerPixelsAreUnpackedOnEveryInstructionSet) {
     std::vector<image::Rgba8> expected_colors = into_colors;
     std::vector<std::uint64_t> keys;
     std::vector<image::Rgba8> colors;
+    bool expects_ties = false;
     const TileMask mask = tile.ForEachCovered([&](std::size_t i) {
       keys.push_back(key_of(tile.seed + 1000, i));
       colors.push_back(ColorOf(static_cast<std::uint32_t>(i + 100000)));
-      if (keys.back() < expected_keys[i]) {
+      if (image::HaveEqualDepth(keys.back(), expected_keys[i])) {
+        expects_ties = expects_ties || keys.back() != expected_keys[i];
+      } else if (keys.back() < expected_keys[i]) {
+        expected_keys[i] = keys.back();
+        expected_colors[i] = colors.back();
+      }
+    });
+    const bool has_ties = UnpackNearer(mask, keys.data(), colors.data(), tile.stride,
+                                       into_keys.data(), into_colors.data());
+    EXPECT_EQ(has_ties, expects_ties);
+    EXPECT_EQ(into_keys, expected_keys);
+    EXPECT_EQ(into_colors, expected_colors);
+  });
+}
+
+TEST(TilePackingTest, TiesGoToTheFirstInTheOrder) {
+  ForEachTileAndTarget([](const TestTile& tile) {
+    const image::FragmentOrder order{.block_count = 4, .ties = image::TieRule::kColor};
+    // One depth, few owners of two surfaces, few colours.
+    const auto key_of = [](std::uint64_t of, std::uint64_t i) {
+      return image::FragmentKey(0.5F, static_cast<std::uint32_t>(base::RandomBits(of, i) % 8));
+    };
+    const auto color_of = [](std::uint64_t of, std::uint64_t i) {
+      return ColorOf(static_cast<std::uint32_t>(base::RandomBits(of + 7, i) % 3));
+    };
+    std::vector<std::uint64_t> into_keys(tile.plane_size());
+    std::vector<image::Rgba8> into_colors(into_keys.size());
+    for (std::size_t i = 0; i < into_keys.size(); ++i) {
+      into_keys[i] = key_of(tile.seed, i);
+      into_colors[i] = color_of(tile.seed, i);
+    }
+    std::vector<std::uint64_t> expected_keys = into_keys;
+    std::vector<image::Rgba8> expected_colors = into_colors;
+    std::vector<std::uint64_t> keys;
+    std::vector<image::Rgba8> colors;
+    const TileMask mask = tile.ForEachCovered([&](std::size_t i) {
+      keys.push_back(key_of(tile.seed + 1000, i));
+      colors.push_back(color_of(tile.seed + 1000, i));
+      if (order.IsBefore(keys.back(), colors.back(), expected_keys[i], expected_colors[i])) {
         expected_keys[i] = keys.back();
         expected_colors[i] = colors.back();
       }
     });
     UnpackNearer(mask, keys.data(), colors.data(), tile.stride, into_keys.data(),
                  into_colors.data());
+    SettleTies(mask, keys.data(), colors.data(), tile.stride, order, into_keys.data(),
+               into_colors.data());
     EXPECT_EQ(into_keys, expected_keys);
     EXPECT_EQ(into_colors, expected_colors);
   });

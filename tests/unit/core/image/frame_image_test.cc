@@ -15,7 +15,7 @@ TEST(FragmentKeyTest, NearerWinsThenTheLowerBlockThenAnythingOverBackground) {
   EXPECT_LT(FragmentKey(0.25F, 9), FragmentKey(0.5F, 1));
   EXPECT_LT(FragmentKey(0.5F, 1), FragmentKey(0.5F, 2));
   EXPECT_LT(FragmentKey(0.0F, 0), FragmentKey(1e-45F, 0));
-  EXPECT_LT(FragmentKey(1.0F, kNoBlock - 1), FragmentKey(kFarDepth, kNoBlock));
+  EXPECT_LT(FragmentKey(1.0F, kNoOwner - 1), FragmentKey(kFarDepth, kNoOwner));
 }
 
 TEST(FragmentKeyTest, NegativeZeroIsZero) {
@@ -25,7 +25,7 @@ TEST(FragmentKeyTest, NegativeZeroIsZero) {
 TEST(FragmentKeyTest, DepthAndBlockComeBack) {
   const std::uint64_t key = FragmentKey(0.375F, 12);
   EXPECT_EQ(DepthOf(key), 0.375F);
-  EXPECT_EQ(BlockOf(key), 12u);
+  EXPECT_EQ(OwnerOf(key), 12u);
 }
 
 TEST(FrameImageTest, StartsAsBackgroundWithNothingTouched) {

@@ -27,7 +27,7 @@ TEST(NodeSlabsTest, IntervalPlaysExactlyOnePartInEachSlabThatItReaches) {
         continue;
       }
       SCOPED_TRACE(::testing::Message() << lo << " to " << hi);
-      const Part part = PartOf({.span = {lo, hi}}, lower);
+      const SlabExtent extent = ExtentOf({.span = {lo, hi}}, lower);
       for (std::size_t slab = 0; slab < lower.size(); ++slab) {
         const double begin = lower[slab];
         const double end = upper[slab];
@@ -37,10 +37,12 @@ TEST(NodeSlabsTest, IntervalPlaysExactlyOnePartInEachSlabThatItReaches) {
         const bool is_first = reaches && begin <= lo;
         const bool is_last = reaches && hi <= end;
         const auto at = static_cast<int>(slab);
-        const bool goes_down = part.goes_down() && part.first_slab == at;
-        const bool in_left = !part.goes_down() && part.in_left_list() && part.first_slab == at;
-        const bool in_right = !part.goes_down() && part.in_right_list() && part.last_slab == at;
-        const bool in_window = part.first_covered() <= at && at <= part.last_covered();
+        const bool goes_down = extent.goes_down() && extent.first_slab == at;
+        const bool in_left =
+            !extent.goes_down() && extent.in_left_list() && extent.first_slab == at;
+        const bool in_right =
+            !extent.goes_down() && extent.in_right_list() && extent.last_slab == at;
+        const bool in_window = extent.first_covered() <= at && at <= extent.last_covered();
         EXPECT_EQ(goes_down, is_first && is_last && !covers) << slab;
         EXPECT_EQ(in_left, is_first && !is_last && !covers) << slab;
         EXPECT_EQ(in_right, is_last && !is_first && !covers) << slab;
@@ -56,10 +58,10 @@ std::vector<Window> WindowsOf(std::int64_t more) {
   Coverage coverage(3);
   const std::vector<double> lower = {-kInfinity, 1, 2};
   for (int i = 0; i < 10; ++i) {
-    coverage.Add(PartOf({.span = {-kInfinity, kInfinity}}, lower));
+    coverage.Add(ExtentOf({.span = {-kInfinity, kInfinity}}, lower));
   }
   for (std::int64_t i = 0; i < more; ++i) {
-    coverage.Add(PartOf({.span = {1, 2}}, lower));
+    coverage.Add(ExtentOf({.span = {1, 2}}, lower));
   }
   return coverage.ChooseWindows();
 }

@@ -34,13 +34,13 @@ TEST(NodeWriterTest, RunFillsItsPagesAndHasNoEmptyOne) {
     MemoryWriteFile file(&bytes);
     io::PageFileWriter writer(&file, 0);
     ISOSCOPE_ASSERT_OK(writer.Append(""));
-    RunWriter run(&writer);
+    EntryRunWriter entry_run(&writer);
     for (std::uint32_t i = 0; i < count; ++i) {
-      EXPECT_EQ(run.entry_count(), i);
-      ISOSCOPE_ASSERT_OK(run.Append(IntervalAt(i)));
+      EXPECT_EQ(entry_run.entry_count(), i);
+      ISOSCOPE_ASSERT_OK(entry_run.Append(IntervalAt(i)));
     }
-    ISOSCOPE_ASSERT_OK(run.Finish());
-    EXPECT_EQ(run.entry_count(), count);
+    ISOSCOPE_ASSERT_OK(entry_run.Finish());
+    EXPECT_EQ(entry_run.entry_count(), count);
     ASSERT_EQ(writer.page_count(), 1 + (count + 169) / 170);
 
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pages,

@@ -14,12 +14,12 @@
 #include <utility>
 #include <vector>
 
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <sys/mman.h>
 
+#include "core/base/mutex.h"
 #include "core/base/random.h"
 #include "tests/support/fault_file.h"
 #include "tests/support/status_matchers.h"
@@ -92,8 +92,8 @@ class GateFile : public RandomAccessFile {
   [[nodiscard]] absl::Status ReadAt(std::int64_t /*offset*/, std::size_t size,
                                     char* out) const override {
     ++read_count_;
-    absl::MutexLock lock(&mutex_);
-    mutex_.Await(absl::Condition(&is_open_));
+    base::MutexLock lock(&mutex_);
+    opened_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_open_; });
     std::fill_n(out, size, 'x');
     return absl::OkStatus();
   }
@@ -101,15 +101,17 @@ class GateFile : public RandomAccessFile {
   [[nodiscard]] const std::string& path() const override { return path_; }
 
   void Open() {
-    absl::MutexLock lock(&mutex_);
+    base::MutexLock lock(&mutex_);
     is_open_ = true;
+    opened_.SignalAll();
   }
   [[nodiscard]] int read_count() const { return read_count_; }
 
  private:
   const std::string path_ = "gate";
   mutable std::atomic<int> read_count_{0};
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
+  mutable base::CondVar opened_;
   bool is_open_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
@@ -151,7 +153,7 @@ class ReadQueueTest : public ::testing::TestWithParam<ReadBackend> {
   static Answers Drain(ReadQueue* queue, const std::vector<ReadQueue::Read>& reads,
                        int thread_count) {
     Answers answers;
-    absl::Mutex mutex;
+    base::Mutex mutex;
     const base::Cancellation never;
     while (queue->WaitForMore(never).value()) {
       std::vector<std::thread> threads;
@@ -161,7 +163,7 @@ class ReadQueueTest : public ::testing::TestWithParam<ReadBackend> {
           while (const std::optional<ReadQueue::Arrival> arrival = queue->TryTake()) {
             const std::size_t size = arrival->status().ok() ? reads[arrival->index()].size : 0;
             Answer answer{arrival->status(), std::string(arrival->data(), size)};
-            absl::MutexLock lock(&mutex);
+            base::MutexLock lock(&mutex);
             EXPECT_TRUE(answers.emplace(arrival->index(), std::move(answer)).second)
                 << "read " << arrival->index() << " came twice";
           }

@@ -125,10 +125,10 @@ void ExpectDatasetMatches(const std::string& directory, const Volume& v,
     }
     std::string buffer;
     std::vector<volume::BlockId> id_of_ordinal;
-    for (const auto& run : reader->PlanRuns(ordinals)) {
+    for (const auto& run : reader->PlanDiskRuns(ordinals)) {
       buffer.resize(static_cast<std::size_t>(run.size));
       ISOSCOPE_ASSERT_OK(
-          reader->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
+          reader->ReadDiskRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
             EXPECT_TRUE(seen.insert(block.block_id).second) << "twice: " << block.block_id;
             id_of_ordinal.push_back(block.block_id);
             const std::string expected = ExpectedBlock(v, layout.StoredSamplesOf(block.block_id));

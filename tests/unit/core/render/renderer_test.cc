@@ -31,7 +31,7 @@ namespace {
 
 using image::FrameImage;
 using image::kFarDepth;
-using image::kNoBlock;
+using image::kNoOwner;
 using image::Rgba8;
 using isoscope::testing::IsOk;
 using isoscope::testing::StatusIs;
@@ -50,6 +50,13 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeWithBatches(RendererKind kind, std
 
 // The contract of both back ends. One renderer for all tests of a back end: starting Mesa takes a
 // while.
+// A frame of one surface.
+frame::FrameSpec SpecOf(const frame::Appearance& appearance = {}) {
+  frame::FrameSpec spec;
+  spec.surfaces = {{.isovalue = 0, .appearance = appearance}};
+  return spec;
+}
+
 class RendererTest : public ::testing::TestWithParam<RendererKind> {
  protected:
   void SetUp() override {
@@ -61,10 +68,15 @@ class RendererTest : public ::testing::TestWithParam<RendererKind> {
   }
   static void TearDownTestSuite() { renderers_.clear(); }
 
+  [[nodiscard]] image::FragmentOrder OrderOf(const volume::BlockLayout& layout) const {
+    return {.block_count = static_cast<std::uint32_t>(layout.block_count()),
+            .ties = frame::TieRuleOf(renderer_->picture_revision().back_end)};
+  }
+
   static FrameImage Draw(Renderer* renderer, const view::View& view,
                          const volume::BlockLayout& layout, const std::vector<MeshPtr>& meshes,
-                         const Appearance& appearance = {}) {
-    auto pass = renderer->BeginPass(view, layout, appearance);
+                         const frame::Appearance& appearance = {}) {
+    auto pass = renderer->BeginPass(view, layout, SpecOf(appearance));
     EXPECT_THAT(pass, IsOk());
     for (const MeshPtr& mesh : meshes) {
       EXPECT_THAT((*pass)->Add(mesh), IsOk());
@@ -75,7 +87,7 @@ class RendererTest : public ::testing::TestWithParam<RendererKind> {
     return image.ok() ? *std::move(image) : FrameImage();
   }
   FrameImage Draw(const view::View& view, const volume::BlockLayout& layout,
-                  const std::vector<MeshPtr>& meshes, const Appearance& appearance = {}) {
+                  const std::vector<MeshPtr>& meshes, const frame::Appearance& appearance = {}) {
     return Draw(renderer_, view, layout, meshes, appearance);
   }
 
@@ -92,7 +104,7 @@ std::size_t PixelIndex(const FrameImage& image, int x, int y) {
 
 std::int64_t CoveredCount(const FrameImage& image) {
   return std::count_if(image.keys.begin(), image.keys.end(),
-                       [](std::uint64_t key) { return image::BlockOf(key) != kNoBlock; });
+                       [](std::uint64_t key) { return image::OwnerOf(key) != kNoOwner; });
 }
 
 // A layout of 8^3-cell blocks in a cube of 65 samples, no surface.
@@ -137,7 +149,8 @@ TEST_P(RendererTest, SpreadingBlocksOverPassesDoesNotMatter) {
     }
     FrameImage composited(view.viewport().width_px, view.viewport().height_px);
     for (const std::vector<MeshPtr>& meshes : passes) {
-      composite::CompositeInto(Draw(view, scene.layout, meshes), &composited);
+      composite::CompositeInto(Draw(view, scene.layout, meshes), OrderOf(scene.layout),
+                               &composited);
     }
     EXPECT_EQ(composited, expected) << pass_count;
   }
@@ -162,24 +175,30 @@ TEST_P(RendererTest, BlockSizeDoesNotChangeColourOrUnclampedDepth) {
   std::int64_t different = 0;
   for (std::size_t i = 0; i < a.pixel_count(); ++i) {
     different += a.colors[i] == b.colors[i] ? 0 : 1;
-    EXPECT_EQ(image::BlockOf(a.keys[i]) == kNoBlock, image::BlockOf(b.keys[i]) == kNoBlock)
+    EXPECT_EQ(image::OwnerOf(a.keys[i]) == kNoOwner, image::OwnerOf(b.keys[i]) == kNoOwner)
         << "a seam at pixel " << i;
   }
   // Only where two triangles meet at one depth may another block's triangle be shown.
   EXPECT_LT(different, CoveredCount(a) / 1000);
 }
 
-TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockWhateverTheOrderOrPass) {
-  const Scene scene = EmptyScene();
-  // The face between block (3, 3, 3) and those beside it belongs to all of them.
-  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
-  const volume::BlockId low = scene.layout.IdOf({3, 3, 3});
-  const volume::BlockId high = scene.layout.IdOf({3, 3, 4});
+// Two triangles in one place: the one of the lower block faces the eye and is the lighter one.
+struct TiedTriangles {
+  MeshPtr low;   // of the lower block, light
+  MeshPtr high;  // of the higher block, dark
+};
+TiedTriangles MakeTiedTriangles(const Scene& scene) {
   const math::Vec3f a{32, 32, 32};
   const math::Vec3f b{28, 32, 32};
   const math::Vec3f c{32, 28, 32};
-  const MeshPtr low_mesh = MakeTriangle(low, a, b, c, kTowardEye);
-  const MeshPtr high_mesh = MakeTriangle(high, a, b, c, {1, 0, 0});
+  return {MakeTriangle(scene.layout.IdOf({3, 3, 3}), a, b, c, kTowardEye),
+          MakeTriangle(scene.layout.IdOf({3, 3, 4}), a, b, c, {1, 0, 0})};
+}
+
+TEST_P(RendererTest, EqualDepthsGoToTheSmallerColorOrTheLowerBlockWhateverTheOrderOrPass) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
   const FrameImage low_only = Draw(view, scene.layout, {low_mesh});
   const FrameImage high_only = Draw(view, scene.layout, {high_mesh});
   ASSERT_GT(CoveredCount(low_only), 50);
@@ -187,14 +206,62 @@ TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockWhateverTheOrderOrPass) {
     ASSERT_EQ(image::DepthOf(low_only.keys[i]), image::DepthOf(high_only.keys[i])) << i;
   }
   ASSERT_NE(low_only.colors, high_only.colors);
-  EXPECT_EQ(Draw(view, scene.layout, {low_mesh, high_mesh}), low_only);
-  EXPECT_EQ(Draw(view, scene.layout, {high_mesh, low_mesh}), low_only);
-  FrameImage composited = high_only;
-  composite::CompositeInto(low_only, &composited);
-  EXPECT_EQ(composited, low_only);
+  const bool color_decides = OrderOf(scene.layout).ties == image::TieRule::kColor;
+  const FrameImage& expected = color_decides ? high_only : low_only;
+  EXPECT_EQ(Draw(view, scene.layout, {low_mesh, high_mesh}), expected);
+  EXPECT_EQ(Draw(view, scene.layout, {high_mesh, low_mesh}), expected);
+  for (const auto& [into, from] :
+       {std::pair(&low_only, &high_only), std::pair(&high_only, &low_only)}) {
+    FrameImage composited = *into;
+    composite::CompositeInto(*from, OrderOf(scene.layout), &composited);
+    EXPECT_EQ(composited, expected);
+  }
 }
 
-TEST_P(RendererTest, EqualDepthsInABlockGoToTheFirstTriangle) {
+TEST_P(RendererTest, EqualDepthsGoToTheEarlierSurfaceWhateverItsColor) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
+  frame::FrameSpec spec = SpecOf();
+  spec.surfaces.push_back(spec.surfaces[0]);
+  // The lighter triangle, in whichever block it lies, is of the first surface.
+  for (const bool is_reversed : {false, true}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer_->BeginPass(view, scene.layout, spec));
+    std::vector<MeshToDraw> meshes(2);
+    meshes[0] = {.mesh = high_mesh, .surface_index = 1};
+    meshes[1] = {.mesh = low_mesh, .surface_index = 0};
+    if (is_reversed) {
+      std::swap(meshes[0], meshes[1]);
+    }
+    ISOSCOPE_ASSERT_OK(pass->Add(meshes));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage image, pass->Finish(base::Cancellation()));
+    EXPECT_EQ(image, Draw(view, scene.layout, {low_mesh}));
+  }
+}
+
+TEST_P(RendererTest, SurfacesHaveTheirOwnLookAndOwners) {
+  const Scene scene = EmptyScene();
+  const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
+  const MeshPtr mesh = MakeTiedTriangles(scene).low;
+  frame::Appearance red;
+  red.base_color = {200, 10, 10, 255};
+  frame::FrameSpec spec = SpecOf();
+  spec.surfaces.push_back({.isovalue = 1, .appearance = red});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer_->BeginPass(view, scene.layout, spec));
+  const MeshToDraw second{.mesh = mesh, .surface_index = 1};
+  ISOSCOPE_ASSERT_OK(pass->Add(std::span(&second, 1)));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage image, pass->Finish(base::Cancellation()));
+  const FrameImage alone = Draw(view, scene.layout, {mesh}, red);
+  EXPECT_EQ(image.colors, alone.colors);
+  for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+    if (image.keys[i] != image::kBackgroundKey) {
+      EXPECT_EQ(image::OwnerOf(image.keys[i]),
+                OrderOf(scene.layout).OwnerOf(1, image::OwnerOf(alone.keys[i])));
+    }
+  }
+}
+
+TEST_P(RendererTest, EqualDepthsInABlockGoToTheSmallerColorOrTheFirstTriangle) {
   const Scene scene = EmptyScene();
   const view::View view = MakeOrthographicView(scene, 32, 32, 4, {28, 28, 28});
   mesh::BlockMesh both;
@@ -203,13 +270,19 @@ TEST_P(RendererTest, EqualDepthsInABlockGoToTheFirstTriangle) {
                     {26, 26, 28}, {30, 26, 28}, {26, 30, 28}};
   both.normals = {kTowardEye, kTowardEye, kTowardEye, {1, 0, 0}, {1, 0, 0}, {1, 0, 0}};
   both.indices = {0, 1, 2, 3, 4, 5};
-  mesh::BlockMesh first = both;
-  first.indices = {0, 1, 2};
+  mesh::BlockMesh light = both;
+  light.indices = {0, 1, 2};
+  mesh::BlockMesh dark = both;
+  dark.indices = {3, 4, 5};
   mesh::BlockMesh swapped = both;
   swapped.indices = {3, 4, 5, 0, 1, 2};
-  const FrameImage expected = Draw(view, scene.layout, {mesh::Compact(first)});
-  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(both)}), expected);
-  EXPECT_NE(Draw(view, scene.layout, {mesh::Compact(swapped)}), expected);
+  const bool color_decides = OrderOf(scene.layout).ties == image::TieRule::kColor;
+  const FrameImage light_image = Draw(view, scene.layout, {mesh::Compact(light)});
+  const FrameImage dark_image = Draw(view, scene.layout, {mesh::Compact(dark)});
+  ASSERT_NE(light_image, dark_image);
+  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(both)}),
+            color_decides ? dark_image : light_image);
+  EXPECT_EQ(Draw(view, scene.layout, {mesh::Compact(swapped)}), dark_image);
 }
 
 TEST_P(RendererTest, FragmentsKeepToTheFootprintOfTheirBlock) {
@@ -224,7 +297,7 @@ TEST_P(RendererTest, FragmentsKeepToTheFootprintOfTheirBlock) {
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
       const std::size_t i = PixelIndex(image, x, y);
-      if (image::BlockOf(image.keys[i]) == kNoBlock) {
+      if (image::OwnerOf(image.keys[i]) == kNoOwner) {
         continue;
       }
       EXPECT_GE(image::DepthOf(image.keys[i]), footprint.nearest_depth);
@@ -241,9 +314,9 @@ TEST_P(RendererTest, NoFragmentOfASurfaceIsNearerThanItsBlock) {
   const view::View view = MakeView(scene, 320, 320, 33, -21);
   const FrameImage image = Draw(view, scene.layout, scene.meshes);
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (image::BlockOf(image.keys[i]) != kNoBlock) {
+    if (image::OwnerOf(image.keys[i]) != kNoOwner) {
       ASSERT_GE(image::DepthOf(image.keys[i]),
-                view.FootprintOf(scene.layout, image::BlockOf(image.keys[i])).nearest_depth);
+                view.FootprintOf(scene.layout, image::OwnerOf(image.keys[i])).nearest_depth);
       ASSERT_LE(image::DepthOf(image.keys[i]), 1.0F);
     }
   }
@@ -259,11 +332,11 @@ TEST_P(RendererTest, BackgroundStaysUntouched) {
   EXPECT_GT(covered, 20);
   EXPECT_LT(covered, 200);
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (image::BlockOf(image.keys[i]) == kNoBlock) {
+    if (image::OwnerOf(image.keys[i]) == kNoOwner) {
       EXPECT_EQ(image::DepthOf(image.keys[i]), kFarDepth);
       EXPECT_EQ(image.colors[i], Rgba8{});
     } else {
-      EXPECT_EQ(image::BlockOf(image.keys[i]), id);
+      EXPECT_EQ(image::OwnerOf(image.keys[i]), id);
       EXPECT_LT(image::DepthOf(image.keys[i]), kFarDepth);
       EXPECT_EQ(image.colors[i].a, 255);
     }
@@ -280,7 +353,7 @@ TEST_P(RendererTest, WhatIsTopLeftInTheViewIsTopLeftInTheImage) {
   EXPECT_GT(CoveredCount(image), 10);
   for (int y = 0; y < 100; ++y) {
     for (int x = 0; x < 100; ++x) {
-      if (image::BlockOf(image.keys[PixelIndex(image, x, y)]) != kNoBlock) {
+      if (image::OwnerOf(image.keys[PixelIndex(image, x, y)]) != kNoOwner) {
         EXPECT_LT(x, 15);
         EXPECT_LT(y, 15);
       }
@@ -307,7 +380,7 @@ TEST_P(RendererTest, SphereHasTheRadiusOfTheClosedFormInAnyAspect) {
     int max_y = -1;
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
-        if (image::BlockOf(image.keys[PixelIndex(image, x, y)]) != kNoBlock) {
+        if (image::OwnerOf(image.keys[PixelIndex(image, x, y)]) != kNoOwner) {
           min_x = std::min(min_x, x);
           max_x = std::max(max_x, x);
           min_y = std::min(min_y, y);
@@ -339,7 +412,7 @@ TEST_P(RendererTest, DepthIsThatOfThePlaneUnderThePixel) {
   const math::Vec4d clip = view.clip_from_index() * math::Vec4d{34, 34, z, 1};
   const double expected = 0.5 * clip.z / clip.w + 0.5;
   for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-    if (image::BlockOf(image.keys[i]) != kNoBlock) {
+    if (image::OwnerOf(image.keys[i]) != kNoOwner) {
       // Some units in the last place of clip.z and clip.w, both below 8 times the depth range.
       EXPECT_NEAR(static_cast<double>(image::DepthOf(image.keys[i])), expected, 4e-6);
     }
@@ -350,7 +423,7 @@ TEST_P(RendererTest, ShadingIsTheClosedFormAndTwoSided) {
   const Scene scene = EmptyScene();
   const view::View view = MakeOrthographicView(scene, 32, 32, 4, {36, 36, 36});
   const volume::BlockId id = scene.layout.IdOf({4, 4, 4});
-  const Appearance appearance;
+  const frame::Appearance appearance;
   const auto color_of = [&](const math::Vec3f& normal) {
     const FrameImage image =
         Draw(view, scene.layout,
@@ -391,7 +464,7 @@ TEST_P(RendererTest, PerspectiveHeadLightFollowsTheRayOfThePixel) {
     EXPECT_NEAR(static_cast<int>(center.g), static_cast<int>(facing.g) + 15, 16);
     // At the silhouette of a sphere normals are at right angles to the ray, on every side alike.
     int first = 0;
-    while (image::BlockOf(image.keys[PixelIndex(image, first, 100)]) == kNoBlock) {
+    while (image::OwnerOf(image.keys[PixelIndex(image, first, 100)]) == kNoOwner) {
       ++first;
     }
     const Rgba8 left = image.colors[PixelIndex(image, first + 1, 100)];
@@ -413,7 +486,7 @@ TEST_P(RendererTest, ThreadsAndPassesAtATimeDoNotDisturbEachOther) {
   std::vector<std::thread> frames;
   for (std::size_t i = 0; i < views.size(); ++i) {
     frames.emplace_back([&, i]() {
-      auto pass = renderer_->BeginPass(views[i], scene.layout, {});
+      auto pass = renderer_->BeginPass(views[i], scene.layout, SpecOf());
       ASSERT_THAT(pass, IsOk());
       // Two threads add to the same pass.
       const auto add = [&](std::size_t first) {
@@ -441,7 +514,7 @@ TEST_P(RendererTest, ThreadsAndPassesAtATimeDoNotDisturbEachOther) {
 TEST_P(RendererTest, ACancelledFrameEndsWithItsErrorAndLeavesTheNextAlone) {
   const Scene scene = MakeBumpySphere(48, 8, 18, 1);
   const view::View view = MakeView(scene, 128, 128);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto pass, renderer_->BeginPass(view, scene.layout, {}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto pass, renderer_->BeginPass(view, scene.layout, SpecOf()));
   for (const MeshPtr& mesh : scene.meshes) {
     ISOSCOPE_ASSERT_OK(pass->Add(mesh));
   }
@@ -449,14 +522,14 @@ TEST_P(RendererTest, ACancelledFrameEndsWithItsErrorAndLeavesTheNextAlone) {
   cancelled.Cancel();
   EXPECT_THAT(pass->Finish(cancelled), StatusIs(absl::StatusCode::kCancelled, _));
 
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(pass, renderer_->BeginPass(view, scene.layout, {}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(pass, renderer_->BeginPass(view, scene.layout, SpecOf()));
   ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes.front()));
   const base::Cancellation late(absl::Now() - absl::Seconds(1));
   EXPECT_THAT(pass->Finish(late), StatusIs(absl::StatusCode::kDeadlineExceeded, _));
 
   // A pass that is dropped with a batch in flight.
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto small_batches, MakeWithBatches(GetParam(), 1));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(pass, small_batches->BeginPass(view, scene.layout, {}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(pass, small_batches->BeginPass(view, scene.layout, SpecOf()));
   ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes.front()));
   pass.reset();
   EXPECT_GT(CoveredCount(Draw(small_batches.get(), view, scene.layout, scene.meshes)), 100);
@@ -477,7 +550,7 @@ TEST_P(RendererTest, OddSizesAreDrawn) {
     const FrameImage image = Draw(view, scene.layout, scene.meshes);
     ASSERT_EQ(image.width, width);
     ASSERT_EQ(image.height, height);
-    EXPECT_NE(image::BlockOf(image.keys[PixelIndex(image, width / 2, height / 2)]), kNoBlock)
+    EXPECT_NE(image::OwnerOf(image.keys[PixelIndex(image, width / 2, height / 2)]), kNoOwner)
         << width << " x " << height;
     EXPECT_EQ(image.colors.size(), image.pixel_count());
   }
@@ -496,7 +569,7 @@ TEST_P(RendererTest, FullDepthWinsOverTheBackground) {
     const FrameImage image = Draw(
         view, scene.layout, {MakeTriangle(id, {32, 32, z}, {40, 32, z}, {32, 40, z}, kTowardEye)});
     for (std::size_t i = 0; i < image.pixel_count(); ++i) {
-      if (image::BlockOf(image.keys[i]) == kNoBlock) {
+      if (image::OwnerOf(image.keys[i]) == kNoOwner) {
         ASSERT_EQ(image.colors[i], Rgba8{}) << z;
       } else {
         ASSERT_NE(image.colors[i], Rgba8{}) << z;
@@ -509,8 +582,8 @@ TEST_P(RendererTest, FullDepthWinsOverTheBackground) {
 
 TEST_P(RendererTest, BlocksThatTheLayoutDoesNotHaveAreRefused) {
   const Scene scene = EmptyScene();
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
-                                renderer_->BeginPass(MakeView(scene, 8, 8), scene.layout, {}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto pass, renderer_->BeginPass(MakeView(scene, 8, 8), scene.layout, SpecOf()));
   EXPECT_THAT(pass->Add(MakeTriangle(512, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, kTowardEye)),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("512")));
 }
@@ -558,13 +631,14 @@ TEST_P(RendererTest, FragmentsOutsideTheMaskOfTheirMeshAreDropped) {
         }
       }
     }
-    composite::CompositeInto(alone, &expected);
+    composite::CompositeInto(alone, OrderOf(scene.layout), &expected);
   }
   EXPECT_GT(dropped, 500);
   EXPECT_GT(CoveredCount(expected), 500);
   for (const std::size_t batch_bytes : {std::size_t{1} << 30, std::size_t{1}}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer, MakeWithBatches(GetParam(), batch_bytes));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                  renderer->BeginPass(view, scene.layout, SpecOf()));
     for (std::size_t i = 0; i < scene.meshes.size(); ++i) {
       ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes[i], masks[i].has_value() ? &*masks[i] : nullptr));
     }
@@ -615,14 +689,16 @@ TEST_P(RendererTest, NothingOfEarlierPassesShows) {
     EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
     {
       // Given up.
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(large, scene.layout, {}));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                    renderer->BeginPass(large, scene.layout, SpecOf()));
       for (const MeshPtr& mesh : scene.meshes) {
         ISOSCOPE_ASSERT_OK(pass->Add(mesh));
       }
     }
     EXPECT_EQ(Draw(renderer.get(), other, scene.layout, few), expected);
     {
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(large, scene.layout, {}));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                    renderer->BeginPass(large, scene.layout, SpecOf()));
       ISOSCOPE_ASSERT_OK(pass->Add(scene.meshes.front()));
       base::Cancellation cancelled;
       cancelled.Cancel();
@@ -635,18 +711,16 @@ TEST_P(RendererTest, NothingOfEarlierPassesShows) {
   }
 }
 
-TEST_P(RendererTest, EqualDepthsGoToTheLowestBlockInAnyBatch) {
+// Pixels of the first batch are shaded when the second one comes.
+TEST_P(RendererTest, EqualDepthsAreDecidedAlikeInAnyBatch) {
   const Scene scene = EmptyScene();
   const view::View view = MakeOrthographicView(scene, 32, 32, 4, {32, 32, 32});
-  const math::Vec3f a{32, 32, 32};
-  const math::Vec3f b{28, 32, 32};
-  const math::Vec3f c{32, 28, 32};
-  const MeshPtr low_mesh = MakeTriangle(scene.layout.IdOf({3, 3, 3}), a, b, c, kTowardEye);
-  const MeshPtr high_mesh = MakeTriangle(scene.layout.IdOf({3, 3, 4}), a, b, c, {1, 0, 0});
-  const FrameImage low_only = Draw(view, scene.layout, {low_mesh});
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
+  const bool color_decides = OrderOf(scene.layout).ties == image::TieRule::kColor;
+  const FrameImage expected = Draw(view, scene.layout, {color_decides ? high_mesh : low_mesh});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto renderer, MakeWithBatches(GetParam(), 1));
-  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {low_mesh, high_mesh}), low_only);
-  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {high_mesh, low_mesh}), low_only);
+  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {low_mesh, high_mesh}), expected);
+  EXPECT_EQ(Draw(renderer.get(), view, scene.layout, {high_mesh, low_mesh}), expected);
 }
 
 TEST_P(RendererTest, DescriptionNamesTheBackEnd) {
@@ -676,7 +750,8 @@ TEST(CpuRendererTest, EveryInstructionSetDrawsTheSamePicture) {
     std::vector<FrameImage> images;
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
       hwy::SetSupportedTargetsForTest(target);
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                    renderer->BeginPass(view, scene.layout, SpecOf()));
       for (const MeshPtr& mesh : scene.meshes) {
         ISOSCOPE_ASSERT_OK(pass->Add(mesh));
       }
@@ -693,8 +768,9 @@ TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
   const view::View view = MakeView(scene, 200, 200, 10, 10);
   std::vector<FrameImage> images;
   for (const std::uint64_t numbers : {std::uint64_t{1} << 31, std::uint64_t{1000}}) {
-    const auto renderer = MakeCpuRenderer(CpuRendererOptions{.max_kept_numbers = numbers});
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+    const auto renderer = MakeCpuRenderer(CpuRendererOptions{.max_kept_primitives = numbers});
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                  renderer->BeginPass(view, scene.layout, SpecOf()));
     for (const MeshPtr& mesh : scene.meshes) {
       ISOSCOPE_ASSERT_OK(pass->Add(mesh));
     }
@@ -713,7 +789,8 @@ TEST(RendererAgreementTest, CpuAndEglDrawTheSamePictureWithinRounding) {
     const view::View view = MakeView(scene, 400, 300, azimuth, 20);
     std::vector<FrameImage> images;
     for (Renderer* renderer : {egl.get(), cpu.get()}) {
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, {}));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                    renderer->BeginPass(view, scene.layout, SpecOf()));
       for (const MeshPtr& mesh : scene.meshes) {
         ISOSCOPE_ASSERT_OK(pass->Add(mesh));
       }
@@ -722,8 +799,8 @@ TEST(RendererAgreementTest, CpuAndEglDrawTheSamePictureWithinRounding) {
     std::int64_t covered_by_one = 0;
     std::int64_t visibly_different = 0;
     for (std::size_t i = 0; i < images[0].pixel_count(); ++i) {
-      covered_by_one += (image::BlockOf(images[0].keys[i]) == kNoBlock) !=
-                                (image::BlockOf(images[1].keys[i]) == kNoBlock)
+      covered_by_one += (image::OwnerOf(images[0].keys[i]) == kNoOwner) !=
+                                (image::OwnerOf(images[1].keys[i]) == kNoOwner)
                             ? 1
                             : 0;
       const Rgba8& a = images[0].colors[i];

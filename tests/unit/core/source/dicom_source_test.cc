@@ -1,5 +1,6 @@
 #include "core/source/dicom_source.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -25,6 +26,7 @@ using ::isoscope::testing::TempDir;
 using ::isoscope::testing::WriteFile;
 using ::testing::_;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using volume::ScalarType;
 
 constexpr std::size_t kSliceBytes = 12 * 9 * 2;
@@ -106,6 +108,86 @@ TEST_F(DicomSourceTest, FolderOfTwoSeriesAsksForAFileOfOne) {
   EXPECT_EQ(first->geometry().sample_dims.z, 5);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, OpenVolumeFile(dir_.Sub("other1.dcm")));
   EXPECT_EQ(second->geometry().sample_dims.z, 2);
+}
+
+// Reads the whole series and returns what went to standard output and error.
+std::string WordsOfReading(const std::string& path, absl::Status* status) {
+  ::testing::internal::CaptureStdout();
+  ::testing::internal::CaptureStderr();
+  auto source = OpenVolumeFile(path);
+  *status = source.ok() ? ReadAll(**source, 2).status() : source.status();
+  return ::testing::internal::GetCapturedStdout() + ::testing::internal::GetCapturedStderr();
+}
+
+TEST_F(DicomSourceTest, PrivateFieldsThatTheLibraryDoesNotKnowAreNotPrinted) {
+  // GDCM finds no such field in its dictionary and quotes it.
+  const std::string more = testing::DicomElement(0x31, 0x1010, "LO", "Doe^Jane") +
+                           testing::DicomElement(0x35, 0x10, "LO", "A\\B") +
+                           testing::DicomElement(0x35, 0x1010, "DS", "Doe^Jane");
+  for (int z = 0; z < 5; ++z) {
+    Write(z, {.position = absl::StrCat("10\\20\\", 30 + 1.5 * z), .more = more});
+  }
+  absl::Status status;
+  EXPECT_EQ(WordsOfReading(dir_.path(), &status), "");
+  ISOSCOPE_EXPECT_OK(status);
+  // Nor where it can't be read: 17 bits are stored in 16.
+  std::string bytes = testing::ReadFile(Path(2));
+  bytes.replace(bytes.find(testing::DicomElement(0x28, 0x101, "US", std::string("\x10\0", 2))), 10,
+                testing::DicomElement(0x28, 0x101, "US", std::string("\x11\0", 2)));
+  WriteFile(Path(2), bytes);
+  EXPECT_EQ(WordsOfReading(dir_.path(), &status), "");
+  EXPECT_THAT(status.message(), Not(HasSubstr("Doe")));
+}
+
+TEST_F(DicomSourceTest, FilesWithoutAnImageAreLeftOutWithOneLine) {
+  constexpr char kReport[] = "1.2.840.10008.5.1.4.1.1.88.33";
+  constexpr char kIndex[] = "1.2.840.10008.1.3.10";
+  WriteSeries();
+  const auto without_pixels = [](const std::string& storage_class) {
+    const std::string whole = DicomBytes({.storage_class = storage_class}, "");
+    return whole.substr(0, whole.size() - 12);
+  };
+  WriteFile(dir_.Sub("DICOMDIR"), without_pixels(kIndex));
+  WriteFile(dir_.Sub("a-report"), without_pixels(kReport));
+  WriteFile(dir_.Sub("dicomdir.dcm"), without_pixels(kIndex));
+  for (const std::string& path : {dir_.path(), Path(1)}) {
+    ::testing::internal::CaptureStderr();
+    const auto source = OpenVolumeFile(path);
+    const std::string said = ::testing::internal::GetCapturedStderr();
+    ISOSCOPE_ASSERT_OK(source.status());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(**source, 2));
+    EXPECT_TRUE(read == samples_);
+    EXPECT_THAT(said, HasSubstr("dicom_files_without_image_left_out count=2 first=" +
+                                dir_.Sub("a-report")));
+    EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1) << said;
+  }
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("a-report")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("without an image")));
+  // A slice without its pixels is no such file.
+  WriteFile(Path(4), without_pixels("1.2.840.10008.5.1.4.1.1.2"));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(Path(4) + ": ")));
+}
+
+TEST_F(DicomSourceTest, FolderOfReportsAloneSaysSo) {
+  const std::string whole = DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.88.33"}, "");
+  WriteFile(dir_.Sub("r"), whole.substr(0, whole.size() - 12));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("none of its 1 DICOM files")));
+}
+
+TEST_F(DicomSourceTest, CutFileOfAnotherSeriesStopsOnlyThatOne) {
+  WriteSeries();
+  const std::string other = DicomBytes({.series = "1.2.77"}, std::string(kSliceBytes, 'o'));
+  WriteFile(dir_.Sub("other.dcm"), other.substr(0, other.size() - 1));
+  ISOSCOPE_EXPECT_OK(OpenVolumeFile(Path(0)).status());
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("2 series")));
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("other.dcm")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("cut")));
+  WriteFile(dir_.Sub("other.dcm"), other.substr(0, other.find("1.2.77")));
+  EXPECT_THAT(OpenVolumeFile(Path(0)).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("other.dcm")));
 }
 
 TEST_F(DicomSourceTest, NoSeriesAndCutSlicesAreErrors) {

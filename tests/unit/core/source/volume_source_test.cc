@@ -181,6 +181,131 @@ TEST_F(VolumeSourceTest, MetaImageSamplesOfEveryTypeLocalDetachedCompressedAndBi
   }
 }
 
+// Files a1, a2, ... of `count` shares of the samples each, and their names, a line each.
+class SeveralFilesTest : public VolumeSourceTest {
+ protected:
+  std::string WriteShares(const std::string& samples, std::size_t count, bool is_compressed,
+                          const std::string& head = "") {
+    std::string names;
+    const std::size_t share = samples.size() / count;
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::string part = head + samples.substr(i * share, share);
+      const std::string name = absl::StrCat("a", i + 1);
+      Write(name, is_compressed ? Gzip(part) : part);
+      absl::StrAppend(&names, name, "\n");
+    }
+    return names;
+  }
+  const std::string samples_ = Noise(kDims, volume::ScalarType::kInt16);
+};
+
+TEST_F(SeveralFilesTest, NrrdNamesThemByNumberOrInAList) {
+  for (const bool is_compressed : {false, true}) {
+    const auto header = [&](const std::string& more) {
+      const std::string whole = NrrdHeader(kDims, "short", is_compressed ? "gzip" : "raw", more);
+      return whole.substr(0, whole.size() - 1);  // an empty line would be a name in a list
+    };
+    const std::string slices = WriteShares(samples_, 5, is_compressed);
+    for (const std::string& data_file :
+         {std::string("data file: a%d 1 5 1\n"), std::string("datafile: ./a%d 1 5 1 2\n"),
+          "data file: LIST\n" + slices, "data file: LIST 2\n" + slices}) {
+      ExpectSamples(Write("v.nhdr", header(data_file)), volume::ScalarType::kInt16, samples_);
+      auto io = itk::NrrdImageIO::New();
+      EXPECT_TRUE(ReadByItk(io, dir_.Sub("v.nhdr")) == samples_) << data_file;
+    }
+    const std::string rows = WriteShares(samples_, 30, is_compressed);
+    ExpectSamples(Write("v.nhdr", header("data file: LIST 1\n" + rows)), volume::ScalarType::kInt16,
+                  samples_);
+    WriteShares(samples_, 1, is_compressed);
+    ExpectSamples(Write("v.nhdr", header("data file: a%d 1 1 1 3\n")), volume::ScalarType::kInt16,
+                  samples_);
+    WriteShares(samples_, 5, is_compressed, "skip!");
+    ExpectSamples(Write("v.nhdr", header("byte skip: 5\ndata file: a%d 1 5 1 3\n")),
+                  volume::ScalarType::kInt16, samples_);
+  }
+  WriteShares(samples_, 5, false, "skip!");
+  ExpectSamples(
+      Write("v.nhdr", NrrdHeader(kDims, "short", "raw", "byte skip: -1\ndata file: a%d 1 5 1\n")),
+      volume::ScalarType::kInt16, samples_);
+}
+
+TEST_F(SeveralFilesTest, MetaImageNamesThemByNumberOrInAList) {
+  const std::string slices = WriteShares(samples_, 5, false);
+  for (const std::string& data_file :
+       {std::string("a%d 1 5 1"), std::string("a%d 1 5"), std::string("a%d 1"), std::string("a%d"),
+        "LIST\n" + slices, "LIST 2\n" + slices, "LIST 2D\n" + slices}) {
+    ExpectSamples(Write("v.mhd", MetaHeader(kDims, "MET_SHORT", data_file)),
+                  volume::ScalarType::kInt16, samples_);
+    if (data_file != "a%d 1 5") {  // MetaIO's step is 0 then: it never ends
+      auto io = itk::MetaImageIO::New();
+      EXPECT_TRUE(ReadByItk(io, dir_.Sub("v.mhd")) == samples_) << data_file;
+    }
+  }
+  WriteShares(samples_, 5, false, "skip!");
+  for (const char* size : {"5", "-1"}) {
+    ExpectSamples(Write("v.mhd", MetaHeader(kDims, "MET_SHORT", "a%d 1 5 1",
+                                            absl::StrCat("HeaderSize = ", size, "\n"))),
+                  volume::ScalarType::kInt16, samples_);
+  }
+  WriteShares(samples_, 5, true);
+  ExpectSamples(
+      Write("v.mhd", MetaHeader(kDims, "MET_SHORT", "a%d 1 5 1", "CompressedData = True\n")),
+      volume::ScalarType::kInt16, samples_);
+}
+
+TEST_F(SeveralFilesTest, AllBelongToTheVolume) {
+  WriteShares(samples_, 5, false);
+  for (const std::string& path :
+       {Write("v.nhdr", NrrdHeader(kDims, "short", "raw", "data file: a%d 1 5 1\n")),
+        Write("v.mhd", MetaHeader(kDims, "MET_SHORT", "a%d 1 5 1"))}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<std::string> files, FilesOfVolume(path));
+    EXPECT_EQ(files, (std::vector<std::string>{path, dir_.Sub("a1"), dir_.Sub("a2"), dir_.Sub("a3"),
+                                               dir_.Sub("a4"), dir_.Sub("a5")}));
+  }
+}
+
+TEST_F(SeveralFilesTest, MissingShortAndCutOnesAreNamed) {
+  const auto read = [&](const std::string& path) {
+    auto source = OpenVolumeFile(path);
+    return source.ok() ? ReadAll(**source, 2).status() : source.status();
+  };
+  WriteShares(samples_, 5, false);
+  const std::string raw =
+      Write("v.nhdr", NrrdHeader(kDims, "short", "raw", "data file: a%d 1 5 1\n"));
+  ISOSCOPE_EXPECT_OK(read(raw));
+  Write("a4", std::string(83, 'x'));
+  EXPECT_THAT(read(raw), StatusIs(absl::StatusCode::kInvalidArgument,
+                                  AllOf(HasSubstr("a4: 7 x 6 x 5 samples of int16 in 5 files"),
+                                        HasSubstr("need 84 bytes, the file has 83"))));
+  std::filesystem::remove(dir_.Sub("a4"));
+  EXPECT_THAT(read(raw), StatusIs(absl::StatusCode::kNotFound, HasSubstr("a4 does not exist")));
+  std::filesystem::create_directory(dir_.Sub("a4"));
+  EXPECT_FALSE(read(raw).ok());
+  std::filesystem::remove(dir_.Sub("a4"));
+
+  WriteShares(samples_, 5, true);
+  const std::string gzip =
+      Write("v.nhdr", NrrdHeader(kDims, "short", "gzip", "data file: a%d 1 5 1\n"));
+  const std::string whole = testing::ReadFile(dir_.Sub("a3"));
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    Write("a3", whole.substr(0, size));
+    EXPECT_THAT(read(gzip), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("a3: ")))
+        << size;
+  }
+  Write("a3", Gzip(samples_.substr(0, 80)));
+  EXPECT_THAT(read(gzip), StatusIs(absl::StatusCode::kInvalidArgument,
+                                   AllOf(HasSubstr("a3: "), HasSubstr("84"), HasSubstr("80"))));
+}
+
+TEST_F(SeveralFilesTest, SourceAndHeaderDisagreeingOnSizesIsAnError) {
+  WriteShares(samples_, 4, false);
+  const std::string header = NrrdHeader(kDims, "short", "raw", "data file: a%d 1 4 1\n");
+  // A second "sizes" that fits four files: ITK takes one of them or neither.
+  const std::string twice =
+      std::string(header).replace(header.find("endian:"), 0, "sizes: 7 6 4\n");
+  EXPECT_FALSE(OpenVolumeFile(Write("v.nhdr", twice)).ok());
+}
+
 TEST_F(VolumeSourceTest, ObliqueGeometryIsKeptAndRasBecomesLps) {
   const std::string samples = Noise(kDims, volume::ScalarType::kInt16);
   ExpectObliqueGeometry(Write("a.nrrd", NrrdHeader(kDims, "short", "raw") + samples));
@@ -298,11 +423,20 @@ TEST_F(VolumeSourceTest, LayoutsThatAreNotReadAreNamed) {
   };
   expect("a.nrrd", NrrdHeader(kDims, "short", "ascii") + "1 2 3", "encoding \"ascii\"");
   expect("b.nrrd", NrrdHeader(kDims, "short", "bzip2") + "BZh", "encoding \"bzip2\"");
-  expect("l.nhdr", NrrdHeader(kDims, "short", "raw", "data file: LIST\na.raw\n"), "several files");
-  expect("p.nhdr", NrrdHeader(kDims, "short", "raw", "data file: a%02d.raw 1 5 1\n"),
-         "several files");
+  expect("l.nhdr", NrrdHeader(kDims, "short", "raw", "data file: LIST\na.raw\n"),
+         "1 data files of 2 axes each; 7 x 6 x 5 samples need 5");
+  expect("m.nhdr", NrrdHeader(kDims, "short", "raw", "data file: LIST x\na.raw\n"), "LIST SUBDIM");
+  expect("p.nhdr", NrrdHeader(kDims, "short", "raw", "data file: a%02d.raw 1 4 1\n"),
+         "4 data files of 2 axes each; 7 x 6 x 5 samples need 5");
+  expect("q.nhdr", NrrdHeader(kDims, "short", "raw", "data file: a%02d.raw 1 5\n"), "MIN MAX STEP");
+  expect("r.nhdr", NrrdHeader(kDims, "short", "raw", "data file: a%02d.raw 1 5 0\n"),
+         "expected a step");
   expect("k.nrrd", NrrdHeader(kDims, "short", "raw", "line skip: 2\n"), "line skip 2");
-  expect("l.mhd", MetaHeader(kDims, "MET_SHORT", "LIST"), "several files");
+  expect("l.mhd", MetaHeader(kDims, "MET_SHORT", "LIST"), "0 data files");
+  expect("m.mhd", MetaHeader(kDims, "MET_SHORT", "LIST x"), "a number of axes");
+  expect("p.mhd", MetaHeader(kDims, "MET_SHORT", "a%s.raw 1 5 1"), "one number");
+  expect("q.mhd", MetaHeader(kDims, "MET_SHORT", "a%d.raw 1 2000000000 1"),
+         "2000000000 data files");
   expect("x.nii", std::string(400, 'x'), "expected 348");
   expect("x.nrrd", "hello", "NRRD000");
   expect("x.mha", "hello", "ElementDataFile");

@@ -183,6 +183,87 @@ TEST_F(VtiSourceTest, GeometryIsThatOfTheFile) {
   EXPECT_EQ(geometry.origin, (math::Vec3d{12, 21, 30}));
 }
 
+TEST_F(VtiSourceTest, CellsAndComponentsComeBackExactly) {
+  // 12 x 6 x 8 cells, and tuples of three: the sizes of the points' array do not fit.
+  const math::Index3 cells{12, 6, 8};
+  const std::string samples[3] = {Noise(cells, ScalarType::kInt16),
+                                  Swapped(Noise(cells, ScalarType::kInt16), 2),
+                                  Swapped(Noise(cells, ScalarType::kInt16), 4)};
+  std::string tuples;
+  for (std::size_t at = 0; at < samples[0].size(); at += 2) {
+    for (const std::string& component : samples) {
+      tuples += component.substr(at, 2);
+    }
+  }
+  for (int mask = 0; mask < 16; ++mask) {
+    Vti vti;
+    vti.is_appended = (mask & 1) != 0;
+    vti.is_base64 = (mask & 2) != 0;
+    vti.is_compressed = (mask & 4) != 0;
+    vti.is_big_endian = (mask & 8) != 0;
+    SCOPED_TRACE(mask);
+    std::string bytes = FileBytes(vti, tuples);
+    bytes.replace(bytes.find("<PointData Scalars=\"density\">"), 30, "<CellData>");
+    bytes.replace(bytes.find("</PointData><CellData/>"), 23, "</CellData><PointData/>");
+    bytes.replace(bytes.find("Name=\"density\""), 14, "Name=\"u\" NumberOfComponents=\"3\"");
+    WriteFile(dir_.Sub("v.vti"), bytes);
+    for (int component = 0; component < 3; ++component) {
+      const std::string path = absl::StrCat(dir_.Sub("v.vti"), ":u:", component);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
+      EXPECT_EQ(source->name(), path);
+      EXPECT_EQ(source->geometry().sample_dims, cells);
+      EXPECT_EQ(source->geometry().origin, (math::Vec3d{0.5, 0.5, 0.5}));
+      for (const std::int64_t planes : {1, 3, 8}) {
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, planes));
+        EXPECT_TRUE(read == samples[component]);
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto files, FilesOfVolume(path));
+      EXPECT_EQ(files, std::vector<std::string>{dir_.Sub("v.vti")});
+    }
+    EXPECT_THAT(OpenVolumeFile(dir_.Sub("v.vti:u")).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("v.vti:u:0")));
+  }
+}
+
+TEST_F(VtiSourceTest, LongTuplesAreReadInBoundedMemory) {
+  // 4096 components of 8 bytes: 32 KiB a tuple, of 27 tuples.
+  constexpr std::size_t kComponents = 4096;
+  std::string tuples(27 * kComponents * 8, '\0');
+  std::string expected;
+  for (std::size_t i = 0; i < 27; ++i) {
+    const std::string value = absl::StrCat("value", 100 + i);
+    tuples.replace((i * kComponents + 4095) * 8, 8, value);
+    expected += value;
+  }
+  Vti vti;
+  vti.type = "Float64";
+  vti.sample_size = 8;
+  vti.image = "WholeExtent=\"0 2 0 2 0 2\"";
+  vti.extent = "0 2 0 2 0 2";
+  std::string bytes = FileBytes(vti, tuples);
+  bytes.replace(bytes.find("Name=\"density\""), 14, "Name=\"u\" NumberOfComponents=\"4096\"");
+  WriteFile(dir_.Sub("v.vti"), bytes);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.Sub("v.vti:u:4095")));
+  EXPECT_LT(source->memory_bytes(), 128 << 10);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 3));
+  EXPECT_TRUE(read == expected);
+}
+
+TEST_F(VtiSourceTest, AnArrayIsChosenByItsName) {
+  const std::string samples = Noise(kDims, ScalarType::kInt16);
+  std::string bytes = FileBytes(Vti{}, samples);
+  WriteFile(dir_.Sub("v.vti"), bytes);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.Sub("v.vti:density")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
+  EXPECT_TRUE(read == samples);
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("v.vti:other")).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("array \"other\"")));
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("v.vti:none")).status(),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("\"density\"")));
+  EXPECT_THAT(OpenVolumeFile(dir_.Sub("none.vti:density")).status(),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("none.vti: no such file")));
+}
+
 TEST_F(VtiSourceTest, SamplesBeyond4GiBAreFound) {
   // 5 G samples of a sparse file; its 32-bit header wraps as VTK's does.
   Vti vti;
@@ -263,7 +344,6 @@ TEST_F(VtiSourceTest, WhatIsNotSupportedIsRefusedWithASentence) {
   expect("Name=\"density\" format=\"appended\"", "Name=\"density\" format=\"ascii\"", "ascii");
   expect("byte_order", "compressor=\"vtkLZ4DataCompressor\" byte_order", "vtkLZ4DataCompressor");
   expect("Piece Extent=\"0 12 0 6 0 8\"", "Piece Extent=\"0 12 0 6 0 4\"", "one piece");
-  expect("Name=\"density\"", "Name=\"density\" NumberOfComponents=\"3\"", "3 components");
   expect("WholeExtent=\"0 12", "WholeExtent=\"0 x", "6 numbers");
   expect("ImageData ", "RectilinearGrid ", "line");
   expect("encoding=\"raw\"", "encoding=\"hex\"", "hex");

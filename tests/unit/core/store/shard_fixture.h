@@ -123,11 +123,11 @@ inline absl::StatusOr<std::vector<std::pair<volume::BlockId, std::string>>> Read
     ordinals[i] = static_cast<std::uint32_t>(i);
   }
   std::vector<std::pair<volume::BlockId, std::string>> blocks;
-  for (const ShardReader::Run& run : reader->PlanRuns(ordinals)) {
+  for (const ShardReader::DiskRun& run : reader->PlanDiskRuns(ordinals)) {
     // Of exactly the run's size, so that a sanitizer sees what is written beyond it.
     std::vector<char> buffer(static_cast<std::size_t>(run.size));
     ISOSCOPE_RETURN_IF_ERROR(
-        reader->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
+        reader->ReadDiskRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
           blocks.emplace_back(
               block.block_id,
               std::string(block.bytes,

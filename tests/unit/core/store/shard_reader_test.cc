@@ -409,16 +409,16 @@ TEST_F(ShardReaderTest, VisitorErrorStopsTheRun) {
   WriteDataset(&dataset);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto reader, ShardReader::Open(shard_directory_));
   const std::vector<std::uint32_t> ordinals = {1, 2, 3};
-  const std::vector<ShardReader::Run> runs = reader->PlanRuns(ordinals);
+  const std::vector<ShardReader::DiskRun> runs = reader->PlanDiskRuns(ordinals);
   ASSERT_EQ(runs.size(), 1u);
   std::vector<char> buffer(static_cast<std::size_t>(runs[0].size));
   std::vector<volume::BlockId> visited;
-  EXPECT_THAT(reader->ReadRun(runs[0], ordinals, buffer.data(),
-                              [&](const volume::BlockSamples& block) -> absl::Status {
-                                visited.push_back(block.block_id);
-                                return visited.size() == 2 ? absl::CancelledError("enough")
-                                                           : absl::OkStatus();
-                              }),
+  EXPECT_THAT(reader->ReadDiskRun(runs[0], ordinals, buffer.data(),
+                                  [&](const volume::BlockSamples& block) -> absl::Status {
+                                    visited.push_back(block.block_id);
+                                    return visited.size() == 2 ? absl::CancelledError("enough")
+                                                               : absl::OkStatus();
+                                  }),
               StatusIs(absl::StatusCode::kCancelled, _));
   EXPECT_THAT(visited, ::testing::ElementsAre(dataset.blocks[0][1], dataset.blocks[0][2]));
 }
@@ -469,7 +469,7 @@ class RunPlanTest : public ShardReaderTest {
 
   // Checks a plan by its definition. Counts what was seen, so that a test can tell that it saw it.
   void Check(const std::vector<std::uint32_t>& ordinals) {
-    const std::vector<ShardReader::Run> runs = reader_->PlanRuns(ordinals);
+    const std::vector<ShardReader::DiskRun> runs = reader_->PlanDiskRuns(ordinals);
     const std::vector<std::int64_t> gaps = GapsOf(ordinals);
     std::int64_t useful_bytes = 0;
     for (const std::uint32_t ordinal : ordinals) {
@@ -493,7 +493,7 @@ class RunPlanTest : public ShardReaderTest {
     std::int64_t largest_merged = 0;
     std::int64_t smallest_left = std::numeric_limits<std::int64_t>::max();
     for (std::size_t i = 0; i < runs.size(); ++i) {
-      const ShardReader::Run& run = runs[i];
+      const ShardReader::DiskRun& run = runs[i];
       ASSERT_EQ(run.first, next);
       ASSERT_GE(run.count, 1u);
       ASSERT_LE(run.first + run.count, ordinals.size());
@@ -502,15 +502,15 @@ class RunPlanTest : public ShardReaderTest {
       const Extent& last = blocks_[ordinals[next - 1]];
       EXPECT_EQ(run.offset, first.offset);
       EXPECT_EQ(run.offset + run.size, last.offset + last.size);
-      EXPECT_TRUE(run.size <= ShardReader::kMaxRunBytes || run.count == 1) << run.size;
+      EXPECT_TRUE(run.size <= ShardReader::kMaxDiskRunBytes || run.count == 1) << run.size;
       read_bytes += run.size;
       merge_count += run.count - 1;
       for (std::size_t j = run.first; j + 1 < next; ++j) {
         largest_merged = std::max(largest_merged, gaps[j]);
       }
       if (i > 0) {
-        const ShardReader::Run& before = runs[i - 1];
-        if (first.offset + first.size - before.offset > ShardReader::kMaxRunBytes) {
+        const ShardReader::DiskRun& before = runs[i - 1];
+        if (first.offset + first.size - before.offset > ShardReader::kMaxDiskRunBytes) {
           ++limit_count;  // whatever the gap
         } else {
           smallest_left = std::min(smallest_left, gaps[run.first - 1]);
@@ -591,7 +591,7 @@ TEST_F(RunPlanTest, EverySubsetOfAFewBlocksIsPlannedRight) {
   }
   EXPECT_GT(bridged_count_, 100);
   EXPECT_GT(left_count_, 60);
-  EXPECT_TRUE(reader_->PlanRuns({}).empty());
+  EXPECT_TRUE(reader_->PlanDiskRuns({}).empty());
 }
 
 TEST_F(RunPlanTest, BlocksOfARunThatReadsOverGapsComeBackUnchanged) {
@@ -599,11 +599,11 @@ TEST_F(RunPlanTest, BlocksOfARunThatReadsOverGapsComeBackUnchanged) {
   const std::vector<std::uint32_t> ordinals = RandomOrdinals(3, 0.9);
   std::vector<volume::BlockId> visited;
   bool has_gap = false;
-  for (const ShardReader::Run& run : reader_->PlanRuns(ordinals)) {
+  for (const ShardReader::DiskRun& run : reader_->PlanDiskRuns(ordinals)) {
     std::vector<char> buffer(static_cast<std::size_t>(run.size));
     std::int64_t useful_bytes = 0;
     ISOSCOPE_ASSERT_OK(
-        reader_->ReadRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
+        reader_->ReadDiskRun(run, ordinals, buffer.data(), [&](const volume::BlockSamples& block) {
           const std::string expected =
               SamplesOf(reader_->layout(), block.block_id, volume::ScalarType::kUint8);
           EXPECT_EQ(std::string(block.bytes, expected.size()), expected) << block.block_id;

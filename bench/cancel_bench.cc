@@ -1,0 +1,260 @@
+#include "bench/cancel_bench.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <random>
+#include <thread>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+
+#include "bench/sample_statistics.h"
+#include "client-cli/camera_flags.h"
+#include "client-cli/interrupt.h"
+#include "client-cli/output.h"
+#include "client-cli/service_client.h"
+#include "core/base/status_macros.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::bench {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr absl::Duration kPollInterval = absl::Microseconds(50);
+// A cancelled frame may still be on its way from the coordinator to an agent: agents count as idle
+// when none has had a frame for this long.
+constexpr absl::Duration kQuiet = absl::Milliseconds(5);
+constexpr absl::Duration kMaxWait = absl::Minutes(1);
+constexpr int kFollowingFrameCount = 3;  // whose median is the time of a following frame
+// Frames that are complete before their moment don't count: more are asked for than are to be
+// cancelled, up to this many times as many.
+constexpr int kMaxAttemptsPerCancel = 10;
+
+class CancelBench {
+ public:
+  CancelBench(const CancelBenchPlan& plan, const cli::Context& context)
+      : plan_(plan), context_(context), random_(plan.seed) {}
+
+  absl::StatusOr<CancelBenchResult> Run() {
+    ISOSCOPE_RETURN_IF_ERROR(MeasureWholeFrames());
+    cli::ProgressLine line(context_.err, context_.err_is_terminal);
+    const int max_attempts = plan_.cancel_count * kMaxAttemptsPerCancel;
+    for (int i = 0; static_cast<int>(result_.frames.size()) < plan_.cancel_count; ++i) {
+      if (i == max_attempts) {
+        return absl::FailedPreconditionError(absl::StrCat(
+            "of ", i, " frames only ", result_.frames.size(),
+            " were not complete before they were to be cancelled; take a larger volume"));
+      }
+      ISOSCOPE_RETURN_IF_ERROR(context_.interrupt->cancellation().Check());
+      const bool is_cold = i % plan_.frames_per_start == 0;
+      if (is_cold) {
+        ISOSCOPE_RETURN_IF_ERROR(StartCluster());
+      }
+      line.Update(absl::StrFormat("cancelled %d of %d", result_.frames.size(), plan_.cancel_count));
+      ISOSCOPE_RETURN_IF_ERROR(CancelOne(is_cold));
+    }
+    return std::move(result_);
+  }
+
+ private:
+  absl::Status StartCluster() {
+    cluster_.reset();
+    ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
+    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt);
+    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, client.GetDataset("", kMaxWait));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+    dataset_name_ = dataset.name();
+    ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    return absl::OkStatus();
+  }
+
+  isoscope::v1::RenderIsosurfaceRequest NextRequest() {
+    return cli::MakeRequest(plan_.request, dataset_name_,
+                            cli::OrbitCamera(camera_, plan_.orbit_degrees, next_frame_++));
+  }
+
+  absl::StatusOr<double> RenderWholeFrame() {
+    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt);
+    const absl::Time start = absl::Now();
+    ISOSCOPE_RETURN_IF_ERROR(
+        client.RenderIsosurface(NextRequest(), absl::InfiniteDuration()).status());
+    return absl::ToDoubleMilliseconds(absl::Now() - start);
+  }
+
+  absl::Status MeasureWholeFrames() {
+    ISOSCOPE_RETURN_IF_ERROR(StartCluster());
+    // Not counted: it brings the files into the page cache.
+    ISOSCOPE_RETURN_IF_ERROR(RenderWholeFrame().status());
+    ISOSCOPE_RETURN_IF_ERROR(StartCluster());
+    result_.agent_count = cluster_->shard_count();
+    result_.renderer = cluster_->renderer_description();
+    ISOSCOPE_ASSIGN_OR_RETURN(result_.cold_ms, RenderWholeFrame());
+    std::vector<double> following_ms;
+    for (int i = 0; i < kFollowingFrameCount; ++i) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const double frame_ms, RenderWholeFrame());
+      following_ms.push_back(frame_ms);
+    }
+    result_.following_ms = Median(std::move(following_ms));
+    return absl::OkStatus();
+  }
+
+  // In [0, 1), the same from the same seed everywhere.
+  double RandomShare() {
+    constexpr int kMantissaBits = 53;
+    return std::ldexp(static_cast<double>(random_() >> (64 - kMantissaBits)), -kMantissaBits);
+  }
+
+  // Asks for a frame, cancels it and waits until the agents are idle.
+  absl::Status CancelOne(bool is_cold) {
+    CancelledFrame frame{.is_cold = is_cold};
+    const double expected_ms = is_cold ? result_.cold_ms : result_.following_ms;
+    cli::Interrupt cancel;
+    cli::ServiceClient client(cluster_->Channel(), "", &cancel);
+    const isoscope::v1::RenderIsosurfaceRequest request = NextRequest();
+    absl::Status status;
+    absl::Time answered_at;
+    const absl::Time start = absl::Now();
+    std::thread caller([&] {
+      status = client.RenderIsosurface(request, absl::InfiniteDuration()).status();
+      answered_at = absl::Now();
+    });
+    absl::SleepFor(absl::Milliseconds(RandomShare() * expected_ms));
+    const absl::Time cancelled_at = absl::Now();
+    cancel.Trigger();
+    const absl::StatusOr<absl::Time> idle_at = WaitUntilIdle(cancelled_at);
+    caller.join();
+    ISOSCOPE_RETURN_IF_ERROR(idle_at.status());
+    if (status.ok()) {
+      ++result_.complete_count;
+      return absl::OkStatus();
+    }
+    if (!absl::IsCancelled(status)) {
+      return status;
+    }
+    frame.moment_ms = absl::ToDoubleMilliseconds(cancelled_at - start);
+    frame.answer_ms = absl::ToDoubleMilliseconds(answered_at - cancelled_at);
+    frame.idle_ms = absl::ToDoubleMilliseconds(*idle_at - cancelled_at);
+    result_.frames.push_back(frame);
+    return absl::OkStatus();
+  }
+
+  // When the agents were first found idle and remained so; `since` if they were all the time.
+  [[nodiscard]] absl::StatusOr<absl::Time> WaitUntilIdle(absl::Time since) const {
+    absl::Time idle_at = since;
+    bool was_busy = false;
+    for (absl::Time now = absl::Now(); now - idle_at < kQuiet || was_busy; now = absl::Now()) {
+      const bool is_busy = cluster_->frames_in_work() > 0;
+      if (was_busy && !is_busy) {
+        idle_at = now;
+      }
+      was_busy = is_busy;
+      if (is_busy && now - since > kMaxWait) {
+        return absl::DeadlineExceededError(
+            absl::StrCat("agents still had ", cluster_->frames_in_work(), " frames in work ",
+                         absl::FormatDuration(kMaxWait), " after the frame was cancelled"));
+      }
+      absl::SleepFor(kPollInterval);
+    }
+    return idle_at;
+  }
+
+  const CancelBenchPlan& plan_;
+  const cli::Context& context_;
+  std::mt19937_64 random_;
+  std::unique_ptr<cli::EmbeddedCluster> cluster_;
+  std::string dataset_name_;
+  view::Camera camera_;
+  int next_frame_ = 0;
+  CancelBenchResult result_;
+};
+
+// One figure of the frames that `is_wanted` accepts.
+std::vector<double> Select(const std::vector<CancelledFrame>& frames,
+                           double CancelledFrame::*figure,
+                           const std::function<bool(const CancelledFrame&)>& is_wanted) {
+  std::vector<double> values;
+  for (const CancelledFrame& frame : frames) {
+    if (is_wanted(frame)) {
+      values.push_back(frame.*figure);
+    }
+  }
+  return values;
+}
+
+std::string TwoDecimals(double milliseconds) { return absl::StrFormat("%.2f", milliseconds); }
+
+double Rounded(double value) { return std::round(value * 1e3) / 1e3; }
+
+}  // namespace
+
+absl::StatusOr<CancelBenchResult> RunCancelBench(const CancelBenchPlan& plan,
+                                                 const cli::Context& context) {
+  return CancelBench(plan, context).Run();
+}
+
+std::string DescribeCancelBench(const CancelBenchResult& result) {
+  cli::Table table(
+      {"frames", "cancels", "idle ms, median", "p99", "max", "answer ms, median", "p99", "max"});
+  const std::pair<const char*, std::function<bool(const CancelledFrame&)>> rows[] = {
+      {"cold", [](const CancelledFrame& frame) { return frame.is_cold; }},
+      {"following", [](const CancelledFrame& frame) { return !frame.is_cold; }},
+      {"all", [](const CancelledFrame&) { return true; }}};
+  for (const auto& [name, is_wanted] : rows) {
+    std::vector<std::string> cells{name};
+    for (double CancelledFrame::*const figure :
+         {&CancelledFrame::idle_ms, &CancelledFrame::answer_ms}) {
+      const std::vector<double> values = Select(result.frames, figure, is_wanted);
+      if (cells.size() == 1) {
+        cells.push_back(absl::StrCat(values.size()));
+      }
+      for (const double value : {Median(values), Percentile(values, 0.99), Percentile(values, 1)}) {
+        cells.push_back(values.empty() ? "-" : TwoDecimals(value));
+      }
+    }
+    table.AddRow(std::move(cells));
+  }
+  return table.ToString();
+}
+
+nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelBenchPlan& plan,
+                                         const CancelBenchResult& result, const Machine& machine,
+                                         absl::string_view timestamp) {
+  const std::vector<double> idle_ms =
+      Select(result.frames, &CancelledFrame::idle_ms, [](const CancelledFrame&) { return true; });
+  Json json;
+  json["machine"] = ToString(machine);
+  json["date"] = std::string(timestamp);
+  json["volume"] = std::string(volume);
+  json["isovalue"] = plan.request.isovalue.value_or(0);
+  json["width"] = plan.request.viewport().width_px;
+  json["height"] = plan.request.viewport().height_px;
+  json["agents"] = result.agent_count;
+  json["renderer"] = result.renderer;
+  json["seed"] = plan.seed;
+  json["cold_ms"] = Rounded(result.cold_ms);
+  json["following_ms"] = Rounded(result.following_ms);
+  json["complete_count"] = result.complete_count;
+  json["idle_ms"] = {{"median", Rounded(Median(idle_ms))},
+                     {"p99", Rounded(Percentile(idle_ms, 0.99))},
+                     {"max", Rounded(Percentile(idle_ms, 1))}};
+  json["frames"] = Json::array();
+  for (const CancelledFrame& frame : result.frames) {
+    json["frames"].push_back({{"cold", frame.is_cold},
+                              {"moment_ms", Rounded(frame.moment_ms)},
+                              {"answer_ms", Rounded(frame.answer_ms)},
+                              {"idle_ms", Rounded(frame.idle_ms)}});
+  }
+  return json;
+}
+
+}  // namespace isoscope::bench

@@ -1,0 +1,71 @@
+// How long a cluster works on after its client has cancelled a frame.
+//
+// A cluster in this process renders frames, each of which is cancelled at a random moment of the
+// time it would take. An agent is idle once it has no frame in work. The first frame of a started
+// cluster is cold: its agents have neither samples nor meshes. After some frames the cluster is
+// started anew, so that a fixed share of the cancelled frames is cold.
+
+#ifndef ISOSCOPE_BENCH_CANCEL_BENCH_H_
+#define ISOSCOPE_BENCH_CANCEL_BENCH_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include <nlohmann/json.hpp>
+
+#include "bench/machine.h"
+#include "client-cli/command.h"
+#include "client-cli/embedded_cluster.h"
+#include "client-cli/render_request.h"
+
+namespace isoscope::bench {
+
+struct CancelBenchPlan {
+  cli::EmbeddedClusterOptions cluster;
+  cli::RequestFlags request;
+  double orbit_degrees = 7;  // from each frame to the next
+  int cancel_count = 500;
+  int frames_per_start = 5;  // cancelled frames before the cluster is started anew
+  std::uint64_t seed = 1;    // of the moments
+};
+
+// Of one frame. Both times count from the cancel.
+struct CancelledFrame {
+  bool is_cold = false;
+  double moment_ms = 0;  // of the cancel, from the request
+  double answer_ms = 0;  // until the client's call returned
+  double idle_ms = 0;    // until all agents were idle
+};
+
+struct CancelBenchResult {
+  int agent_count = 0;
+  std::string renderer;
+  // Of frames that are not cancelled.
+  double cold_ms = 0;
+  double following_ms = 0;
+  std::vector<CancelledFrame> frames;
+  // Frames that were complete before the moment; not in `frames`.
+  int complete_count = 0;
+};
+
+// Cancels `cancel_count` frames. CANCELLED on an interrupt; DEADLINE_EXCEEDED if agents are not
+// idle within a minute; errors of EmbeddedCluster::Start and of rendering.
+absl::StatusOr<CancelBenchResult> RunCancelBench(const CancelBenchPlan& plan,
+                                                 const cli::Context& context);
+
+// A table with a row for cold frames, following frames and all: median, p99 and the largest.
+std::string DescribeCancelBench(const CancelBenchResult& result);
+
+// {"machine", "date", "volume", "isovalue", "width", "height", "agents", "renderer", "seed",
+// "cold_ms", "following_ms", "complete_count", "idle_ms": {"median", "p99", "max"}, "frames":
+// [{"cold", "moment_ms", "answer_ms", "idle_ms"}]}.
+nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelBenchPlan& plan,
+                                         const CancelBenchResult& result, const Machine& machine,
+                                         absl::string_view timestamp);
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_CANCEL_BENCH_H_

@@ -1,0 +1,9 @@
+#include "bench/commands.h"
+
+namespace isoscope::bench {
+
+std::vector<cli::Command> Commands() {
+  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand()};
+}
+
+}  // namespace isoscope::bench

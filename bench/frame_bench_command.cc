@@ -1,0 +1,281 @@
+// isoscope bench frame INPUT | DIR --isovalue V...
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "bench/commands.h"
+#include "bench/frame_bench.h"
+#include "bench/frame_bench_report.h"
+#include "bench/machine.h"
+#include "bench/peer.h"
+#include "bench/temporary_folder.h"
+#include "client-cli/command.h"
+#include "client-cli/flags.h"
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/partition_volume.h"
+#include "client-cli/render_request.h"
+#include "client-cli/source_flags.h"
+#include "client-cli/usage.h"
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/render/renderer_factory.h"
+#include "core/store/shard_reader.h"
+
+namespace isoscope::bench {
+namespace {
+
+constexpr std::int64_t kMaxCount = 1000;
+constexpr double kDefaultAzimuth = 30;
+constexpr double kDefaultElevation = 20;
+
+struct FrameBenchFlags {
+  std::optional<std::string> input;
+  std::vector<double> isovalues;
+  std::vector<std::int64_t> shard_counts;
+  std::vector<std::string> cullings;
+  std::vector<std::string> renderers;
+  std::optional<std::int64_t> run_count;
+  std::optional<std::int64_t> frame_count;
+  std::optional<double> orbit_degrees;
+  std::optional<double> azimuth_degrees;
+  std::optional<double> elevation_degrees;
+  std::optional<std::int64_t> width;
+  std::optional<std::int64_t> height;
+  std::optional<std::int64_t> thread_count;
+  std::optional<math::Index3> block_cells;
+  std::optional<std::string> peer;
+  std::optional<std::string> json;
+  cli::SourceFlags source;
+
+  [[nodiscard]] std::int64_t width_px() const {
+    return width.value_or(view::kCommonViewport.width_px);
+  }
+  [[nodiscard]] std::int64_t height_px() const {
+    return height.value_or(view::kCommonViewport.height_px);
+  }
+};
+
+// The name itself: it is passed on to the process that renders.
+absl::StatusOr<std::string> ParseCullingName(absl::string_view text) {
+  return cli::ParseChoice<std::string>(text,
+                                       {{"depth", "depth"}, {"mask", "mask"}, {"none", "none"}});
+}
+
+absl::StatusOr<std::string> ParseRendererName(absl::string_view text) {
+  ISOSCOPE_RETURN_IF_ERROR(render::RendererKindFromName(text).status());
+  return std::string(text);
+}
+
+absl::Status CheckUsage(const FrameBenchFlags& flags) {
+  if (!flags.input) {
+    return cli::UsageError("give a volume file or a dataset folder");
+  }
+  if (flags.isovalues.empty()) {
+    return cli::UsageError("--isovalue V is missing: one or more levels, in field units");
+  }
+  if (flags.peer && flags.width_px() != flags.height_px()) {
+    return cli::UsageError(absl::StrCat("--peer draws squares: --width ", flags.width_px(),
+                                        " and --height ", flags.height_px(), " must be equal"));
+  }
+  return CheckUsage(flags.source, *flags.input);
+}
+
+// UsageError for flags that make no sense for a dataset folder: it is partitioned already, and has
+// no samples to hand on to a peer.
+absl::Status CheckFolderUsage(const FrameBenchFlags& flags) {
+  const char* given = !flags.shard_counts.empty() ? "--shards"
+                      : flags.block_cells         ? "--block-cells"
+                      : flags.peer                ? "--peer"
+                                                  : flags.source.FirstGiven();
+  if (given != nullptr) {
+    return cli::UsageError(absl::StrCat(given, " is for volume files; '", *flags.input,
+                                        "' is a folder: give the volume it was made from"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<BenchDataset>> UseFolder(const FrameBenchFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckFolderUsage(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
+                            store::OpenDataset(*flags.input));
+  return std::vector<BenchDataset>{
+      {.shard_count = static_cast<int>(dataset.manifest.shards.size()), .directory = *flags.input}};
+}
+
+absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const FrameBenchFlags& flags,
+                                                        const TemporaryFolder& folder,
+                                                        const cli::Context& context) {
+  std::vector<std::int64_t> shard_counts = flags.shard_counts;
+  if (shard_counts.empty()) {
+    shard_counts = {1};
+  }
+  std::vector<BenchDataset> datasets;
+  std::sort(shard_counts.begin(), shard_counts.end());
+  shard_counts.erase(std::unique(shard_counts.begin(), shard_counts.end()), shard_counts.end());
+  for (const std::int64_t shard_count : shard_counts) {
+    partition::PartitionOptions options;
+    options.output_directory = folder.Sub(absl::StrCat("shards-", shard_count));
+    options.shard_count = static_cast<int>(shard_count);
+    options.block_cells = flags.block_cells;
+    ISOSCOPE_RETURN_IF_ERROR(
+        cli::PartitionVolume(flags.source, *flags.input, options, context).status());
+    datasets.push_back({.shard_count = options.shard_count, .directory = options.output_directory});
+  }
+  return datasets;
+}
+
+absl::StatusOr<PeerCall> PreparePeer(const FrameBenchFlags& flags, const FrameBenchPlan& plan,
+                                     const TemporaryFolder& folder, const cli::Context& context) {
+  if (!io::PathExists(*flags.peer)) {
+    return absl::NotFoundError(
+        absl::StrCat("'", *flags.peer, "' does not exist; --peer takes a Python script"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
+                            cli::OpenSource(flags.source, *flags.input));
+  PeerCall call{.script = *flags.peer,
+                .raw_path = folder.Sub("volume.raw"),
+                .dims = source->geometry().sample_dims,
+                .type = std::string(volume::NameOf(source->scalar_type())),
+                .spacing = source->geometry().spacing,
+                .frame_count = plan.frame_count,
+                .orbit_degrees = plan.orbit_degrees,
+                .side_px = plan.width_px};
+  if (plan.azimuth_degrees != kDefaultAzimuth) {
+    call.more.insert(call.more.end(),
+                     {"--azimuth", absl::StrFormat("%.17g", plan.azimuth_degrees)});
+  }
+  if (plan.elevation_degrees != kDefaultElevation) {
+    call.more.insert(call.more.end(),
+                     {"--elevation", absl::StrFormat("%.17g", plan.elevation_degrees)});
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WriteRawSamples(*source, call.raw_path, context));
+  return call;
+}
+
+absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  const bool is_dataset = store::IsDatasetDirectory(*flags.input);
+  if (!is_dataset) {
+    ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(flags.source, *flags.input).status());
+  }
+  if (flags.json) {
+    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+  }
+  FrameBenchPlan plan;
+  plan.program = "/proc/self/exe";
+  plan.isovalues = flags.isovalues;
+  plan.cullings = flags.cullings.empty() ? std::vector<std::string>{"depth"} : flags.cullings;
+  plan.renderers = flags.renderers.empty() ? std::vector<std::string>{"auto"} : flags.renderers;
+  plan.run_count = static_cast<int>(flags.run_count.value_or(plan.run_count));
+  plan.frame_count = static_cast<int>(flags.frame_count.value_or(plan.frame_count));
+  plan.orbit_degrees = flags.orbit_degrees.value_or(plan.orbit_degrees);
+  plan.azimuth_degrees = flags.azimuth_degrees.value_or(kDefaultAzimuth);
+  plan.elevation_degrees = flags.elevation_degrees.value_or(kDefaultElevation);
+  plan.width_px = flags.width_px();
+  plan.height_px = flags.height_px();
+  plan.thread_count = flags.thread_count;
+
+  ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
+  ISOSCOPE_ASSIGN_OR_RETURN(plan.datasets,
+                            is_dataset ? UseFolder(flags) : PartitionEach(flags, folder, context));
+  if (flags.peer) {
+    ISOSCOPE_ASSIGN_OR_RETURN(plan.peer, PreparePeer(flags, plan, folder, context));
+  }
+  const Machine machine = DescribeMachine();
+  const std::string timestamp = Timestamp();
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameBenchResult result, RunFrameBench(plan, context));
+
+  const std::string volume = std::filesystem::path(*flags.input).filename().string();
+  if (flags.json) {
+    ISOSCOPE_RETURN_IF_ERROR(cli::WriteFileAtomically(
+        *flags.json, FrameBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+  }
+  *context.out << ToString(machine) << "; " << timestamp << "\n"
+               << plan.width_px << " x " << plan.height_px << " pixels; medians of "
+               << plan.run_count << (plan.run_count == 1 ? " run" : " runs")
+               << ", each a fresh process of " << plan.frame_count << " frames "
+               << absl::StrFormat("%g", plan.orbit_degrees) << " degrees apart\n\n"
+               << DescribeFrameBench(volume, result);
+  return absl::OkStatus();
+}
+
+cli::Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<FrameBenchFlags>();
+  const auto parse_side = [](absl::string_view text) {
+    return cli::ParseInteger(text, 1, view::kMaxViewportPx);
+  };
+  cli::AddFlag(app, "input", "INPUT|DIR", &flags->input, cli::ParseText,
+               "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
+               "dataset folder");
+  cli::AddListFlag(app, "--isovalue", "V", &flags->isovalues, cli::ParseNumber,
+                   "one or more levels, in field units");
+  cli::AddListFlag(app, "--shards", "P", &flags->shard_counts, cli::ParseShardCount,
+                   "numbers of shards, one agent each (default: 1; of a folder its own)");
+  cli::AddListFlag(app, "--culling", "depth|mask|none", &flags->cullings, ParseCullingName,
+                   "one or more ways of culling (default: depth)");
+  cli::AddListFlag(app, "--renderer", "auto|egl|cpu", &flags->renderers, ParseRendererName,
+                   "one or more back ends (default: auto)");
+  cli::AddFlag(
+      app, "--runs", "N", &flags->run_count,
+      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCount); },
+      "fresh processes for each row; medians are printed (default: 3)");
+  cli::AddFlag(
+      app, "--frames", "N", &flags->frame_count,
+      [](absl::string_view text) { return cli::ParseInteger(text, 2, kMaxCount); },
+      "frames of a run: the first is the cold one, 2 or more (default: 6)");
+  cli::AddFlag(app, "--orbit", "DEG", &flags->orbit_degrees, cli::ParseNumber,
+               "turn the camera about up after each frame (default: 7)");
+  cli::AddFlag(app, "--azimuth", "DEG", &flags->azimuth_degrees, cli::ParseNumber,
+               "turn the default camera about up before the first frame (default: 30)");
+  cli::AddFlag(app, "--elevation", "DEG", &flags->elevation_degrees, cli::ParseNumber,
+               "then about its right axis (default: 20)");
+  cli::AddFlag(app, "--width", "W", &flags->width, parse_side, "pixels (default: 1024)");
+  cli::AddFlag(app, "--height", "H", &flags->height, parse_side, "pixels (default: 1024)");
+  cli::AddFlag(
+      app, "--threads", "T", &flags->thread_count,
+      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCount); },
+      "threads of all agents together (default: one for each core)");
+  cli::AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
+               "cells of a block when partitioning (default: as 'isoscope partition')");
+  cli::AddFlag(app, "--peer", "SCRIPT", &flags->peer, cli::ParseText,
+               "a yardstick to run in turns with ours: see below");
+  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");
+  cli::AddSourceFlags(app, &flags->source);
+  return [flags](const cli::Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+cli::Command FrameBenchCommand() {
+  return {
+      .name = "bench frame",
+      .summary = "Times whole frames as a client sees them, beside another program",
+      .usage = "INPUT | DIR --isovalue V... [OPTIONS]",
+      .examples =
+          "  isoscope bench frame head.nii.gz --isovalue 60 --shards 1 4 --culling depth none\n"
+          "  isoscope bench frame ct.nrrd --isovalue 30,60 --peer yardstick.py --json ct.json\n"
+          "\nCold is the first frame of a fresh process with the files in the page cache;\n"
+          "following is the median of the others, from new places of the camera. A time is the\n"
+          "client's clock around one request, PNG included.\n"
+          "\nThe peer is called as\n"
+          "  xvfb-run -a -s \"-screen 0 1280x1024x24\" /usr/bin/python3 SCRIPT RAW --dims X,Y,Z "
+          "\\\n"
+          "    --type TYPE --isovalue V --frames N --orbit DEG --size W\n"
+          "(--spacing, --azimuth and --elevation where they are not 1,1,1, 30 and 20) and\n"
+          "prints a JSON object with \"cold_total\" and \"next_total\" in milliseconds. \"cold "
+          "x\" and\n\"next x\" are its times over ours.\n",
+      .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::bench

@@ -1,0 +1,31 @@
+// The output of `bench frame`: a table of frames, one of their steps, and JSON.
+
+#ifndef ISOSCOPE_BENCH_FRAME_BENCH_REPORT_H_
+#define ISOSCOPE_BENCH_FRAME_BENCH_REPORT_H_
+
+#include <string>
+
+#include "absl/strings/string_view.h"
+#include <nlohmann/json.hpp>
+
+#include "bench/frame_bench.h"
+#include "bench/machine.h"
+
+namespace isoscope::bench {
+
+// Two tables. Frames, a row for each case: our times, the peer's and their ratio to ours,
+// triangles, network bytes and their ratio to those of the fewest agents, busy time of the agents.
+// Steps: those of the first and of the following frames.
+std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult& result);
+
+// {"machine", "date", "volume", "width", "height", "frames", "runs", "orbit", "azimuth",
+// "elevation", "cases": [{"isovalue", "agents", "culling", "renderer", "first", "following",
+// "wall_ms", "network_growth"}], "peers": [{"isovalue", "cold_ms", "following_ms",
+// "triangle_count", "runs"}]}.
+nlohmann::ordered_json FrameBenchToJson(absl::string_view volume, const FrameBenchPlan& plan,
+                                        const FrameBenchResult& result, const Machine& machine,
+                                        absl::string_view timestamp);
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_FRAME_BENCH_REPORT_H_

@@ -1,0 +1,342 @@
+#include "bench/isolated_cluster.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/store/shard_reader.h"
+#include "core/view/view.h"
+#include "partition-agent/block_cache.h"
+#include "partition-agent/frame_pipeline.h"
+#include "partition-agent/surface_extraction.h"
+#include "server/agent_link.h"
+#include "server/frame_coordinator.h"
+
+namespace isoscope::bench {
+namespace {
+
+constexpr std::size_t kCacheBytes = std::size_t{1} << 30;
+
+// The coordinator's messages to one agent in a frame: with them, the agent's share can be repeated.
+struct AgentOrders {
+  std::vector<volume::BlockId> occluding;
+  std::vector<volume::BlockId> visible;
+  std::string open_pixels;
+};
+
+void Append(const std::vector<volume::BlockId>& from, std::vector<volume::BlockId>* to) {
+  to->insert(to->end(), from.begin(), from.end());
+}
+
+void SortUnique(std::vector<volume::BlockId>* blocks) {
+  std::sort(blocks->begin(), blocks->end());
+  blocks->erase(std::unique(blocks->begin(), blocks->end()), blocks->end());
+}
+
+// An agent that does each step on the thread that asks for it, before that call returns. Its answer
+// waits in the coordinator's queue until all others have been asked.
+class IsolatedLink final : public server::AgentLink {
+ public:
+  // The hits of its rays are added to `ray_hits`.
+  IsolatedLink(const agent::FrameTask& task, std::vector<volume::BlockId>* ray_hits,
+               AgentOrders* orders, agent::BlockCache* cache, server::AgentListener* listener)
+      : task_(task),
+        identity_{absl::StrCat("isolated agent ", task.agent_index), {task.agent_index}},
+        ray_hits_(ray_hits),
+        orders_(orders),
+        cache_(cache),
+        listener_(listener) {}
+  ~IsolatedLink() override { End(absl::CancelledError("the frame was abandoned")); }
+
+  // Steps 0 and 1, or the whole frame.
+  void Begin(std::shared_ptr<const agent::Shard> shard, render::Renderer* renderer,
+             tbb::task_arena* arena, const base::Cancellation* cancellation) {
+    absl::StatusOr<std::unique_ptr<agent::FramePipeline>> pipeline = agent::FramePipeline::Make(
+        {std::move(shard)}, task_, {.renderer = renderer, .arena = arena, .cache = cache_},
+        cancellation);
+    if (!pipeline.ok()) {
+      End(pipeline.status());
+      return;
+    }
+    pipeline_ = *std::move(pipeline);
+    if (task_.spec.culling == frame::Culling::kNone) {
+      SendLast(pipeline_->RenderAll());
+      return;
+    }
+    absl::StatusOr<agent::RaySelection> selection = pipeline_->SelectOccluders();
+    if (!selection.ok()) {
+      End(selection.status());
+      return;
+    }
+    Append(selection->hits, ray_hits_);
+    listener_->OnRayHits(std::move(selection->hits), std::move(selection->active));
+  }
+
+  void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
+    orders_->occluding = blocks;
+    if (has_ended_) {
+      return;
+    }
+    const absl::StatusOr<image::FrameImage> image = pipeline_->RenderOccluders(blocks);
+    if (!image.ok()) {
+      End(image.status());
+      return;
+    }
+    SendPixels(*image);
+    listener_->OnOccludersDone();
+  }
+
+  void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
+                         std::string open_pixels) override {
+    if (!has_ended_) {
+      SendLast(pipeline_->RenderVisible(blocks, open_pixels));
+    }
+    orders_->visible = blocks;
+    orders_->open_pixels = std::move(open_pixels);
+  }
+
+  void Cancel() override { End(absl::CancelledError("cancelled by the coordinator")); }
+  [[nodiscard]] const server::AgentIdentity& agent() const override { return identity_; }
+  [[nodiscard]] std::int64_t network_bytes() const override { return network_bytes_; }
+
+ private:
+  void SendPixels(const image::FrameImage& image) {
+    std::vector<std::string> bands = pipeline_->Encode(image);
+    for (const std::string& band : bands) {
+      network_bytes_ += static_cast<std::int64_t>(band.size());
+    }
+    listener_->OnPixels(std::move(bands));
+  }
+
+  void SendLast(const absl::StatusOr<image::FrameImage>& image) {
+    if (!image.ok()) {
+      End(image.status());
+      return;
+    }
+    SendPixels(*image);
+    frame::AgentStatistics statistics = pipeline_->statistics();
+    statistics.shard_indices = identity_.shard_indices;
+    listener_->OnFrameDone(std::move(statistics));
+    End(absl::OkStatus());
+  }
+
+  void End(absl::Status status) {
+    if (!std::exchange(has_ended_, true)) {
+      listener_->OnEnd(std::move(status));
+    }
+  }
+
+  const agent::FrameTask task_;
+  const server::AgentIdentity identity_;
+  std::vector<volume::BlockId>* const ray_hits_;
+  AgentOrders* const orders_;
+  agent::BlockCache* const cache_;
+  server::AgentListener* const listener_;
+  std::unique_ptr<agent::FramePipeline> pipeline_;
+  std::int64_t network_bytes_ = 0;
+  bool has_ended_ = false;
+};
+
+IsolatedFrame FrameOf(server::FrameResult result, std::vector<volume::BlockId> ray_hits,
+                      const std::vector<AgentOrders>& orders, absl::Duration wall) {
+  IsolatedFrame frame;
+  frame.image = std::move(result.image);
+  for (const frame::AgentStatistics& agent : result.agents) {
+    frame.agents.push_back({.active_block_count = agent.active_block_count,
+                            .drawn_block_count = agent.visible_block_count,
+                            .triangle_count = agent.triangle_count});
+    wall -= agent.busy_duration;
+  }
+  frame.other_ms = std::max(0.0, absl::ToDoubleMilliseconds(wall));
+  for (const AgentOrders& of_agent : orders) {
+    Append(of_agent.occluding, &frame.occluding);
+    Append(of_agent.visible, &frame.drawn);
+  }
+  Append(frame.occluding, &frame.drawn);
+  for (auto* blocks : {&ray_hits, &frame.occluding, &frame.drawn}) {
+    SortUnique(blocks);
+  }
+  frame.ray_hits = std::move(ray_hits);
+  return frame;
+}
+
+// Both steps of a frame, or the only one, without anybody else in between.
+absl::StatusOr<absl::Duration> TimeAlone(agent::FramePipeline* pipeline, frame::Culling culling,
+                                         const AgentOrders& orders) {
+  if (culling == frame::Culling::kNone) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline->RenderAll());
+    pipeline->Encode(image);
+    return pipeline->statistics().busy_duration;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
+  {
+    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
+                              pipeline->RenderOccluders(orders.occluding));
+    pipeline->Encode(image);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
+                            pipeline->RenderVisible(orders.visible, orders.open_pixels));
+  pipeline->Encode(image);
+  return pipeline->statistics().busy_duration;
+}
+
+}  // namespace
+
+std::int64_t IsolatedFrame::active_block_count() const {
+  std::int64_t sum = 0;
+  for (const IsolatedAgent& agent : agents) {
+    sum += agent.active_block_count;
+  }
+  return sum;
+}
+
+std::int64_t IsolatedFrame::drawn_block_count() const {
+  std::int64_t sum = 0;
+  for (const IsolatedAgent& agent : agents) {
+    sum += agent.drawn_block_count;
+  }
+  return sum;
+}
+
+std::int64_t IsolatedFrame::triangle_count() const {
+  std::int64_t sum = 0;
+  for (const IsolatedAgent& agent : agents) {
+    sum += agent.triangle_count;
+  }
+  return sum;
+}
+
+std::vector<double> IsolatedFrame::busy_ms() const {
+  std::vector<double> busy;
+  busy.reserve(agents.size());
+  for (const IsolatedAgent& agent : agents) {
+    busy.push_back(agent.busy_ms);
+  }
+  return busy;
+}
+
+absl::StatusOr<std::unique_ptr<IsolatedCluster>> IsolatedCluster::Open(
+    const std::string& dataset_directory, render::Renderer* renderer) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
+                            store::OpenDataset(dataset_directory));
+  std::unique_ptr<IsolatedCluster> cluster(new IsolatedCluster());
+  cluster->renderer_ = renderer;
+  for (const std::string& directory : dataset.shard_directories) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const agent::Shard> shard,
+                              agent::OpenShard(directory));
+    cluster->shards_.push_back(std::move(shard));
+    cluster->mesh_memory_.push_back(base::MemoryPool::Make());
+  }
+  return cluster;
+}
+
+absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& spec,
+                                                      const base::Cancellation& cancellation) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*spec.camera, spec.viewport, manifest().geometry));
+  std::vector<volume::BlockId> ray_hits;
+  std::vector<AgentOrders> orders(shards_.size());
+  server::FrameSetup setup;
+  setup.spec = &spec;
+  setup.view = &view;
+  setup.ties = frame::TieRuleOf(renderer_->picture_revision().back_end);
+  setup.layout = &layout();
+  setup.agent_count = static_cast<int>(shards_.size());
+  setup.images = images_.get();
+  setup.arena = &arena_;
+  const auto task_of = [&](int agent_index) {
+    agent::FrameTask own;
+    own.spec = spec;
+    own.agent_index = agent_index;
+    own.agent_count = setup.agent_count;
+    return own;
+  };
+  // One for each agent, as on its own machine; emptied only when a time is taken.
+  std::vector<std::unique_ptr<agent::BlockCache>> caches;
+  const auto add_cache = [&](std::size_t agent_index) {
+    caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes, mesh_memory_[agent_index]));
+    return caches.back().get();
+  };
+  const auto begin =
+      [&](int agent_index,
+          server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
+    const auto i = static_cast<std::size_t>(agent_index);
+    auto link = std::make_unique<IsolatedLink>(task_of(agent_index), &ray_hits, &orders[i],
+                                               add_cache(i), listener);
+    link->Begin(shards_[i], renderer_, &arena_, &cancellation);
+    return link;
+  };
+  const absl::Time start = absl::Now();
+  // All of it inside of the arena, so that no step finds a second thread.
+  server::FrameOutcome outcome =
+      arena_.execute([&] { return server::RunFrame(setup, begin, cancellation); });
+  const absl::Duration wall = absl::Now() - start;
+  ISOSCOPE_RETURN_IF_ERROR(outcome.status);
+  IsolatedFrame frame = FrameOf(std::move(outcome.result), std::move(ray_hits), orders, wall);
+  caches.clear();
+
+  // In the frame above agents took turns at each step, so that each found the processor's caches
+  // full of the others' data. Their times are taken from their parts once more, each without a
+  // break.
+  for (std::size_t i = 0; i < shards_.size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<agent::FramePipeline> pipeline,
+        agent::FramePipeline::Make({shards_[i]}, task_of(static_cast<int>(i)),
+                                   {.renderer = renderer_, .arena = &arena_, .cache = add_cache(i)},
+                                   &cancellation));
+    ISOSCOPE_ASSIGN_OR_RETURN(const absl::Duration busy, arena_.execute([&] {
+      return TimeAlone(pipeline.get(), spec.culling, orders[i]);
+    }));
+    ISOSCOPE_CHECK_EQ(pipeline->statistics().triangle_count, frame.agents[i].triangle_count);
+    frame.agents[i].busy_ms = absl::ToDoubleMilliseconds(busy);
+  }
+  return frame;
+}
+
+absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(
+    const frame::FrameSpec& spec, const std::vector<volume::BlockId>& blocks,
+    const base::Cancellation& cancellation) {
+  agent::BlockCache cache(kCacheBytes);
+  agent::FrameTask task;
+  task.spec = spec;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<agent::FramePipeline> pipeline,
+      agent::FramePipeline::Make(shards_, task,
+                                 {.renderer = renderer_, .arena = &arena_, .cache = &cache},
+                                 &cancellation));
+  return arena_.execute([&]() -> absl::StatusOr<BlocksPicture> {
+    // It finds the active blocks, which drawing needs; the rays' hits do not matter here.
+    ISOSCOPE_RETURN_IF_ERROR(pipeline->SelectOccluders().status());
+    BlocksPicture picture;
+    ISOSCOPE_ASSIGN_OR_RETURN(picture.image, pipeline->RenderOccluders(blocks));
+    picture.triangle_count = pipeline->statistics().triangle_count;
+    return picture;
+  });
+}
+
+absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
+    double isovalue, const base::Cancellation& cancellation) {
+  agent::BlockCache no_cache(0);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<agent::SurfaceExtraction> extraction,
+      agent::SurfaceExtraction::Make(shards_, isovalue, {.arena = &arena_, .cache = &no_cache},
+                                     &cancellation));
+  std::vector<std::int64_t> counts;
+  while (true) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());
+    if (meshes.empty()) {
+      return counts;
+    }
+    for (const mesh::BlockMesh& mesh : meshes) {
+      counts.push_back(mesh.triangle_count());
+    }
+  }
+}
+
+}  // namespace isoscope::bench

@@ -1,0 +1,26 @@
+// Where and when something was measured.
+
+#ifndef ISOSCOPE_BENCH_MACHINE_H_
+#define ISOSCOPE_BENCH_MACHINE_H_
+
+#include <string>
+
+namespace isoscope::bench {
+
+struct Machine {
+  std::string processor;  // "Intel(R) Xeon(R) Processor"
+  int core_count = 0;     // that this process may use
+  double memory_gib = 0;
+  std::string system;  // "Debian GNU/Linux 12 (bookworm), Linux 6.1.0"
+};
+// This machine. A text that can't be found out is "unknown", a number is 0.
+Machine DescribeMachine();
+// "Intel(R) Xeon(R) Processor, 2 cores, 7.8 GiB, Debian ..., Linux 6.1.0".
+std::string ToString(const Machine& machine);
+
+// Now, "2026-11-20 19:49 UTC".
+std::string Timestamp();
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_MACHINE_H_

@@ -1,0 +1,41 @@
+// A folder for files that a command needs only while it works.
+
+#ifndef ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
+#define ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
+
+#include <string>
+#include <utility>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::bench {
+
+// Removed with all that is in it when the object ends; so also after an interrupt, which ends a
+// command as any error does. Thread-compatible.
+class TemporaryFolder {
+ public:
+  // A new one, of this user alone, in $TMPDIR or /tmp. The error names that folder.
+  static absl::StatusOr<TemporaryFolder> Make();
+  ~TemporaryFolder();
+  TemporaryFolder(TemporaryFolder&& other) noexcept : path_(std::exchange(other.path_, "")) {}
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(TemporaryFolder&&) = delete;
+
+  [[nodiscard]] const std::string& path() const { return path_; }
+  // `path()/name`.
+  [[nodiscard]] std::string Sub(absl::string_view name) const {
+    return absl::StrCat(path_, "/", name);
+  }
+
+ private:
+  explicit TemporaryFolder(std::string path) : path_(std::move(path)) {}
+
+  std::string path_;  // empty: moved from
+};
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_

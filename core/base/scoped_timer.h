@@ -1,0 +1,26 @@
+// Measures the wall time of a scope.
+
+#ifndef ISOSCOPE_CORE_BASE_SCOPED_TIMER_H_
+#define ISOSCOPE_CORE_BASE_SCOPED_TIMER_H_
+
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+
+namespace isoscope::base {
+
+// Adds the wall time of its own life to `sum`, which outlives it. Thread-compatible.
+class ScopedTimer {
+ public:
+  explicit ScopedTimer(absl::Duration* sum) : sum_(sum), start_(absl::Now()) {}
+  ~ScopedTimer() { *sum_ += absl::Now() - start_; }
+  ScopedTimer(const ScopedTimer&) = delete;
+  ScopedTimer& operator=(const ScopedTimer&) = delete;
+
+ private:
+  absl::Duration* const sum_;
+  const absl::Time start_;
+};
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_SCOPED_TIMER_H_

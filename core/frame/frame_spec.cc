@@ -1,0 +1,28 @@
+#include "core/frame/frame_spec.h"
+
+#include "absl/strings/str_format.h"
+
+namespace isoscope::frame {
+
+std::vector<double> IsovaluesOf(const FrameSpec& spec) {
+  std::vector<double> isovalues;
+  isovalues.reserve(spec.surfaces.size());
+  for (const Surface& surface : spec.surfaces) {
+    isovalues.push_back(surface.isovalue);
+  }
+  return isovalues;
+}
+
+absl::Status CheckOwners(std::size_t surface_count, std::int64_t block_count) {
+  const auto surfaces = static_cast<std::int64_t>(surface_count);
+  const std::int64_t max_owners = image::kNoOwner;
+  if (block_count > 0 && surfaces > max_owners / block_count) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%d surfaces of a volume of %d blocks: surfaces times blocks must be at most %d; ask for "
+        "at most %d surfaces, or partition the volume into larger blocks",
+        surfaces, block_count, max_owners, max_owners / block_count));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::frame

@@ -1,0 +1,54 @@
+// A request for a frame, in core types. rpc::FrameSpecFromProto makes it from the message, and the
+// coordinator and the agents derive everything else from it. A new parameter of a frame becomes a
+// member here.
+
+#ifndef ISOSCOPE_CORE_FRAME_FRAME_SPEC_H_
+#define ISOSCOPE_CORE_FRAME_FRAME_SPEC_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "absl/status/status.h"
+
+#include "core/frame/appearance.h"
+#include "core/frame/culling.h"
+#include "core/image/fragment.h"
+#include "core/view/camera.h"
+
+namespace isoscope::frame {
+
+// One isosurface of a frame.
+struct Surface {
+  double isovalue = 0;  // finite
+  Appearance appearance;
+
+  friend bool operator==(const Surface&, const Surface&) = default;
+};
+
+inline constexpr std::size_t kMaxSurfaces = 16;
+
+struct FrameSpec {
+  // 1 to kMaxSurfaces. Of fragments of equal depth, the one of the earlier surface shows.
+  std::vector<Surface> surfaces;
+  // Not set: the default camera of the dataset. The coordinator sets it before agents see it.
+  std::optional<view::Camera> camera;
+  view::Viewport viewport;
+  Culling culling = Culling::kDepth;
+  image::Rgba8 background_color{0, 0, 0, 255};
+  std::uint64_t ray_seed = 0;
+
+  friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
+};
+
+// Returns the isovalues of the surfaces, in their order.
+std::vector<double> IsovaluesOf(const FrameSpec& spec);
+
+// INVALID_ARGUMENT if the owners of fragments of `surface_count` surfaces, in a volume of
+// `block_count` blocks, do not fit into 32 bits (image::FragmentOrder).
+absl::Status CheckOwners(std::size_t surface_count, std::int64_t block_count);
+
+}  // namespace isoscope::frame
+
+#endif  // ISOSCOPE_CORE_FRAME_FRAME_SPEC_H_

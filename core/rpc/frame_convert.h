@@ -1,0 +1,37 @@
+// Converts frames between wire and core types. A new parameter of a frame is checked and converted
+// here, and nowhere else.
+
+#ifndef ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
+#define ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/frame/frame_spec.h"
+#include "core/frame/picture_revision.h"
+#include "core/math/box.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::rpc {
+
+// Converts a request. Checks everything that does not depend on the dataset, also for unknown
+// fields. The camera stays unset if the request has none. The same message gives the same bits on
+// every machine. INVALID_ARGUMENT names the field, its value and the allowed values.
+absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request);
+
+// Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
+// will read from the message, so all have the same bits.
+absl::Status ResolveCamera(const math::Box3d& bounds,
+                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
+
+// INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.
+absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(
+    const isoscope::internal::v1::PictureRevision& proto, absl::string_view path);
+isoscope::internal::v1::PictureRevision ToProto(const frame::PictureRevision& revision);
+
+}  // namespace isoscope::rpc
+
+#endif  // ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_

@@ -1,0 +1,18 @@
+// Finds fields of a request that this program does not know.
+
+#ifndef ISOSCOPE_CORE_RPC_KNOWN_FIELDS_H_
+#define ISOSCOPE_CORE_RPC_KNOWN_FIELDS_H_
+
+#include "absl/status/status.h"
+#include "google/protobuf/message.h"
+
+namespace isoscope::rpc {
+
+// INVALID_ARGUMENT if `request`, or a message in it at any depth, has a field that this program's
+// version of the schema lacks; names its number and its message. Protocol buffers would ignore the
+// field, and the answer would silently belong to another request. O(size of the message).
+absl::Status CheckKnownFields(const google::protobuf::Message& request);
+
+}  // namespace isoscope::rpc
+
+#endif  // ISOSCOPE_CORE_RPC_KNOWN_FIELDS_H_

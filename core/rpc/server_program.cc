@@ -1,0 +1,92 @@
+#include "core/rpc/server_program.h"
+
+#include <cstdlib>
+#include <exception>
+#include <iostream>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "absl/synchronization/mutex.h"
+
+#include "core/base/log.h"
+#include "core/base/shutdown_signal.h"
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
+
+namespace isoscope::rpc {
+namespace {
+
+constexpr int kDone = 0;
+constexpr int kFailed = 1;
+constexpr int kWrongUsage = 2;
+
+// Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them. Statuses have the errors.
+void SilenceGrpcLog() {
+  constexpr int kKeepExisting = 0;
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet.
+  setenv("GRPC_VERBOSITY", "NONE", kKeepExisting);
+}
+
+// REQUIRES: one of the names that --log-level takes.
+base::LogLevel LogLevelFromName(absl::string_view name) {
+  return name == "debug"     ? base::LogLevel::kDebug
+         : name == "warning" ? base::LogLevel::kWarning
+         : name == "error"   ? base::LogLevel::kError
+         : name == "off"     ? base::LogLevel::kOff
+                             : base::LogLevel::kInfo;
+}
+
+absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
+                   base::ShutdownSignal* shutdown_signal) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const ServerShutdown shut_down, program.start(flags));
+  if (shut_down == nullptr) {
+    return absl::OkStatus();
+  }
+  const absl::string_view signal_name = shutdown_signal->Wait();
+  base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});
+  shut_down(absl::Seconds(flags.drain_seconds));
+  base::LogInfo(absl::StrCat(program.log_name, "_stopped"));
+  return absl::OkStatus();
+}
+
+int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
+  // Debian builds abseil with the detection on, so every lock would take a global one.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
+  SilenceGrpcLog();
+  base::ShutdownSignal shutdown_signal;
+  CLI::App app(program.summary, program.name);
+  app.set_version_flag("--version", absl::StrCat(program.name, " ", base::Version()));
+  app.footer(absl::StrCat(
+      "Examples:\n", program.examples,
+      "\nEvery option can also be given as the environment variable named beside it.\n"
+      "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once."));
+  ServerFlags flags = program.defaults;
+  program.add_flags(&app);
+  AddServerFlags(&app, &flags);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? kDone : kWrongUsage;
+  }
+  base::SetLogLevel(LogLevelFromName(flags.log_level));
+  const absl::Status status = Serve(program, flags, &shutdown_signal);
+  if (!status.ok()) {
+    std::cerr << program.name << ": " << status.message() << "\n";
+    return kFailed;
+  }
+  return kDone;
+}
+
+}  // namespace
+
+int RunServerProgram(const ServerProgram& program, int argc, char** argv) {
+  try {
+    return ParseAndServe(program, argc, argv);
+  } catch (const std::exception& error) {
+    std::cerr << program.name << ": " << error.what() << "\n";
+    return kFailed;
+  }
+}
+
+}  // namespace isoscope::rpc

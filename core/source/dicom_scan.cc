@@ -1,0 +1,234 @@
+// GDCM ends the process by an assertion where some elements are cut, and it says of a report no
+// more than that it can't be read. So every file is looked through before GDCM sees it.
+//
+// A file is 128 bytes, "DICM", the group 0002 (always explicit, little-endian), and elements:
+//
+//   explicit  group:16 element:16 kind:2 letters  length:16              value
+//             group:16 element:16 kind:2 letters  0:16         length:32 value   (kLong)
+//   implicit  group:16 element:16                 length:32              value
+//
+//   (0008,0016) UI 26 "1.2.840.10008.5.1.4.1.1.2\0"  explicit: 08 00 16 00 55 49 1a 00 31 2e 32 ...
+//
+// A sequence or an item may have the length 0xffffffff: then it holds elements up to its delimiter.
+// The walk steps over all lengths that are given and goes into those that are not, counting how
+// deep it is: the pixels of an icon inside a sequence are not those of the image. Pixels of such a
+// length are a row of items. A value of unknown kind (UN) and no length holds implicit elements,
+// whatever the file has around it (CP-246).
+//
+// A file without pixels is no image, unless its class is one of images or it has a number of rows:
+// then it is cut.
+// Big-endian files pass unseen; of deflated ones the elements are.
+// Source: DICOM PS3.5, sections 6.2.2 and 7, annex A.4; PS3.10, section 7.
+
+#include "core/source/dicom_scan.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+
+#include "absl/strings/match.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "gdcmMediaStorage.h"
+
+namespace isoscope::source {
+namespace {
+
+constexpr std::uint32_t kUndefined = 0xffffffff;
+constexpr std::uint32_t kMetaLength = 0x00020000;
+constexpr std::uint32_t kStorageClass = 0x00020002;
+constexpr std::uint32_t kTransferSyntax = 0x00020010;
+constexpr std::uint32_t kSeries = 0x0020000e;
+constexpr std::uint32_t kRows = 0x00280010;
+constexpr std::uint32_t kPixels = 0x7fe00010;
+constexpr std::uint32_t kItemEnd = 0xfffee00d;
+constexpr std::uint32_t kSequenceEnd = 0xfffee0dd;
+
+constexpr char kExplicitSyntaxes[] = "1.2.840.10008.1.2.";  // their beginning
+constexpr char kDeflated[] = "1.2.840.10008.1.2.1.99";
+constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
+
+struct Element {
+  std::uint32_t tag = 0;
+  std::uint32_t length = 0;
+  bool is_unknown = false;  // of kind UN
+};
+
+class Scanner {
+ public:
+  explicit Scanner(const io::RandomAccessFile* file) : file_(*file) {}
+
+  absl::StatusOr<DicomScan> Scan() {
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_meta, ReadMeta());
+    if (!has_meta) {
+      return scan_;
+    }
+    if (IsKnownClass() && !IsImageClass()) {
+      scan_.content = DicomContent::kNoImage;
+    } else if (scan_.transfer_syntax == kBigEndian || scan_.transfer_syntax == kDeflated) {
+      scan_.content = Has(8) ? DicomContent::kImage : DicomContent::kCut;
+      return scan_;
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const End end, Walk());
+    if (scan_.content != DicomContent::kNoImage) {
+      const bool must_have_pixels = IsKnownClass() || has_rows_;
+      scan_.content = end == End::kOfPixels                      ? DicomContent::kImage
+                      : end == End::kOfFile && !must_have_pixels ? DicomContent::kNoImage
+                                                                 : DicomContent::kCut;
+    }
+    return scan_;
+  }
+
+ private:
+  enum class End { kOfPixels, kOfFile, kWithinElement };
+
+  [[nodiscard]] bool Has(std::int64_t size) const { return size <= file_.size_bytes() - position_; }
+  [[nodiscard]] gdcm::MediaStorage::MSType Class() const {
+    return gdcm::MediaStorage::GetMSType(storage_class_.c_str());
+  }
+  [[nodiscard]] bool IsKnownClass() const { return Class() != gdcm::MediaStorage::MS_END; }
+  [[nodiscard]] bool IsImageClass() const { return gdcm::MediaStorage::IsImage(Class()); }
+
+  // Reads the group 0002, from whose first element on its length counts. False if it is not there.
+  absl::StatusOr<bool> ReadMeta() {
+    std::array<char, 4> mark;
+    position_ = 128;
+    if (!Has(mark.size())) {
+      return false;
+    }
+    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, mark.size(), mark.data()));
+    position_ += 4;
+    Element element;
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool has_element, ReadHead(&element));
+    if (std::memcmp(mark.data(), "DICM", 4) != 0 || !has_element || element.tag != kMetaLength ||
+        element.length != 4 || !Has(4)) {
+      return false;
+    }
+    std::array<char, 4> length;
+    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, length.size(), length.data()));
+    position_ += 4;
+    const std::int64_t end = position_ + base::LoadLittleEndian<std::uint32_t>(length.data());
+    while (position_ < end) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_next, ReadHead(&element));
+      if (!has_next || !Has(element.length)) {
+        return false;
+      }
+      if (element.tag == kStorageClass) {
+        ISOSCOPE_ASSIGN_OR_RETURN(storage_class_, ReadUid(element.length));
+      } else if (element.tag == kTransferSyntax) {
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.transfer_syntax, ReadUid(element.length));
+      }
+      position_ += element.length;
+    }
+    is_explicit_ = absl::StartsWith(scan_.transfer_syntax, kExplicitSyntaxes);
+    return position_ == end;
+  }
+
+  // Reads tag and length. False if the file ends before.
+  absl::StatusOr<bool> ReadHead(Element* element) {
+    if (!Has(8)) {
+      return false;
+    }
+    std::array<char, 12> head{};
+    const std::int64_t size = std::min<std::int64_t>(head.size(), file_.size_bytes() - position_);
+    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, static_cast<std::size_t>(size), head.data()));
+    const std::uint32_t group = base::LoadLittleEndian<std::uint16_t>(head.data());
+    element->tag = group << 16 | base::LoadLittleEndian<std::uint16_t>(head.data() + 2);
+    element->length = base::LoadLittleEndian<std::uint32_t>(head.data() + 4);
+    element->is_unknown = false;
+    position_ += 8;
+    constexpr std::uint32_t kItemGroup = 0xfffe;
+    if (group == kItemGroup || !is_explicit_) {
+      return true;
+    }
+    constexpr absl::string_view kLong = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
+    const absl::string_view kind(head.data() + 4, 2);
+    element->is_unknown = kind == "UN";
+    if (kLong.find(kind) == absl::string_view::npos) {
+      element->length = base::LoadLittleEndian<std::uint16_t>(head.data() + 6);
+      return true;
+    }
+    element->length = base::LoadLittleEndian<std::uint32_t>(head.data() + 8);
+    position_ += 4;
+    return Has(0);
+  }
+
+  // A value of digits and dots, as far as it is one.
+  absl::StatusOr<std::string> ReadUid(std::uint32_t length) {
+    constexpr std::uint32_t kMaxUidBytes = 64;
+    std::string uid(std::min(length, kMaxUidBytes), '\0');
+    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, uid.size(), uid.data()));
+    return uid.substr(0, uid.find_first_not_of("0123456789."));
+  }
+
+  absl::StatusOr<End> Walk() {
+    std::int64_t depth = 0;            // of sequences and items without a length
+    std::int64_t implicit_depth = -1;  // within which elements are implicit though the file is not
+    bool is_in_pixels = false;
+    Element element;
+    while (Has(8)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const bool has_head, ReadHead(&element));
+      if (!has_head) {
+        return End::kWithinElement;
+      }
+      if (element.tag == kItemEnd || element.tag == kSequenceEnd) {
+        if (is_in_pixels) {
+          return element.tag == kSequenceEnd ? End::kOfPixels : End::kWithinElement;
+        }
+        depth = std::max<std::int64_t>(depth - 1, 0);
+        if (depth == implicit_depth) {
+          is_explicit_ = true;
+          implicit_depth = -1;
+        }
+        continue;
+      }
+      if (element.length == kUndefined) {
+        if (is_in_pixels) {
+          return End::kWithinElement;  // fragments of pixels have lengths
+        }
+        is_in_pixels = depth == 0 && element.tag == kPixels;
+        if (element.is_unknown && !is_in_pixels) {
+          implicit_depth = depth;
+          is_explicit_ = false;
+        }
+        depth += is_in_pixels ? 0 : 1;
+        continue;
+      }
+      if (!Has(element.length)) {
+        return End::kWithinElement;
+      }
+      if (depth == 0 && element.tag == kPixels) {
+        return End::kOfPixels;
+      }
+      if (depth == 0 && element.tag == kSeries) {
+        ISOSCOPE_ASSIGN_OR_RETURN(scan_.series, ReadUid(element.length));
+      }
+      has_rows_ = has_rows_ || (depth == 0 && element.tag == kRows);
+      position_ += element.length;
+    }
+    return depth == 0 && !is_in_pixels && !Has(1) ? End::kOfFile : End::kWithinElement;
+  }
+
+  const io::RandomAccessFile& file_;
+  std::int64_t position_ = 0;
+  bool is_explicit_ = true;
+  std::string storage_class_;
+  bool has_rows_ = false;
+  DicomScan scan_;
+};
+
+}  // namespace
+
+absl::StatusOr<DicomScan> ScanDicomFile(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(path));
+  return Scanner(file.get()).Scan();
+}
+
+}  // namespace isoscope::source

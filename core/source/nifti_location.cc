@@ -1,0 +1,165 @@
+// NIfTI-1 is a header of 348 bytes in front of the samples ("n+1", one file .nii), or beside them
+// ("ni1", a pair .hdr and .img); either may be a gzip stream. Its numbers have the byte order of
+// the machine that wrote it: the first one, 348, shows which. Those that say where the samples lie:
+//
+//   byte   0  int32   348
+//   byte  70  int16   type of the samples (kNiftiTypes)
+//   byte 108  float   vox_offset: bytes before the samples, 352 in most files .nii
+//   byte 112  float   slope, intercept; a slope of 0 means that none is set
+//   byte 344  char[4] "n+1" or "ni1"
+//
+// Source: https://nifti.nimh.nih.gov/nifti-1, nifti1.h.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+#include "core/io/file.h"
+#include "core/source/data_files.h"
+#include "core/source/inflate_reader.h"
+#include "core/source/sample_location.h"
+
+namespace isoscope::source {
+namespace {
+
+struct NiftiType {
+  std::int16_t code;
+  volume::ScalarType type;
+};
+constexpr std::array<NiftiType, 8> kNiftiTypes{{{2, volume::ScalarType::kUint8},
+                                                {4, volume::ScalarType::kInt16},
+                                                {8, volume::ScalarType::kInt32},
+                                                {16, volume::ScalarType::kFloat32},
+                                                {64, volume::ScalarType::kFloat64},
+                                                {256, volume::ScalarType::kInt8},
+                                                {512, volume::ScalarType::kUint16},
+                                                {768, volume::ScalarType::kUint32}}};
+constexpr std::size_t kNiftiHeaderBytes = 348;
+
+struct NiftiHeader {
+  std::array<char, kNiftiHeaderBytes> bytes{};
+  bool is_big_endian = false;
+
+  template <typename T>
+  [[nodiscard]] T Load(std::size_t offset) const {
+    std::array<char, sizeof(T)> value;
+    std::copy_n(bytes.data() + offset, sizeof(T), value.begin());
+    if (is_big_endian) {
+      std::reverse(value.begin(), value.end());
+    }
+    return base::LoadLittleEndian<T>(value.data());
+  }
+  // "n+1" or "ni1".
+  [[nodiscard]] std::string magic() const { return {bytes.data() + 344, 3}; }
+};
+
+bool IsGzipName(const std::string& path) { return absl::EndsWithIgnoreCase(path, ".gz"); }
+
+absl::StatusOr<NiftiHeader> ReadNiftiHeader(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::RandomAccessFile> file,
+                            io::OpenRandomAccessFile(path));
+  NiftiHeader header;
+  std::size_t size = 0;
+  if (IsGzipName(path)) {
+    InflateReader reader(file.get(), 0);
+    ISOSCOPE_ASSIGN_OR_RETURN(size, reader.Read(header.bytes.size(), header.bytes.data()));
+  } else {
+    size = static_cast<std::size_t>(
+        std::min(file->size_bytes(), static_cast<std::int64_t>(header.bytes.size())));
+    ISOSCOPE_RETURN_IF_ERROR(file->ReadAt(0, size, header.bytes.data()));
+  }
+  if (size < header.bytes.size()) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: the NIfTI header has %d bytes, expected %d: the file is cut", path,
+                        size, header.bytes.size()));
+  }
+  const auto first = header.Load<std::int32_t>(0);
+  header.is_big_endian = true;
+  if (header.Load<std::int32_t>(0) != std::int32_t{kNiftiHeaderBytes}) {
+    header.is_big_endian = false;
+    if (first != std::int32_t{kNiftiHeaderBytes}) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: the header starts with %d, expected 348: not a NIfTI-1 file (NIfTI-2 is not "
+          "supported)",
+          path, first));
+    }
+  }
+  if (header.magic() != "n+1" && header.magic() != "ni1") {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": no NIfTI-1 magic at byte 344 (an ANALYZE 7.5 header?): convert it to NIfTI"));
+  }
+  return header;
+}
+
+absl::StatusOr<volume::ScalarType> StoredType(const NiftiHeader& header, const std::string& path) {
+  const auto code = header.Load<std::int16_t>(70);
+  const auto* row = std::find_if(kNiftiTypes.begin(), kNiftiTypes.end(),
+                                 [&](const NiftiType& known) { return known.code == code; });
+  if (row == kNiftiTypes.end()) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: NIfTI datatype %d; expected one number a sample, of (u)int8, (u)int16, (u)int32, "
+        "float32 or float64 (codes 2, 4, 8, 16, 64, 256, 512, 768): convert the file to one of "
+        "them",
+        path, code));
+  }
+  return row->type;
+}
+
+// "a.img" or "a.img.gz" beside "a.hdr".
+absl::StatusOr<std::vector<std::string>> ImageOfPair(const std::string& header_path) {
+  const std::size_t slash = header_path.rfind('/');
+  const std::string name = header_path.substr(slash == std::string::npos ? 0 : slash + 1);
+  const std::string image = absl::StrCat(name.substr(0, name.rfind('.')), ".img");
+  auto plain = SingleFile(header_path, image);
+  auto packed = plain.ok() ? plain : SingleFile(header_path, image + ".gz");
+  return packed.ok() ? packed : plain;
+}
+
+}  // namespace
+
+std::string NiftiHeaderPath(const std::string& path) {
+  for (const char* suffix : {".img", ".img.gz"}) {
+    if (absl::EndsWithIgnoreCase(path, suffix)) {
+      return absl::StrCat(path.substr(0, path.size() - std::string(suffix).size()), ".hdr");
+    }
+  }
+  return path;
+}
+
+absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const NiftiHeader header, ReadNiftiHeader(path));
+  SampleLocation location;
+  location.is_big_endian = header.is_big_endian;
+  ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, StoredType(header, path));
+  const auto vox_offset = static_cast<double>(header.Load<float>(108));
+  if (!(vox_offset >= 0 && vox_offset < 0x1p53)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: NIfTI vox_offset %g; expected 0 or more", path, vox_offset));
+  }
+  auto skip = static_cast<std::int64_t>(vox_offset);
+  if (header.magic() == "n+1") {
+    location.files = {path};
+    skip = std::max(skip, std::int64_t{kNiftiHeaderBytes});
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(location.files, ImageOfPair(path));
+  }
+  location.is_compressed = IsGzipName(location.files.front());
+  (location.is_compressed ? location.decoded_skip : location.offset) = skip;
+  const auto slope = static_cast<double>(header.Load<float>(112));
+  const auto intercept = static_cast<double>(header.Load<float>(116));
+  if (std::isfinite(slope) && std::isfinite(intercept) && slope != 0) {
+    location.slope = slope;
+    location.intercept = intercept;
+  }
+  return location;
+}
+
+}  // namespace isoscope::source

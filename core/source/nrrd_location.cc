@@ -1,0 +1,161 @@
+// An NRRD header is lines of text, up to an empty line:
+//
+//   NRRD0004                       "NRRD000" and the version
+//   # anything                     a comment
+//   type: short
+//   dimension: 3
+//   sizes: 64 64 93                fastest first
+//   endian: big
+//   encoding: gzip                 or raw, here
+//   byte skip: 12                  bytes (decoded ones, if compressed) before the samples
+//   data file: quarter.%d 1 93 1   see below
+//
+// Without a data file the samples follow the empty line. A data file is one of
+//
+//   data file: name
+//   data file: FORMAT MIN MAX STEP [SUBDIM]     numbered names, the first has the number MIN
+//   data file: LIST [SUBDIM]                    names in the lines that follow, to the file's end
+//
+// SUBDIM is the number of axes in one file: by default all but the last. With all of them, each
+// file holds as many slices of the last axis. Encoding and skips are those of every file. Source:
+// http://teem.sourceforge.net/nrrd/format.html, sections 4 and 5.
+
+#include <cstddef>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+
+#include "core/base/status_macros.h"
+#include "core/source/data_files.h"
+#include "core/source/sample_location.h"
+#include "core/source/text_header.h"
+
+namespace isoscope::source {
+namespace {
+
+struct NrrdHeader {
+  HeaderFields fields;
+  bool has_end = false;              // an empty line
+  std::int64_t end = 0;              // the byte behind it
+  std::vector<std::string> names{};  // of data files in a LIST
+
+  // A field that the format spells with a space or without.
+  [[nodiscard]] std::string Get(const char* a, const char* b) const {
+    return fields.Get(fields.Get(a).empty() ? b : a);
+  }
+  [[nodiscard]] absl::StatusOr<std::int64_t> GetInteger(const char* a, const char* b) const {
+    return fields.GetInteger(fields.Get(a).empty() ? b : a, 0);
+  }
+  [[nodiscard]] std::string data_file() const { return Get("data file", "datafile"); }
+  [[nodiscard]] bool has_list() const {
+    const std::string file = data_file();
+    return file == "LIST" || absl::StartsWith(file, "LIST ") || absl::StartsWith(file, "LIST\t");
+  }
+};
+
+absl::StatusOr<NrrdHeader> ReadNrrdHeader(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string text, ReadTextHeader(path));
+  if (!absl::StartsWith(text, "NRRD000")) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": does not start with \"NRRD000\": not an NRRD file, though its name says so"));
+  }
+  NrrdHeader header{.fields = HeaderFields(path)};
+  std::size_t position = 0;
+  absl::string_view line;
+  while (!header.has_end && NextLine(text, &position, &line)) {
+    const std::size_t colon = line.find(": ");
+    if (line.empty()) {
+      header.has_end = true;
+      header.end = static_cast<std::int64_t>(position);
+    } else if (header.has_list()) {
+      header.names.emplace_back(absl::StripAsciiWhitespace(line));
+    } else if (line[0] != '#' && colon != absl::string_view::npos) {
+      header.fields.Set(line.substr(0, colon), line.substr(colon + 2));
+    }
+  }
+  return header;
+}
+
+// The files that the samples lie in, if the header names any.
+absl::StatusOr<std::vector<std::string>> FindDataFiles(const NrrdHeader& header,
+                                                       const std::string& path) {
+  const std::string data_file = header.data_file();
+  const std::optional<NumberedName> numbered = ParseNumberedName(data_file);
+  const bool is_numbered = numbered.has_value() && !numbered->numbers.empty();
+  if (!header.has_list() && !is_numbered) {
+    return SingleFile(path, data_file);
+  }
+  FileShares shares;
+  ISOSCOPE_ASSIGN_OR_RETURN(shares.sizes, header.fields.GetIntegers("sizes"));
+  shares.axes_per_file = static_cast<std::int64_t>(shares.sizes.size()) - 1;
+  if (header.has_list()) {
+    const absl::string_view subdim =
+        absl::StripAsciiWhitespace(absl::string_view(data_file).substr(4));
+    if (!subdim.empty() && !absl::SimpleAtoi(subdim, &shares.axes_per_file)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: data file \"%s\"; expected \"LIST\" or \"LIST SUBDIM\"", path, data_file));
+    }
+    return ListedFiles(path, header.names, shares);
+  }
+  const std::vector<std::int64_t>& numbers = numbered->numbers;
+  if (numbers.size() < 3 || numbers.size() > 4) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: data file \"%s\"; expected \"FORMAT MIN MAX STEP [SUBDIM]\"", path, data_file));
+  }
+  if (numbers.size() == 4) {
+    shares.axes_per_file = numbers[3];
+  }
+  return NumberedFiles(path, numbered->pattern, numbers[0], numbers[1], numbers[2], shares);
+}
+
+absl::Status SetEncoding(const NrrdHeader& header, const std::string& path,
+                         SampleLocation* location) {
+  const std::string encoding = absl::AsciiStrToLower(header.fields.Get("encoding"));
+  location->is_compressed = encoding == "gzip" || encoding == "gz";
+  if (!location->is_compressed && encoding != "raw") {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: NRRD encoding \"%s\"; expected raw or gzip: convert it (unu save -e gzip)", path,
+        encoding));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t line_skip,
+                            header.GetInteger("line skip", "lineskip"));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t byte_skip,
+                            header.GetInteger("byte skip", "byteskip"));
+  if (line_skip != 0 || byte_skip < -1 || (byte_skip == -1 && location->is_compressed)) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s: line skip %d, byte skip %d with encoding %s: expected no line skip, and a byte skip "
+        "of 0 or more (-1 only with encoding raw)",
+        path, line_skip, byte_skip, encoding));
+  }
+  if (byte_skip == -1) {
+    location->at_file_end = true;
+  } else {
+    (location->is_compressed ? location->decoded_skip : location->offset) += byte_skip;
+  }
+  location->is_big_endian = absl::EqualsIgnoreCase(header.fields.Get("endian"), "big");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<SampleLocation> LocateNrrdSamples(const std::string& path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const NrrdHeader header, ReadNrrdHeader(path));
+  SampleLocation location;
+  if (!header.data_file().empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(location.files, FindDataFiles(header, path));
+  } else if (header.has_end) {
+    location.files = {path};
+    location.offset = header.end;
+  } else {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": the NRRD header has no empty line at its end: the file is cut"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(SetEncoding(header, path, &location));
+  return location;
+}
+
+}  // namespace isoscope::source

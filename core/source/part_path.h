@@ -1,0 +1,24 @@
+// "file.h5:/dataset", "file.vti:array": a path that names a part of a file.
+
+#ifndef ISOSCOPE_CORE_SOURCE_PART_PATH_H_
+#define ISOSCOPE_CORE_SOURCE_PART_PATH_H_
+
+#include <string>
+#include <vector>
+
+namespace isoscope::source {
+
+struct PartPath {
+  std::string file;
+  std::string part;  // "" if none is named
+};
+
+// True, with both, if `path` is a file with one of these endings (".vti", in any case), alone or
+// with
+// ':' and a part behind it. The first such ':' counts: a part may have some.
+bool SplitPartPath(const std::string& path, const std::vector<std::string>& endings,
+                   PartPath* parts);
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_PART_PATH_H_

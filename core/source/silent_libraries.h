@@ -1,0 +1,15 @@
+// Keeps ITK and GDCM from writing to standard output and error.
+
+#ifndef ISOSCOPE_CORE_SOURCE_SILENT_LIBRARIES_H_
+#define ISOSCOPE_CORE_SOURCE_SILENT_LIBRARIES_H_
+
+namespace isoscope::source {
+
+// Turns their messages off, for good and for the whole process: they quote fields of the patient's
+// examination, thousands of lines a series. Anything that matters to the user is said in a status
+// or a log line of ours. Cheap when called again. Thread-safe.
+void SilenceImageLibraries();
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_SILENT_LIBRARIES_H_

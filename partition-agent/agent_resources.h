@@ -1,0 +1,25 @@
+// The resources that the frames and exports of an agent share. They outlive them.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_AGENT_RESOURCES_H_
+#define ISOSCOPE_PARTITION_AGENT_AGENT_RESOURCES_H_
+
+#include <cstddef>
+
+#include <oneapi/tbb/task_arena.h>
+
+#include "core/io/read_queue.h"
+#include "core/render/renderer.h"
+#include "partition-agent/block_cache.h"
+
+namespace isoscope::agent {
+
+struct AgentResources {
+  render::Renderer* renderer = nullptr;  // of frames; exports draw nothing
+  tbb::task_arena* arena = nullptr;
+  BlockCache* cache = nullptr;
+  std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_AGENT_RESOURCES_H_

@@ -1,0 +1,367 @@
+// A delivery has two parts, so that no thread of the arena waits for a disk:
+//
+//   1. Tasks of 8 to 128 meshes go through the chosen meshes. A kept mesh is handed on as it is. If
+//      the samples of its block are kept, it is extracted at once. Part 2 makes the others.
+//   2. The blocks that are left are sorted by ordinal and read as disk runs. A block that arrives
+//      is checked, and extracted for all surfaces that want it, while others are under way.
+//
+// Each thread collects meshes and hands on a few dozen at a time: a call takes locks, and a few
+// dozen meshes are still in the processor's cache when they are drawn. Extracted meshes are kept
+// where the cache has room.
+
+#include "partition-agent/mesh_supply.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "absl/time/clock.h"
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/partitioner.h>
+
+#include "core/base/first_error.h"
+#include "core/base/scoped_timer.h"
+#include "core/base/status_macros.h"
+#include "core/extract/block_extractor.h"
+#include "partition-agent/queued_reads.h"
+
+namespace isoscope::agent {
+namespace {
+
+// The fewest meshes of a task, and the number of tasks for each thread. Too few tasks would leave
+// threads without work.
+constexpr std::size_t kMinMeshesPerTask = 8;
+constexpr std::size_t kMaxMeshesPerTask = 128;
+constexpr std::size_t kTasksPerThread = 8;
+// The most meshes that are handed on at a time, and the number that is worth a call.
+constexpr std::size_t kMaxMeshesPerDelivery = 64;
+constexpr std::size_t kMeshesWorthDelivering = 16;
+
+// The state that one thread keeps between its tasks.
+struct Worker {
+  Worker(const Shard& shard, MeshCache* cache, std::uint64_t round)
+      : extractor(shard.reader->manifest().geometry, shard.reader->layout(), shard.shapes),
+        writer(cache, round) {}
+
+  extract::BlockExtractor extractor;
+  MeshCache::Writer writer;
+  std::vector<render::MeshToDraw> meshes;  // found or extracted, not yet handed on
+  std::int64_t triangle_count = 0;
+  std::int64_t unique_vertex_count = 0;
+  absl::Duration extract_time;
+  absl::Duration deliver_time;
+};
+
+// The blocks to read of one shard.
+struct ShardReads {
+  std::vector<std::uint32_t> ordinals;    // ascending, each once
+  std::vector<std::size_t> first_wanted;  // of each ordinal, in the list of wanted meshes
+  std::vector<store::ShardReader::DiskRun> disk_runs;
+  std::size_t first_read = 0;  // of its disk runs, in the queue
+};
+
+}  // namespace
+
+class MeshSupply::Impl {
+ public:
+  Impl(const SurfaceBlocks* blocks, std::uint64_t cache_round, const AgentResources& resources,
+       const base::Cancellation* cancellation)
+      : blocks_(*blocks),
+        arena_(*resources.arena),
+        cache_(*resources.cache),
+        max_read_bytes_(resources.max_read_bytes),
+        cancellation_(*cancellation),
+        round_(cache_round) {}
+
+  absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
+                                           const Deliver& deliver) {
+    OpenTables();
+    SupplyCost cost;
+    const absl::Time start = absl::Now();
+    std::vector<char> is_missing(chosen.size(), 0);
+    ISOSCOPE_RETURN_IF_ERROR(DeliverKept(chosen, deliver, &is_missing));
+    std::vector<std::size_t> wanted;
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+      if (is_missing[i] != 0) {
+        wanted.push_back(i);
+      }
+    }
+    ISOSCOPE_RETURN_IF_ERROR(ReadSamples(
+        chosen, std::move(wanted), &cost.read_bytes,
+        [&](std::span<const std::size_t> of_block, const volume::BlockSamples& samples) {
+          return ExtractRead(chosen, of_block, samples, deliver);
+        }));
+    ISOSCOPE_RETURN_IF_ERROR(DeliverRest(deliver));
+    AddUpWorkers(absl::Now() - start, &cost);
+    return cost;
+  }
+
+  absl::StatusOr<std::vector<mesh::BlockMesh>> ExtractWithEdgeKeys(
+      const std::vector<ChosenMesh>& chosen) {
+    std::vector<mesh::BlockMesh> meshes(chosen.size());
+    const auto extract = [&](std::size_t i, const volume::BlockSamples& samples) {
+      keyed_extractors_.local().ExtractWithEdgeKeys(
+          samples, blocks_.isovalues()[chosen[i].surface_index], &meshes[i]);
+    };
+    std::vector<std::size_t> wanted(chosen.size());
+    for (std::size_t i = 0; i < chosen.size(); ++i) {
+      wanted[i] = i;
+    }
+    std::int64_t read_bytes = 0;
+    ISOSCOPE_RETURN_IF_ERROR(ReadSamples(
+        chosen, std::move(wanted), &read_bytes,
+        [&](std::span<const std::size_t> of_block, const volume::BlockSamples& samples) {
+          for (const std::size_t i : of_block) {
+            extract(i, samples);
+          }
+          return cancellation_.Check();
+        }));
+    return meshes;
+  }
+
+ private:
+  // Called with the indices of the wanted meshes of one block, and its samples.
+  using VisitSamples =
+      absl::FunctionRef<absl::Status(std::span<const std::size_t>, const volume::BlockSamples&)>;
+
+  [[nodiscard]] const Shard& ShardOf(const ChosenMesh& mesh) const {
+    return *blocks_.shards()[mesh.shard_index];
+  }
+  [[nodiscard]] MeshTable& TableOf(const ChosenMesh& mesh) const {
+    return *tables_[mesh.shard_index * blocks_.isovalues().size() + mesh.surface_index];
+  }
+
+  // Finds the tables of kept meshes.
+  void OpenTables() {
+    if (!tables_.empty()) {
+      return;
+    }
+    for (std::size_t shard = 0; shard < blocks_.shards().size(); ++shard) {
+      for (std::size_t surface = 0; surface < blocks_.isovalues().size(); ++surface) {
+        tables_.push_back(cache_.meshes()->TableOf(blocks_.shards()[shard]->number,
+                                                   blocks_.isovalues()[surface],
+                                                   blocks_.ActiveOf(shard, surface).size()));
+      }
+    }
+  }
+
+  // Part 1: delivers meshes that are kept, or whose samples are kept, and marks the others.
+  absl::Status DeliverKept(const std::vector<ChosenMesh>& chosen, const Deliver& deliver,
+                           std::vector<char>* is_missing) {
+    const auto threads = static_cast<std::size_t>(arena_.max_concurrency());
+    const std::size_t per_task = std::clamp(chosen.size() / (threads * kTasksPerThread),
+                                            kMinMeshesPerTask, kMaxMeshesPerTask);
+    base::FirstError error;
+    arena_.execute([&] {
+      tbb::parallel_for(
+          tbb::blocked_range<std::size_t>(0, chosen.size(), per_task),
+          [&](const tbb::blocked_range<std::size_t>& range) {
+            if (error.has_error()) {
+              return;
+            }
+            Worker& worker = workers_.local();
+            const absl::Time start = absl::Now();
+            for (std::size_t i = range.begin(); i < range.end(); ++i) {
+              if (cancellation_.is_cancelled()) {
+                break;
+              }
+              (*is_missing)[i] = FindKept(chosen[i], &worker) ? 0 : 1;
+            }
+            worker.extract_time += absl::Now() - start;
+            error.Set(HandOn(&worker, deliver));
+          },
+          tbb::simple_partitioner());
+    });
+    ISOSCOPE_RETURN_IF_ERROR(error.status());
+    return cancellation_.Check();
+  }
+
+  bool FindKept(const ChosenMesh& chosen, Worker* worker) {
+    auto mesh = TableOf(chosen).Find(chosen.active_index, round_);
+    if (mesh != nullptr) {
+      worker->meshes.push_back({std::move(mesh), chosen.surface_index, chosen.open});
+      return true;
+    }
+    const Shard& shard = ShardOf(chosen);
+    const std::shared_ptr<const std::string> samples = cache_.FindSamples(shard, chosen.ordinal);
+    if (samples == nullptr) {
+      return false;
+    }
+    Extract({chosen.block_id, shard.reader->manifest().scalar_type, samples->data()}, chosen,
+            worker);
+    return true;
+  }
+
+  void Extract(const volume::BlockSamples& samples, const ChosenMesh& chosen, Worker* worker) {
+    const mesh::BlockMeshView mesh =
+        worker->extractor.Extract(samples, blocks_.isovalues()[chosen.surface_index]);
+    worker->meshes.push_back({worker->writer.Store(mesh, &TableOf(chosen), chosen.active_index),
+                              chosen.surface_index, chosen.open});
+  }
+
+  // Part 2: reads the blocks of chosen[i], i in `wanted`, each once, and visits their samples.
+  absl::Status ReadSamples(const std::vector<ChosenMesh>& chosen, std::vector<std::size_t> wanted,
+                           std::int64_t* read_bytes, const VisitSamples& visit) {
+    std::sort(wanted.begin(), wanted.end(), [&](std::size_t a, std::size_t b) {
+      return std::tie(chosen[a].shard_index, chosen[a].ordinal, chosen[a].surface_index) <
+             std::tie(chosen[b].shard_index, chosen[b].ordinal, chosen[b].surface_index);
+    });
+    std::vector<ShardReads> by_shard(blocks_.shards().size());
+    for (std::size_t i = 0; i < wanted.size(); ++i) {
+      const ChosenMesh& mesh = chosen[wanted[i]];
+      ShardReads& of_shard = by_shard[mesh.shard_index];
+      if (of_shard.ordinals.empty() || of_shard.ordinals.back() != mesh.ordinal) {
+        of_shard.ordinals.push_back(mesh.ordinal);
+        of_shard.first_wanted.push_back(i);
+      }
+    }
+    std::vector<io::ReadQueue::Read> reads;
+    for (std::size_t shard = 0; shard < by_shard.size(); ++shard) {
+      const store::ShardReader& reader = *blocks_.shards()[shard]->reader;
+      ShardReads& of_shard = by_shard[shard];
+      of_shard.disk_runs = reader.PlanDiskRuns(of_shard.ordinals);
+      of_shard.first_read = reads.size();
+      for (const store::ShardReader::DiskRun& disk_run : of_shard.disk_runs) {
+        *read_bytes += disk_run.size;
+        reads.push_back(reader.RequestFor(disk_run));
+      }
+    }
+    io::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
+    return ForEachArrival(
+        &queue, &arena_, cancellation_, [&](const io::ReadQueue::Arrival& arrival) {
+          const auto after = std::upper_bound(
+              by_shard.begin(), by_shard.end(), arrival.index(),
+              [](std::size_t read, const ShardReads& of) { return read < of.first_read; });
+          return VisitArrival(
+              chosen, wanted, *(after - 1),
+              *blocks_.shards()[static_cast<std::size_t>(after - by_shard.begin() - 1)], arrival,
+              visit);
+        });
+  }
+
+  static absl::Status VisitArrival(const std::vector<ChosenMesh>& chosen,
+                                   const std::vector<std::size_t>& wanted, const ShardReads& reads,
+                                   const Shard& shard, const io::ReadQueue::Arrival& arrival,
+                                   const VisitSamples& visit) {
+    const store::ShardReader::DiskRun& disk_run =
+        reads.disk_runs[arrival.index() - reads.first_read];
+    std::size_t next = disk_run.first;  // of the shard's ordinals
+    return shard.reader->VisitDiskRun(
+        disk_run, reads.ordinals, arrival.status(), arrival.data(),
+        [&](const volume::BlockSamples& samples) {
+          const std::size_t begin = reads.first_wanted[next++];
+          std::size_t end = begin + 1;
+          while (end < wanted.size() && chosen[wanted[end]].block_id == samples.block_id) {
+            ++end;
+          }
+          return visit(std::span(wanted).subspan(begin, end - begin), samples);
+        });
+  }
+
+  absl::Status ExtractRead(const std::vector<ChosenMesh>& chosen,
+                           std::span<const std::size_t> of_block,
+                           const volume::BlockSamples& samples, const Deliver& deliver) {
+    Worker& worker = workers_.local();
+    {
+      const base::ScopedTimer timer(&worker.extract_time);
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      for (const std::size_t i : of_block) {
+        Extract(samples, chosen[i], &worker);
+      }
+      const ChosenMesh& first = chosen[of_block.front()];
+      const Shard& shard = ShardOf(first);
+      cache_.OfferSamples(shard, first.ordinal,
+                          {samples.bytes, volume::StoredSizeBytes(shard.reader->layout(),
+                                                                  samples.block_id, samples.type)});
+    }
+    return worker.meshes.size() < kMeshesWorthDelivering ? absl::OkStatus()
+                                                         : HandOn(&worker, deliver);
+  }
+
+  // Hands on the worker's meshes, a part at a time, so that a cancelled frame ends soon.
+  absl::Status HandOn(Worker* worker, const Deliver& deliver) const {
+    const base::ScopedTimer timer(&worker->deliver_time);
+    for (const render::MeshToDraw& item : worker->meshes) {
+      worker->triangle_count += item.mesh->triangle_count();
+      worker->unique_vertex_count += item.mesh->owned_vertex_count;
+    }
+    absl::Status status;
+    std::span<const render::MeshToDraw> rest = worker->meshes;
+    while (status.ok() && !rest.empty()) {
+      const std::size_t count = std::min(rest.size(), kMaxMeshesPerDelivery);
+      status = cancellation_.Check();
+      if (status.ok()) {
+        status = deliver(rest.first(count));
+      }
+      rest = rest.subspan(count);
+    }
+    worker->meshes.clear();
+    return status;
+  }
+
+  absl::Status DeliverRest(const Deliver& deliver) {
+    base::FirstError error;
+    arena_.execute([&] {
+      tbb::parallel_for(workers_.range(1), [&](const auto& range) {
+        for (Worker& worker : range) {
+          error.Set(HandOn(&worker, deliver));
+        }
+      });
+    });
+    return error.status();
+  }
+
+  // Threads extract and deliver in turn. The wall time is shared out in proportion to their times.
+  void AddUpWorkers(absl::Duration wall, SupplyCost* cost) {
+    absl::Duration extract_time;
+    absl::Duration deliver_time;
+    for (Worker& worker : workers_) {
+      cost->triangle_count += std::exchange(worker.triangle_count, 0);
+      cost->unique_vertex_count += std::exchange(worker.unique_vertex_count, 0);
+      extract_time += std::exchange(worker.extract_time, absl::ZeroDuration());
+      deliver_time += std::exchange(worker.deliver_time, absl::ZeroDuration());
+    }
+    const absl::Duration total = extract_time + deliver_time;
+    const double deliver_share =
+        total > absl::ZeroDuration() ? absl::FDivDuration(deliver_time, total) : 0.0;
+    cost->extract_duration += wall * (1.0 - deliver_share);
+    cost->deliver_duration += wall * deliver_share;
+  }
+
+  const SurfaceBlocks& blocks_;
+  tbb::task_arena& arena_;
+  BlockCache& cache_;
+  const std::size_t max_read_bytes_;
+  const base::Cancellation& cancellation_;
+  const std::uint64_t round_;
+
+  std::vector<std::shared_ptr<MeshTable>> tables_;  // by shard, surface
+  tbb::enumerable_thread_specific<Worker> workers_{
+      [this] { return Worker(*blocks_.shards().front(), cache_.meshes(), round_); }};
+  tbb::enumerable_thread_specific<extract::BlockExtractor> keyed_extractors_{[this] {
+    const Shard& shard = *blocks_.shards().front();
+    return extract::BlockExtractor(shard.reader->manifest().geometry, shard.reader->layout(),
+                                   shard.shapes);
+  }};
+};
+
+MeshSupply::MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
+                       const AgentResources& resources, const base::Cancellation* cancellation)
+    : impl_(std::make_unique<Impl>(blocks, cache_round, resources, cancellation)) {}
+MeshSupply::~MeshSupply() = default;
+
+absl::StatusOr<SupplyCost> MeshSupply::DeliverMeshes(const std::vector<ChosenMesh>& chosen,
+                                                     const Deliver& deliver) {
+  return impl_->DeliverMeshes(chosen, deliver);
+}
+
+absl::StatusOr<std::vector<mesh::BlockMesh>> MeshSupply::ExtractWithEdgeKeys(
+    const std::vector<ChosenMesh>& chosen) {
+  return impl_->ExtractWithEdgeKeys(chosen);
+}
+
+}  // namespace isoscope::agent

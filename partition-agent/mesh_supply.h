@@ -1,0 +1,66 @@
+// Delivers the meshes of chosen blocks: kept ones from the mesh cache, others extracted from
+// samples that are kept or read from disk. Frames draw what is delivered, exports send it.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_MESH_SUPPLY_H_
+#define ISOSCOPE_PARTITION_AGENT_MESH_SUPPLY_H_
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+
+#include "core/base/cancellation.h"
+#include "core/mesh/block_mesh.h"
+#include "core/render/renderer.h"
+#include "partition-agent/agent_resources.h"
+#include "partition-agent/surface_blocks.h"
+
+namespace isoscope::agent {
+
+// The cost of a delivery.
+struct SupplyCost {
+  std::int64_t triangle_count = 0;
+  // Crossed grid edges, each counted once in the volume and surface.
+  std::int64_t unique_vertex_count = 0;
+  std::int64_t read_bytes = 0;
+  // The wall time, shared out by the threads' time in reading and extracting, and in `deliver`.
+  absl::Duration extract_duration;
+  absl::Duration deliver_duration;
+};
+
+// For one thread at a time. Its arguments outlive it. The shards and surfaces are those of
+// `blocks`.
+class MeshSupply {
+ public:
+  // cache_round: the result of BlockCache::BeginRound for the frame.
+  MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
+             const AgentResources& resources, const base::Cancellation* cancellation);
+  ~MeshSupply();
+  MeshSupply(const MeshSupply&) = delete;
+  MeshSupply& operator=(const MeshSupply&) = delete;
+
+  // Calls `deliver` with each chosen mesh once, some at a time, in any order, on several threads of
+  // the arena at once. Each block is read at most once. Returns when all were delivered, or the
+  // first error: of `deliver`, of the cancellation (within one block), DATA_LOSS as
+  // ShardReader::VisitDiskRun. Blocks.
+  using Deliver = absl::FunctionRef<absl::Status(std::span<const render::MeshToDraw>)>;
+  absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
+                                           const Deliver& deliver);
+
+  // Extracts the mesh of chosen[i] as element i, with edge keys. Errors as DeliverMeshes.
+  absl::StatusOr<std::vector<mesh::BlockMesh>> ExtractWithEdgeKeys(
+      const std::vector<ChosenMesh>& chosen);
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_MESH_SUPPLY_H_

@@ -1,0 +1,77 @@
+// Finds the blocks of an agent's shards that the surfaces of a frame meet (step 0 of a frame).
+
+#ifndef ISOSCOPE_PARTITION_AGENT_SURFACE_BLOCKS_H_
+#define ISOSCOPE_PARTITION_AGENT_SURFACE_BLOCKS_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/image/pixel_mask.h"
+#include "core/volume/block_layout.h"
+#include "partition-agent/block_cache.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::agent {
+
+// A mesh to draw: that of one surface in one block.
+struct ChosenMesh {
+  volume::BlockId block_id = 0;
+  std::uint32_t ordinal = 0;        // of the block in its shard
+  std::uint32_t active_index = 0;   // in the list of active blocks of its shard and surface
+  std::uint32_t shard_index = 0;    // in SurfaceBlocks::shards()
+  std::uint32_t surface_index = 0;  // in SurfaceBlocks::isovalues()
+  // The open pixels of the block; null: all are open.
+  const image::PixelMask* open = nullptr;
+};
+
+// The cost of finding active blocks: pages that were asked for, and bytes that were read.
+struct IndexCost {
+  std::int64_t page_read_count = 0;
+  std::int64_t read_bytes = 0;
+};
+
+// Immutable; thread-safe. A block counts once, however many surfaces meet it.
+class SurfaceBlocks {
+ public:
+  // Asks the cache, which may be null, then the interval trees. Adds to `cost`. Errors are those of
+  // IntervalTree::Query; also DATA_LOSS if a tree contradicts the block index of its shard.
+  // REQUIRES: at least one shard, all of one dataset; at least one isovalue, all finite.
+  static absl::StatusOr<SurfaceBlocks> Find(std::vector<std::shared_ptr<const Shard>> shards,
+                                            std::vector<double> isovalues, BlockCache* cache,
+                                            const base::Cancellation& cancellation,
+                                            IndexCost* cost);
+
+  [[nodiscard]] const std::vector<std::shared_ptr<const Shard>>& shards() const { return shards_; }
+  [[nodiscard]] const std::vector<double>& isovalues() const { return isovalues_; }
+  // Returns the active blocks of a shard and surface, in ascending order of block ids.
+  [[nodiscard]] const std::vector<ActiveBlock>& ActiveOf(std::size_t shard_index,
+                                                         std::size_t surface_index) const {
+    return *active_[shard_index * isovalues_.size() + surface_index];
+  }
+
+  // The blocks that any surface meets: how many, and which, ascending.
+  [[nodiscard]] std::int64_t block_count() const;
+  [[nodiscard]] std::vector<volume::BlockId> Ids() const;
+
+  // Returns all meshes, in order of shard, surface, block.
+  [[nodiscard]] std::vector<ChosenMesh> ChooseAll() const;
+  // Returns the meshes in the blocks `ids`, ascending. INVALID_ARGUMENT if one is not active.
+  [[nodiscard]] absl::StatusOr<std::vector<ChosenMesh>> Choose(
+      const std::vector<volume::BlockId>& ids) const;
+
+ private:
+  SurfaceBlocks() = default;
+
+  std::vector<std::shared_ptr<const Shard>> shards_;
+  std::vector<double> isovalues_;
+  std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> active_;  // by shard, surface
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_SURFACE_BLOCKS_H_

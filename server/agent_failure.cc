@@ -1,0 +1,36 @@
+#include "server/agent_failure.h"
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+namespace isoscope::server {
+
+std::string NameOf(const AgentIdentity& agent) {
+  return absl::StrCat("agent ", agent.address,
+                      agent.shard_indices.size() == 1 ? " (shard " : " (shards ",
+                      absl::StrJoin(agent.shard_indices, ", "), ")");
+}
+
+const char* NameOf(FrameStage stage) {
+  switch (stage) {
+    case FrameStage::kSelectingOccluders:
+      return "selecting occluders";
+    case FrameStage::kRenderingOccluders:
+      return "rendering occluders";
+    case FrameStage::kRenderingVisible:
+      return "rendering visible blocks";
+    case FrameStage::kDone:
+      return "done";
+    case FrameStage::kEnded:
+      return "ended";
+  }
+  return "";
+}
+
+absl::Status AgentFailure::ToStatus() const {
+  return {status.code(),
+          absl::StrCat(NameOf(agent), absl::IsUnavailable(status) ? " was lost: " : ": ",
+                       status.message())};
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,70 @@
+// The datasets that agents make together: the agent of each shard, missing shards, agents that
+// contradict each other, and the messages about these. Pure functions.
+//
+// A dataset has a name. Agents whose shards bear the same name must agree on its identity: id,
+// number of shards, checksums of manifest and range table. For each name, the first reachable agent
+// by address is the reference that others must agree with. Of several agents that serve the same
+// shard, the first by address works on it. All that work on a dataset must have one picture
+// revision.
+
+#ifndef ISOSCOPE_SERVER_DATASET_CATALOG_H_
+#define ISOSCOPE_SERVER_DATASET_CATALOG_H_
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include <grpcpp/channel.h>
+
+#include "core/frame/picture_revision.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "server/agent_client.h"
+
+namespace isoscope::server {
+
+// One agent as it was last seen.
+struct AgentState {
+  std::string address;
+  std::shared_ptr<grpc::Channel> channel;
+  // OK if it answered. Otherwise the reason why it did not, or the error in its answer.
+  absl::Status status = absl::UnavailableError("not asked yet");
+  std::string version;
+  std::string renderer;
+  frame::PictureRevision picture_revision;
+  // The shards of its last answer, even if it does not answer any more.
+  std::vector<isoscope::internal::v1::ShardDescription> shards;
+};
+
+// One dataset of the cluster.
+struct DatasetState {
+  isoscope::v1::Dataset dataset;  // with missing_shards
+  // OK if frames can be rendered. FAILED_PRECONDITION names the missing or contradicting part.
+  absl::Status status;
+  // Each shard once, in order of the agents' first shards. Only if `status` is OK.
+  std::vector<AgentAssignment> agents;
+  frame::PictureRevision picture_revision;  // of all of these agents
+  bool is_served = false;                   // at least one shard is
+};
+
+// Puts an agent's answer, or the error instead of one, into its state.
+void AdoptAnswer(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer,
+                 AgentState* agent);
+
+// Returns the datasets by name. `agents`: in ascending order of address.
+std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents);
+
+// Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached.
+std::string DescribeUnreachable(const std::vector<AgentState>& agents);
+
+// Finds the dataset of that name ("": the only one). NOT_FOUND, INVALID_ARGUMENT, or
+// FAILED_PRECONDITION as DatasetService says, with the names of all datasets and `unreachable`.
+absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
+                                         const std::string& name, const std::string& unreachable);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_DATASET_CATALOG_H_

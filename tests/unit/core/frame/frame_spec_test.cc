@@ -1,0 +1,39 @@
+#include "core/frame/frame_spec.h"
+
+#include <cstdint>
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::frame {
+namespace {
+
+using isoscope::testing::IsOk;
+using isoscope::testing::StatusIs;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+TEST(FrameSpecTest, IsovaluesKeepTheOrderOfTheSurfaces) {
+  FrameSpec spec;
+  spec.surfaces = {{.isovalue = 3, .appearance = {}}, {.isovalue = -1, .appearance = {}}};
+  EXPECT_THAT(IsovaluesOf(spec), ElementsAre(3, -1));
+}
+
+TEST(FrameSpecTest, OwnersThatDoNotFitIn32BitsAreRefused) {
+  constexpr std::int64_t kMax = std::numeric_limits<std::uint32_t>::max();
+  EXPECT_THAT(CheckOwners(1, kMax), IsOk());
+  EXPECT_THAT(CheckOwners(16, kMax / 16), IsOk());
+  EXPECT_THAT(CheckOwners(1, kMax + 1),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("1 surfaces of a volume of 4294967296")));
+  EXPECT_THAT(CheckOwners(16, kMax / 16 + 1),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("at most 15 surfaces")));
+  EXPECT_THAT(CheckOwners(2, std::numeric_limits<std::int64_t>::max()),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("at most 0 surfaces")));
+}
+
+}  // namespace
+}  // namespace isoscope::frame

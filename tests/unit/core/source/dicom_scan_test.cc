@@ -1,0 +1,116 @@
+#include "core/source/dicom_scan.h"
+
+#include <string>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/dicom_file.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/support/volume_files.h"
+
+namespace isoscope::source {
+namespace {
+
+using ::isoscope::testing::DicomBytes;
+using ::isoscope::testing::DicomElement;
+using ::isoscope::testing::DicomItem;
+using ::isoscope::testing::DicomNumber;
+using ::isoscope::testing::DicomOpenElement;
+using ::isoscope::testing::DicomSlice;
+using ::isoscope::testing::TempDir;
+using ::isoscope::testing::WriteFile;
+
+constexpr char kComprehensiveReport[] = "1.2.840.10008.5.1.4.1.1.88.33";
+constexpr char kDirectory[] = "1.2.840.10008.1.3.10";
+
+class DicomScanTest : public ::testing::Test {
+ protected:
+  DicomScan Scan(const std::string& bytes) const {
+    WriteFile(dir_.Sub("f"), bytes);
+    const absl::StatusOr<DicomScan> scan = ScanDicomFile(dir_.Sub("f"));
+    ISOSCOPE_EXPECT_OK(scan);
+    return scan.value_or(DicomScan());
+  }
+  // The same without its pixels.
+  static std::string WithoutPixels(const DicomSlice& slice) {
+    const std::string whole = DicomBytes(slice, "");
+    return whole.substr(0, whole.size() - DicomElement(0x7fe0, 0x10, "OW", "").size());
+  }
+
+  TempDir dir_;
+  const std::string pixels_ = std::string(10, 'p');  // few: nobody decodes them
+};
+
+TEST_F(DicomScanTest, ImageIsWholeOnlyWithItsLastPixel) {
+  const std::string whole = DicomBytes({}, pixels_);
+  const DicomScan scan = Scan(whole);
+  EXPECT_EQ(scan.content, DicomContent::kImage);
+  EXPECT_EQ(scan.series, "1.2.3");
+  EXPECT_EQ(scan.transfer_syntax, "1.2.840.10008.1.2.1");
+  EXPECT_EQ(Scan(whole + "behind the pixels").content, DicomContent::kImage);
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    EXPECT_EQ(Scan(whole.substr(0, size)).content, DicomContent::kCut) << size;
+  }
+}
+
+TEST_F(DicomScanTest, IndexReportAndFilesWithoutPixelsAreNoImages) {
+  for (const char* storage_class : {kComprehensiveReport, kDirectory}) {
+    EXPECT_EQ(Scan(WithoutPixels({.storage_class = storage_class})).content,
+              DicomContent::kNoImage);
+  }
+  // Of a class that nobody knows, without the rows of an image.
+  const std::string unknown = DicomBytes({.storage_class = "1.2.3.4.5"}, "");
+  EXPECT_EQ(Scan(unknown).content, DicomContent::kImage);
+  const std::size_t rows = unknown.find(std::string("\x28\0\x10\0", 4));
+  EXPECT_EQ(Scan(unknown.substr(0, rows)).content, DicomContent::kNoImage);
+  EXPECT_EQ(Scan(WithoutPixels({.storage_class = "1.2.3.4.5"})).content, DicomContent::kCut);
+  EXPECT_EQ(Scan(WithoutPixels({})).content, DicomContent::kCut) << "a CT slice has pixels";
+}
+
+TEST_F(DicomScanTest, PixelsOfAnIconAreNotThoseOfTheImage) {
+  const std::string icon = DicomElement(0x7fe0, 0x10, "OW", "icon");
+  const std::string sequences[] = {
+      DicomElement(0x88, 0x200, "SQ", DicomItem(icon)),
+      DicomOpenElement(0x88, 0x200, "SQ", DicomItem(icon)),
+      DicomOpenElement(0x88, 0x200, "SQ", testing::DicomOpenItem(icon)),
+      // Within a value of unknown kind all is implicit: tag, then a length of 32 bits.
+      DicomOpenElement(0x88, 0x200, "UN",
+                       testing::DicomOpenItem(std::string("\xe0\x7f\x10\0\4\0\0\0icon", 12)))};
+  for (const std::string& sequence : sequences) {
+    const DicomSlice slice{.more = sequence};
+    EXPECT_EQ(Scan(DicomBytes(slice, pixels_)).content, DicomContent::kImage);
+    EXPECT_EQ(Scan(WithoutPixels(slice)).content, DicomContent::kCut);
+    const std::string whole = DicomBytes(slice, pixels_);
+    for (std::size_t size = whole.size() - pixels_.size() - sequence.size(); size < whole.size();
+         ++size) {
+      EXPECT_EQ(Scan(whole.substr(0, size)).content, DicomContent::kCut) << size;
+    }
+  }
+}
+
+TEST_F(DicomScanTest, CompressedPixelsEndWithTheirLastFragment) {
+  const std::string head = WithoutPixels({});
+  const std::string fragments = DicomItem("") + DicomItem("frag") + DicomItem("ment");
+  const std::string pixels = DicomOpenElement(0x7fe0, 0x10, "OB", fragments);
+  EXPECT_EQ(Scan(head + pixels).content, DicomContent::kImage);
+  for (std::size_t size = 0; size < pixels.size(); ++size) {
+    EXPECT_EQ(Scan(head + pixels.substr(0, size)).content, DicomContent::kCut) << size;
+  }
+}
+
+TEST_F(DicomScanTest, FlippedBitsNeverCrashAndShowNoField) {
+  const std::string whole =
+      DicomBytes({.more = DicomOpenElement(0x88, 0x200, "SQ", DicomItem("abcdefgh"))}, pixels_);
+  for (std::size_t at = 0; at < whole.size(); ++at) {
+    std::string flipped = whole;
+    flipped[at] = static_cast<char>(flipped[at] ^ (1 << at % 8));
+    const DicomScan scan = Scan(flipped);
+    EXPECT_EQ(scan.series.find_first_not_of("0123456789."), std::string::npos);
+    EXPECT_EQ(scan.transfer_syntax.find_first_not_of("0123456789."), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::source

@@ -1,0 +1,39 @@
+// What an agent says of a shard, without a shard.
+
+#ifndef ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_
+#define ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_
+
+#include <cstddef>
+#include <string>
+
+#include "core/rpc/proto_convert.h"
+#include "core/store/manifest.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+
+namespace isoscope::testing {
+
+inline constexpr char kSomeId[] = "0123456789abcdef0123456789abcdef";
+
+// One shard of a dataset of 9^3 samples in 8 blocks.
+inline isoscope::internal::v1::ShardDescription MakeShard(const std::string& name, int shard_index,
+                                                          int shard_count,
+                                                          const std::string& id = kSomeId) {
+  store::Manifest manifest;
+  manifest.dataset_id = id;
+  manifest.name = name;
+  manifest.geometry.sample_dims = {9, 9, 9};
+  manifest.value_range = {0, 255};
+  manifest.block_cells = {4, 4, 4};
+  manifest.shards.resize(static_cast<std::size_t>(shard_count));
+  isoscope::internal::v1::ShardDescription shard;
+  *shard.mutable_dataset() = rpc::ToProto(manifest);
+  shard.set_manifest_crc32c(0x1234);
+  shard.set_range_table_crc32c(0x5678);
+  shard.set_shard_index(shard_index);
+  shard.set_block_count(8 / shard_count);
+  return shard;
+}
+
+}  // namespace isoscope::testing
+
+#endif  // ISOSCOPE_TESTS_UNIT_SERVER_MAKE_SHARD_H_

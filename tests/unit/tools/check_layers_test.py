@@ -1,0 +1,68 @@
+"""Tests tools/check_layers.py (its path is the first argument): each rule finds what breaks it."""
+
+import importlib.util
+import pathlib
+import sys
+import tempfile
+import unittest
+
+SCRIPT = sys.argv.pop(1)
+_spec = importlib.util.spec_from_file_location("check_layers", SCRIPT)
+check_layers = importlib.util.module_from_spec(_spec)
+sys.dont_write_bytecode = True
+_spec.loader.exec_module(check_layers)
+
+
+class CheckIncludeTest(unittest.TestCase):
+    def test_downward_and_own_includes_pass(self):
+        for file, included in [
+            ("core/render/a.cc", "core/view/view.h"),
+            ("core/render/a.cc", "core/render/b.h"),
+            ("client-cli/a.cc", "server/coordinator_server.h"),
+            ("core/base/a.cc", "vector"),
+            ("core/rpc/channel.h", "grpcpp/channel.h"),
+            ("client-cli/render_request.h", "isoscope/v1/frame.pb.h"),
+            ("bench/a.cc", "client-cli/command.h"),
+            ("bench/a.cc", "isoscope/v1/frame.pb.h"),
+            ("client-cli/main.cc", "bench/commands.h"),
+        ]:
+            self.assertIsNone(check_layers.check_include(file, included), (file, included))
+
+    def test_upward_and_sideways_includes_fail(self):
+        for file, included in [
+            ("core/base/a.cc", "core/math/vec.h"),
+            ("core/store/a.cc", "core/index/interval_tree.h"),
+            ("server/a.cc", "partition-agent/shard.h"),
+            ("partition-agent/a.cc", "server/agent_link.h"),
+            ("core/rpc/a.cc", "server/agent_link.h"),
+            ("client-cli/command.cc", "bench/commands.h"),
+            ("core/base/a.cc", "tests/support/temp_dir.h"),
+        ]:
+            self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
+
+    def test_grpc_and_messages_stay_at_the_edges(self):
+        for file, included in [
+            ("core/store/a.cc", "isoscope/v1/frame.pb.h"),
+            ("partition-agent/frame_pipeline.cc", "google/protobuf/arena.h"),
+            ("server/frame_coordinator.h", "grpcpp/grpcpp.h"),
+            ("client-cli/output.cc", "isoscope/v1/dataset_service.grpc.pb.h"),
+            ("bench/peer.h", "grpcpp/grpcpp.h"),
+        ]:
+            self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
+
+
+class CheckTreeTest(unittest.TestCase):
+    def test_complaints_name_file_and_line(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            (root / "core/base").mkdir(parents=True)
+            (root / "core/base/a.h").write_text('\n#include "core/math/vec.h"\n')
+            (root / "core/attic").mkdir()
+            complaints = "\n".join(check_layers.check(root))
+        self.assertIn("core/base/a.h:2: core/base (floor 0) includes core/math/vec.h", complaints)
+        self.assertIn("core/base/a.h:1: has no test tests/unit/core/base/a_test.cc", complaints)
+        self.assertIn("core/attic:1: stands on no floor", complaints)
+
+
+if __name__ == "__main__":
+    unittest.main()
