@@ -296,12 +296,14 @@ class CpuPass final : public RenderPass {
   // Adds a pixel and its fragment to the batch.
   void AddToBatch(std::uint32_t pixel_index, Fragment fragment,
                   PassResources::Scratch* scratch) const {
-    const std::uint32_t width = static_cast<std::uint32_t>(width_);
+    const auto width = static_cast<std::uint32_t>(width_);
+    const std::uint32_t x = pixel_index % width;
+    const std::uint32_t y = pixel_index / width;
     ShadeBatch& batch = scratch->batch;
     scratch->pixels[batch.count] = pixel_index;
     scratch->fragments[batch.count] = fragment;
-    batch.x[batch.count] = static_cast<float>(pixel_index % width) + 0.5F;
-    batch.y[batch.count] = static_cast<float>(pixel_index / width) + 0.5F;
+    batch.x[batch.count] = static_cast<float>(x) + 0.5F;
+    batch.y[batch.count] = static_cast<float>(y) + 0.5F;
     ++batch.count;
   }
 
