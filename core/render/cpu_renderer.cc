@@ -62,6 +62,9 @@ void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
   }
 }
 
+// Of a lock tile.
+constexpr std::size_t kMaxIdleTies = 256;
+
 class CpuPass final : public RenderPass {
  public:
   CpuPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
@@ -291,6 +294,10 @@ class CpuPass final : public RenderPass {
       begin = end;
     }
     ties->clear();
+    // Buffers that no pass uses must not hold what one frame with many ties needed.
+    if (ties->capacity() > kMaxIdleTies) {
+      ties->shrink_to_fit();
+    }
   }
 
   // Adds a pixel and its fragment to the batch.
