@@ -62,6 +62,9 @@ void Prefetch(const mesh::TriangleVertices& triangles, std::size_t triangle) {
   }
 }
 
+// Of a lock tile.
+constexpr std::size_t kMaxIdleTies = 256;
+
 class CpuPass final : public RenderPass {
  public:
   CpuPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
@@ -291,17 +294,23 @@ class CpuPass final : public RenderPass {
       begin = end;
     }
     ties->clear();
+    // Buffers that no pass uses must not hold what one frame with many ties needed.
+    if (ties->capacity() > kMaxIdleTies) {
+      ties->shrink_to_fit();
+    }
   }
 
   // Adds a pixel and its fragment to the batch.
   void AddToBatch(std::uint32_t pixel_index, Fragment fragment,
                   PassResources::Scratch* scratch) const {
-    const std::uint32_t width = static_cast<std::uint32_t>(width_);
+    const auto width = static_cast<std::uint32_t>(width_);
+    const std::uint32_t x = pixel_index % width;
+    const std::uint32_t y = pixel_index / width;
     ShadeBatch& batch = scratch->batch;
     scratch->pixels[batch.count] = pixel_index;
     scratch->fragments[batch.count] = fragment;
-    batch.x[batch.count] = static_cast<float>(pixel_index % width) + 0.5F;
-    batch.y[batch.count] = static_cast<float>(pixel_index / width) + 0.5F;
+    batch.x[batch.count] = static_cast<float>(x) + 0.5F;
+    batch.y[batch.count] = static_cast<float>(y) + 0.5F;
     ++batch.count;
   }
 

@@ -66,12 +66,12 @@ class alignas(64) LockTile {
   }
   void Unlock() { is_locked_.clear(std::memory_order_release); }
 
+  // Fragments that came to a pixel with the depth of the one that was there. The lock guards it.
+  std::vector<TiedFragment> ties;
   // Bit column + row * kImageTileColumns is set for each image tile that may have fragments.
   // touched_rows has a bit for each of its rows of pixels that may. The lock guards both.
   std::uint32_t touched = 0;
   std::array<std::uint16_t, std::size_t{kImageTileColumns} * kImageTileColumns> touched_rows{};
-  // Fragments that came to a pixel with the depth of the one that was there. The lock guards it.
-  std::vector<TiedFragment> ties;
 
  private:
   std::atomic_flag is_locked_;
