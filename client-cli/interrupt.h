@@ -19,7 +19,7 @@ class Interrupt {
   // the interrupt must live as long as the process.
   void InstallForProcess();
 
-  // What the first signal does.
+  // Does as the first signal does.
   void Trigger() { cancellation_.Cancel(); }
   // Blocks until Trigger().
   void Wait();

@@ -1,4 +1,4 @@
-// What a pixel shows: the fragment that comes first in one total order (docs/numerics.md, "Depth,
+// A pixel shows the fragment that comes first in one total order (docs/numerics.md, "Depth,
 // fragments and exact culling").
 //
 // A fragment is what one triangle contributes to one pixel: a depth, a colour, and its owner, the
@@ -53,7 +53,7 @@ constexpr float DepthOf(std::uint64_t key) {
 constexpr std::uint32_t OwnerOf(std::uint64_t key) { return static_cast<std::uint32_t>(key); }
 constexpr bool HaveEqualDepth(std::uint64_t a, std::uint64_t b) { return (a ^ b) >> 32 == 0; }
 
-// What decides between fragments of equal depth.
+// Decides between fragments of equal depth.
 enum class TieRule {
   // Surface, colour, owner. Fragments that are equal in depth, surface and colour can't be told
   // apart in the picture, so neither blocks nor agents can show.

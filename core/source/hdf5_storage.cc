@@ -31,7 +31,7 @@ std::string Environment(const char* name) {
   return value == nullptr ? "" : value;
 }
 
-// What a function of the library gives that takes a buffer and its size and returns the length.
+// The text from a library function that takes a buffer and its size and returns the length.
 template <typename Call>
 std::string TextOf(const Call& call) {
   const ssize_t length = call(nullptr, 0);

@@ -107,7 +107,7 @@ class PartialFile {
       return absl::FailedPreconditionError(
           absl::StrCat(path, ": is a folder; expected the name of a file"));
     }
-    // What a killed process with our number left (numbers repeat in containers).
+    // Left by a killed process that had our number (numbers repeat in containers).
     ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial->partial_path_));
     ISOSCOPE_ASSIGN_OR_RETURN(partial->file_, io::CreateWritableFile(partial->partial_path_));
     return partial;
@@ -115,7 +115,7 @@ class PartialFile {
   ~PartialFile() {
     if (!is_kept_) {
       file_.reset();
-      // What went wrong first is what counts.
+      // The first error is the one that counts.
       io::RemoveRecursively(partial_path_).IgnoreError();
     }
   }

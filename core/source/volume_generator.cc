@@ -28,7 +28,7 @@ constexpr int kRadialSteps = 1 << 16;
 constexpr float kMaxRadius = 1.7320510F;
 // The smallest wave number of random fields, in half-periods over the longest axis.
 constexpr double kMinWaveNumber = 2;
-// What a random sum of unit variance is divided by: 3.5 standard deviations on each side.
+// The divisor of a random sum of unit variance: 3.5 standard deviations on each side.
 constexpr float kRandomScale = 1.0F / 7;
 // Half the height over which the two fluids of the mixing layer change into each other.
 constexpr float kInterface = 0.06F;

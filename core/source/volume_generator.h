@@ -14,7 +14,7 @@
 
 namespace isoscope::source {
 
-// What is generated. Coordinates: the longest axis spans [-1, 1], the others a part of it around 0,
+// The known fields. Coordinates: the longest axis spans [-1, 1], the others a part of it around 0,
 // so that a sample is as wide as it is high.
 enum class GeneratedField {
   kRandom,         // a sum of random plane waves whose energy falls with the wave number
