@@ -236,6 +236,8 @@ absl::StatusOr<std::unique_ptr<IsolatedCluster>> IsolatedCluster::Open(
   return cluster;
 }
 
+// In the whole frame agents take turns at each step, so that each finds the processor's caches full
+// of the others' data. Their times are taken from their parts once more, each without a break.
 absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& spec,
                                                       const base::Cancellation& cancellation) {
   ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
@@ -250,25 +252,15 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
   setup.agent_count = static_cast<int>(shards_.size());
   setup.images = images_.get();
   setup.arena = &arena_;
-  const auto task_of = [&](int agent_index) {
-    agent::FrameTask own;
-    own.spec = spec;
-    own.agent_index = agent_index;
-    own.agent_count = setup.agent_count;
-    return own;
-  };
-  // One for each agent, as on its own machine; emptied only when a time is taken.
+  // One for each agent, as on its own machine.
   std::vector<std::unique_ptr<agent::BlockCache>> caches;
-  const auto add_cache = [&](std::size_t agent_index) {
-    caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes, mesh_memory_[agent_index]));
-    return caches.back().get();
-  };
   const auto begin =
       [&](int agent_index,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
     const auto i = static_cast<std::size_t>(agent_index);
-    auto link = std::make_unique<IsolatedLink>(task_of(agent_index), &ray_hits, &orders[i],
-                                               add_cache(i), listener);
+    caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes, mesh_memory_[i]));
+    auto link = std::make_unique<IsolatedLink>(TaskOf(spec, i), &ray_hits, &orders[i],
+                                               caches.back().get(), listener);
     link->Begin(shards_[i], renderer_, &arena_, &cancellation);
     return link;
   };
@@ -280,15 +272,12 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
   ISOSCOPE_RETURN_IF_ERROR(outcome.status);
   IsolatedFrame frame = FrameOf(std::move(outcome.result), std::move(ray_hits), orders, wall);
   caches.clear();
-
-  // In the frame above agents took turns at each step, so that each found the processor's caches
-  // full of the others' data. Their times are taken from their parts once more, each without a
-  // break.
   for (std::size_t i = 0; i < shards_.size(); ++i) {
+    agent::BlockCache cache(kCacheBytes, mesh_memory_[i]);
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<agent::FramePipeline> pipeline,
-        agent::FramePipeline::Make({shards_[i]}, task_of(static_cast<int>(i)),
-                                   {.renderer = renderer_, .arena = &arena_, .cache = add_cache(i)},
+        agent::FramePipeline::Make({shards_[i]}, TaskOf(spec, i),
+                                   {.renderer = renderer_, .arena = &arena_, .cache = &cache},
                                    &cancellation));
     ISOSCOPE_ASSIGN_OR_RETURN(const absl::Duration busy, arena_.execute([&] {
       return TimeAlone(pipeline.get(), spec.culling, orders[i]);
@@ -297,6 +286,15 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
     frame.agents[i].busy_ms = absl::ToDoubleMilliseconds(busy);
   }
   return frame;
+}
+
+agent::FrameTask IsolatedCluster::TaskOf(const frame::FrameSpec& spec,
+                                         std::size_t agent_index) const {
+  agent::FrameTask task;
+  task.spec = spec;
+  task.agent_index = static_cast<int>(agent_index);
+  task.agent_count = static_cast<int>(shards_.size());
+  return task;
 }
 
 absl::StatusOr<BlocksPicture> IsolatedCluster::DrawBlocks(

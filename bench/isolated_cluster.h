@@ -5,6 +5,7 @@
 #ifndef ISOSCOPE_BENCH_ISOLATED_CLUSTER_H_
 #define ISOSCOPE_BENCH_ISOLATED_CLUSTER_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -20,6 +21,7 @@
 #include "core/render/renderer.h"
 #include "core/store/manifest.h"
 #include "core/volume/block_layout.h"
+#include "partition-agent/frame_task.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::bench {
@@ -95,6 +97,9 @@ class IsolatedCluster {
 
  private:
   IsolatedCluster() : arena_(1) {}
+
+  [[nodiscard]] agent::FrameTask TaskOf(const frame::FrameSpec& spec,
+                                        std::size_t agent_index) const;
 
   static constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
 

@@ -530,7 +530,9 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
       frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
                       // Refused frames never get here, so the step of each frame fits.
                       static_cast<std::size_t>(max_frames_)),
-      extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions) {}
+      extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions) {
+  rpc::PrepareKnownFields(v1::RenderFrameRequest());
+}
 
 PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
 

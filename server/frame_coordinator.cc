@@ -75,8 +75,11 @@ struct Event {
 class EventQueue {
  public:
   void Push(Event event) ABSL_LOCKS_EXCLUDED(mutex_) {
-    const base::MutexLock lock(&mutex_);
-    events_.push_back(std::move(event));
+    {
+      const base::MutexLock lock(&mutex_);
+      events_.push_back(std::move(event));
+    }
+    // Without the mutex, which the woken thread needs at once. The queue outlives all pushes.
     arrived_.Signal();
   }
 

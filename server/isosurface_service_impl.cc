@@ -392,6 +392,7 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
           // frame_count_ bounds the frames, so each of them fits.
           static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
+  rpc::PrepareKnownFields(isoscope::v1::RenderIsosurfaceRequest());
   if (options.expected_viewport) {
     // Two, because one may still be cleared when the next frame begins.
     for (int i = 0; i < 2; ++i) {

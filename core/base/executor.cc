@@ -26,12 +26,14 @@ Executor::~Executor() {
 }
 
 bool Executor::TrySchedule(Task task) {
-  MutexLock lock(&mutex_);
-  if (stopping_ || queue_.size() >= max_queued_) {
-    return false;
+  {
+    MutexLock lock(&mutex_);
+    if (stopping_ || queue_.size() >= max_queued_) {
+      return false;
+    }
+    queue_.push_back(std::move(task));
   }
-  queue_.push_back(std::move(task));
-  changed_.Signal();
+  changed_.Signal();  // without the mutex, which the woken thread needs at once
   return true;
 }
 

@@ -90,6 +90,37 @@ void CpuRasterizer::Fill(const ScreenVertex& a, const ScreenVertex& b, const Scr
   FillTriangle(screen, nearest_depth_, &fragments_, [this]() { Flush(); });
 }
 
+std::size_t CpuRasterizer::CutPolygon(const ClipVertex& plane, ClipPolygon* polygon,
+                                      std::size_t count) {
+  const auto distance = [&plane](const ClipVertex& v) {
+    return plane.x * v.x + plane.y * v.y + plane.z * v.z + plane.w * v.w;
+  };
+  ClipPolygon cut;
+  std::size_t cut_count = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const ClipVertex& a = (*polygon)[i];
+    const ClipVertex& b = (*polygon)[(i + 1) % count];
+    const double da = distance(a);
+    const double db = distance(b);
+    if (da >= 0) {
+      cut[cut_count++] = a;
+    }
+    if ((da >= 0) != (db >= 0)) {
+      // The new vertex is computed from the inner end to the outer one. So both triangles that
+      // share the edge get the same point.
+      const ClipVertex& inner = da >= 0 ? a : b;
+      const ClipVertex& outer = da >= 0 ? b : a;
+      const double inner_distance = da >= 0 ? da : db;
+      const double outer_distance = da >= 0 ? db : da;
+      const double t = inner_distance / (inner_distance - outer_distance);
+      cut[cut_count++] = {inner.x + t * (outer.x - inner.x), inner.y + t * (outer.y - inner.y),
+                          inner.z + t * (outer.z - inner.z), inner.w + t * (outer.w - inner.w)};
+    }
+  }
+  *polygon = cut;
+  return cut_count;
+}
+
 void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle) {
   // A plane keeps the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band
   // is a little smaller than the one that Project accepts, so that rounding can't push a clipped
@@ -102,41 +133,14 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
   const std::array<ClipVertex, 5> planes{ClipVertex{0, 0, 1, 1}, ClipVertex{1, 0, 0, gx_low},
                                          ClipVertex{-1, 0, 0, gx_high}, ClipVertex{0, 1, 0, gy_low},
                                          ClipVertex{0, -1, 0, gy_high}};
-  std::array<ClipVertex, 8> polygon;
+  ClipPolygon polygon;
   std::size_t count = 3;
   const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
   for (std::size_t corner = 0; corner < 3; ++corner) {
     polygon[corner] = ToClip(mesh.positions[corners[corner]]);
   }
   for (const ClipVertex& plane : planes) {
-    const auto distance = [&plane](const ClipVertex& v) {
-      return plane.x * v.x + plane.y * v.y + plane.z * v.z + plane.w * v.w;
-    };
-    std::array<ClipVertex, 8> clipped;
-    std::size_t clipped_count = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      const ClipVertex& a = polygon[i];
-      const ClipVertex& b = polygon[(i + 1) % count];
-      const double da = distance(a);
-      const double db = distance(b);
-      if (da >= 0) {
-        clipped[clipped_count++] = a;
-      }
-      if ((da >= 0) != (db >= 0)) {
-        // The new vertex is computed from the inner end to the outer one. So both triangles that
-        // share the edge get the same point.
-        const ClipVertex& inner = da >= 0 ? a : b;
-        const ClipVertex& outer = da >= 0 ? b : a;
-        const double inner_distance = da >= 0 ? da : db;
-        const double outer_distance = da >= 0 ? db : da;
-        const double t = inner_distance / (inner_distance - outer_distance);
-        clipped[clipped_count++] = {
-            inner.x + t * (outer.x - inner.x), inner.y + t * (outer.y - inner.y),
-            inner.z + t * (outer.z - inner.z), inner.w + t * (outer.w - inner.w)};
-      }
-    }
-    polygon = clipped;
-    count = clipped_count;
+    count = CutPolygon(plane, &polygon, count);
     if (count < 3) {
       return;
     }

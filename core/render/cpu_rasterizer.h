@@ -10,6 +10,7 @@
 #define ISOSCOPE_CORE_RENDER_CPU_RASTERIZER_H_
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -47,10 +48,15 @@ class CpuRasterizer {
   struct ClipVertex {
     double x = 0, y = 0, z = 0, w = 0;
   };
+  // A triangle cut by five planes has at most 8 corners.
+  using ClipPolygon = std::array<ClipVertex, 8>;
 
   [[nodiscard]] ClipVertex ToClip(const math::Vec3f& position) const;
   // Projects one vertex as TransformVertices does. False if it must be clipped first.
   [[nodiscard]] bool Project(const ClipVertex& clip, ScreenVertex* screen) const;
+  // Drops the part of a convex polygon where the plane's distance is negative. Returns the number
+  // of corners left.
+  static std::size_t CutPolygon(const ClipVertex& plane, ClipPolygon* polygon, std::size_t count);
   void FillClipped(const mesh::CompactMesh& mesh);
   void ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t triangle);
   void Fill(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,

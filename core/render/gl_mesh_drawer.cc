@@ -146,6 +146,66 @@ void SetVec3(GLint location, const math::Vec3d& v) {
   glUniform3f(location, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
 }
 
+// The mapped buffers of a chunk, each with room for all of its items.
+struct ChunkBuffers {
+  math::Vec3f* positions = nullptr;
+  math::Vec3f* normals = nullptr;
+  std::uint32_t* slots = nullptr;
+  std::uint32_t* indices = nullptr;
+  BlockTexel* blocks = nullptr;
+  std::uint32_t* masks = nullptr;
+};
+
+BlockTexel TexelOf(const DrawItem& item, const image::FragmentOrder& order,
+                   std::uint32_t first_mask_word) {
+  const view::PixelRect& rect = item.footprint.rect;
+  BlockTexel texel{.owner = order.OwnerOf(item.surface_index, item.mesh->block_id),
+                   .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
+                   .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
+                   .end_pixel = PackPixel(rect.end_x, rect.end_y)};
+  if (item.open.has_value()) {
+    const image::PixelMask& open = *item.open;
+    texel.mask_first_word = first_mask_word;
+    texel.mask_shift = static_cast<std::uint32_t>(open.shift);
+    texel.mask_first_cell = PackPixel(open.begin_column, open.begin_row);
+    texel.mask_cells = PackPixel(open.columns, open.rows);
+  }
+  return texel;
+}
+
+void WriteChunk(std::span<const DrawItem> items, const image::FragmentOrder& order,
+                ChunkBuffers out) {
+  std::uint32_t first_mask_word = 0;
+  std::uint32_t slot = 0;
+  std::uint32_t first_vertex = 0;
+  for (const DrawItem& item : items) {
+    const mesh::CompactMesh& mesh = *item.mesh;
+    *out.blocks++ = TexelOf(item, order, first_mask_word);
+    if (item.open.has_value()) {
+      for (const std::uint64_t word : item.open->words) {
+        *out.masks++ = static_cast<std::uint32_t>(word);
+        *out.masks++ = static_cast<std::uint32_t>(word >> 32);
+      }
+      first_mask_word += static_cast<std::uint32_t>(MaskWordsOf(item));
+    }
+    const std::size_t count = mesh.positions.size();
+    out.positions = std::copy_n(mesh.positions.data(), count, out.positions);
+    for (const mesh::CompactNormal& normal : mesh.normals) {
+      *out.normals++ = {static_cast<float>(normal.x) / mesh::kNormalScale,
+                        static_cast<float>(normal.y) / mesh::kNormalScale,
+                        static_cast<float>(normal.z) / mesh::kNormalScale};
+    }
+    out.slots = std::fill_n(out.slots, count, slot);
+    for (std::size_t triangle = mesh.triangles.size(); triangle > 0; --triangle) {
+      for (const std::uint32_t vertex : mesh.triangles[triangle - 1]) {
+        *out.indices++ = first_vertex + vertex;
+      }
+    }
+    first_vertex += static_cast<std::uint32_t>(count);
+    ++slot;
+  }
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make(
@@ -324,52 +384,13 @@ absl::Status GlMeshDrawer::DrawChunk(std::span<const DrawItem> items,
   // There is one word more, because an empty buffer can't be mapped.
   ISOSCOPE_ASSIGN_OR_RETURN(void* masks,
                             masks_->Map((mask_word_count + 1) * sizeof(std::uint32_t)));
-  auto* position_out = static_cast<math::Vec3f*>(positions);
-  auto* normal_out = static_cast<math::Vec3f*>(normals);
-  auto* slot_out = static_cast<std::uint32_t*>(slots);
-  auto* index_out = static_cast<std::uint32_t*>(indices);
-  auto* block_out = static_cast<BlockTexel*>(blocks);
-  auto* mask_out = static_cast<std::uint32_t*>(masks);
-  std::uint32_t first_mask_word = 0;
-  std::uint32_t slot = 0;
-  std::uint32_t first_vertex = 0;
-  for (const DrawItem& item : items) {
-    const mesh::CompactMesh& mesh = *item.mesh;
-    const view::PixelRect& rect = item.footprint.rect;
-    BlockTexel texel{
-        .owner = order.OwnerOf(item.surface_index, mesh.block_id),
-        .nearest_depth_bits = std::bit_cast<std::uint32_t>(item.footprint.nearest_depth),
-        .first_pixel = PackPixel(rect.begin_x, rect.begin_y),
-        .end_pixel = PackPixel(rect.end_x, rect.end_y)};
-    if (item.open.has_value()) {
-      const image::PixelMask& open = *item.open;
-      texel.mask_first_word = first_mask_word;
-      texel.mask_shift = static_cast<std::uint32_t>(open.shift);
-      texel.mask_first_cell = PackPixel(open.begin_column, open.begin_row);
-      texel.mask_cells = PackPixel(open.columns, open.rows);
-      for (const std::uint64_t word : open.words) {
-        *mask_out++ = static_cast<std::uint32_t>(word);
-        *mask_out++ = static_cast<std::uint32_t>(word >> 32);
-      }
-      first_mask_word += static_cast<std::uint32_t>(MaskWordsOf(item));
-    }
-    *block_out++ = texel;
-    const std::size_t count = mesh.positions.size();
-    position_out = std::copy_n(mesh.positions.data(), count, position_out);
-    for (const mesh::CompactNormal& normal : mesh.normals) {
-      *normal_out++ = {static_cast<float>(normal.x) / mesh::kNormalScale,
-                       static_cast<float>(normal.y) / mesh::kNormalScale,
-                       static_cast<float>(normal.z) / mesh::kNormalScale};
-    }
-    slot_out = std::fill_n(slot_out, count, slot);
-    for (std::size_t triangle = mesh.triangles.size(); triangle > 0; --triangle) {
-      for (const std::uint32_t vertex : mesh.triangles[triangle - 1]) {
-        *index_out++ = first_vertex + vertex;
-      }
-    }
-    first_vertex += static_cast<std::uint32_t>(count);
-    ++slot;
-  }
+  WriteChunk(items, order,
+             {.positions = static_cast<math::Vec3f*>(positions),
+              .normals = static_cast<math::Vec3f*>(normals),
+              .slots = static_cast<std::uint32_t*>(slots),
+              .indices = static_cast<std::uint32_t*>(indices),
+              .blocks = static_cast<BlockTexel*>(blocks),
+              .masks = static_cast<std::uint32_t*>(masks)});
   for (GlStreamBuffer* buffer : {positions_.get(), normals_.get(), slots_.get(), indices_.get(),
                                  blocks_.get(), masks_.get()}) {
     ISOSCOPE_RETURN_IF_ERROR(buffer->Unmap());

@@ -1,5 +1,6 @@
 #include "core/rpc/known_fields.h"
 
+#include <set>
 #include <string>
 #include <vector>
 
@@ -42,7 +43,27 @@ absl::Status Check(const google::protobuf::Message& message, const std::string& 
   return absl::OkStatus();
 }
 
+void Prepare(const google::protobuf::Message& message,
+             std::set<const google::protobuf::Descriptor*>* prepared) {
+  const google::protobuf::Descriptor& descriptor = *message.GetDescriptor();
+  if (!prepared->insert(&descriptor).second) {
+    return;
+  }
+  const google::protobuf::Reflection& reflection = *message.GetReflection();
+  for (int i = 0; i < descriptor.field_count(); ++i) {
+    const google::protobuf::Descriptor* const type = descriptor.field(i)->message_type();
+    if (type != nullptr) {
+      Prepare(*reflection.GetMessageFactory()->GetPrototype(type), prepared);
+    }
+  }
+}
+
 }  // namespace
+
+void PrepareKnownFields(const google::protobuf::Message& request) {
+  std::set<const google::protobuf::Descriptor*> prepared;
+  Prepare(request, &prepared);
+}
 
 absl::Status CheckKnownFields(const google::protobuf::Message& request) {
   return Check(request, "");

@@ -13,6 +13,10 @@ namespace isoscope::rpc {
 // field, and the answer would silently belong to another request. O(size of the message).
 absl::Status CheckKnownFields(const google::protobuf::Message& request);
 
+// Builds the descriptors that CheckKnownFields needs for messages like `request`. Otherwise the
+// first request of a program would wait for them, a millisecond or two.
+void PrepareKnownFields(const google::protobuf::Message& request);
+
 }  // namespace isoscope::rpc
 
 #endif  // ISOSCOPE_CORE_RPC_KNOWN_FIELDS_H_

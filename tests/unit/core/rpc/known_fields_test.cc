@@ -57,5 +57,15 @@ TEST(KnownFieldsTest, FieldsThatCameOverTheWireAreFound) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("number 200")));
 }
 
+TEST(KnownFieldsTest, PreparingChangesNoResult) {
+  isoscope::internal::v1::RenderFrameRequest frame;
+  AddUnknown(frame.mutable_begin()->mutable_request()->mutable_camera(), 77);
+  PrepareKnownFields(frame);
+  PrepareKnownFields(isoscope::internal::v1::ExtractSurfaceResponse());
+  EXPECT_THAT(CheckKnownFields(frame),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("begin.request.camera"), HasSubstr("number 77"))));
+}
+
 }  // namespace
 }  // namespace isoscope::rpc
