@@ -50,6 +50,26 @@ CLI::Option* AddListFlag(CLI::App* app, const std::string& name, const std::stri
   return option->delimiter(',')->type_name(type_name);
 }
 
+// Adds a flag that may be given several times, with one value each. `values` stays empty if it is
+// not given; it must outlive the parsing.
+template <typename T, typename Parser>
+CLI::Option* AddRepeatableFlag(CLI::App* app, const std::string& name, const std::string& type_name,
+                               std::vector<T>* values, Parser parse, const std::string& help) {
+  CLI::Option* option = app->add_option_function<std::vector<std::string>>(
+      name,
+      [values, parse](const std::vector<std::string>& texts) {
+        for (const std::string& text : texts) {
+          values->push_back(*parse(text));
+        }
+      },
+      help);
+  option->check([parse](const std::string& text) {
+    const absl::StatusOr<T> parsed = parse(text);
+    return absl::StrCat(parsed.status().message());
+  });
+  return option->allow_extra_args(false)->type_name(type_name);
+}
+
 // Any text that is not empty.
 inline absl::StatusOr<std::string> ParseText(absl::string_view text) {
   if (text.empty()) {

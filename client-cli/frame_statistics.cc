@@ -58,6 +58,11 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
       {"visibility_culling", Rounded(Milliseconds(durations.visibility_culling_duration()))},
       {"composite", Rounded(Milliseconds(durations.composite_duration()))},
       {"encode", Rounded(Milliseconds(durations.encode_duration()))}};
+  json["surfaces"] = nlohmann::ordered_json::array();
+  for (const v1::SurfaceStatistics& surface : statistics.surfaces()) {
+    json["surfaces"].push_back({{"triangle_count", surface.triangle_count()},
+                                {"unique_vertex_count", surface.unique_vertex_count()}});
+  }
   json["agents"] = nlohmann::ordered_json::array();
   for (const v1::AgentStatistics& agent : statistics.agents()) {
     json["agents"].push_back(AgentToJson(agent));

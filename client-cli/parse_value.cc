@@ -222,4 +222,46 @@ absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text) {
   return ParseChannels(text, 4, "R,G,B or R,G,B,A, numbers from 0 to 1 between commas");
 }
 
+absl::StatusOr<SurfaceValue> ParseSurface(absl::string_view text) {
+  const std::size_t colon = text.find(':');
+  const absl::StatusOr<double> isovalue = ParseNumber(text.substr(0, colon));
+  const absl::StatusOr<Color> color = colon == absl::string_view::npos
+                                          ? absl::StatusOr<Color>(Color())
+                                          : ParseColor(text.substr(colon + 1));
+  if (!isovalue.ok() || !color.ok()) {
+    return Malformed(text, "V or V:R,G,B, a level and three numbers from 0 to 1 between commas");
+  }
+  SurfaceValue surface{.isovalue = *isovalue, .color = std::nullopt};
+  if (colon != absl::string_view::npos) {
+    surface.color = *color;
+  }
+  return surface;
+}
+
+absl::StatusOr<PlaneValue> ParsePlane(absl::string_view text) {
+  constexpr absl::string_view kExpected =
+      "NX,NY,NZ,D, four numbers between commas, the first three not all 0";
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values, ParseList(text, 4, 4, kExpected));
+  if (values[0] == 0 && values[1] == 0 && values[2] == 0) {
+    return Malformed(text, kExpected);
+  }
+  return PlaneValue{.normal = {values[0], values[1], values[2]}, .offset = values[3]};
+}
+
+absl::StatusOr<math::Box3d> ParseBox(absl::string_view text) {
+  constexpr absl::string_view kExpected =
+      "X0,X1,Y0,Y1,Z0,Z1, six numbers between commas, each first one at most the second";
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values, ParseList(text, 6, 6, kExpected));
+  math::Box3d box;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto first = static_cast<std::size_t>(2 * axis);
+    if (values[first] > values[first + 1]) {
+      return Malformed(text, kExpected);
+    }
+    box.min[axis] = values[first];
+    box.max[axis] = values[first + 1];
+  }
+  return box;
+}
+
 }  // namespace isoscope::cli

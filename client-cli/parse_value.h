@@ -5,6 +5,7 @@
 #define ISOSCOPE_CLIENT_CLI_PARSE_VALUE_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -15,6 +16,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
+#include "core/math/box.h"
 #include "core/math/vec.h"
 
 namespace isoscope::cli {
@@ -57,6 +59,26 @@ struct Color {
 absl::StatusOr<Color> ParseColor(absl::string_view text);
 // "R,G,B" or "R,G,B,A".
 absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text);
+
+// "V" or "V:R,G,B": a level, in field units, and its colour if it is given.
+struct SurfaceValue {
+  double isovalue = 0;
+  std::optional<Color> color;
+
+  friend bool operator==(const SurfaceValue&, const SurfaceValue&) = default;
+};
+absl::StatusOr<SurfaceValue> ParseSurface(absl::string_view text);
+
+// "NX,NY,NZ,D": keeps the points p with N . p >= D.
+struct PlaneValue {
+  math::Vec3d normal;  // not (0, 0, 0)
+  double offset = 0;
+
+  friend bool operator==(const PlaneValue&, const PlaneValue&) = default;
+};
+absl::StatusOr<PlaneValue> ParsePlane(absl::string_view text);
+// "X0,X1,Y0,Y1,Z0,Z1", each X0 <= X1.
+absl::StatusOr<math::Box3d> ParseBox(absl::string_view text);
 
 // One of a few words, each with its value.
 template <typename T>

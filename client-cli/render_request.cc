@@ -7,7 +7,9 @@
 
 #include "client-cli/flags.h"
 #include "client-cli/usage.h"
+#include "core/frame/frame_spec.h"
 #include "core/rpc/proto_convert.h"
+#include "core/view/clip_region.h"
 
 namespace isoscope::cli {
 namespace {
@@ -35,6 +37,9 @@ isoscope::v1::Color ToProto(const Color& color) {
 
 void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  AddRepeatableFlag(app, "--surface", "V[:R,G,B]", &flags->surfaces, ParseSurface,
+                    "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
+                    "times");
   AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels (default: 1024)");
   AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels (default: 1024)");
   AddFlag(app, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
@@ -44,12 +49,40 @@ void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
           "colour of the surface, 0 to 1 each (default: a light clay)");
   AddFlag(app, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
           "colour behind it, 0 to 1 each (default: 0,0,0,1)");
+  AddRepeatableFlag(app, "--clip-plane", "NX,NY,NZ,D", &flags->clip_planes, ParsePlane,
+                    "show only the points p with N . p >= D, in world units; up to 6 times");
+  AddFlag(app, "--clip-box", "X0,X1,Y0,Y1,Z0,Z1", &flags->clip_box, ParseBox,
+          "show only what is in this box, in world units");
   AddCameraFlags(app, &flags->camera);
 }
 
+std::vector<double> RequestFlags::isovalues() const {
+  if (surfaces.empty()) {
+    return {isovalue.value_or(0)};
+  }
+  std::vector<double> values;
+  for (const SurfaceValue& surface : surfaces) {
+    values.push_back(surface.isovalue);
+  }
+  return values;
+}
+
 absl::Status CheckUsage(const RequestFlags& flags) {
-  if (!flags.isovalue) {
+  if (!flags.isovalue && flags.surfaces.empty()) {
     return UsageError("--isovalue V is missing: the level of the surface, in field units");
+  }
+  if (!flags.surfaces.empty() && (flags.isovalue || flags.base_color)) {
+    return UsageError(
+        absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
+                     " exclude each other: write --surface V:R,G,B for each surface"));
+  }
+  if (flags.surfaces.size() > frame::kMaxSurfaces) {
+    return UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(), " times: at most ",
+                                   frame::kMaxSurfaces, " are allowed"));
+  }
+  if (flags.clip_planes.size() > view::kMaxHalfSpaces) {
+    return UsageError(absl::StrCat("--clip-plane is given ", flags.clip_planes.size(),
+                                   " times: at most ", view::kMaxHalfSpaces, " are allowed"));
   }
   return CheckUsage(flags.camera);
 }
@@ -60,6 +93,23 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   isoscope::v1::RenderIsosurfaceRequest request;
   request.set_dataset(dataset);
   request.set_isovalue(flags.isovalue.value_or(0));
+  for (const SurfaceValue& surface : flags.surfaces) {
+    isoscope::v1::Surface* const proto = request.add_surfaces();
+    proto->set_isovalue(surface.isovalue);
+    if (surface.color) {
+      *proto->mutable_color() = ToProto(*surface.color);
+    }
+  }
+  for (const PlaneValue& plane : flags.clip_planes) {
+    isoscope::v1::HalfSpace* const proto = request.mutable_clip()->add_half_spaces();
+    *proto->mutable_normal() = rpc::ToProto(plane.normal);
+    proto->set_offset(plane.offset);
+  }
+  if (flags.clip_box) {
+    isoscope::v1::Box* const proto = request.mutable_clip()->mutable_box();
+    *proto->mutable_min() = rpc::ToProto(flags.clip_box->min);
+    *proto->mutable_max() = rpc::ToProto(flags.clip_box->max);
+  }
   *request.mutable_camera() = rpc::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);
   request.mutable_viewport()->set_height_px(flags.viewport().height_px);

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
@@ -13,6 +14,7 @@
 #include "client-cli/camera_flags.h"
 #include "client-cli/parse_value.h"
 #include "core/frame/culling.h"
+#include "core/math/box.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -26,6 +28,12 @@ struct RequestFlags {
   std::optional<frame::Culling> culling = std::nullopt;
   std::optional<Color> base_color = std::nullopt;
   std::optional<Color> background_color = std::nullopt;
+  std::vector<SurfaceValue> surfaces = {};
+  std::vector<PlaneValue> clip_planes = {};
+  std::optional<math::Box3d> clip_box = std::nullopt;
+
+  // The levels of all surfaces.
+  [[nodiscard]] std::vector<double> isovalues() const;
 
   [[nodiscard]] view::Viewport viewport() const {
     return {.width_px = static_cast<int>(width.value_or(view::kCommonViewport.width_px)),

@@ -29,6 +29,7 @@
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
+#include "core/view/clip_region.h"
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/open_pixels.h"
@@ -56,6 +57,7 @@ class FramePipeline::Impl {
         task_(task),
         view_(view),
         layout_(shards_.front()->reader->layout()),
+        clipper_(task.spec.clip, view.geometry()),
         resources_(resources),
         cancellation_(*cancellation),
         cache_round_(resources.cache->BeginRound(task.frame_number)) {}
@@ -71,9 +73,7 @@ class FramePipeline::Impl {
     ISOSCOPE_RETURN_IF_ERROR(hits.status());
     RaySelection selection;
     selection.hits = *std::move(hits);
-    if (task_.report_active_blocks) {
-      selection.active = blocks_->Ids();
-    }
+    selection.active = std::move(reported_);
     return selection;
   }
 
@@ -132,6 +132,10 @@ class FramePipeline::Impl {
     ISOSCOPE_ASSIGN_OR_RETURN(SurfaceBlocks found,
                               SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
                                                   resources_.cache, cancellation_, &cost));
+    if (task_.report_active_blocks) {
+      reported_ = found.Ids();  // whatever is clipped: the coordinator keeps them for other frames
+    }
+    found.EraseOutside(clipper_);
     blocks_ = std::make_unique<const SurfaceBlocks>(std::move(found));
     supply_ = std::make_unique<MeshSupply>(blocks_.get(), cache_round_, resources_, &cancellation_);
     statistics_.active_block_count = blocks_->block_count();
@@ -147,6 +151,7 @@ class FramePipeline::Impl {
     for (const frame::Surface& surface : task_.spec.surfaces) {
       active.UnionWith(ranges.ActiveBlocks(surface.isovalue));
     }
+    clipper_.EraseOutside(layout_, &active);
     const visibility::RaySet rays(view_, layout_, task_.spec.ray_seed);
     const visibility::RayShare share =
         visibility::ShareOfRays(rays.count(), task_.agent_index, task_.agent_count);
@@ -199,8 +204,11 @@ class FramePipeline::Impl {
         supply_->DeliverMeshes(chosen, [&pass](std::span<const render::MeshToDraw> meshes) {
           return pass->Add(meshes);
         }));
-    statistics_.triangle_count += cost.triangle_count;
-    statistics_.unique_vertex_count += cost.unique_vertex_count;
+    frame::AddTo(cost.surfaces, &statistics_.surfaces);
+    for (const frame::SurfaceStatistics& surface : cost.surfaces) {
+      statistics_.triangle_count += surface.triangle_count;
+      statistics_.unique_vertex_count += surface.unique_vertex_count;
+    }
     statistics_.read_bytes += cost.read_bytes;
     statistics_.extract_duration += cost.extract_duration;
     statistics_.render_duration += cost.deliver_duration;
@@ -212,6 +220,7 @@ class FramePipeline::Impl {
   const FrameTask task_;
   const view::View view_;
   const volume::BlockLayout layout_;
+  const view::Clipper clipper_;
   const AgentResources resources_;
   const base::Cancellation& cancellation_;
   const std::uint64_t cache_round_;
@@ -219,6 +228,7 @@ class FramePipeline::Impl {
 
   std::unique_ptr<const SurfaceBlocks> blocks_;  // from step 0 on
   std::unique_ptr<MeshSupply> supply_;
+  std::vector<volume::BlockId> reported_;  // active blocks, if they were asked for
   frame::AgentStatistics statistics_;
 };
 

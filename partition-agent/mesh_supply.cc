@@ -43,15 +43,15 @@ constexpr std::size_t kMeshesWorthDelivering = 16;
 
 // The state that one thread keeps between its tasks.
 struct Worker {
-  Worker(const Shard& shard, MeshCache* cache, std::uint64_t round)
+  Worker(const Shard& shard, MeshCache* cache, std::uint64_t round, std::size_t surface_count)
       : extractor(shard.reader->manifest().geometry, shard.reader->layout(), shard.shapes),
-        writer(cache, round) {}
+        writer(cache, round),
+        surfaces(surface_count) {}
 
   extract::BlockExtractor extractor;
   MeshCache::Writer writer;
   std::vector<render::MeshToDraw> meshes;  // found or extracted, not yet handed on
-  std::int64_t triangle_count = 0;
-  std::int64_t unique_vertex_count = 0;
+  std::vector<frame::SurfaceStatistics> surfaces;
   absl::Duration extract_time;
   absl::Duration deliver_time;
 };
@@ -81,6 +81,7 @@ class MeshSupply::Impl {
                                            const Deliver& deliver) {
     OpenTables();
     SupplyCost cost;
+    cost.surfaces.resize(blocks_.isovalues().size());
     const absl::Time start = absl::Now();
     std::vector<char> is_missing(chosen.size(), 0);
     ISOSCOPE_RETURN_IF_ERROR(DeliverKept(chosen, deliver, &is_missing));
@@ -286,8 +287,9 @@ class MeshSupply::Impl {
   absl::Status HandOn(Worker* worker, const Deliver& deliver) const {
     const base::ScopedTimer timer(&worker->deliver_time);
     for (const render::MeshToDraw& item : worker->meshes) {
-      worker->triangle_count += item.mesh->triangle_count();
-      worker->unique_vertex_count += item.mesh->owned_vertex_count;
+      worker->surfaces[item.surface_index] +=
+          {.triangle_count = item.mesh->triangle_count(),
+           .unique_vertex_count = item.mesh->owned_vertex_count};
     }
     absl::Status status;
     std::span<const render::MeshToDraw> rest = worker->meshes;
@@ -320,8 +322,9 @@ class MeshSupply::Impl {
     absl::Duration extract_time;
     absl::Duration deliver_time;
     for (Worker& worker : workers_) {
-      cost->triangle_count += std::exchange(worker.triangle_count, 0);
-      cost->unique_vertex_count += std::exchange(worker.unique_vertex_count, 0);
+      for (std::size_t i = 0; i < worker.surfaces.size(); ++i) {
+        cost->surfaces[i] += std::exchange(worker.surfaces[i], {});
+      }
       extract_time += std::exchange(worker.extract_time, absl::ZeroDuration());
       deliver_time += std::exchange(worker.deliver_time, absl::ZeroDuration());
     }
@@ -340,8 +343,9 @@ class MeshSupply::Impl {
   const std::uint64_t round_;
 
   std::vector<std::shared_ptr<MeshTable>> tables_;  // by shard, surface
-  tbb::enumerable_thread_specific<Worker> workers_{
-      [this] { return Worker(*blocks_.shards().front(), cache_.meshes(), round_); }};
+  tbb::enumerable_thread_specific<Worker> workers_{[this] {
+    return Worker(*blocks_.shards().front(), cache_.meshes(), round_, blocks_.isovalues().size());
+  }};
   tbb::enumerable_thread_specific<extract::BlockExtractor> keyed_extractors_{[this] {
     const Shard& shard = *blocks_.shards().front();
     return extract::BlockExtractor(shard.reader->manifest().geometry, shard.reader->layout(),

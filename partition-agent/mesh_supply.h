@@ -15,6 +15,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
+#include "core/frame/agent_statistics.h"
 #include "core/mesh/block_mesh.h"
 #include "core/render/renderer.h"
 #include "partition-agent/agent_resources.h"
@@ -24,9 +25,7 @@ namespace isoscope::agent {
 
 // The cost of a delivery.
 struct SupplyCost {
-  std::int64_t triangle_count = 0;
-  // Crossed grid edges, each counted once in the volume and surface.
-  std::int64_t unique_vertex_count = 0;
+  std::vector<frame::SurfaceStatistics> surfaces;  // by surface index
   std::int64_t read_bytes = 0;
   // The wall time, shared out by the threads' time in reading and extracting, and in `deliver`.
   absl::Duration extract_duration;

@@ -76,7 +76,23 @@ absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(std::vector<std::shared_ptr<co
   return blocks;
 }
 
+void SurfaceBlocks::EraseOutside(const view::Clipper& clipper) {
+  if (clipper.empty()) {
+    return;
+  }
+  const volume::BlockLayout& layout = shards_.front()->reader->layout();
+  volume::BlockSet shown(layout.block_count());
+  for (const volume::BlockId id : Ids()) {
+    shown.Insert(id);
+  }
+  clipper.EraseOutside(layout, &shown);
+  shown_ = std::move(shown);
+}
+
 std::int64_t SurfaceBlocks::block_count() const {
+  if (shown_) {
+    return shown_->Count();
+  }
   if (isovalues_.size() > 1) {
     return static_cast<std::int64_t>(Ids().size());
   }
@@ -88,6 +104,9 @@ std::int64_t SurfaceBlocks::block_count() const {
 }
 
 std::vector<volume::BlockId> SurfaceBlocks::Ids() const {
+  if (shown_) {
+    return shown_->Ids();
+  }
   volume::BlockSet ids(shards_.front()->reader->layout().block_count());
   for (const ActiveList& active : active_) {
     for (const ActiveBlock& block : *active) {
@@ -104,7 +123,9 @@ std::vector<ChosenMesh> SurfaceBlocks::ChooseAll() const {
       const std::vector<ActiveBlock>& active = ActiveOf(shard, surface);
       chosen.reserve(chosen.size() + active.size());
       for (std::size_t i = 0; i < active.size(); ++i) {
-        chosen.push_back(MeshAt(active, i, shard, surface));
+        if (IsShown(active[i].block_id)) {
+          chosen.push_back(MeshAt(active, i, shard, surface));
+        }
       }
     }
   }
@@ -124,7 +145,8 @@ absl::StatusOr<std::vector<ChosenMesh>> SurfaceBlocks::Choose(
         while (id_index < ids.size() && ids[id_index] < active[i].block_id) {
           ++id_index;
         }
-        if (id_index < ids.size() && ids[id_index] == active[i].block_id) {
+        if (id_index < ids.size() && ids[id_index] == active[i].block_id &&
+            IsShown(active[i].block_id)) {
           is_found[id_index] = 1;
           chosen.push_back(MeshAt(active, i, shard, surface));
         }

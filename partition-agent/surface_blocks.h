@@ -6,13 +6,16 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
 #include "core/image/pixel_mask.h"
+#include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
+#include "core/volume/block_set.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/shard.h"
 
@@ -54,22 +57,29 @@ class SurfaceBlocks {
     return *active_[shard_index * isovalues_.size() + surface_index];
   }
 
+  // Takes the blocks out that are wholly clipped: those below do not know them any more.
+  void EraseOutside(const view::Clipper& clipper);
+
   // The blocks that any surface meets: how many, and which, ascending.
   [[nodiscard]] std::int64_t block_count() const;
   [[nodiscard]] std::vector<volume::BlockId> Ids() const;
 
   // Returns all meshes, in order of shard, surface, block.
   [[nodiscard]] std::vector<ChosenMesh> ChooseAll() const;
-  // Returns the meshes in the blocks `ids`, ascending. INVALID_ARGUMENT if one is not active.
+  // Returns the meshes in the blocks `ids`, ascending. INVALID_ARGUMENT if one is not active, or
+  // wholly clipped.
   [[nodiscard]] absl::StatusOr<std::vector<ChosenMesh>> Choose(
       const std::vector<volume::BlockId>& ids) const;
 
  private:
   SurfaceBlocks() = default;
 
+  [[nodiscard]] bool IsShown(volume::BlockId id) const { return !shown_ || shown_->Contains(id); }
+
   std::vector<std::shared_ptr<const Shard>> shards_;
   std::vector<double> isovalues_;
   std::vector<std::shared_ptr<const std::vector<ActiveBlock>>> active_;  // by shard, surface
+  std::optional<volume::BlockSet> shown_;  // not set: all active blocks
 };
 
 }  // namespace isoscope::agent

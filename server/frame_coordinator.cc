@@ -39,6 +39,7 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
+#include "core/view/clip_region.h"
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/occlusion_map.h"
 #include "core/visibility/open_pixels.h"
@@ -135,6 +136,7 @@ class Frame {
         cancellation_(cancellation),
         order_{.block_count = static_cast<std::uint32_t>(setup.layout->block_count()),
                .ties = setup.ties},
+        clipper_(setup.spec->clip, setup.view->geometry()),
         start_(absl::Now()),
         row_locks_(setup.view->viewport().height_px) {
     result_.image = std::move(image);
@@ -318,6 +320,12 @@ class Frame {
     }
   }
 
+  [[nodiscard]] bool IsClipped(volume::BlockId id) const {
+    return !clipper_.empty() &&
+           clipper_.SideOf(*setup_.layout, id) == view::Clipper::Side::kOutside;
+  }
+
+  // Blocks that are wholly clipped have an empty footprint, and so are never drawn.
   void FindFootprints(const ActiveBlocks& active) {
     footprints_.resize(active.ids.size());
     setup_.arena->execute([&] {
@@ -327,6 +335,11 @@ class Frame {
                               *setup_.layout,
                               absl::MakeSpan(active.ids).subspan(range.begin(), range.size()),
                               absl::MakeSpan(footprints_).subspan(range.begin(), range.size()));
+                          for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                            if (IsClipped(active.ids[i])) {
+                              footprints_[i].rect = {};
+                            }
+                          }
                         });
     });
   }
@@ -471,6 +484,7 @@ class Frame {
   const FrameSetup& setup_;
   const base::Cancellation& cancellation_;
   const image::FragmentOrder order_;
+  const view::Clipper clipper_;
   const absl::Time start_;
   absl::Time phase_start_;
   absl::Time last_arrival_;

@@ -132,7 +132,7 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
       const isoscope::v1::RenderStatistics& statistics = response_->statistics();
       base::LogInfo("frame_done", {{"frame", frame_number},
                                    {"dataset", dataset_name_},
-                                   {"isovalue", request_.isovalue()},
+                                   {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec_), ",")},
                                    {"width", spec_.viewport.width_px},
                                    {"height", spec_.viewport.height_px},
                                    {"duration_ms", duration},

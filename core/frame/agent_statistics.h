@@ -3,6 +3,8 @@
 #ifndef ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_
 #define ISOSCOPE_CORE_FRAME_AGENT_STATISTICS_H_
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -10,6 +12,27 @@
 #include "absl/time/time.h"
 
 namespace isoscope::frame {
+
+// Units and meanings are those of isoscope.v1.SurfaceStatistics.
+struct SurfaceStatistics {
+  std::int64_t triangle_count = 0;
+  std::int64_t unique_vertex_count = 0;
+
+  SurfaceStatistics& operator+=(const SurfaceStatistics& other) {
+    triangle_count += other.triangle_count;
+    unique_vertex_count += other.unique_vertex_count;
+    return *this;
+  }
+  friend bool operator==(const SurfaceStatistics&, const SurfaceStatistics&) = default;
+};
+
+// Adds surface by surface; the longer list gives the length.
+inline void AddTo(const std::vector<SurfaceStatistics>& from, std::vector<SurfaceStatistics>* to) {
+  to->resize(std::max(from.size(), to->size()));
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    (*to)[i] += from[i];
+  }
+}
 
 // Units and meanings are those of isoscope.v1.AgentStatistics.
 struct AgentStatistics {
@@ -27,6 +50,7 @@ struct AgentStatistics {
   absl::Duration extract_duration;
   absl::Duration render_duration;
   absl::Duration busy_duration;
+  std::vector<SurfaceStatistics> surfaces = {};
 };
 
 }  // namespace isoscope::frame

@@ -16,6 +16,7 @@
 #include "core/frame/culling.h"
 #include "core/image/fragment.h"
 #include "core/view/camera.h"
+#include "core/view/clip_region.h"
 
 namespace isoscope::frame {
 
@@ -37,6 +38,7 @@ struct FrameSpec {
   view::Viewport viewport;
   Culling culling = Culling::kDepth;
   image::Rgba8 background_color{0, 0, 0, 255};
+  view::ClipRegion clip;
   std::uint64_t ray_seed = 0;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;

@@ -49,6 +49,7 @@ struct Box3d {
     }
     return corners;
   }
+  friend constexpr bool operator==(const Box3d&, const Box3d&) = default;
 };
 
 }  // namespace isoscope::math

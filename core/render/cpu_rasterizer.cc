@@ -9,7 +9,7 @@
 //    in each lane and returns the triangles that are too large for it. Those, and all triangles of
 //    a larger block, are filled one at a time (Fill).
 // 4. A full buffer, and the last one, is flushed: fragments outside the open pixels are dropped,
-//    and the caller sees the rest.
+//    then those outside the clip region, and the caller sees the rest.
 //
 // Project does the arithmetic of TransformVertices, in the same order and in double, so both paths
 // snap a vertex to the same place. Neither can open a gap to the block next door.
@@ -25,6 +25,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 
 #include "core/base/check.h"
 
@@ -199,9 +200,60 @@ void CpuRasterizer::DropClosed() {
   fragments_.count = kept;
 }
 
+void CpuRasterizer::MeasureDistances() {
+  distances_.clear();
+  for (const view::HalfSpace& half_space : cut_by_) {
+    for (const math::Vec3f& position : mesh_->positions) {
+      distances_.push_back(view::Clipper::DistanceOf(half_space, position));
+    }
+  }
+}
+
+bool CpuRasterizer::IsClipped(std::uint32_t triangle, std::uint32_t pixel) const {
+  const std::array<std::uint32_t, 3> corners = mesh_->triangles[triangle];
+  std::optional<std::array<double, 3>> weights;  // computed only if a plane cuts the triangle
+  for (std::size_t i = 0; i < cut_by_.size(); ++i) {
+    const double* const of_plane = distances_.data() + i * mesh_->positions.size();
+    const std::array<double, 3> distances{of_plane[corners[0]], of_plane[corners[1]],
+                                          of_plane[corners[2]]};
+    const int kept =
+        (distances[0] >= 0 ? 1 : 0) + (distances[1] >= 0 ? 1 : 0) + (distances[2] >= 0 ? 1 : 0);
+    if (kept == 3) {
+      continue;
+    }
+    if (kept == 0) {
+      return true;
+    }
+    if (!weights) {
+      weights = BarycentricsAtPixel(*mesh_, triangle, *view_, static_cast<int>(pixel & 0xffff),
+                                    static_cast<int>(pixel >> 16));
+    }
+    if (!view::Clipper::IsKept(distances, *weights)) {
+      return true;
+    }
+  }
+  return false;
+}
+
+void CpuRasterizer::DropClipped() {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < fragments_.count; ++i) {
+    const std::uint32_t pixel = fragments_.pixels[i];
+    const std::uint32_t triangle = fragments_.triangles[i];
+    fragments_.pixels[kept] = pixel;
+    fragments_.depths[kept] = fragments_.depths[i];
+    fragments_.triangles[kept] = triangle;
+    kept += IsClipped(triangle, pixel) ? 0U : 1U;
+  }
+  fragments_.count = kept;
+}
+
 void CpuRasterizer::Flush() {
   if (open_ != nullptr) {
     DropClosed();
+  }
+  if (!cut_by_.empty()) {
+    DropClipped();
   }
   if (fragments_.count > 0) {
     (*visit_)({.bounds = fragments_.bounds,
@@ -214,6 +266,7 @@ void CpuRasterizer::Flush() {
 
 void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                               const view::Footprint& footprint, const image::PixelMask* open,
+                              std::span<const view::HalfSpace> cut_by,
                               absl::FunctionRef<void(const FragmentBatch&)> visit) {
   rect_ = footprint.rect;
   if (open != nullptr) {
@@ -228,6 +281,12 @@ void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& v
   nearest_depth_ = footprint.nearest_depth;
   open_ = open;
   visit_ = &visit;
+  mesh_ = &mesh;
+  view_ = &view;
+  cut_by_ = cut_by;
+  if (!cut_by_.empty()) {
+    MeasureDistances();
+  }
   fragments_.Reset();
   const ScreenBounds bounds = TransformVertices(projection_, mesh.positions, &vertices_);
   if (!bounds.is_valid) {

@@ -20,6 +20,7 @@
 #include "core/image/pixel_mask.h"
 #include "core/mesh/compact_mesh.h"
 #include "core/render/raster_kernels.h"
+#include "core/view/clip_region.h"
 #include "core/view/view.h"
 
 namespace isoscope::render {
@@ -37,11 +38,12 @@ struct FragmentBatch {
 class CpuRasterizer {
  public:
   // Calls `visit` with the fragments of the mesh, at most FragmentBuffer::kCapacity at a time.
-  // Drops fragments outside the rectangle of `footprint`, the footprint of the mesh's block, and
-  // outside `open` if it is not null. Clamps depths to [nearest_depth, 1]. The batch lives until
-  // visit returns.
+  // Drops fragments outside the rectangle of `footprint`, the footprint of the mesh's block,
+  // outside `open` if it is not null, and outside `cut_by`, the half-spaces in index space. Clamps
+  // depths to [nearest_depth, 1]. The batch lives until visit returns.
   void Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                  const view::Footprint& footprint, const image::PixelMask* open,
+                 std::span<const view::HalfSpace> cut_by,
                  absl::FunctionRef<void(const FragmentBatch&)> visit);
 
  private:
@@ -64,8 +66,14 @@ class CpuRasterizer {
   void FillFromVertices(const mesh::CompactMesh& mesh, std::uint32_t triangle);
   void Flush();
   void DropClosed();
+  void MeasureDistances();
+  void DropClipped();
+  [[nodiscard]] bool IsClipped(std::uint32_t triangle, std::uint32_t pixel) const;
 
   // These belong to the mesh in work.
+  const mesh::CompactMesh* mesh_ = nullptr;
+  const view::View* view_ = nullptr;
+  std::span<const view::HalfSpace> cut_by_;
   Projection projection_;
   view::PixelRect rect_;
   float nearest_depth_ = 0;
@@ -76,6 +84,7 @@ class CpuRasterizer {
   std::vector<ScreenVertex> clipped_vertices_;
   std::vector<char> needs_clipping_;  // by vertex: in front of the near plane or far off screen
   std::vector<std::uint32_t> larger_;
+  std::vector<double> distances_;  // [half-space * vertices + vertex], if the mesh is cut
   FragmentBuffer fragments_;
 };
 

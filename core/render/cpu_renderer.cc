@@ -74,6 +74,7 @@ class CpuPass final : public RenderPass {
         order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                .ties = frame::TieRuleOf(frame::BackEnd::kCpu)},
         options_(options),
+        clipper_(spec.clip, view.geometry()),
         rays_(MakePixelRays(view)),
         width_(view.viewport().width_px),
         height_(view.viewport().height_px),
@@ -130,8 +131,16 @@ class CpuPass final : public RenderPass {
         if (drawn.triangles.empty() || footprint.rect.empty()) {
           continue;
         }
+        const view::Clipper::Side side = clipper_.empty()
+                                             ? view::Clipper::Side::kInside
+                                             : clipper_.SideOf(layout_, drawn.block_id);
+        if (side == view::Clipper::Side::kOutside) {
+          continue;
+        }
         scratch.rasterizer.Rasterize(
             drawn, view_, footprint, meshes[i].open,
+            side == view::Clipper::Side::kCut ? clipper_.half_spaces()
+                                              : std::span<const view::HalfSpace>(),
             [&](const FragmentBatch& batch) { Merge(batch, scratch.first_primitive_ids[i]); });
       }
     }
@@ -575,6 +584,7 @@ class CpuPass final : public RenderPass {
   const volume::BlockLayout layout_;
   const image::FragmentOrder order_;
   const CpuRendererOptions options_;
+  const view::Clipper clipper_;
   const PixelRays rays_;
   const int width_;
   const int height_;

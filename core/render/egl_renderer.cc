@@ -29,14 +29,17 @@ namespace {
 // when a frame is abandoned.
 struct Batch {
   Batch(const view::View& batch_view, std::vector<frame::Surface> batch_surfaces,
-        const image::FragmentOrder& batch_order, std::vector<DrawItem> batch_items)
+        view::Clipper batch_clipper, const image::FragmentOrder& batch_order,
+        std::vector<DrawItem> batch_items)
       : view(batch_view),
         surfaces(std::move(batch_surfaces)),
+        clipper(std::move(batch_clipper)),
         order(batch_order),
         items(std::move(batch_items)) {}
 
   const view::View view;
   const std::vector<frame::Surface> surfaces;
+  const view::Clipper clipper;
   const image::FragmentOrder order;
   std::vector<DrawItem> items;  // taken by the GL thread
   std::atomic<bool> abandoned{false};
@@ -51,7 +54,8 @@ struct Batch {
 absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, Batch* batch,
                                           absl::FunctionRef<absl::Status()> poll) {
   try {
-    return drawer->Draw(batch->view, batch->surfaces, batch->order, std::move(batch->items), poll);
+    return drawer->Draw(batch->view, batch->surfaces, batch->clipper, batch->order,
+                        std::move(batch->items), poll);
   } catch (const std::bad_alloc&) {
     return NoMemoryFor(batch->view.viewport());
   }
@@ -65,6 +69,7 @@ class EglRenderPass : public RenderPass {
       : view_(view),
         layout_(layout),
         surfaces_(spec.surfaces),
+        clipper_(spec.clip, view.geometry()),
         order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                .ties = frame::TieRuleOf(frame::BackEnd::kEgl)},
         batch_bytes_(batch_bytes),
@@ -158,7 +163,7 @@ class EglRenderPass : public RenderPass {
       items = std::exchange(collected_, {});
       collected_bytes_ = 0;
     }
-    in_flight_ = std::make_shared<Batch>(view_, surfaces_, order_, std::move(items));
+    in_flight_ = std::make_shared<Batch>(view_, surfaces_, clipper_, order_, std::move(items));
     thread_.Submit([batch = in_flight_, &drawer = drawer_]() {
       const auto poll = [&batch]() {
         return batch->abandoned.load(std::memory_order_acquire)
@@ -202,6 +207,7 @@ class EglRenderPass : public RenderPass {
   const view::View view_;
   const volume::BlockLayout layout_;
   const std::vector<frame::Surface> surfaces_;
+  const view::Clipper clipper_;
   const image::FragmentOrder order_;
   const std::size_t batch_bytes_;
   GlThread& thread_;
@@ -270,7 +276,7 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
                 .surface_index = 0,
                 .footprint = view->FootprintOf({0, 0, 0}, {1, 1, 1}),
                 .open = std::nullopt};
-  Batch batch(*view, {frame::Surface()}, {}, {std::move(item)});
+  Batch batch(*view, {frame::Surface()}, {}, {}, {std::move(item)});
   absl::Notification done;
   thread_->Submit([&]() {
     TryDraw(drawer_.get(), &batch, []() { return absl::OkStatus(); }).IgnoreError();

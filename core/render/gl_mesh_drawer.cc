@@ -25,6 +25,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -47,7 +48,8 @@ constexpr GLuint kPositionAttribute = 0;
 constexpr GLuint kNormalAttribute = 1;
 constexpr GLuint kSlotAttribute = 2;
 
-constexpr const char* kVertexShader = R"(#version 330 core
+// Both shaders follow a head with the version, and CLIPS if the region clips something.
+constexpr const char* kVertexShader = R"(
 layout(location = 0) in vec3 position;  // index space
 layout(location = 1) in vec3 normal;    // world space
 layout(location = 2) in uint slot;
@@ -56,14 +58,20 @@ uniform mat4 clip_from_centered;
 invariant gl_Position;
 out vec3 fragment_normal;
 flat out uint fragment_slot;
+#ifdef CLIPS
+out vec3 fragment_position;  // relative to the centre
+#endif
 void main() {
+#ifdef CLIPS
+  fragment_position = position - center;
+#endif
   gl_Position = clip_from_centered * vec4(position - center, 1.0);
   fragment_normal = normal;
   fragment_slot = slot;
 }
 )";
 
-constexpr const char* kFragmentShader = R"(#version 330 core
+constexpr const char* kFragmentShader = R"(
 in vec3 fragment_normal;
 flat in uint fragment_slot;
 // Each slot has two texels. The first one holds the owner, the bits of the nearest depth, the first
@@ -77,7 +85,12 @@ uniform vec3 ray_origin;
 uniform vec3 ray_x;
 uniform vec3 ray_y;
 uniform vec4 base_color;
-uniform vec3 shading;  // ambient, specular, shininess
+uniform vec4 shading;  // ambient, diffuse, specular, shininess
+#ifdef CLIPS
+in vec3 fragment_position;
+uniform int half_space_count;
+uniform vec4 half_spaces[12];  // normal and offset, relative to the centre
+#endif
 layout(location = 0) out vec4 color;
 layout(location = 1) out uint owner;
 void main() {
@@ -89,6 +102,13 @@ void main() {
   if (any(lessThan(pixel, first)) || any(greaterThanEqual(pixel, end))) {
     discard;
   }
+#ifdef CLIPS
+  for (int i = 0; i < half_space_count; ++i) {
+    if (dot(half_spaces[i].xyz, fragment_position) < half_spaces[i].w) {
+      discard;
+    }
+  }
+#endif
   if (mask.x != kNoMask) {
     // A cell left of or above the first wraps around to a very large one.
     uvec2 cell = (pixel >> mask.y) - uvec2(mask.z & 0xffffu, mask.z >> 16);
@@ -111,8 +131,8 @@ void main() {
     facing = abs(dot(fragment_normal, ray)) * inversesqrt(normal_squared * dot(ray, ray));
     facing = clamp(facing, 0.0, 1.0);
   }
-  float diffuse = shading.x + (1.0 - shading.x) * facing;
-  float highlight = shading.y * pow(max(facing, 1e-6), shading.z);
+  float diffuse = shading.x + shading.y * facing;
+  float highlight = shading.z * pow(max(facing, 1e-6), shading.w);
   color = vec4(clamp(base_color.rgb * diffuse + highlight, 0.0, 1.0), base_color.a);
 }
 )";
@@ -144,6 +164,12 @@ std::size_t MaskWordsOf(const DrawItem& item) {
 
 void SetVec3(GLint location, const math::Vec3d& v) {
   glUniform3f(location, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
+}
+
+absl::StatusOr<std::unique_ptr<GlProgram>> MakeProgram(bool clips) {
+  const std::string head = absl::StrCat("#version 330 core\n", clips ? "#define CLIPS\n" : "");
+  return GlProgram::Make(absl::StrCat(head, kVertexShader).c_str(),
+                         absl::StrCat(head, kFragmentShader).c_str());
 }
 
 // The mapped buffers of a chunk, each with room for all of its items.
@@ -212,7 +238,7 @@ absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make(
     std::shared_ptr<image::FrameImagePool> images) {
   std::unique_ptr<GlMeshDrawer> made(new GlMeshDrawer);
   made->images_ = std::move(images);
-  ISOSCOPE_ASSIGN_OR_RETURN(made->program_, GlProgram::Make(kVertexShader, kFragmentShader));
+  ISOSCOPE_ASSIGN_OR_RETURN(made->plain_program_, MakeProgram(/*clips=*/false));
   made->positions_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
   made->normals_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
   made->slots_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
@@ -265,14 +291,43 @@ GlMeshDrawer::~GlMeshDrawer() {
   glDeleteVertexArrays(1, &vertex_array_);
 }
 
+// Returns the point that positions are relative to in the shaders.
+static math::Vec3d CenterOf(const view::View& view) {
+  const math::Index3& dims = view.geometry().sample_dims;
+  return {std::floor(static_cast<double>(dims.x) / 2), std::floor(static_cast<double>(dims.y) / 2),
+          std::floor(static_cast<double>(dims.z) / 2)};
+}
+
+absl::Status GlMeshDrawer::UseProgram(const view::Clipper& clipper, const view::View& view) {
+  if (clipper.empty()) {
+    program_ = plain_program_.get();
+    glUseProgram(program_->name());
+    return absl::OkStatus();
+  }
+  if (clipping_program_ == nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(clipping_program_, MakeProgram(/*clips=*/true));
+  }
+  program_ = clipping_program_.get();
+  glUseProgram(program_->name());
+  const math::Vec3d center = CenterOf(view);
+  std::vector<float> values;
+  for (const view::HalfSpace& half_space : clipper.half_spaces()) {
+    for (int axis = 0; axis < 3; ++axis) {
+      values.push_back(static_cast<float>(half_space.normal[axis]));
+    }
+    values.push_back(static_cast<float>(half_space.offset - math::Dot(half_space.normal, center)));
+  }
+  const auto count = static_cast<GLsizei>(clipper.half_spaces().size());
+  glUniform1i(program_->Uniform("half_space_count"), count);
+  glUniform4fv(program_->Uniform("half_spaces"), count, values.data());
+  return absl::OkStatus();
+}
+
 void GlMeshDrawer::SetView(const view::View& view) {
   // Positions are relative to the volume's centre, near which cameras look. So the matrix has no
   // large translation that cancels in floats. The centre has whole coordinates, so the subtraction
   // is exact for all but the vertices near index 0.
-  const math::Index3& dims = view.geometry().sample_dims;
-  const math::Vec3d center{std::floor(static_cast<double>(dims.x) / 2),
-                           std::floor(static_cast<double>(dims.y) / 2),
-                           std::floor(static_cast<double>(dims.z) / 2)};
+  const math::Vec3d center = CenterOf(view);
   // The picture is drawn upside down: row 0 of the framebuffer is the top of the image.
   math::Mat4d flip;
   flip.At(1, 1) = -1;
@@ -291,7 +346,6 @@ void GlMeshDrawer::SetView(const view::View& view) {
                             : 0.0;
   const double half_x = half_y * width / height;
 
-  glUseProgram(program_->name());
   SetVec3(program_->Uniform("center"), center);
   glUniformMatrix4fv(program_->Uniform("clip_from_centered"), 1, GL_FALSE, matrix.data());
   SetVec3(program_->Uniform("ray_origin"),
@@ -307,12 +361,14 @@ void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {
   glUniform4f(program_->Uniform("base_color"), static_cast<float>(base.r) / 255.0F,
               static_cast<float>(base.g) / 255.0F, static_cast<float>(base.b) / 255.0F,
               static_cast<float>(base.a) / 255.0F);
-  glUniform3f(program_->Uniform("shading"), appearance.ambient, appearance.specular,
+  glUniform4f(program_->Uniform("shading"), appearance.ambient,
+              appearance.diffuse.value_or(1.0F - appearance.ambient), appearance.specular,
               appearance.shininess);
 }
 
 absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
                                                      std::span<const frame::Surface> surfaces,
+                                                     const view::Clipper& clipper,
                                                      const image::FragmentOrder& order,
                                                      std::vector<DrawItem> items,
                                                      absl::FunctionRef<absl::Status()> poll) {
@@ -329,6 +385,7 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     ISOSCOPE_ASSIGN_OR_RETURN(framebuffer_, GlFramebuffer::Make(width, height));
   }
   framebuffer_->BindAndClear();
+  ISOSCOPE_RETURN_IF_ERROR(UseProgram(clipper, view));
   SetView(view);
 
   std::size_t begin = 0;

@@ -28,6 +28,7 @@
 #include "core/image/pixel_mask.h"
 #include "core/mesh/compact_mesh.h"
 #include "core/render/gl_objects.h"
+#include "core/view/clip_region.h"
 #include "core/view/view.h"
 
 namespace isoscope::render {
@@ -53,10 +54,12 @@ class GlMeshDrawer {
   // Draws `items`, in any order, on an empty picture.
   //
   // surfaces: the surfaces of the frame; items have an index into them.
+  // clipper: drops the fragments outside.
   // poll: called between draws; its error ends the work and is returned.
   // RESOURCE_EXHAUSTED if the picture or a mask is too large for the driver, or memory runs out.
   absl::StatusOr<image::FrameImage> Draw(const view::View& view,
                                          std::span<const frame::Surface> surfaces,
+                                         const view::Clipper& clipper,
                                          const image::FragmentOrder& order,
                                          std::vector<DrawItem> items,
                                          absl::FunctionRef<absl::Status()> poll);
@@ -64,14 +67,17 @@ class GlMeshDrawer {
  private:
   GlMeshDrawer() = default;
 
+  absl::Status UseProgram(const view::Clipper& clipper, const view::View& view);
   void SetView(const view::View& view);
   void SetAppearance(const frame::Appearance& appearance);
   // Uploads and draws items of one surface that fit the buffers together, in their order.
   absl::Status DrawChunk(std::span<const DrawItem> items, const image::FragmentOrder& order);
 
   std::shared_ptr<image::FrameImagePool> images_;
-  std::unique_ptr<GlProgram> program_;
-  std::unique_ptr<GlFramebuffer> framebuffer_;  // of the last size
+  std::unique_ptr<GlProgram> plain_program_;
+  std::unique_ptr<GlProgram> clipping_program_;  // made when something is clipped
+  const GlProgram* program_ = nullptr;           // in use
+  std::unique_ptr<GlFramebuffer> framebuffer_;   // of the last size
   std::unique_ptr<GlStreamBuffer> positions_;
   std::unique_ptr<GlStreamBuffer> normals_;
   std::unique_ptr<GlStreamBuffer> slots_;

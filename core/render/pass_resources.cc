@@ -13,10 +13,11 @@ constexpr std::size_t kMaxShadeTables = 2 * frame::kMaxSurfaces;
 
 std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
   std::vector<image::Rgba8> table(kShadeSteps + 1);
+  const auto ambient = static_cast<double>(appearance.ambient);
+  const double share = appearance.diffuse ? static_cast<double>(*appearance.diffuse) : 1 - ambient;
   for (std::size_t i = 0; i <= kShadeSteps; ++i) {
     const double c = static_cast<double>(i) / kShadeSteps;
-    const auto ambient = static_cast<double>(appearance.ambient);
-    const double diffuse = ambient + (1 - ambient) * c;
+    const double diffuse = ambient + share * c;
     const double specular = static_cast<double>(appearance.specular) *
                             std::pow(c, static_cast<double>(appearance.shininess));
     const auto channel = [&](std::uint8_t base) {

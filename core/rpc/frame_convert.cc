@@ -1,6 +1,10 @@
 #include "core/rpc/frame_convert.h"
 
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 
@@ -12,21 +16,152 @@
 namespace isoscope::rpc {
 namespace {
 
-absl::StatusOr<frame::Surface> SurfaceFromProto(
+constexpr float kMaxShininess = 1000;
+
+absl::StatusOr<image::Rgba8> OpaqueColorFromProto(const isoscope::v1::Color& proto,
+                                                  absl::string_view path) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const image::Rgba8 color, ColorFromProto(proto, path));
+  if (proto.alpha() != 1.0F) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".alpha is ", proto.alpha(), ": surfaces are opaque, must be 1"));
+  }
+  return color;
+}
+
+// Also refuses NaN.
+absl::Status CheckRange(float value, float min, float max, const std::string& path) {
+  if (value >= min && value <= max) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, " is ", value, ": must lie in [", min, ", ", max, "]"));
+}
+
+absl::Status SetMaterial(const isoscope::v1::Material& proto, const std::string& path,
+                         frame::Appearance* appearance) {
+  if (proto.has_ambient()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(proto.ambient(), 0, 1, absl::StrCat(path, ".ambient")));
+    appearance->ambient = proto.ambient();
+  }
+  if (proto.has_diffuse()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(proto.diffuse(), 0, 1, absl::StrCat(path, ".diffuse")));
+    appearance->diffuse = proto.diffuse();
+  }
+  if (proto.has_specular()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(proto.specular(), 0, 1, absl::StrCat(path, ".specular")));
+    appearance->specular = proto.specular();
+  }
+  if (proto.has_shininess()) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckRange(proto.shininess(), 1, kMaxShininess, absl::StrCat(path, ".shininess")));
+    appearance->shininess = proto.shininess();
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<frame::Surface> SurfaceFromProto(const isoscope::v1::Surface& proto,
+                                                const std::string& path) {
+  frame::Surface surface;
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.isovalue(), absl::StrCat(path, ".isovalue")));
+  surface.isovalue = proto.isovalue();
+  if (proto.has_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(surface.appearance.base_color,
+                              OpaqueColorFromProto(proto.color(), absl::StrCat(path, ".color")));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(
+      SetMaterial(proto.material(), absl::StrCat(path, ".material"), &surface.appearance));
+  return surface;
+}
+
+// The surface of a request that lists none.
+absl::StatusOr<frame::Surface> OnlySurfaceFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request) {
   frame::Surface surface;
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(request.isovalue(), "isovalue"));
   surface.isovalue = request.isovalue();
   if (request.has_base_color()) {
     ISOSCOPE_ASSIGN_OR_RETURN(surface.appearance.base_color,
-                              ColorFromProto(request.base_color(), "base_color"));
-    if (request.base_color().alpha() != 1.0F) {
-      return absl::InvalidArgumentError(absl::StrCat("base_color.alpha is ",
-                                                     request.base_color().alpha(),
-                                                     ": surfaces are opaque, must be 1"));
-    }
+                              OpaqueColorFromProto(request.base_color(), "base_color"));
   }
   return surface;
+}
+
+absl::StatusOr<std::vector<frame::Surface>> SurfacesFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request) {
+  std::vector<frame::Surface> surfaces;
+  if (request.surfaces().empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(surfaces.emplace_back(), OnlySurfaceFromProto(request));
+    return surfaces;
+  }
+  if (request.isovalue() != 0 || request.has_base_color()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(request.has_base_color() ? "base_color" : "isovalue",
+                     " is set beside surfaces: must be unset, because each surface has its own"));
+  }
+  if (static_cast<std::size_t>(request.surfaces_size()) > frame::kMaxSurfaces) {
+    return absl::InvalidArgumentError(absl::StrCat("surfaces has ", request.surfaces_size(),
+                                                   " elements: must have at most ",
+                                                   frame::kMaxSurfaces));
+  }
+  for (int i = 0; i < request.surfaces_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        surfaces.emplace_back(),
+        SurfaceFromProto(request.surfaces(i), absl::StrCat("surfaces[", i, "]")));
+  }
+  return surfaces;
+}
+
+absl::StatusOr<view::HalfSpace> HalfSpaceFromProto(const isoscope::v1::HalfSpace& proto,
+                                                   const std::string& path) {
+  view::HalfSpace half_space;
+  const std::string normal_path = absl::StrCat(path, ".normal");
+  ISOSCOPE_ASSIGN_OR_RETURN(half_space.normal, VectorFromProto(proto.normal(), normal_path));
+  const double length = math::Length(half_space.normal);
+  if (!(length > 0) || !std::isfinite(length)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(normal_path, " is (", proto.normal().x(), ", ", proto.normal().y(), ", ",
+                     proto.normal().z(), "): must have a length that is neither 0 nor infinite"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.offset(), absl::StrCat(path, ".offset")));
+  half_space.offset = proto.offset();
+  return half_space;
+}
+
+absl::StatusOr<math::Box3d> BoxFromProto(const isoscope::v1::Box& proto, const std::string& path) {
+  if (!proto.has_min() || !proto.has_max()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, proto.has_min() ? ".max" : ".min", " is not set: a box needs both"));
+  }
+  math::Box3d box;
+  ISOSCOPE_ASSIGN_OR_RETURN(box.min, VectorFromProto(proto.min(), absl::StrCat(path, ".min")));
+  ISOSCOPE_ASSIGN_OR_RETURN(box.max, VectorFromProto(proto.max(), absl::StrCat(path, ".max")));
+  for (int axis = 0; axis < 3; ++axis) {
+    if (box.min[axis] > box.max[axis]) {
+      const char name = "xyz"[axis];
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ".max.", std::string(1, name), " is ", box.max[axis], ": must be at least ", path,
+          ".min.", std::string(1, name), ", which is ", box.min[axis]));
+    }
+  }
+  return box;
+}
+
+absl::StatusOr<view::ClipRegion> ClipFromProto(const isoscope::v1::ClipRegion& proto) {
+  view::ClipRegion clip;
+  if (static_cast<std::size_t>(proto.half_spaces_size()) > view::kMaxHalfSpaces) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("clip.half_spaces has ", proto.half_spaces_size(),
+                     " elements: must have at most ", view::kMaxHalfSpaces));
+  }
+  for (int i = 0; i < proto.half_spaces_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        clip.half_spaces.emplace_back(),
+        HalfSpaceFromProto(proto.half_spaces(i), absl::StrCat("clip.half_spaces[", i, "]")));
+  }
+  if (proto.has_box()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(clip.box, BoxFromProto(proto.box(), "clip.box"));
+  }
+  return clip;
 }
 
 }  // namespace
@@ -35,8 +170,7 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
   frame::FrameSpec spec;
-  ISOSCOPE_ASSIGN_OR_RETURN(const frame::Surface surface, SurfaceFromProto(request));
-  spec.surfaces.push_back(surface);
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.surfaces, SurfacesFromProto(request));
   if (!request.has_viewport()) {
     return absl::InvalidArgumentError("viewport is not set: must say the size of the image");
   }
@@ -49,6 +183,7 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     ISOSCOPE_ASSIGN_OR_RETURN(spec.background_color,
                               ColorFromProto(request.background_color(), "background_color"));
   }
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipFromProto(request.clip()));
   spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
   return spec;
 }

@@ -395,10 +395,25 @@ isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics) 
   *proto.mutable_extract_duration() = ToProto(statistics.extract_duration);
   *proto.mutable_render_duration() = ToProto(statistics.render_duration);
   *proto.mutable_busy_duration() = ToProto(statistics.busy_duration);
+  for (const frame::SurfaceStatistics& surface : statistics.surfaces) {
+    *proto.add_surfaces() = ToProto(surface);
+  }
+  return proto;
+}
+
+isoscope::v1::SurfaceStatistics ToProto(const frame::SurfaceStatistics& statistics) {
+  isoscope::v1::SurfaceStatistics proto;
+  proto.set_triangle_count(statistics.triangle_count);
+  proto.set_unique_vertex_count(statistics.unique_vertex_count);
   return proto;
 }
 
 frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto) {
+  std::vector<frame::SurfaceStatistics> surfaces;
+  for (const isoscope::v1::SurfaceStatistics& surface : proto.surfaces()) {
+    surfaces.push_back({.triangle_count = surface.triangle_count(),
+                        .unique_vertex_count = surface.unique_vertex_count()});
+  }
   return {.agent_address = proto.agent_address(),
           .shard_indices = {proto.shard_indices().begin(), proto.shard_indices().end()},
           .active_block_count = proto.active_block_count(),
@@ -410,7 +425,8 @@ frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatist
           .index_page_read_count = proto.index_page_read_count(),
           .extract_duration = DurationFromProto(proto.extract_duration()),
           .render_duration = DurationFromProto(proto.render_duration()),
-          .busy_duration = DurationFromProto(proto.busy_duration())};
+          .busy_duration = DurationFromProto(proto.busy_duration()),
+          .surfaces = std::move(surfaces)};
 }
 
 google::protobuf::Duration ToProto(absl::Duration duration) {

@@ -85,6 +85,7 @@ absl::StatusOr<std::vector<int>> ShardIndicesFromProto(
     absl::string_view path);
 
 isoscope::v1::AgentStatistics ToProto(const frame::AgentStatistics& statistics);
+isoscope::v1::SurfaceStatistics ToProto(const frame::SurfaceStatistics& statistics);
 // Takes numbers as they are, and durations as DurationFromProto does.
 frame::AgentStatistics AgentStatisticsFromProto(const isoscope::v1::AgentStatistics& proto);
 

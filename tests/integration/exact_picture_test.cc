@@ -495,6 +495,79 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfSeveralSurfaces) {
   }
 }
 
+// Half-spaces through random points of the volume, and now and then a box.
+view::ClipRegion RandomClip(std::uint64_t seed, const math::Box3d& bounds) {
+  std::uint64_t counter = 0;
+  const auto random = [&] { return base::RandomUnit(seed, 900'000 + counter++); };
+  const auto point = [&] {
+    math::Vec3d p;
+    for (int axis = 0; axis < 3; ++axis) {
+      p[axis] = bounds.min[axis] + (bounds.max[axis] - bounds.min[axis]) * random();
+    }
+    return p;
+  };
+  view::ClipRegion clip;
+  const auto count = static_cast<int>(4 * random());
+  for (int i = 0; i < count; ++i) {
+    math::Vec3d normal{random() - 0.5, random() - 0.5, random() - 0.5};
+    if (i == 2) {
+      normal = {0, 0, random() < 0.5 ? -2.0 : 2.0};  // along faces of blocks
+    }
+    clip.half_spaces.push_back({normal, math::Dot(normal, point())});
+  }
+  if (count == 0 || random() < 0.3) {
+    clip.box.emplace();
+    clip.box->Add(point());
+    clip.box->Add(point());
+  }
+  return clip;
+}
+
+TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomClipRegion) {
+  const bool is_egl = GetParam() == render::RendererKind::kEgl;
+  const std::uint64_t view_count = static_cast<std::uint64_t>(kFieldViewCount) * (is_egl ? 1 : 5);
+  for (const auto& [volume, step] : {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0)}) {
+    Datasets datasets(volume, directories_.get(), renderer_.get());
+    std::int64_t covered_pixel_count = 0;
+    std::int64_t smaller_count = 0;
+    for (std::uint64_t seed = 1; seed <= view_count; ++seed) {
+      SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed));
+      frame::FrameSpec spec = RandomSpec(seed, volume.geometry.Bounds(), volume.isovalue);
+      if (seed % 2 == 0) {
+        spec.surfaces = ThreeSurfaces(volume.isovalue, step);
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
+                                    datasets.Get(8, 1, store::Distribution::kRandom));
+      spec.culling = frame::Culling::kNone;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult whole, one->Render(spec));
+      spec.clip = RandomClip(seed, volume.geometry.Bounds());
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
+      covered_pixel_count += CoveredPixels(reference.image);
+      smaller_count += TriangleCount(reference) < TriangleCount(whole) ? 1 : 0;
+
+      spec.culling = frame::Culling::kDepth;
+      for (const auto& [edge, shard_count] : {std::pair(8, 1), std::pair(8, 3), std::pair(5, 2)}) {
+        if (is_egl && edge != 8) {
+          continue;  // OpenGL's pictures depend on how the volume is cut
+        }
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            LocalCluster* const cluster,
+            datasets.Get(edge, shard_count, store::Distribution::kRandom));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(spec));
+        const Difference difference = Compare(reference.image, result.image);
+        EXPECT_EQ(difference.colors, 0) << "block edge " << edge << ", " << shard_count;
+        EXPECT_EQ(difference.depths, 0) << "block edge " << edge << ", " << shard_count;
+      }
+      if (HasFailure()) {
+        return;
+      }
+    }
+    EXPECT_GT(covered_pixel_count, static_cast<std::int64_t>(view_count) * 200);
+    EXPECT_GE(smaller_count, static_cast<std::int64_t>(view_count) / 2)
+        << "blocks outside the clip region are drawn";
+  }
+}
+
 // docs/numerics.md, the second promise.
 TEST_P(ExactPictureTest, BlocksDoNotShowInDepthAndColor) {
   if (GetParam() == render::RendererKind::kEgl) {

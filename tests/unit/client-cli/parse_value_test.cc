@@ -102,6 +102,22 @@ TEST(ParseValueTest, ColorsStayBetweenZeroAndOne) {
   ExpectRefused(ParseColorWithAlpha, {"1,1,1,2", "1,1,1,1,1"});
 }
 
+TEST(ParseValueTest, SurfacesHaveALevelAndPerhapsAColour) {
+  EXPECT_EQ(*ParseSurface("-7.5"), (SurfaceValue{.isovalue = -7.5, .color = {}}));
+  EXPECT_EQ(*ParseSurface("30:1,0.5,0"),
+            (SurfaceValue{.isovalue = 30, .color = Color{1, 0.5F, 0, 1}}));
+  ExpectRefused(ParseSurface, {"", ":1,0,0", "30:", "30:red", "30:1,0", "x:1,0,0", "nan"});
+}
+
+TEST(ParseValueTest, PlanesAndBoxesAreListsOfNumbers) {
+  EXPECT_EQ(*ParsePlane("0,-1,0.5,20"), (PlaneValue{.normal = {0, -1, 0.5}, .offset = 20}));
+  ExpectRefused(ParsePlane, {"", "1,0,0", "0,0,0,1", "1,0,0,inf", "1,0,0,2,3", "a,b,c,d"});
+  const math::Box3d box = *ParseBox("0,10,-5,5,3,3");
+  EXPECT_EQ(box.min, (math::Vec3d{0, -5, 3}));
+  EXPECT_EQ(box.max, (math::Vec3d{10, 5, 3}));
+  ExpectRefused(ParseBox, {"", "0,10,-5,5,3", "10,0,0,1,0,1", "0,1,0,1,0,1,0", "0,1,0,1,0,nan"});
+}
+
 TEST(ParseValueTest, ChoicesAreListedWhenNoneFits) {
   const std::vector<std::pair<std::string, int>> choices = {{"depth", 1}, {"mask", 2}};
   EXPECT_EQ(*ParseChoice("mask", choices), 2);

@@ -3,6 +3,7 @@
 #include "gtest/gtest.h"
 
 #include "client-cli/usage.h"
+#include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {
@@ -58,6 +59,36 @@ TEST(RenderRequestTest, FileNamesNumberTheFirstPlaceOnly) {
   EXPECT_EQ(FrameFileName("{}/a-{}.png", 0), "0/a-{}.png");
   EXPECT_EQ(FrameFileName("100%.png", 1), "100%.png");
   EXPECT_EQ(FrameFileName("%s%n%d.png", 1), "%s%n1.png");
+}
+
+TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
+  RequestFlags flags;
+  flags.surfaces = {{.isovalue = 75, .color = {}}, {.isovalue = 30, .color = Color{1, 0, 0, 1}}};
+  flags.clip_planes = {{.normal = {1, 0, 0}, .offset = 12}};
+  flags.clip_box = math::Box3d{{0, 1, 2}, {3, 4, 5}};
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags));
+  EXPECT_EQ(flags.isovalues(), (std::vector<double>{75, 30}));
+  const isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, "head", SampleCamera());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
+  ASSERT_EQ(spec.surfaces.size(), 2U);
+  EXPECT_EQ(spec.surfaces[1].isovalue, 30);
+  EXPECT_EQ(spec.surfaces[1].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
+  EXPECT_EQ(spec.clip, (view::ClipRegion{.half_spaces = {{{1, 0, 0}, 12}},
+                                         .box = math::Box3d{{0, 1, 2}, {3, 4, 5}}}));
+}
+
+TEST(RenderRequestTest, SurfacesExcludeTheFlagsOfASingleOne) {
+  EXPECT_TRUE(IsUsageError(
+      CheckUsage(RequestFlags{.isovalue = 3, .surfaces = {{.isovalue = 1, .color = {}}}})));
+  EXPECT_TRUE(IsUsageError(
+      CheckUsage(RequestFlags{.base_color = Color(), .surfaces = {{.isovalue = 1, .color = {}}}})));
+  RequestFlags many;
+  many.surfaces.resize(17);
+  EXPECT_TRUE(IsUsageError(CheckUsage(many)));
+  many.surfaces.resize(16);
+  ISOSCOPE_EXPECT_OK(CheckUsage(many));
+  many.clip_planes.resize(7);
+  EXPECT_TRUE(IsUsageError(CheckUsage(many)));
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <iterator>
 #include <memory>
 #include <set>
 #include <span>
@@ -866,6 +867,48 @@ TEST_F(FramePipelineTest, ABlockIsReadOnceForAllSurfaces) {
   EXPECT_LT(of_twice.read_bytes, of_one.read_bytes + of_one.read_bytes / 4);
   EXPECT_EQ(of_twice.triangle_count, 2 * of_one.triangle_count);
   EXPECT_EQ(of_twice.visible_block_count, of_one.visible_block_count);
+  ASSERT_EQ(of_twice.surfaces.size(), 2U);
+  for (const frame::SurfaceStatistics& surface : of_twice.surfaces) {
+    EXPECT_EQ(surface.triangle_count, of_one.triangle_count);
+    EXPECT_EQ(surface.unique_vertex_count, of_one.unique_vertex_count);
+  }
+}
+
+TEST_F(FramePipelineTest, BlocksThatAreWhollyClippedAreNeitherReadNorDrawn) {
+  const SmallDataset dataset{1};
+  const Shards shards = dataset.OpenShards();
+  FrameTask task = dataset.Request();
+  task.report_active_blocks = true;
+  frame::AgentStatistics whole;
+  RenderAll(shards, task, &whole);
+  const math::Box3d bounds = dataset.geometry().Bounds();
+  task.spec.clip.half_spaces = {{{1, 0, 0}, bounds.min.x + 0.75 * (bounds.max.x - bounds.min.x)}};
+  const view::Clipper clipper(task.spec.clip, dataset.geometry());
+  std::vector<volume::BlockId> shown;
+  const std::vector<volume::BlockId> active =
+      shards[0]->reader->ranges().ActiveBlocks(SmallDataset::kIsovalue).Ids();
+  for (const volume::BlockId id : active) {
+    if (clipper.SideOf(dataset.layout(), id) != view::Clipper::Side::kOutside) {
+      shown.push_back(id);
+    }
+  }
+  ASSERT_GT(shown.size(), 0U);
+  ASSERT_LT(shown.size(), active.size() / 2);
+  ForgetAll();
+  frame::AgentStatistics clipped;
+  RenderAll(shards, task, &clipped);
+  EXPECT_EQ(clipped.active_block_count, static_cast<std::int64_t>(shown.size()));
+  EXPECT_EQ(clipped.visible_block_count, static_cast<std::int64_t>(shown.size()));
+  EXPECT_LT(clipped.read_bytes, whole.read_bytes * 3 / 4);
+  // The coordinator keeps the active blocks for frames with another region.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, task));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection selection, pipeline->SelectOccluders());
+  EXPECT_EQ(selection.active, active);
+  std::vector<volume::BlockId> outside;
+  std::set_difference(active.begin(), active.end(), shown.begin(), shown.end(),
+                      std::back_inserter(outside));
+  EXPECT_THAT(pipeline->RenderOccluders({outside.front()}),
+              StatusIs(absl::StatusCode::kInvalidArgument));
 }
 
 TEST_F(FramePipelineTest, AFrameWithoutACameraIsRefused) {

@@ -39,7 +39,7 @@ std::map<std::pair<int, int>, Hit> Rasterize(const mesh::BlockMesh& mesh, const 
   std::map<std::pair<int, int>, std::pair<float, std::uint32_t>> nearest;
   CpuRasterizer rasterizer;
   rasterizer.Rasterize(
-      *mesh::Compact(mesh), view, footprint, open, [&](const FragmentBatch& batch) {
+      *mesh::Compact(mesh), view, footprint, open, {}, [&](const FragmentBatch& batch) {
         for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
           const int x = static_cast<int>(batch.pixels[i] & 0xffff);
           const int y = static_cast<int>(batch.pixels[i] >> 16);
@@ -207,7 +207,7 @@ Fragments AllFragments(const mesh::BlockMesh& mesh, const view::View& view,
                        const view::Footprint& footprint, const image::PixelMask* open) {
   Fragments all;
   CpuRasterizer rasterizer;
-  rasterizer.Rasterize(*mesh::Compact(mesh), view, footprint, open,
+  rasterizer.Rasterize(*mesh::Compact(mesh), view, footprint, open, {},
                        [&](const FragmentBatch& batch) {
                          for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
                            all.push_back({batch.pixels[i], batch.triangles[i], batch.depths[i]});
@@ -384,6 +384,57 @@ TEST(CpuRasterizerTest, EveryInstructionSetGivesTheSameBits) {
       }
     }
   }
+}
+
+// A clipped mesh has the fragments of the whole one that lie inside, with their depths.
+TEST(CpuRasterizerTest, ClippingKeepsTheFragmentsInsideAsTheyAre) {
+  const Scene scene = CubeScene();
+  const view::View view = MakeOrthographicView(scene, 64, 64, 64, {32, 32, 32});
+  mesh::BlockMesh mesh;
+  for (int i = 0; i < 12; ++i) {
+    const auto shift = static_cast<float>(3 * i);
+    mesh.positions.insert(mesh.positions.end(), {{4.2F + shift, 5, 10 + shift},
+                                                 {20.7F + shift, 18.1F, 30},
+                                                 {3.3F, 27.9F + shift, 12 + shift}});
+    for (const std::uint32_t corner : {0U, 1U, 2U}) {
+      mesh.indices.push_back(static_cast<std::uint32_t>(3 * i) + corner);
+    }
+  }
+  mesh.normals.assign(mesh.positions.size(), {0, 0, 1});
+  const auto compact = mesh::Compact(mesh);
+  const view::Footprint footprint = WholeViewport(view);
+  const std::vector<view::HalfSpace> half_spaces{{{1, 0.4, 0.2}, 26.1}, {{0, 0, -1}, -28.5}};
+  const Fragments whole = AllFragments(mesh, view, footprint, nullptr);
+  Fragments expected;
+  for (const auto& fragment : whole) {
+    const std::array<double, 3> weights =
+        BarycentricsAtPixel(*compact, fragment[1], view, static_cast<int>(fragment[0] & 0xffff),
+                            static_cast<int>(fragment[0] >> 16));
+    math::Vec3d position;
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const math::Vec3f& p = mesh.positions[mesh.indices[3 * fragment[1] + corner]];
+      position = position + math::Vec3d{static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z)} *
+                                weights[corner];
+    }
+    if (math::Dot(half_spaces[0].normal, position) >= half_spaces[0].offset &&
+        math::Dot(half_spaces[1].normal, position) >= half_spaces[1].offset) {
+      expected.push_back(fragment);
+    }
+  }
+  Fragments clipped;
+  CpuRasterizer rasterizer;
+  rasterizer.Rasterize(
+      *compact, view, footprint, nullptr, half_spaces, [&](const FragmentBatch& batch) {
+        for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
+          clipped.push_back({batch.pixels[i], batch.triangles[i], batch.depths[i]});
+        }
+      });
+  std::sort(clipped.begin(), clipped.end());
+  std::sort(expected.begin(), expected.end());
+  EXPECT_EQ(clipped, expected);
+  EXPECT_GT(expected.size(), whole.size() / 10);
+  EXPECT_LT(expected.size(), whole.size() * 9 / 10);
 }
 
 TEST(BarycentricsAtPixelTest, WeightsAreOneAtCornersAndStayInsideForSlivers) {

@@ -1,6 +1,8 @@
 #include "core/rpc/frame_convert.h"
 
+#include <functional>
 #include <limits>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -70,11 +72,136 @@ TEST(FrameSpecFromProtoTest, WrongMembersAreNamedWithTheirValue) {
   request.mutable_camera()->mutable_eye()->set_x(1);
   expect(request, "camera");
   request = MakeRequest();
+  request.add_surfaces()->set_isovalue(3);
+  expect(request, "isovalue is set beside surfaces");
+  request.set_isovalue(0);
+  *request.mutable_base_color() = ToProto(image::Rgba8{1, 2, 3, 255});
+  expect(request, "base_color is set beside surfaces");
+  request = MakeRequest();
+  request.set_isovalue(0);
+  for (int i = 0; i < 17; ++i) {
+    request.add_surfaces();
+  }
+  expect(request, "surfaces has 17 elements: must have at most 16");
+  request = MakeRequest();
   request.set_culling(static_cast<isoscope::v1::Culling>(12));
   expect(request, "culling");
   request = MakeRequest();
   request.GetReflection()->MutableUnknownFields(&request)->AddVarint(90, 1);
   expect(request, "number 90");
+}
+
+TEST(FrameSpecFromProtoTest, SurfacesArriveInTheirOrderWithTheirLook) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  request.add_surfaces()->set_isovalue(75);
+  isoscope::v1::Surface* const second = request.add_surfaces();
+  second->set_isovalue(-30);
+  *second->mutable_color() = ToProto(image::Rgba8{9, 8, 7, 255});
+  second->mutable_material()->set_ambient(0);
+  second->mutable_material()->set_diffuse(0.5F);
+  second->mutable_material()->set_specular(0.25F);
+  second->mutable_material()->set_shininess(7);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  ASSERT_EQ(spec.surfaces.size(), 2U);
+  EXPECT_EQ(spec.surfaces[0], (frame::Surface{.isovalue = 75, .appearance = {}}));
+  EXPECT_EQ(spec.surfaces[1], (frame::Surface{.isovalue = -30,
+                                              .appearance = {.base_color = {9, 8, 7, 255},
+                                                             .ambient = 0,
+                                                             .diffuse = 0.5F,
+                                                             .specular = 0.25F,
+                                                             .shininess = 7}}));
+}
+
+TEST(FrameSpecFromProtoTest, TheClipRegionArrives) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_y(-2);
+  half_space->set_offset(3.5);
+  *request.mutable_clip()->mutable_box()->mutable_min() = ToProto(math::Vec3d{1, 2, 3});
+  *request.mutable_clip()->mutable_box()->mutable_max() = ToProto(math::Vec3d{1, 5, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.clip, (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}},
+                                         .box = math::Box3d{{1, 2, 3}, {1, 5, 6}}}));
+}
+
+// Every number of the new messages, with values that a program may send by mistake.
+TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  using Request = isoscope::v1::RenderIsosurfaceRequest;
+  const auto surface = [](Request* request) { return request->mutable_surfaces(1); };
+  const auto material = [&](Request* request) { return surface(request)->mutable_material(); };
+  const auto half_space = [](Request* request) {
+    return request->mutable_clip()->mutable_half_spaces(0);
+  };
+  const auto box = [](Request* request) { return request->mutable_clip()->mutable_box(); };
+  struct Case {
+    const char* path;
+    std::function<void(Request*, double)> set;
+    std::vector<double> values;
+  };
+  const std::vector<Case> cases{
+      {"surfaces[1].isovalue",
+       [&](Request* r, double v) { surface(r)->set_isovalue(v); },
+       {kNan, kInfinity, -kInfinity}},
+      {"surfaces[1].color.red",
+       [&](Request* r, double v) { surface(r)->mutable_color()->set_red(static_cast<float>(v)); },
+       {kNan, -0.01, 1.01, kInfinity}},
+      {"surfaces[1].color.alpha",
+       [&](Request* r, double v) { surface(r)->mutable_color()->set_alpha(static_cast<float>(v)); },
+       {kNan, 0, 0.5, 2}},
+      {"surfaces[1].material.ambient",
+       [&](Request* r, double v) { material(r)->set_ambient(static_cast<float>(v)); },
+       {kNan, -1, 1.5, kInfinity}},
+      {"surfaces[1].material.diffuse",
+       [&](Request* r, double v) { material(r)->set_diffuse(static_cast<float>(v)); },
+       {kNan, -1, 1.5, kInfinity}},
+      {"surfaces[1].material.specular",
+       [&](Request* r, double v) { material(r)->set_specular(static_cast<float>(v)); },
+       {kNan, -1, 1.5, kInfinity}},
+      {"surfaces[1].material.shininess",
+       [&](Request* r, double v) { material(r)->set_shininess(static_cast<float>(v)); },
+       {kNan, 0, 0.5, 1001, kInfinity}},
+      {"clip.half_spaces[0].normal",
+       [&](Request* r, double v) { half_space(r)->mutable_normal()->set_z(v); },
+       {kNan, 0, kInfinity, 1e300}},
+      {"clip.half_spaces[0].offset",
+       [&](Request* r, double v) { half_space(r)->set_offset(v); },
+       {kNan, kInfinity}},
+      {"clip.box.min",
+       [&](Request* r, double v) { box(r)->mutable_min()->set_x(v); },
+       {kNan, kInfinity}},
+      {"clip.box.max.x",
+       [&](Request* r, double v) { box(r)->mutable_max()->set_x(v); },
+       {kNan, kInfinity, -5}},
+  };
+  for (const Case& wrong : cases) {
+    for (const double value : wrong.values) {
+      Request request = MakeRequest();
+      request.set_isovalue(0);
+      request.add_surfaces();
+      *request.add_surfaces()->mutable_color() = ToProto(image::Rgba8{1, 2, 3, 255});
+      request.mutable_clip()->add_half_spaces()->mutable_normal()->set_z(1);
+      *box(&request)->mutable_min() = ToProto(math::Vec3d{-1, -1, -1});
+      *box(&request)->mutable_max() = ToProto(math::Vec3d{1, 1, 1});
+      ASSERT_THAT(FrameSpecFromProto(request), IsOk());
+      wrong.set(&request, value);
+      EXPECT_THAT(FrameSpecFromProto(request),
+                  StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(wrong.path)))
+          << value;
+    }
+  }
+  Request request = MakeRequest();
+  request.mutable_clip()->mutable_box();
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("clip.box.min is not set")));
+  for (int i = 0; i < 7; ++i) {
+    request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  }
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("clip.half_spaces has 7 elements: must have at most 6")));
 }
 
 TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {
