@@ -1,5 +1,5 @@
 // Where the frames of `isoscope render` go: one picture or numbered ones, each with its record, or
-// one animation.
+// one animation; all with annotations if these are wanted.
 
 #ifndef ISOSCOPE_CLIENT_CLI_PICTURE_OUTPUT_H_
 #define ISOSCOPE_CLIENT_CLI_PICTURE_OUTPUT_H_
@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 
 #include "client-cli/animation_writer.h"
+#include "client-cli/annotations.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -22,6 +23,7 @@ struct PictureOutputOptions {
   int frame_count = 1;
   double fps = 12;  // of an animation
   bool has_metadata = true;
+  AnnotationFlags annotations = {};
   // For the record of each picture.
   std::string picture_revision;
   std::string samples_digest;

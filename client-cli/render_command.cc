@@ -9,6 +9,7 @@
 
 #include "absl/time/clock.h"
 
+#include "client-cli/annotations.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
@@ -36,6 +37,7 @@ struct RenderFlags {
   std::optional<std::string> stats;
   std::optional<std::string> like;
   bool has_no_metadata = false;
+  AnnotationFlags annotations;
 };
 
 absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
@@ -97,6 +99,7 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .frame_count = flags.sweep.frame_count(),
                         .fps = flags.sweep.fps(),
                         .has_metadata = !flags.has_no_metadata,
+                        .annotations = flags.annotations,
                         .picture_revision = subject.picture_revision,
                         .samples_digest = subject.dataset.samples_digest()});
 }
@@ -211,6 +214,7 @@ Action RegisterFlags(CLI::App* app) {
           "and compare; takes no flag that decides a pixel");
   app->add_flag("--no-metadata", flags->has_no_metadata,
                 "write pictures without a record of how they were made");
+  AddAnnotationFlags(app, &flags->annotations);
   return [flags, app](const Context& context) { return Run(*flags, *app, context); };
 }
 

@@ -188,6 +188,25 @@ TEST_F(PictureTest, MaskPictureCarriesNoRecordForItDependsOnTheCut) {
   EXPECT_EQ(cli::SplitRecordedPng(png).status().code(), absl::StatusCode::kNotFound);
 }
 
+TEST_F(PictureTest, LikeComparesAnAnnotatedPictureBesideItsAnnotations) {
+  const std::vector<std::string> annotations{"--axes", "--scale-bar", "--caption", "at {isovalue}"};
+  const std::string png = MustRender("a.png", Join(Small(Cpu("one")), annotations));
+  const std::string plain = MustRender("plain.png", Small(Cpu("one")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage pixels, image::DecodePng(png));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage plain_pixels, image::DecodePng(plain));
+  EXPECT_NE(pixels, plain_pixels);
+  // The picture without annotations comes back, and the same with them if they are asked for.
+  CommandResult result =
+      Render(Join(Cpu("three"), {"--like", Path("a.png"), "--output", Path("b.png")}));
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_TRUE(absl::StrContains(result.out, "byte for byte")) << result.out;
+  EXPECT_EQ(Read("b.png"), plain);
+  result = Render(
+      Join(Cpu("one"), Join({"--like", Path("a.png"), "--output", Path("b.png")}, annotations)));
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(Read("b.png"), png);
+}
+
 // The frames of an APNG as RGBA.
 std::vector<image::RgbaImage> FramesOfApng(const std::string& apng) {
   const absl::StatusOr<std::vector<cli::PngChunk>> chunks = cli::ParsePngChunks(apng);
