@@ -82,6 +82,9 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   Json json;
   json["name"] = dataset.name();
   json["dataset_id"] = dataset.dataset_id();
+  if (!dataset.samples_digest().empty()) {
+    json["samples_digest"] = dataset.samples_digest();
+  }
   json["source"] = dataset.source();
   AddGeometry(dataset.geometry(), &json);
   AddSamples(dataset.sample_type(), dataset.has_value_range(), dataset.value_range().min(),

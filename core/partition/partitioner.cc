@@ -50,6 +50,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
+#include "oneapi/tbb/enumerable_thread_specific.h"
 #include "oneapi/tbb/parallel_for.h"
 #include "oneapi/tbb/task_group.h"
 
@@ -64,6 +65,7 @@
 #include "core/partition/distribution.h"
 #include "core/partition/partition_plan.h"
 #include "core/partition/portion_reader.h"
+#include "core/partition/samples_digest.h"
 #include "core/store/block_order.h"
 #include "core/store/shard_compressor.h"
 #include "core/store/shard_format.h"
@@ -242,6 +244,7 @@ class Partitioner {
                                   absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
     entries_.emplace(directory, plan_.entry_bytes);
     ISOSCOPE_RETURN_IF_ERROR(ForEachPortion(&reader, [&](const Slab& slab, const Portion& portion) {
+      AddToDigest(slab, portion);
       return WriteBlocks(slab, portion);
     }));
     batches_ = {};
@@ -364,6 +367,33 @@ class Partitioner {
       writers_.push_back(std::move(writer));
     }
     return absl::OkStatus();
+  }
+
+  // Adds the rows of samples that belong to this portion and to no other: those of its blocks'
+  // cells, and the last ones of the volume.
+  void AddToDigest(const Slab& slab, const Portion& portion) {
+    const math::Index3& dims = layout_.sample_dims();
+    const math::Index3& cells = layout_.block_cells();
+    const auto end_of = [](std::int64_t blocks, std::int64_t all_blocks, std::int64_t edge,
+                           std::int64_t samples) {
+      return blocks == all_blocks ? samples : blocks * edge;
+    };
+    const std::int64_t begin_y = portion.begin_row * cells.y;
+    const std::int64_t end_y = end_of(portion.end_row, layout_.block_dims().y, cells.y, dims.y);
+    const std::int64_t end_z = end_of(portion.end_layer, layout_.block_dims().z, cells.z, dims.z);
+    const std::int64_t slab_rows = slab.rows == 0 ? dims.y : slab.rows;
+    const auto row_bytes = static_cast<std::size_t>(dims.x) * volume::SizeOf(type_);
+    tbb::enumerable_thread_specific<SamplesDigest> digests;
+    tbb::parallel_for(portion.begin_layer * cells.z, end_z, [&](std::int64_t z) {
+      SamplesDigest& digest = digests.local();
+      for (std::int64_t y = begin_y; y < end_y; ++y) {
+        const std::int64_t row = (z - slab.begin_z) * slab_rows + y - slab.begin_y;
+        digest.AddRow(y, z, {slab.samples + static_cast<std::size_t>(row) * row_bytes, row_bytes});
+      }
+    });
+    for (const SamplesDigest& digest : digests) {
+      samples_digest_.Add(digest);
+    }
   }
 
   // Step 3 cuts and writes the blocks of a portion in batches: one batch is cut, in parallel, while
@@ -545,6 +575,7 @@ class Partitioner {
     manifest.block_cells = layout_.block_cells();
     manifest.distribution = options_.distribution;
     manifest.seed = is_random ? options_.seed : 0;
+    manifest.samples_digest = samples_digest_.Finish(manifest.geometry, type_);
     manifest.dataset_id = store::ComputeDatasetId(manifest);
     for (std::size_t shard = 0; shard < shard_directories_.size(); ++shard) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
@@ -572,6 +603,7 @@ class Partitioner {
   std::array<std::vector<char>, 2> portions_;
   std::array<Batch, 2> batches_;
   volume::ScalarSpan value_range_;  // of the portions so far
+  SamplesDigest samples_digest_;    // of the portions so far
   std::unique_ptr<store::RangeTableWriter> range_writer_;
   std::optional<io::ExternalSorter<Placement>> placements_;
   std::uint32_t next_position_ = 0;  // of placements_

@@ -276,6 +276,7 @@ isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
   isoscope::v1::Dataset proto;
   proto.set_name(manifest.name);
   proto.set_dataset_id(manifest.dataset_id);
+  proto.set_samples_digest(manifest.samples_digest);
   proto.set_source(manifest.source);
   *proto.mutable_geometry() = ToProto(manifest.geometry);
   proto.set_sample_type(ToProto(manifest.scalar_type));
@@ -296,12 +297,18 @@ absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view pa
     return Invalid(Join(path, "name"), "empty", "must be set");
   }
   const std::string& id = dataset.dataset_id();
-  const bool is_hex = std::all_of(id.begin(), id.end(), [](char c) {
-    return absl::ascii_isxdigit(static_cast<unsigned char>(c));
-  });
-  if (id.size() != 32 || !is_hex) {
+  const auto is_digest = [](const std::string& text) {
+    return text.size() == 32 && std::all_of(text.begin(), text.end(), [](char c) {
+             return absl::ascii_isxdigit(static_cast<unsigned char>(c));
+           });
+  };
+  if (!is_digest(id)) {
     return Invalid(Join(path, "dataset_id"), absl::StrCat("\"", id, "\""),
                    "must be 32 hexadecimal digits");
+  }
+  if (const std::string& digest = dataset.samples_digest(); !digest.empty() && !is_digest(digest)) {
+    return Invalid(Join(path, "samples_digest"), absl::StrCat("\"", digest, "\""),
+                   "must be empty or 32 hexadecimal digits");
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             GeometryFromProto(dataset.geometry(), Join(path, "geometry")));

@@ -5,7 +5,8 @@
 //   3. Each member by name: its type and range. JsonFields keeps the first error, so the members
 //      are read in a row and the error is checked once. Unknown members are ignored.
 //   4. Names become enumerators.
-//   5. CheckConsistency: the id has 32 hex digits, the geometry is valid, the blocks make a layout,
+//   5. CheckConsistency: the digests have 32 hex digits, the geometry is valid, the blocks make a
+//   layout,
 //      and the block counts of the shards add up to its blocks.
 //
 // Invariant: decoding an encoded manifest gives the same manifest, bit for bit, if its strings are
@@ -93,15 +94,20 @@ absl::Status ReadShards(const Json& json, absl::string_view where,
   return absl::OkStatus();
 }
 
-bool IsDatasetId(const std::string& id) {
+// True for the digests of a manifest.
+bool IsDigest(const std::string& id) {
   return id.size() == 32 && id.find_first_not_of("0123456789abcdef") == std::string::npos;
 }
 
 // Checks what involves several members.
 absl::Status CheckConsistency(const Manifest& manifest, absl::string_view where) {
-  if (!IsDatasetId(manifest.dataset_id)) {
+  if (!IsDigest(manifest.dataset_id)) {
     return absl::DataLossError(
         absl::StrCat(where, ": member \"dataset_id\": expected 32 lower-case hex digits"));
+  }
+  if (!manifest.samples_digest.empty() && !IsDigest(manifest.samples_digest)) {
+    return absl::DataLossError(
+        absl::StrCat(where, ": member \"samples_digest\": expected 32 lower-case hex digits"));
   }
   if (const absl::Status status = volume::Validate(manifest.geometry); !status.ok()) {
     return WithContext(where, status);
@@ -158,6 +164,9 @@ std::string EncodeManifest(const Manifest& manifest) {
   json["format_version"] = kFormatVersion;
   json["crc32c"] = JsonFromCrc32c(0);
   json["dataset_id"] = manifest.dataset_id;
+  if (!manifest.samples_digest.empty()) {
+    json["samples_digest"] = manifest.samples_digest;
+  }
   json["name"] = manifest.name;
   json["source"] = manifest.source;
   json["sample_dims"] = JsonFromIndex(geometry.sample_dims);
@@ -185,6 +194,9 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
   Manifest manifest;
   JsonFields fields(json, where);
   fields.Read("dataset_id", &manifest.dataset_id);
+  if (json.contains("samples_digest")) {
+    fields.Read("samples_digest", &manifest.samples_digest);
+  }
   fields.Read("name", &manifest.name);
   fields.Read("source", &manifest.source);
   ReadIndex("sample_dims", 2, kMaxInt64, &fields, &manifest.geometry.sample_dims);

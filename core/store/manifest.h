@@ -34,8 +34,11 @@ struct ShardSummary {
 
 struct Manifest {
   std::string dataset_id;  // 32 hex digits: digest of content and parameters (ComputeDatasetId)
-  std::string name;        // clients ask for the dataset by it; from the output folder's name
-  std::string source;      // file name (no folder) of the source volume, for people
+  // 32 hex digits: digest of samples and grid alone, the same however the volume was cut
+  // (partition/samples_digest.h). Empty in datasets of programs that did not know it.
+  std::string samples_digest;
+  std::string name;    // clients ask for the dataset by it; from the output folder's name
+  std::string source;  // file name (no folder) of the source volume, for people
   volume::GridGeometry geometry;
   volume::ScalarType scalar_type = volume::ScalarType::kUint8;
   volume::ScalarSpan value_range;  // over all samples that are not NaN

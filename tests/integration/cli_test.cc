@@ -259,7 +259,8 @@ TEST_F(CliTest, StatisticsHaveTheMembersThatScriptsReadAndAddUp) {
   for (const char* culling : {"depth", "mask", "none"}) {
     SCOPED_TRACE(culling);
     json stats;
-    const std::string png = Render({Path("d"), "--renderer", "cpu", "--culling", culling}, &stats);
+    const std::string png =
+        Render({Path("d"), "--renderer", "cpu", "--culling", culling, "--no-metadata"}, &stats);
     ASSERT_EQ(stats.at("frames").size(), 1U);
     const json& frame = stats.at("frames").at(0);
     const std::set<std::string> expected{"wall_ms",

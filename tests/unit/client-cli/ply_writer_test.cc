@@ -3,45 +3,51 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
-#include <vector>
 
-#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/base/coding.h"
+#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope::cli {
 namespace {
 
-using ::isoscope::testing::StatusIs;
 using ::isoscope::testing::TempDir;
-using ::testing::HasSubstr;
 
-template <typename T>
-std::string Bytes(const std::vector<T>& values) {
-  std::string bytes;
-  for (const T value : values) {
-    base::AppendLittleEndian(value, &bytes);
+// Two pieces: a triangle, then a vertex more and a triangle with it.
+absl::Status WriteTwoPieces(const MeshFileOptions& options) {
+  absl::StatusOr<std::unique_ptr<MeshWriter>> writer = CreatePly(options);
+  if (!writer.ok()) {
+    return writer.status();
   }
-  return bytes;
+  ISOSCOPE_EXPECT_OK((*writer)->Add({.positions = {0, 0, 0, 1, 0, 0, 0, 1, 0},
+                                     .normals = {0, 0, 1, 0, 0, 1, 0, 0, 1},
+                                     .triangles = {0, 1, 2}}));
+  ISOSCOPE_EXPECT_OK(
+      (*writer)->Add({.positions = {1, 1, 0}, .normals = {0, 1, 0}, .triangles = {1, 3, 2}}));
+  const absl::Status finished = (*writer)->Finish();
+  EXPECT_EQ((*writer)->vertex_count(), 4);
+  EXPECT_EQ((*writer)->triangle_count(), 2);
+  EXPECT_EQ((*writer)->size_bytes(),
+            static_cast<std::int64_t>(std::filesystem::file_size(options.path)));
+  return finished;
 }
 
-TEST(PlyWriterTest, TwoChunksGiveExactlyTheseBytes) {
+// 1.0F is 00 00 80 3f.
+const std::string& Zero() {
+  static const std::string* const bytes = new std::string(4, '\0');
+  return *bytes;
+}
+const std::string& One() {
+  static const std::string* const bytes = new std::string("\x00\x00\x80\x3f", 4);
+  return *bytes;
+}
+
+TEST(PlyWriterTest, TwoPiecesGiveExactlyTheseBytes) {
   const TempDir folder;
   const std::string path = folder.Sub("mesh.ply");
-  {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, PlyWriter::Create(path));
-    ISOSCOPE_ASSERT_OK(writer->AddChunk(Bytes<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}),
-                                        Bytes<float>({0, 0, 1, 0, 0, 1, 0, 0, 1}),
-                                        Bytes<std::int64_t>({0, 1, 2})));
-    ISOSCOPE_ASSERT_OK(writer->AddChunk(Bytes<float>({1, 1, 0}), Bytes<float>({0, 1, 0}),
-                                        Bytes<std::int64_t>({1, 3, 2})));
-    ISOSCOPE_ASSERT_OK(writer->Finish());
-    EXPECT_EQ(writer->vertex_count(), 4);
-    EXPECT_EQ(writer->triangle_count(), 2);
-  }
+  ISOSCOPE_ASSERT_OK(WriteTwoPieces({.path = path}));
   std::string expected =
       "ply\n"
       "format binary_little_endian 1.0\n"
@@ -52,13 +58,10 @@ TEST(PlyWriterTest, TwoChunksGiveExactlyTheseBytes) {
       "element face 2\n"
       "property list uchar int vertex_indices\n"
       "end_header\n";
-  // 1.0F is 00 00 80 3f.
-  const std::string zero(4, '\0');
-  const std::string one("\x00\x00\x80\x3f", 4);
-  expected += zero + zero + zero + zero + zero + one;
-  expected += one + zero + zero + zero + zero + one;
-  expected += zero + one + zero + zero + zero + one;
-  expected += one + one + zero + zero + one + zero;
+  expected += Zero() + Zero() + Zero() + Zero() + Zero() + One();
+  expected += One() + Zero() + Zero() + Zero() + Zero() + One();
+  expected += Zero() + One() + Zero() + Zero() + Zero() + One();
+  expected += One() + One() + Zero() + Zero() + One() + Zero();
   expected += std::string("\x03\x00\x00\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00", 13);
   expected += std::string("\x03\x01\x00\x00\x00\x03\x00\x00\x00\x02\x00\x00\x00", 13);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 10'000));
@@ -68,9 +71,23 @@ TEST(PlyWriterTest, TwoChunksGiveExactlyTheseBytes) {
             1);
 }
 
+TEST(PlyWriterTest, ColorsFollowEachNormal) {
+  const TempDir folder;
+  const std::string path = folder.Sub("mesh.ply");
+  ISOSCOPE_ASSERT_OK(
+      WriteTwoPieces({.path = path, .color = Color{.red = 1, .green = 0.5F, .blue = 0}}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 10'000));
+  const std::string header = MakePlyHeader(4, 2, /*has_colors=*/true);
+  EXPECT_NE(header.find("property uchar red\nproperty uchar green\nproperty uchar blue\n"),
+            std::string::npos);
+  ASSERT_EQ(content.substr(0, header.size()), header);
+  EXPECT_EQ(content.size(), header.size() + 4 * 27 + 2 * 13);
+  EXPECT_EQ(content.substr(header.size() + 24, 3), std::string("\xff\x80\x00", 3));
+}
+
 TEST(PlyWriterTest, EmptySurfaceIsAValidFile) {
   const TempDir folder;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, PlyWriter::Create(folder.Sub("mesh.ply")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, CreatePly({.path = folder.Sub("mesh.ply")}));
   ISOSCOPE_ASSERT_OK(writer->Finish());
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content,
                                 io::ReadWholeFile(folder.Sub("mesh.ply"), 10'000));
@@ -79,35 +96,8 @@ TEST(PlyWriterTest, EmptySurfaceIsAValidFile) {
 
 TEST(PlyWriterTest, HeaderLengthDoesNotDependOnTheCounts) {
   const std::size_t size = MakePlyHeader(0, 0).size();
-  EXPECT_EQ(MakePlyHeader(PlyWriter::kMaxVertexCount, INT64_MAX).size(), size);
+  EXPECT_EQ(MakePlyHeader(kMaxVertexCount, INT64_MAX).size(), size);
   EXPECT_EQ(MakePlyHeader(12, 345).size(), size);
-}
-
-TEST(PlyWriterTest, MalformedChunksAreRefused) {
-  const TempDir folder;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, PlyWriter::Create(folder.Sub("mesh.ply")));
-  const std::string vertex = Bytes<float>({0, 0, 0});
-  for (std::size_t size = 1; size < vertex.size(); ++size) {
-    const std::string cut = vertex.substr(0, size);
-    EXPECT_THAT(writer->AddChunk(cut, cut, ""), StatusIs(absl::StatusCode::kDataLoss)) << size;
-    EXPECT_THAT(writer->AddChunk(vertex, cut, ""), StatusIs(absl::StatusCode::kDataLoss)) << size;
-  }
-  EXPECT_THAT(writer->AddChunk("", "", Bytes<std::int64_t>({0, 0})),
-              StatusIs(absl::StatusCode::kDataLoss));
-  EXPECT_THAT(writer->AddChunk(vertex, vertex, Bytes<std::int64_t>({0, 0, 1})),
-              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("has vertex 1")));
-  EXPECT_THAT(writer->AddChunk("", "", Bytes<std::int64_t>({0, -1, 0})),
-              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("has vertex -1")));
-}
-
-TEST(PlyWriterTest, AbandonedWriterLeavesNothing) {
-  const TempDir folder;
-  {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, PlyWriter::Create(folder.Sub("mesh.ply")));
-    const std::string vertex = Bytes<float>({0, 0, 0});
-    ISOSCOPE_ASSERT_OK(writer->AddChunk(vertex, vertex, ""));
-  }
-  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }
 
 }  // namespace

@@ -421,6 +421,36 @@ TEST_F(PartitionerTest, DatasetIdDependsOnContentAndParametersNotOnTheName) {
   EXPECT_NE(id_of(options), id);
 }
 
+TEST_F(PartitionerTest, SamplesDigestDependsOnSamplesAloneNotOnHowTheyAreCut) {
+  const math::Index3 dims{17, 19, 23};
+  Volume v{dims, ScalarType::kInt16, Noise(dims, ScalarType::kInt16)};
+  int count = 0;
+  const auto digest_of = [&](PartitionOptions options) {
+    options.output_directory = dir_.Sub(absl::StrCat("digest-", count++));
+    const auto source = SourceOf(v);
+    const auto manifest = Partition(*source, options, never_);
+    EXPECT_THAT(manifest.status(), testing::IsOk());
+    return manifest.ok() ? manifest->samples_digest : "";
+  };
+  PartitionOptions options = Options("unused");
+  const std::string digest = digest_of(options);
+  EXPECT_EQ(digest.size(), 32u);
+  for (const math::Index3& cells :
+       {math::Index3{1, 2, 3}, {5, 5, 5}, {16, 18, 22}, {128, 4, 128}}) {
+    options.block_cells = cells;
+    EXPECT_EQ(digest_of(options), digest) << cells.x << " " << cells.y << " " << cells.z;
+  }
+  options.block_cells = {4, 4, 4};
+  options.shard_count = 3;
+  options.seed = 9;
+  EXPECT_EQ(digest_of(options), digest);
+  options.distribution = store::Distribution::kGreedy;
+  options.compression = store::BlockEncoding::kZstd;
+  EXPECT_EQ(digest_of(options), digest);
+  v.samples.back() = static_cast<char>(v.samples.back() ^ 1);
+  EXPECT_NE(digest_of(options), digest);
+}
+
 TEST_F(PartitionerTest, BadOptionsSayWhatIsAllowed) {
   const math::Index3 dims{17, 17, 33};
   const Volume v{dims, ScalarType::kUint16, Noise(dims, ScalarType::kUint16)};

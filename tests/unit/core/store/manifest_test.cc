@@ -120,6 +120,19 @@ TEST(ManifestTest, BytesStayAsDocumented) {
   EXPECT_EQ(decoded, MakeManifest());
 }
 
+TEST(ManifestTest, SamplesDigestIsOptionalAndChecked) {
+  Manifest manifest = MakeManifest();
+  manifest.samples_digest = std::string(32, 'a');
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded,
+                                DecodeManifest(EncodeManifest(manifest), "m"));
+  EXPECT_EQ(decoded, manifest);
+  for (const char* wrong : {"a", "AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"}) {
+    manifest.samples_digest = wrong;
+    EXPECT_THAT(DecodeManifest(EncodeManifest(manifest), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("samples_digest")));
+  }
+}
+
 TEST(ManifestTest, EveryDoubleRoundTripsExactly) {
   const double values[] = {0.1,
                            1.0 / 3,

@@ -1,0 +1,76 @@
+// Annotations: orientation axes, a scale bar and a caption, drawn by Cairo over a picture that has
+// come. The server's pictures never have any.
+
+#ifndef ISOSCOPE_CLIENT_CLI_ANNOTATIONS_H_
+#define ISOSCOPE_CLIENT_CLI_ANNOTATIONS_H_
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/image/png_codec.h"
+#include "core/view/camera.h"
+#include "core/view/view.h"
+
+namespace CLI {  // NOLINT(readability-identifier-naming): theirs
+class App;
+}  // namespace CLI
+
+namespace isoscope::cli {
+
+struct AnnotationFlags {
+  bool has_axes = false;
+  bool has_scale_bar = false;
+  // "{isovalue}" in it becomes the frame's; "\n" (two letters) begins a new line.
+  std::optional<std::string> caption = std::nullopt;
+
+  [[nodiscard]] bool any() const { return has_axes || has_scale_bar || caption; }
+};
+
+// `flags` must outlive the parsing.
+void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags);
+
+// What a frame tells its annotations.
+struct AnnotationScene {
+  view::Camera camera;
+  int viewport_height_px = 0;  // that the camera's angle or height spans
+  double isovalue = 0;
+  bool is_background_light = false;  // dark ink on it
+  std::array<std::string, 3> axis_names{"X", "Y", "Z"};
+};
+
+// A scale bar: a round number of world units and its length in the picture.
+struct ScaleBar {
+  double world_length = 0;  // 1, 2 or 5 times a power of ten
+  double length_px = 0;
+  std::string label;
+};
+
+// The longest bar of at most `max_px` pixels. Exact for an orthographic camera; for a perspective
+// one it holds at the target's distance, and the label says so.
+ScaleBar MakeScaleBar(const AnnotationScene& scene, double max_px);
+
+// The screen directions of the world's axes x, y, z: components to the right, up and away from the
+// eye, of unit length together.
+std::array<math::Vec3d, 3> AxisDirections(const view::Camera& camera);
+
+struct Annotated {
+  image::RgbaImage picture;
+  // Outside these the pixels are those of before.
+  std::vector<view::PixelRect> boxes;
+};
+
+// Draws over the picture. The same on one machine; another one may have another font.
+// INVALID_ARGUMENT if the caption is not UTF-8; FAILED_PRECONDITION if there is no font.
+// Thread-safe.
+absl::StatusOr<Annotated> Annotate(const AnnotationFlags& flags, const AnnotationScene& scene,
+                                   image::RgbaImage picture);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_ANNOTATIONS_H_

@@ -1,0 +1,74 @@
+// Writes a mesh of unknown size to a file, in the format of its name.
+
+#ifndef ISOSCOPE_CLIENT_CLI_MESH_WRITER_H_
+#define ISOSCOPE_CLIENT_CLI_MESH_WRITER_H_
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "client-cli/mesh_piece.h"
+#include "client-cli/parse_value.h"
+
+namespace isoscope::cli {
+
+enum class MeshFormat { kPly, kStl, kObj, kGlb, kVtp };
+
+// "ply", "stl", "obj", "glb", "vtp".
+absl::StatusOr<MeshFormat> ParseMeshFormat(absl::string_view text);
+absl::string_view NameOf(MeshFormat format);
+
+// The format of a file: `format` if it is given, else that of the name's suffix; PLY for a name
+// without one. UsageError if the suffix is that of none, or contradicts `format`.
+absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
+                                        const std::optional<MeshFormat>& format);
+
+struct MeshFileOptions {
+  std::string path;
+  MeshFormat format = MeshFormat::kPly;
+  // Of the surface. Null: the file has no colours.
+  std::optional<Color> color = std::nullopt;
+};
+
+// UsageError if the format can't hold what is asked for: STL has no colours.
+absl::Status CheckUsage(const MeshFileOptions& options);
+
+// Red, green and blue, rounded to 8 bits.
+std::array<std::uint8_t, 3> ToBytes(const Color& color);
+
+// A MeshSink that is a file. Pieces go to disk as they come, so memory holds one at a time; but
+// STL, whose triangles repeat their corners, keeps all positions in a file that is mapped into
+// memory. `path` appears at Finish, in one step. Without it the destructor removes what was
+// written.
+class MeshWriter : public MeshSink {
+ public:
+  // REQUIRES: CheckUsage is OK. Errors as io::CreateWritableFile.
+  static absl::StatusOr<std::unique_ptr<MeshWriter>> Create(const MeshFileOptions& options);
+
+  // Errors of writing. OUT_OF_RANGE, and what to do, where the format can't hold as many.
+  absl::Status Add(const MeshPiece& piece) final;
+
+  [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
+  [[nodiscard]] std::int64_t triangle_count() const { return triangle_count_; }
+  // Of the file, once finished.
+  [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
+
+ protected:
+  MeshWriter() = default;
+  // The counts are those of before.
+  virtual absl::Status AddPiece(const MeshPiece& piece) = 0;
+
+ private:
+  std::int64_t vertex_count_ = 0;
+  std::int64_t triangle_count_ = 0;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_MESH_WRITER_H_

@@ -1,0 +1,19 @@
+// VTK PolyData (.vtp): XML with raw appended data, for ParaView and VTK.
+
+#ifndef ISOSCOPE_CLIENT_CLI_VTP_WRITER_H_
+#define ISOSCOPE_CLIENT_CLI_VTP_WRITER_H_
+
+#include <memory>
+
+#include "absl/status/statusor.h"
+
+#include "client-cli/mesh_writer.h"
+
+namespace isoscope::cli {
+
+// MeshWriter::Create for VTP. Point data: "Normals", and "Colors" (uint8) if wanted.
+absl::StatusOr<std::unique_ptr<MeshWriter>> CreateVtp(const MeshFileOptions& options);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_VTP_WRITER_H_

@@ -1,0 +1,47 @@
+// A digest of samples and grid that does not depend on how a volume is cut into blocks and dealt
+// out, nor on the portions in which it goes through memory (docs/format/dataset.md).
+
+#ifndef ISOSCOPE_CORE_PARTITION_SAMPLES_DIGEST_H_
+#define ISOSCOPE_CORE_PARTITION_SAMPLES_DIGEST_H_
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/strings/string_view.h"
+
+#include "core/volume/grid_geometry.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::partition {
+
+// A sum of the digests of rows: rows may come in any order, and sums of several threads be added.
+// Two volumes that differ have the same digest with a chance of 2^-128, unless somebody seeks for
+// it. Thread-compatible.
+class SamplesDigest {
+ public:
+  SamplesDigest();
+  ~SamplesDigest();
+  SamplesDigest(const SamplesDigest&) = delete;
+  SamplesDigest& operator=(const SamplesDigest&) = delete;
+
+  // Adds row (y, z): all its samples, x ascending, little-endian. Each row of the volume once.
+  void AddRow(std::int64_t y, std::int64_t z, absl::string_view samples);
+  // Adds the rows of `other`.
+  void Add(const SamplesDigest& other);
+
+  // 32 lower-case hex digits.
+  [[nodiscard]] std::string Finish(const volume::GridGeometry& geometry,
+                                   volume::ScalarType type) const;
+
+ private:
+  struct Hash;  // OpenSSL's
+
+  std::array<std::uint64_t, 4> sum_{};  // modulo 2^256, lowest word first
+  std::unique_ptr<Hash> hash_;          // made for the first row
+};
+
+}  // namespace isoscope::partition
+
+#endif  // ISOSCOPE_CORE_PARTITION_SAMPLES_DIGEST_H_

@@ -1,0 +1,182 @@
+// `isoscope export` as its users type it: formats, islands, simplification.
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+#include "tests/support/process.h"
+#include "tests/support/process_cluster.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+
+namespace isoscope {
+namespace {
+
+using testing::CommandResult;
+
+std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+// The indices of a binary PLY of this program, by its header.
+struct PlyCounts {
+  std::size_t vertex_count = 0;
+  std::vector<std::uint32_t> triangles;
+};
+PlyCounts ReadPly(const std::string& bytes, std::size_t vertex_bytes) {
+  PlyCounts mesh;
+  const auto count_of = [&](const std::string& element) {
+    return std::stoull(bytes.substr(bytes.find(element) + element.size()));
+  };
+  mesh.vertex_count = count_of("element vertex ");
+  const std::size_t face_count = count_of("element face ");
+  const std::size_t faces = bytes.find("end_header\n") + 11 + mesh.vertex_count * vertex_bytes;
+  EXPECT_EQ(bytes.size(), faces + 13 * face_count);
+  for (std::size_t i = 0; i < face_count; ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto vertex =
+          base::LoadLittleEndian<std::uint32_t>(bytes.data() + faces + 13 * i + 1 + 4 * k);
+      EXPECT_LT(vertex, mesh.vertex_count);
+      mesh.triangles.push_back(vertex);
+    }
+  }
+  return mesh;
+}
+
+// True if each edge has as many triangles on one side as on the other.
+bool HasNoHole(const std::vector<std::uint32_t>& triangles) {
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    const std::uint32_t a = triangles[i];
+    const std::uint32_t b = triangles[i % 3 == 2 ? i - 2 : i + 1];
+    edges[std::minmax(a, b)] += a < b ? 1 : -1;
+  }
+  for (const auto& [edge, balance] : edges) {
+    if (balance != 0) {
+      return false;
+    }
+  }
+  return true;
+}
+
+class ExportTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    // A ball, and samples of 255 alone: islands of 8 triangles each.
+    testing::TestVolume volume = testing::BallVolume({40, 38, 36}, 0.6);
+    for (const std::size_t at : {std::size_t{2 + 40 * (2 + 38 * 2)}, std::size_t{36 + 40 * 80}}) {
+      volume.samples[at] = static_cast<char>(255);
+    }
+    ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume, Path("one"), 1, 8));
+    ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume, Path("three"), 3, 8));
+  }
+
+  [[nodiscard]] std::string Path(const std::string& name) const { return directory_.Sub(name); }
+  [[nodiscard]] CommandResult Export(const std::string& output,
+                                     const std::vector<std::string>& flags,
+                                     const std::string& dataset = "one",
+                                     const std::string& isovalue = "127.5") const {
+    return testing::RunIsoscope(
+        Join({"export", Path(dataset), "--isovalue", isovalue, "--output", Path(output)}, flags));
+  }
+  std::string MustExport(const std::string& output, const std::vector<std::string>& flags,
+                         const std::string& dataset = "one",
+                         const std::string& isovalue = "127.5") {
+    const CommandResult result = Export(output, flags, dataset, isovalue);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    out_ = result.out;
+    absl::StatusOr<std::string> bytes = io::ReadWholeFile(Path(output), 64 * base::kMiB);
+    EXPECT_THAT(bytes, testing::IsOk());
+    return bytes.value_or("");
+  }
+
+  testing::TempDir directory_;
+  std::string out_;  // what the last MustExport said
+};
+
+TEST_F(ExportTest, EveryFormatIsTheSameForAnyNumberOfShards) {
+  for (const char* name : {"m.ply", "m.stl", "m.obj", "m.glb", "m.vtp"}) {
+    SCOPED_TRACE(name);
+    const std::string one = MustExport(name, {});
+    EXPECT_GT(one.size(), 10'000U);
+    EXPECT_TRUE(MustExport(name, {}, "three") == one);
+  }
+  EXPECT_TRUE(MustExport("m.stl", {}) == MustExport("m", {"--format", "stl"}));
+}
+
+TEST_F(ExportTest, IslandsAreDroppedAndSaid) {
+  const PlyCounts all = ReadPly(MustExport("all.ply", {}), 24);
+  const PlyCounts large = ReadPly(MustExport("large.ply", {"--min-component", "9"}), 24);
+  EXPECT_TRUE(absl::StrContains(out_, "dropped 2 of 3 components, 16 of ")) << out_;
+  EXPECT_EQ(all.triangles.size(), large.triangles.size() + std::size_t{3 * 16});
+  EXPECT_EQ(all.vertex_count, large.vertex_count + 12);
+  EXPECT_TRUE(HasNoHole(large.triangles));
+  EXPECT_EQ(ReadPly(MustExport("same.ply", {"--min-component", "8"}), 24).triangles.size(),
+            all.triangles.size());
+}
+
+TEST_F(ExportTest, SimplifiedSurfaceHasTheShareAndNoHole) {
+  const PlyCounts all = ReadPly(MustExport("all.ply", {"--min-component", "9"}), 24);
+  const PlyCounts few = ReadPly(
+      MustExport("few.ply", {"--min-component", "9", "--simplify", "0.25", "--color", "1,0,0"}),
+      27);
+  EXPECT_NEAR(static_cast<double>(few.triangles.size()),
+              0.25 * static_cast<double>(all.triangles.size()), 30);
+  EXPECT_TRUE(HasNoHole(few.triangles));
+  EXPECT_TRUE(MustExport("again.ply", {"--simplify-error", "0.3"}) ==
+              MustExport("again.ply", {"--simplify-error", "0.3"}, "three"));
+}
+
+// All samples are whole numbers, so at a whole isovalue many vertices have one place.
+TEST_F(ExportTest, WholeIsovaluesSimplifyAsWellAsOthers) {
+  const PlyCounts few = ReadPly(MustExport("few.ply", {"--simplify", "0.25"}, "one", "128"), 24);
+  const PlyCounts all = ReadPly(MustExport("all.ply", {}, "one", "128"), 24);
+  EXPECT_LT(static_cast<double>(few.triangles.size()),
+            0.26 * static_cast<double>(all.triangles.size()));
+  EXPECT_TRUE(HasNoHole(few.triangles));
+}
+
+TEST_F(ExportTest, FlagsThatDoNotFitAreWrongUsageAndLeaveNoFile) {
+  struct Case {
+    std::string output;
+    std::vector<std::string> flags;
+    std::string message;
+  };
+  for (const Case& c : std::vector<Case>{{"m.fbx", {}, ".ply, .stl, .obj, .glb, .vtp"},
+                                         {"m.stl", {"--format", "ply"}, "--format ply"},
+                                         {"m.stl", {"--color", "1,1,1"}, "no colours"},
+                                         {"m.ply", {"--format", "fbx"}, "none of: ply"},
+                                         {"m.ply", {"--simplify", "1"}, "above 0 and below 1"},
+                                         {"m.ply", {"--simplify", "0"}, "above 0 and below 1"},
+                                         {"m.ply", {"--simplify", "nan"}, "above 0 and below 1"},
+                                         {"m.ply", {"--simplify-error", "0"}, "--simplify-error"},
+                                         {"m.ply", {"--min-component", "0"}, "--min-component"}}) {
+    const CommandResult result = Export(c.output, c.flags);
+    EXPECT_EQ(result.exit_code, 2) << c.message << ": " << result.err;
+    EXPECT_TRUE(absl::StrContains(result.err, c.message)) << result.err;
+    EXPECT_FALSE(io::PathExists(Path(c.output)));
+  }
+}
+
+TEST_F(ExportTest, FullDiskIsAnErrorAndLeavesNothing) {
+  for (const char* name : {"m.stl", "m.glb"}) {
+    const CommandResult result = testing::RunIsoscope(
+        {"export", Path("one"), "--isovalue", "127.5", "--output", Path(name), "--simplify", "0.9"},
+        {.environment = {}, .max_file_bytes = 20'000});
+    EXPECT_EQ(result.exit_code, 1) << result.err;
+    EXPECT_FALSE(io::PathExists(Path(name)));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope

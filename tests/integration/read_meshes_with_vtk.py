@@ -1,0 +1,100 @@
+#!/usr/bin/env python3
+"""Exports one surface in every format and reads the files with VTK, which others have written.
+
+    read_meshes_with_vtk.py ISOSCOPE
+
+Counts, bounds, closedness, normals and colours must agree. Exit code 77 (CTest: skipped) where there
+is no VTK: apt-get install python3-vtk9.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+
+DEBIAN_PYTHON = "/usr/bin/python3"
+SKIPPED = 77
+
+try:
+    import vtk
+except ImportError:
+    # Debian's VTK belongs to Debian's Python.
+    if os.path.exists(DEBIAN_PYTHON) and os.environ.get("ISOSCOPE_DEBIAN_PYTHON") is None:
+        os.environ["ISOSCOPE_DEBIAN_PYTHON"] = "1"
+        os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
+    print("skipped: no VTK (python3-vtk9)")
+    sys.exit(SKIPPED)
+
+
+def read(path):
+    """The surface of a file, by VTK's reader for its suffix."""
+    suffix = path.rsplit(".", 1)[1]
+    if suffix == "glb":
+        reader = vtk.vtkGLTFReader()
+        reader.SetFileName(path)
+        reader.Update()
+        surface = vtk.vtkCompositeDataGeometryFilter()
+        surface.SetInputConnection(reader.GetOutputPort())
+        surface.Update()
+        return surface.GetOutput()
+    reader = {"ply": vtk.vtkPLYReader, "stl": vtk.vtkSTLReader, "obj": vtk.vtkOBJReader,
+              "vtp": vtk.vtkXMLPolyDataReader}[suffix]()
+    reader.SetFileName(path)
+    reader.Update()
+    return reader.GetOutput()
+
+
+def open_edge_count(surface):
+    """Edges with one triangle."""
+    edges = vtk.vtkFeatureEdges()
+    edges.SetInputData(surface)
+    edges.FeatureEdgesOff()
+    edges.ManifoldEdgesOff()
+    edges.NonManifoldEdgesOff()
+    edges.BoundaryEdgesOn()
+    edges.Update()
+    return edges.GetOutput().GetNumberOfCells()
+
+
+def check(isoscope, folder):
+    """All complaints."""
+    complaints = []
+    volume = os.path.join(folder, "volume.nrrd")
+    subprocess.run([isoscope, "generate", "shells", "--dims", "48,44,40", "--type", "float32", "--output", volume],
+                   check=True, stdout=subprocess.DEVNULL)
+    environment = dict(os.environ, XDG_CACHE_HOME=os.path.join(folder, "cache"))
+    expected = None
+    for suffix in ("ply", "stl", "obj", "glb", "vtp"):
+        path = os.path.join(folder, "mesh." + suffix)
+        command = [isoscope, "export", volume, "--isovalue", "0.5", "--output", path]
+        if suffix != "stl":
+            command += ["--color", "1,0.5,0"]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
+        surface = read(path)
+        facts = (surface.GetNumberOfPoints(), surface.GetNumberOfPolys(),
+                 tuple(round(x, 4) for x in surface.GetBounds()), open_edge_count(surface))
+        print(suffix, *facts)
+        expected = expected or facts
+        if facts != expected:
+            complaints.append(f"{suffix}: {facts}, but ply: {expected}")
+        if suffix in ("ply", "obj", "glb", "vtp") and surface.GetPointData().GetNormals() is None:
+            complaints.append(f"{suffix}: no normals")
+        if suffix in ("ply", "vtp"):
+            colors = surface.GetPointData().GetScalars()
+            if colors is None or colors.GetTuple3(0) != (255, 128, 0):
+                complaints.append(f"{suffix}: colours {colors and colors.GetTuple3(0)}")
+    if expected[1] < 1000:
+        complaints.append(f"only {expected[1]} triangles: the test tests nothing")
+    return complaints
+
+
+def main():
+    with tempfile.TemporaryDirectory() as folder:
+        complaints = check(sys.argv[1], folder)
+    for complaint in complaints:
+        print(complaint)
+    return 1 if complaints else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
