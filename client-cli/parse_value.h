@@ -16,6 +16,7 @@
 #include "absl/time/time.h"
 
 #include "core/math/vec.h"
+#include "core/view/camera.h"
 
 namespace isoscope::cli {
 
@@ -57,6 +58,10 @@ struct Color {
 absl::StatusOr<Color> ParseColor(absl::string_view text);
 // "R,G,B" or "R,G,B,A".
 absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text);
+
+// "X,Y,W,H": a window in pixels; X and Y >= 0, W and H >= 1, at most
+// view::kMaxWholeViewportPx each.
+absl::StatusOr<view::Region> ParseRegion(absl::string_view text);
 
 // One of a few words, each with its value.
 template <typename T>

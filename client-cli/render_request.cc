@@ -13,7 +13,7 @@ namespace isoscope::cli {
 namespace {
 
 absl::StatusOr<std::int64_t> ParseSide(absl::string_view text) {
-  return ParseInteger(text, 1, view::kMaxViewportPx);
+  return ParseInteger(text, 1, view::kMaxWholeViewportPx);
 }
 
 absl::StatusOr<frame::Culling> ParseCulling(absl::string_view text) {
@@ -35,8 +35,10 @@ isoscope::v1::Color ToProto(const Color& color) {
 
 void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
-  AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels (default: 1024)");
-  AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels (default: 1024)");
+  AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels, up to 65536 (default: 1024)");
+  AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels, up to 65536 (default: 1024)");
+  AddFlag(app, "--region", "X,Y,W,H", &flags->region, ParseRegion,
+          "only this window of the picture, in its pixels, with exactly its pixels");
   AddFlag(app, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
           "how hidden blocks are left out: depth (default) keeps the picture exact, mask is "
           "approximate, none draws all");
@@ -51,6 +53,11 @@ absl::Status CheckUsage(const RequestFlags& flags) {
   if (!flags.isovalue) {
     return UsageError("--isovalue V is missing: the level of the surface, in field units");
   }
+  if (flags.region) {
+    if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
+      return UsageError(absl::StrCat("--region: ", status.message()));
+    }
+  }
   return CheckUsage(flags.camera);
 }
 
@@ -63,6 +70,9 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   *request.mutable_camera() = rpc::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);
   request.mutable_viewport()->set_height_px(flags.viewport().height_px);
+  if (flags.region) {
+    *request.mutable_region() = rpc::ToProto(*flags.region);
+  }
   request.set_culling(rpc::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
   if (flags.base_color) {
     *request.mutable_base_color() = ToProto(*flags.base_color);
