@@ -43,6 +43,7 @@ Command PartitionCommand();
 Command InfoCommand();
 Command ServeCommand();
 Command RenderCommand();
+Command PickCommand();
 Command ExportCommand();
 Command GenerateCommand();
 Command CacheListCommand();

@@ -86,6 +86,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
         [&] { cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count()); });
   }
   coordinator_options.listen_address = options.listen_address;
+  coordinator_options.memory_limit_bytes = options.memory_limit_bytes;
   coordinator_options.max_frame_duration = options.max_frame_duration;
   coordinator_options.expected_viewport = options.expected_viewport;
   ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,

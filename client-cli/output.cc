@@ -168,6 +168,49 @@ void ProgressLine::Update(absl::string_view text) {
   }
 }
 
+AtomicFile::AtomicFile(const std::string& path)
+    : path_(path), partial_path_(IsSpecialFile(path) ? "" : PartialName(path)) {}
+
+absl::StatusOr<std::unique_ptr<AtomicFile>> AtomicFile::Create(const std::string& path) {
+  std::unique_ptr<AtomicFile> made(new AtomicFile(path));
+  if (made->partial_path_.empty()) {
+    made->special_ = std::make_unique<std::ofstream>(path, std::ios::binary);
+    return made;
+  }
+  ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(made->partial_path_));
+  ISOSCOPE_ASSIGN_OR_RETURN(made->file_, io::CreateWritableFile(made->partial_path_));
+  return made;
+}
+
+AtomicFile::~AtomicFile() {
+  if (!is_committed_ && !partial_path_.empty()) {
+    file_.reset();
+    io::RemoveRecursively(partial_path_).IgnoreError();
+  }
+}
+
+absl::Status AtomicFile::Append(absl::string_view bytes) {
+  size_bytes_ += static_cast<std::int64_t>(bytes.size());
+  if (file_ != nullptr) {
+    return file_->Append(bytes);
+  }
+  special_->write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  return special_->good() ? absl::OkStatus()
+                          : absl::DataLossError(absl::StrCat("can't write to '", path_, "'"));
+}
+
+absl::Status AtomicFile::Commit() {
+  if (file_ == nullptr) {
+    special_->close();
+    return special_->good() ? absl::OkStatus()
+                            : absl::DataLossError(absl::StrCat("can't write to '", path_, "'"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(file_->Close());
+  ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(partial_path_, path_));
+  is_committed_ = true;
+  return absl::OkStatus();
+}
+
 std::string PartialName(const std::string& path) {
   return absl::StrCat(path, ".partial-", getpid());
 }

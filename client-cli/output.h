@@ -4,14 +4,18 @@
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_H_
 
 #include <cstdint>
+#include <fstream>
 #include <iosfwd>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+
+#include "core/io/file.h"
 
 namespace isoscope::cli {
 
@@ -82,6 +86,34 @@ absl::Status CheckWritable(const std::string& path);
 // Writes `bytes` to `path` under another name first and renames it: `path` is the old file or the
 // whole new one. A device or a pipe is written as it is.
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes);
+
+// A file that is written piece by piece and appears whole, in one step, or not at all. A device or
+// a pipe is written as it is. Thread-compatible.
+class AtomicFile {
+ public:
+  // Errors as io::CreateWritableFile.
+  static absl::StatusOr<std::unique_ptr<AtomicFile>> Create(const std::string& path);
+  // Removes what was written unless Commit was called.
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+
+  absl::Status Append(absl::string_view bytes);
+  // Gives the file its name. Call it once, last.
+  absl::Status Commit();
+
+  [[nodiscard]] std::int64_t size_bytes() const { return size_bytes_; }
+
+ private:
+  explicit AtomicFile(const std::string& path);
+
+  const std::string path_;
+  const std::string partial_path_;          // empty for a device or a pipe
+  std::unique_ptr<io::WritableFile> file_;  // null for a device or a pipe
+  std::unique_ptr<std::ofstream> special_;  // for those
+  std::int64_t size_bytes_ = 0;
+  bool is_committed_ = false;
+};
 
 // The name under which `path` is written before it is whole; of this process alone.
 std::string PartialName(const std::string& path);

@@ -111,6 +111,23 @@ absl::StatusOr<math::Vec3d> ParsePositiveVector(absl::string_view text) {
   return math::Vec3d{values[0], values[1], values[2]};
 }
 
+absl::StatusOr<view::Region> ParseRegion(absl::string_view text) {
+  constexpr absl::string_view kExpected =
+      "X,Y,W,H, four whole numbers of pixels: the first column and row, from 0, and the size";
+  const std::vector<absl::string_view> elements = absl::StrSplit(text, ',');
+  std::array<int, 4> values{};
+  if (elements.size() != values.size()) {
+    return Malformed(text, kExpected);
+  }
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!absl::SimpleAtoi(elements[i], &values[i]) || values[i] < (i < 2 ? 0 : 1) ||
+        values[i] > view::kMaxWholeViewportPx) {
+      return Malformed(text, kExpected);
+    }
+  }
+  return view::Region{values[0], values[1], values[2], values[3]};
+}
+
 absl::StatusOr<math::Index3> ParseDims(absl::string_view text) {
   return ParseIndex3(text, ',', 2, std::numeric_limits<std::int32_t>::max(),
                      "X,Y,Z, three whole numbers of samples, each at least 2");

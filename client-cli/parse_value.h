@@ -18,6 +18,7 @@
 
 #include "core/math/box.h"
 #include "core/math/vec.h"
+#include "core/view/camera.h"
 
 namespace isoscope::cli {
 
@@ -79,6 +80,10 @@ struct PlaneValue {
 absl::StatusOr<PlaneValue> ParsePlane(absl::string_view text);
 // "X0,X1,Y0,Y1,Z0,Z1", each X0 <= X1.
 absl::StatusOr<math::Box3d> ParseBox(absl::string_view text);
+
+// "X,Y,W,H": a window in pixels; X and Y >= 0, W and H >= 1, at most
+// view::kMaxWholeViewportPx each.
+absl::StatusOr<view::Region> ParseRegion(absl::string_view text);
 
 // One of a few words, each with its value.
 template <typename T>

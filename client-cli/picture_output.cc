@@ -97,11 +97,15 @@ absl::Status PictureOutput::AddToAnimation(const isoscope::v1::RenderIsosurfaceR
                                            const std::string& png) {
   if (animation_ == nullptr) {
     ISOSCOPE_ASSIGN_OR_RETURN(
-        animation_, CreateAnimation(options_.path, {.width_px = request.viewport().width_px(),
-                                                    .height_px = request.viewport().height_px(),
-                                                    .frame_count = options_.frame_count,
-                                                    .fps = options_.fps,
-                                                    .has_alpha = HasAlpha(request)}));
+        animation_,
+        CreateAnimation(options_.path,
+                        {.width_px = request.has_region() ? request.region().width_px()
+                                                          : request.viewport().width_px(),
+                         .height_px = request.has_region() ? request.region().height_px()
+                                                           : request.viewport().height_px(),
+                         .frame_count = options_.frame_count,
+                         .fps = options_.fps,
+                         .has_alpha = HasAlpha(request)}));
   }
   return animation_->AddFrame(png);
 }

@@ -1,6 +1,9 @@
 // isoscope render INPUT | DIR | --server HOST:PORT --isovalue V --output FILE.png
 // isoscope render INPUT | DIR | --server HOST:PORT --like FILE.png --output FILE.png
 
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -18,21 +21,28 @@
 #include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/picture_output.h"
+#include "client-cli/plane_flags.h"
 #include "client-cli/png_metadata.h"
+#include "client-cli/poster.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/sweep.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/image/png_codec.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {
 namespace {
 
+namespace v1 = isoscope::v1;
+
 struct RenderFlags {
   SessionFlags session;
   RequestFlags request;
   SweepFlags sweep;
+  PlaneFlags planes;
   std::optional<std::string> output;
   std::optional<std::string> stats;
   std::optional<std::string> like;
@@ -40,28 +50,87 @@ struct RenderFlags {
   AnnotationFlags annotations;
 };
 
+// Whether the picture is drawn region by region.
+bool IsPoster(const RenderFlags& flags) {
+  return !flags.request.region && NeedsRegions(flags.request.viewport());
+}
+
+bool IsJpeg(const RenderFlags& flags) {
+  return flags.output && IsJpegName(FrameFileName(*flags.output, 0));
+}
+
+// UsageError if the output's format does not fit what is asked for beside it.
+absl::Status CheckFormat(const RenderFlags& flags) {
+  if (!flags.output) {
+    return absl::OkStatus();
+  }
+  if (!IsJpeg(flags)) {
+    return CheckPicturePath(*flags.output, flags.request.image_size());
+  }
+  if (flags.annotations.any()) {
+    return UsageError(
+        "annotations are drawn on pictures without loss: --output must not be a JPEG");
+  }
+  return absl::OkStatus();
+}
+
+// UsageError for what a picture can't have that is drawn region by region.
+absl::Status CheckPoster(const RenderFlags& flags) {
+  if (!IsPoster(flags)) {
+    return absl::OkStatus();
+  }
+  const std::string size = absl::StrCat(flags.request.viewport().width_px, " x ",
+                                        flags.request.viewport().height_px, " pixels");
+  if (IsJpeg(flags) || flags.planes.any_plane()) {
+    return UsageError(absl::StrCat(
+        "a picture of ", size, " is drawn in regions into a PNG: ",
+        IsJpeg(flags) ? "--output must end in .png" : "planes are written of a --region of it"));
+  }
+  if (flags.sweep.frame_count() > 1) {
+    return UsageError(
+        absl::StrCat("a picture of ", size, " is drawn in regions, one picture at a time: leave ",
+                     flags.sweep.is_isovalue_sweep() ? "the sweep of --isovalue" : "--repeat",
+                     " out, or ask for at most ", kMaxSinglePixels, " pixels"));
+  }
+  if (flags.annotations.any()) {
+    return UsageError(absl::StrCat("a picture of ", size,
+                                   " is drawn in regions: annotations are drawn on pictures of at "
+                                   "most ",
+                                   kMaxSinglePixels, " pixels"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  if (!flags.output) {
+  if (!flags.output && (flags.like || !flags.planes.any_plane())) {
     return UsageError("--output FILE.png is missing: the picture to write");
   }
-  ISOSCOPE_RETURN_IF_ERROR(CheckPicturePath(*flags.output, flags.request.viewport()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
-    return CheckUsage(flags.sweep, *flags.output);
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
+    if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
+      return UsageError("planes are written of one picture: leave --repeat and sweeps out");
+    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
+    return CheckUsage(flags.sweep, flags.output.value_or(""));
   }
   if (flags.request.culling == frame::Culling::kMask) {
     return UsageError("--culling mask can't be used with --like: it is approximate");
   }
-  if (IsAnimationName(*flags.output)) {
-    return UsageError("--like makes one picture again; --output must not be an animation");
+  if (IsAnimationName(*flags.output) || IsJpeg(flags)) {
+    return UsageError("--like makes one picture again: --output must end in .png");
   }
   return CheckOnlyFlagsBesideLike(app);
 }
 
 // Finds out before any work whether its result can be kept.
 absl::Status CheckOutputs(const RenderFlags& flags) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckWritable(FrameFileName(*flags.output, 0)));
+  if (flags.output) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(FrameFileName(*flags.output, 0)));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
   return flags.stats && *flags.stats != "-" ? CheckWritable(*flags.stats) : absl::OkStatus();
 }
 
@@ -95,7 +164,7 @@ absl::StatusOr<Subject> FindSubject(Session* session) {
 }
 
 PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
-  return PictureOutput({.path = *flags.output,
+  return PictureOutput({.path = flags.output.value_or(""),
                         .frame_count = flags.sweep.frame_count(),
                         .fps = flags.sweep.fps(),
                         .has_metadata = !flags.has_no_metadata,
@@ -104,13 +173,15 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .samples_digest = subject.dataset.samples_digest()});
 }
 
-// Renders one frame and remembers its statistics.
-absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> RenderFrame(
-    const isoscope::v1::RenderIsosurfaceRequest& request, Session* session,
-    std::vector<FrameRecord>* frames) {
+// Renders one frame and remembers its statistics. Planes come in parts.
+absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurfaceRequest& request,
+                                                         bool has_planes, Session* session,
+                                                         std::vector<FrameRecord>* frames) {
   const absl::Time start = absl::Now();
-  ISOSCOPE_ASSIGN_OR_RETURN(isoscope::v1::RenderIsosurfaceResponse response,
-                            session->client().RenderIsosurface(request, session->timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      v1::RenderIsosurfaceResponse response,
+      has_planes ? session->client().RenderIsosurfaceStream(request, session->timeout())
+                 : session->client().RenderIsosurface(request, session->timeout()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
                      .statistics = response.statistics()});
   return response;
@@ -121,6 +192,68 @@ std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
   return flags.stats == "-" ? *context.err : *context.out;
 }
 
+absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& response) {
+  image::RgbaImage image{
+      .width = response.extent().width_px(), .height = response.extent().height_px(), .pixels = {}};
+  const std::size_t pixels =
+      static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
+  if (pixels == 0 || response.rgba8().size() != pixels * sizeof(image::Rgba8)) {
+    return absl::DataLossError(absl::StrCat(
+        "the server sent ", response.rgba8().size(), " bytes for a picture of ", image.width, " x ",
+        image.height, " pixels: it may be older than this program, and not know raw pictures"));
+  }
+  image.pixels.resize(pixels);
+  std::memcpy(image.pixels.data(), response.rgba8().data(), response.rgba8().size());
+  return image;
+}
+
+// Renders a picture that is too large for one frame, region by region.
+absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceRequest& whole,
+                       Session* session, const Context& context) {
+  const absl::Time start = absl::Now();
+  const view::Viewport viewport = flags.request.viewport();
+  std::vector<FrameRecord> regions;
+  const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
+    v1::RenderIsosurfaceRequest request = whole;
+    *request.mutable_region() = rpc::ToProto(region);
+    request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
+    const absl::Time region_start = absl::Now();
+    ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
+                              session->client().RenderIsosurface(request, session->timeout()));
+    regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - region_start),
+                       .statistics = std::move(*response.mutable_statistics())});
+    return ImageOfRaw(response);
+  };
+  const std::string path = FrameFileName(*flags.output, 0);
+  const bool is_opaque = !whole.has_background_color() || whole.background_color().alpha() == 1.0F;
+  std::int64_t size_bytes = 0;
+  {
+    ProgressLine line(context.err, context.err_is_terminal);
+    ISOSCOPE_ASSIGN_OR_RETURN(size_bytes,
+                              WritePoster(viewport, is_opaque, path, render,
+                                          [&](absl::string_view text) { line.Update(text); }));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, regions, context));
+  TextOut(flags, context) << path << ": " << viewport.width_px << " x " << viewport.height_px
+                          << " pixels in " << FormatCount(static_cast<std::int64_t>(regions.size()))
+                          << " regions, " << FormatMebibytes(size_bytes) << ", in "
+                          << FormatElapsed(absl::Now() - start) << "\n";
+  return absl::OkStatus();
+}
+
+// Writes the pictures of frames, and planes.
+absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
+                        const v1::RenderIsosurfaceRequest& request,
+                        const v1::RenderIsosurfaceResponse& response, PictureOutput* output) {
+  if (IsJpeg(flags)) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
+  } else if (flags.output) {
+    ISOSCOPE_RETURN_IF_ERROR(output->Write(frame_index, request, response));
+  }
+  return WritePlanes(flags.planes, response);
+}
+
 absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
   const isoscope::v1::Dataset& dataset = subject.dataset;
@@ -128,6 +261,12 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
                             rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
                             ResolveCamera(flags.request.camera, geometry.Bounds()));
+  if (IsPoster(flags)) {
+    for (const double isovalue : flags.request.isovalues()) {
+      WarnIfNoSurface(dataset, isovalue, context);
+    }
+    return RunPoster(flags, MakeRequest(flags.request, dataset.name(), camera), session, context);
+  }
   PictureOutput output = MakeOutput(flags, subject);
   std::vector<FrameRecord> frames;
   const int frame_count = flags.sweep.frame_count();
@@ -140,20 +279,24 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
           WarnIfNoSurface(dataset, isovalue, context);
         }
       }
-      const isoscope::v1::RenderIsosurfaceRequest request =
+      v1::RenderIsosurfaceRequest request =
           MakeRequest(of_frame, dataset.name(), CameraOfFrame(flags.sweep, camera, i));
-      ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
-                                RenderFrame(request, session, &frames));
-      ISOSCOPE_RETURN_IF_ERROR(output.Write(i, request, response));
+      if (!flags.output || IsJpeg(flags) || flags.planes.any_plane()) {
+        *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
+      }
+      ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
+                                RenderFrame(request, flags.planes.any_plane(), session, &frames));
+      ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
       progress.Update(i + 1);
     }
     ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   TextOut(flags, context) << DescribeStatistics(frames) << "\n"
-                          << FrameFileName(*flags.output, frame_count - 1) << ": "
-                          << flags.request.viewport().width_px << " x "
-                          << flags.request.viewport().height_px << " pixels\n";
+                          << (flags.output ? FrameFileName(*flags.output, frame_count - 1)
+                                           : "planes")
+                          << ": " << flags.request.image_size().width_px << " x "
+                          << flags.request.image_size().height_px << " pixels\n";
   return absl::OkStatus();
 }
 
@@ -167,7 +310,7 @@ absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded, Sess
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
-                            RenderFrame(request, session, &frames));
+                            RenderFrame(request, /*has_planes=*/false, session, &frames));
   PictureOutput output = MakeOutput(flags, subject);
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
   ISOSCOPE_RETURN_IF_ERROR(output.Finish());
@@ -188,15 +331,17 @@ absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& c
   if (flags.like) {
     // Read before anything is written: the output may be the same file.
     ISOSCOPE_ASSIGN_OR_RETURN(const RecordedPng recorded, ReadRecordedPng(*flags.like));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const view::Viewport viewport,
-        rpc::ViewportFromProto(recorded.record.request.viewport(), "viewport"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const frame::FrameSpec spec,
+                              rpc::FrameSpecFromProto(recorded.record.request));
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                              Session::Open(flags.session, viewport, context));
+                              Session::Open(flags.session, frame::ImageSizeOf(spec), context));
     return RunLike(flags, recorded, session.get(), context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session, flags.request.viewport(), context));
+                            Session::Open(flags.session,
+                                          IsPoster(flags) ? RegionSizeOf(flags.request.viewport())
+                                                          : flags.request.image_size(),
+                                          context));
   return RunFrames(flags, session.get(), context);
 }
 
@@ -205,10 +350,12 @@ Action RegisterFlags(CLI::App* app) {
   AddSessionFlags(app, &flags->session);
   AddRendererFlag(app, &flags->session);
   AddFlag(app, "--output", "FILE.png", &flags->output, ParseText,
-          "the picture, a PNG; with %d or {} in its name one for each frame, numbered from 0; all "
+          "the picture: a PNG, or a JPEG if it ends in .jpg; with %d or {} in its name one for "
+          "each frame, numbered from 0; all "
           "frames as one animation if it ends in .apng or .webp");
   AddRequestFlags(app, &flags->request);
   AddSweepFlags(app, &flags->sweep, &flags->request);
+  AddPlaneFlags(app, &flags->planes);
   AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");
   AddFlag(app, "--like", "FILE.png", &flags->like, ParseText,
@@ -233,6 +380,9 @@ Command RenderCommand() {
               "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 --orbit 10 \\\n"
               "    --output turn-%d.png --stats turn.json\n"
               "  isoscope render head.nii.gz --isovalue 20:120:5 --output levels.webp\n"
+              "  isoscope render head.nii.gz --isovalue 60 --width 32768 --height 32768 \\\n"
+              "    --renderer cpu --output poster.png\n"
+              "  isoscope render head.nii.gz --isovalue 60 --output head.jpg --depth depth.npy\n"
               "  isoscope render head.nii.gz --like head.png --output again.png\n",
           .register_flags = RegisterFlags};
 }

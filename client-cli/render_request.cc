@@ -15,7 +15,7 @@ namespace isoscope::cli {
 namespace {
 
 absl::StatusOr<std::int64_t> ParseSide(absl::string_view text) {
-  return ParseInteger(text, 1, view::kMaxViewportPx);
+  return ParseInteger(text, 1, view::kMaxWholeViewportPx);
 }
 
 absl::StatusOr<frame::Culling> ParseCulling(absl::string_view text) {
@@ -40,8 +40,10 @@ void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddRepeatableFlag(app, "--surface", "V[:R,G,B]", &flags->surfaces, ParseSurface,
                     "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
                     "times");
-  AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels (default: 1024)");
-  AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels (default: 1024)");
+  AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels, up to 65536 (default: 1024)");
+  AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels, up to 65536 (default: 1024)");
+  AddFlag(app, "--region", "X,Y,W,H", &flags->region, ParseRegion,
+          "only this window of the picture, in its pixels, with exactly its pixels");
   AddFlag(app, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
           "how hidden blocks are left out: depth (default) keeps the picture exact, mask is "
           "approximate, none draws all");
@@ -84,6 +86,11 @@ absl::Status CheckUsage(const RequestFlags& flags) {
     return UsageError(absl::StrCat("--clip-plane is given ", flags.clip_planes.size(),
                                    " times: at most ", view::kMaxHalfSpaces, " are allowed"));
   }
+  if (flags.region) {
+    if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
+      return UsageError(absl::StrCat("--region: ", status.message()));
+    }
+  }
   return CheckUsage(flags.camera);
 }
 
@@ -113,6 +120,9 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   *request.mutable_camera() = rpc::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);
   request.mutable_viewport()->set_height_px(flags.viewport().height_px);
+  if (flags.region) {
+    *request.mutable_region() = rpc::ToProto(*flags.region);
+  }
   request.set_culling(rpc::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
   if (flags.base_color) {
     *request.mutable_base_color() = ToProto(*flags.base_color);

@@ -24,6 +24,7 @@ struct RequestFlags {
   std::optional<double> isovalue = std::nullopt;
   std::optional<std::int64_t> width = std::nullopt;
   std::optional<std::int64_t> height = std::nullopt;
+  std::optional<view::Region> region = std::nullopt;  // of the viewport
   CameraFlags camera = {};
   std::optional<frame::Culling> culling = std::nullopt;
   std::optional<Color> base_color = std::nullopt;
@@ -39,6 +40,8 @@ struct RequestFlags {
     return {.width_px = static_cast<int>(width.value_or(view::kCommonViewport.width_px)),
             .height_px = static_cast<int>(height.value_or(view::kCommonViewport.height_px))};
   }
+  // The size of the picture.
+  [[nodiscard]] view::Viewport image_size() const { return view::ImageSizeOf(viewport(), region); }
 };
 
 // `flags` must outlive the parsing.

@@ -7,6 +7,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/response_splitter.h"
 
 namespace isoscope::cli {
 
@@ -90,6 +91,32 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurface(
   v1::RenderIsosurfaceResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
     return isosurface_->RenderIsosurface(context, request, &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStream(
+    const v1::RenderIsosurfaceRequest& request, absl::Duration timeout) {
+  v1::RenderIsosurfaceStreamRequest in_parts;
+  *in_parts.mutable_request() = request;
+  v1::RenderIsosurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    const std::unique_ptr<grpc::ClientReader<v1::RenderIsosurfaceStreamResponse>> reader =
+        isosurface_->RenderIsosurfaceStream(context, in_parts);
+    v1::RenderIsosurfaceStreamResponse message;
+    while (reader->Read(&message)) {
+      rpc::AppendPart(std::move(*message.mutable_part()), &response);
+    }
+    return reader->Finish();
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::PickSurfaceResponse> ServiceClient::PickSurface(
+    const v1::PickSurfaceRequest& request, absl::Duration timeout) {
+  v1::PickSurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return isosurface_->PickSurface(context, request, &response);
   }));
   return response;
 }

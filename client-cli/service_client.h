@@ -35,6 +35,12 @@ class ServiceClient {
   absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> RenderIsosurface(
       const isoscope::v1::RenderIsosurfaceRequest& request, absl::Duration timeout);
 
+  // The same in parts, for large pictures and planes.
+  absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> RenderIsosurfaceStream(
+      const isoscope::v1::RenderIsosurfaceRequest& request, absl::Duration timeout);
+  absl::StatusOr<isoscope::v1::PickSurfaceResponse> PickSurface(
+      const isoscope::v1::PickSurfaceRequest& request, absl::Duration timeout);
+
   // Calls `visit` for every chunk, in order; an error of it ends the call and is returned.
   absl::Status ExportIsosurface(
       const isoscope::v1::ExportIsosurfaceRequest& request, absl::Duration timeout,

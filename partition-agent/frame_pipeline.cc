@@ -245,9 +245,9 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
   if (!task.spec.camera.has_value()) {
     return absl::InvalidArgumentError("the frame has no camera; the coordinator must resolve it");
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const view::View view,
-      view::View::Make(*task.spec.camera, task.spec.viewport, first.manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                            view::View::Make(*task.spec.camera, task.spec.viewport,
+                                             first.manifest().geometry, task.spec.region));
   return std::unique_ptr<FramePipeline>(new FramePipeline(
       std::make_unique<Impl>(std::move(shards), task, view, resources, cancellation)));
 }

@@ -95,6 +95,7 @@ absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
   FrameTask task;
   task.frame_number = begin.frame_number();
   ISOSCOPE_ASSIGN_OR_RETURN(task.spec, rpc::FrameSpecFromProto(begin.request()));
+  task.spec.sends_normals = begin.sends_normals();
   task.agent_index = begin.agent_index();
   task.agent_count = begin.agent_count();
   task.report_active_blocks = begin.report_active_blocks();
@@ -288,9 +289,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::CancelledError("the stream has ended");
   }
 
-  // Reserves the memory of one step: its image, and its bands until they are queued.
+  // Reserves the memory of one step: its image, and its bands until they are queued. OpenGL draws
+  // a region into a picture of the whole.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
-    return service_->memory_->ReserveStep(task_.spec.viewport, cancellation_);
+    const bool draws_whole =
+        service_->renderer_->picture_revision().back_end == frame::BackEnd::kEgl;
+    return service_->memory_->ReserveStep(
+        draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec), cancellation_);
   }
 
   // Sends the bands of an image, except the last ones. Those go into `last`, the message that ends

@@ -17,6 +17,7 @@
 #include "core/view/camera.h"
 #include "server/agent_registry.h"
 #include "server/cluster_service_impl.h"
+#include "server/coordinator_memory.h"
 #include "server/dataset_service_impl.h"
 #include "server/isosurface_service_impl.h"
 
@@ -88,6 +89,9 @@ class CoordinatorServerImpl final : public CoordinatorServer {
              .max_concurrent_frames = options.max_concurrent_frames,
              .max_queued_frames = options.max_queued_frames,
              .max_frame_duration = options.max_frame_duration,
+             .memory_limit_bytes = options.memory_limit_bytes > 0
+                                       ? options.memory_limit_bytes
+                                       : CoordinatorMemory::DefaultLimitBytes(),
              .arena = options.arena != nullptr ? options.arena : base::MakeTaskArena(),
              .expected_viewport = options.expected_viewport}),
         dataset_service_(registry_.get()),
@@ -147,6 +151,12 @@ absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
                      ", max_queued_frames ", options.max_queued_frames, ", max_frame_duration ",
                      absl::FormatDuration(options.max_frame_duration),
                      ": must be at least 1, at least 0, and greater than 0"));
+  }
+  if (options.memory_limit_bytes > 0 &&
+      options.memory_limit_bytes < CoordinatorMemory::kMinLimitBytes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("memory_limit_bytes is ", options.memory_limit_bytes, ": must be at least ",
+                     CoordinatorMemory::kMinLimitBytes, ", or 0 for the default"));
   }
   const auto health = std::make_shared<HealthReporter>();
   AgentRegistryOptions registry_options;

@@ -4,6 +4,7 @@
 #ifndef ISOSCOPE_SERVER_COORDINATOR_SERVER_H_
 #define ISOSCOPE_SERVER_COORDINATOR_SERVER_H_
 
+#include <cstddef>
 #include <memory>
 #include <optional>
 #include <string>
@@ -36,6 +37,9 @@ struct CoordinatorServerOptions {
   int max_queued_frames = 32;
   // The longest time of a frame. Shorter deadlines of clients hold.
   absl::Duration max_frame_duration = absl::Minutes(5);
+  // The memory limit (CoordinatorMemory); at least CoordinatorMemory::kMinLimitBytes. 0: the
+  // default.
+  std::size_t memory_limit_bytes = 0;
   // The time between two polls of the agents.
   absl::Duration poll_interval = absl::Seconds(2);
   // The arena of the coordinator's computations; null: an arena of all cores.

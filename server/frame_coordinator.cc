@@ -138,7 +138,7 @@ class Frame {
                .ties = setup.ties},
         clipper_(setup.spec->clip, setup.view->geometry()),
         start_(absl::Now()),
-        row_locks_(setup.view->viewport().height_px) {
+        row_locks_(setup.view->image_size().height_px) {
     result_.image = std::move(image);
   }
 
@@ -508,14 +508,14 @@ class Frame {
 
 FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                       const base::Cancellation& cancellation) {
-  const view::Viewport& viewport = setup.view->viewport();
+  const view::Viewport size = setup.view->image_size();
   image::FrameImage image;
   try {
-    image = setup.images->Take(viewport.width_px, viewport.height_px);
+    image = setup.images->Take(size.width_px, size.height_px);
   } catch (const std::bad_alloc&) {
     return {.status = absl::ResourceExhaustedError(
                 absl::StrFormat("the coordinator has no memory for a picture of %d x %d pixels",
-                                viewport.width_px, viewport.height_px)),
+                                size.width_px, size.height_px)),
             .result = {},
             .failures = {}};
   }

@@ -1,14 +1,20 @@
-// A frame (RenderCall):
+// A frame (FrameCall):
 //
-// 1. Start, on gRPC's thread, converts the request. An error that no state of the cluster could
-//    change is answered at once. Then it counts the frame, refuses it if too many are in work or
-//    wait, and queues Run.
-// 2. Run, on a frame thread, finds the dataset, which may wait for a probe of the agents, and then
-//    makes camera, view and layout.
+// 1. Admit, on gRPC's thread, converts the request. An error that no state of the cluster could
+//    change is answered at once. Then the frame is counted, refused if too many are in work or wait
+//    or if it can never fit the memory limit, and queued.
+// 2. On a frame thread it waits for its memory, then FrameRunner finds the dataset, which may wait
+//    for a probe of the agents, and makes camera, view and layout.
 // 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
 //    are active, agents need not report them; otherwise their report goes into the cache.
-// 4. The picture becomes a PNG, in the arena. The frame gives its place to another one before the
-//    client gets the answer, so that the client's next request finds it free.
+// 4. Picture and planes are encoded, in the arena. The frame gives its place to another one before
+//    the client gets the answer, so that the client's next request finds it free. Its memory is
+//    given back when gRPC is done with the response.
+//
+// Normals travel in place of colours. A frame with a picture and normals is drawn twice.
+//
+// A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
+// its own, so that the block of a pixel tells its shard.
 //
 // The frame ends a tenth of the client's time, at most 200 ms, before the client's deadline, so
 // that the client still hears which agent is late.
@@ -22,7 +28,9 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -37,31 +45,31 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/frame/frame_spec.h"
-#include "core/image/png_codec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/response_splitter.h"
 #include "core/rpc/write_queue.h"
 #include "core/view/camera.h"
 #include "core/view/view.h"
 #include "server/agent_client.h"
-#include "server/frame_coordinator.h"
+#include "server/frame_output.h"
+#include "server/frame_runner.h"
 #include "server/render_statistics.h"
 #include "server/surface_export.h"
 
 namespace isoscope::server {
 namespace {
 
-namespace internal = isoscope::internal::v1;
+namespace v1 = isoscope::v1;
 
 // If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
-// Room for the active blocks of some isovalues, 4 bytes a block.
-constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
-// Room for images that no frame uses: four of 2048 x 2048 pixels.
-constexpr std::size_t kMaxUnusedImageBytes = 192 * base::kMiB;
+// The room in a message for what is neither picture nor plane.
+constexpr std::size_t kOtherFieldsBytes = base::kMiB;
 
 // Returns when a frame that began at `start` must end so that its client still hears which agent is
 // late. A client whose own clock runs out first learns nothing.
@@ -72,185 +80,346 @@ absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
   return client_deadline - std::max(margin, absl::ZeroDuration());
 }
 
-absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
-                                             const volume::GridGeometry& geometry) {
-  const isoscope::v1::Dimensions& cells = dataset.block_cells();
-  return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
-}
-
 }  // namespace
 
-// One frame. It owns itself until gRPC is done with it. The thread that renders shares it.
-class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor {
+// The part of a call that has nothing to do with how its answer is sent: one frame, from the
+// request to the response. The reactor of the call owns it. The thread that renders shares it.
+class IsosurfaceServiceImpl::FrameCall {
  public:
-  static RenderCall* Start(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
-                           const isoscope::v1::RenderIsosurfaceRequest* request,
-                           isoscope::v1::RenderIsosurfaceResponse* response) {
-    std::shared_ptr<RenderCall> call(new RenderCall(service, context, request, response));
-    call->self_ = call;
-    // A request that can't be right in any state of the cluster does not wait.
-    absl::StatusOr<frame::FrameSpec> spec = rpc::FrameSpecFromProto(*request);
-    if (!spec.ok()) {
-      call->Finish(rpc::ToGrpcStatus(spec.status()));
-      return call.get();
-    }
-    call->spec_ = *std::move(spec);
-    const IsosurfaceServiceOptions& options = service->options_;
-    call->is_counted_ = true;
-    if (service->frame_count_.fetch_add(1) >=
-            options.max_concurrent_frames + options.max_queued_frames ||
-        !service->frame_executor_.TrySchedule([call] { call->Run(); })) {
-      call->Finish(rpc::ToGrpcStatus(absl::ResourceExhaustedError(absl::StrCat(
-          options.max_concurrent_frames, " frames are in work and ", options.max_queued_frames,
-          " wait (--max-concurrent-frames, --max-queued-frames): retry later, with back-off"))));
-    }
-    return call.get();
-  }
-
-  ~RenderCall() override { Leave(); }
-
-  void OnCancel() override { cancellation_.Cancel(); }
-  void OnDone() override { const std::shared_ptr<RenderCall> last_use = std::move(self_); }
-
- private:
-  RenderCall(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
-             const isoscope::v1::RenderIsosurfaceRequest* request,
-             isoscope::v1::RenderIsosurfaceResponse* response)
-      : service_(service),
-        request_(*request),
-        response_(response),
+  FrameCall(IsosurfaceServiceImpl* service, const grpc::CallbackServerContext& context,
+            const v1::RenderIsosurfaceRequest& request, Delivery delivery)
+      : runner_(service->runner_.get()),
+        request_(request),
+        delivery_(delivery),
         start_(absl::Now()),
-        cancellation_(std::min(AnswerBefore(rpc::DeadlineOf(*context), start_),
+        cancellation_(std::min(AnswerBefore(rpc::DeadlineOf(context), start_),
                                start_ + service->options_.max_frame_duration)) {}
 
-  void Run() {
-    const std::int64_t frame_number = service_->next_frame_number_.fetch_add(1);
-    image::FrameImage image;  // cleared for its pool once the client has its answer
-    const absl::Status status = Render(frame_number, &image);
-    const std::string duration = base::LogMilliseconds(absl::Now() - start_);
-    if (status.ok()) {
-      const isoscope::v1::RenderStatistics& statistics = response_->statistics();
-      base::LogInfo("frame_done", {{"frame", frame_number},
-                                   {"dataset", dataset_name_},
-                                   {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec_), ",")},
-                                   {"width", spec_.viewport.width_px},
-                                   {"height", spec_.viewport.height_px},
-                                   {"duration_ms", duration},
-                                   {"triangles", statistics.triangle_count()},
-                                   {"agents", statistics.agents_size()},
-                                   {"network_bytes", statistics.network_bytes()}});
-    } else {
-      base::LogWarning("frame_failed", {{"frame", frame_number},
-                                        {"dataset", request_.dataset()},
-                                        {"duration_ms", duration},
-                                        {"status", status}});
-    }
-    Leave();  // before the client gets its answer: its next request finds the place free
-    Finish(rpc::ToGrpcStatus(status));
+  // Takes a place for the frame. A request that can't be right in any state of the cluster does not
+  // wait.
+  absl::Status Admit() {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::FrameSpecFromProto(request_));
+    return TakePlace();
+  }
+  // The same for a pick, of which `pixels` are the pixels.
+  absl::Status AdmitPick(const v1::PickSurfaceRequest& pick) {
+    ISOSCOPE_ASSIGN_OR_RETURN(rpc::PickSpec converted, rpc::PickSpecFromProto(pick));
+    pixels_ = std::move(converted.pixels);
+    request_ = std::move(converted.request);
+    spec_ = std::move(converted.frame);
+    return TakePlace();
   }
 
-  // Gives the frame's place to another one.
-  void Leave() {
-    if (std::exchange(is_counted_, false)) {
-      service_->frame_count_.fetch_sub(1);
-    }
+  void Cancel() { cancellation_.Cancel(); }
+  // Clears the image for its pool, once the client has its answer.
+  void ReleaseImage() { image_ = image::FrameImage(); }
+  void Schedule(std::function<void()> work) { runner_->Schedule(std::move(work)); }
+
+  // Renders the frame into `response`.
+  absl::Status Render(v1::RenderIsosurfaceResponse* response) {
+    const std::int64_t frame_number = runner_->NextFrameNumber();
+    const absl::Status status = TryRender(frame_number, response);
+    Log(frame_number, status, response->statistics());
+    place_.reset();  // before the client gets its answer: its next request finds the place free
+    return status;
   }
 
-  // Renders the frame into `image` and fills the response.
-  absl::Status Render(std::int64_t frame_number, image::FrameImage* image) {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
-                                                              request_.dataset(), cancellation_));
-    dataset_name_ = dataset.dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const volume::GridGeometry geometry,
-        rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
-    ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveCamera(geometry.Bounds(), &request_, &spec_));
-    *response_->mutable_camera() = request_.camera();
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
-                              view::View::Make(*spec_.camera, spec_.viewport, geometry));
-    ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
-                              LayoutOf(dataset.dataset, geometry));
-    ISOSCOPE_RETURN_IF_ERROR(frame::CheckOwners(spec_.surfaces.size(), layout.block_count()));
-
-    const std::string active_key = ActiveKeyOf(dataset);
-    FrameSetup setup;
-    setup.spec = &spec_;
-    setup.view = &view;
-    setup.layout = &layout;
-    setup.ties = frame::TieRuleOf(dataset.picture_revision.back_end);
-    setup.agent_count = static_cast<int>(dataset.agents.size());
-    setup.active = service_->active_blocks_.Find(active_key);
-    setup.images = service_->images_.get();
-    setup.arena = service_->options_.arena.get();
-    internal::BeginFrame begin = MakeBegin(frame_number, dataset);
-    begin.set_report_active_blocks(setup.active == nullptr);
-    const auto begin_on_agent =
-        [&](int agent_index,
-            AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
-      internal::BeginFrame of_agent = begin;
-      of_agent.set_agent_index(agent_index);
-      return BeginFrameOnAgent(dataset.agents[static_cast<std::size_t>(agent_index)],
-                               std::move(of_agent), dataset.dataset.block_count(),
-                               cancellation_.deadline(), listener);
-    };
-    FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation_);
-    if (!outcome.status.ok()) {
-      service_->ReportFailures(frame_number, outcome.failures);
-      return outcome.status;
-    }
-    if (setup.active == nullptr && outcome.result.active != nullptr) {
-      service_->active_blocks_.Insert(active_key, outcome.result.active);
-    }
-    *response_->mutable_statistics() = StatisticsOf(outcome.result);
-    *image = std::move(outcome.result.image);
-    return Encode(*image);
+  absl::Status Pick(v1::PickSurfaceResponse* response) {
+    const std::int64_t frame_number = runner_->NextFrameNumber();
+    const absl::Status status = TryPick(frame_number, response);
+    Log(frame_number, status, response->statistics());
+    place_.reset();
+    return status;
   }
 
-  [[nodiscard]] std::string ActiveKeyOf(const DatasetState& dataset) const {
-    std::vector<std::vector<int>> shard_indices;
-    for (const AgentAssignment& agent : dataset.agents) {
-      shard_indices.push_back(agent.shard_indices);
+ private:
+  absl::Status TakePlace() {
+    if (delivery_ == Delivery::kWhole) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(RawResponseBytes()));
     }
-    return ActiveBlocksCache::KeyOf(dataset.dataset.dataset_id(), shard_indices,
-                                    frame::IsovaluesOf(spec_));
-  }
-
-  internal::BeginFrame MakeBegin(std::int64_t frame_number, const DatasetState& dataset) const {
-    internal::BeginFrame begin;
-    begin.set_frame_number(frame_number);
-    begin.set_dataset_id(dataset.dataset.dataset_id());
-    *begin.mutable_request() = request_;
-    begin.set_agent_count(static_cast<std::int32_t>(dataset.agents.size()));
-    return begin;
-  }
-
-  absl::Status Encode(const image::FrameImage& image) {
-    tbb::task_arena* const arena = service_->options_.arena.get();
-    const absl::Time encode_start = absl::Now();
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    response_->set_png(arena->execute([&] {
-      return image::EncodePng(image.width, image.height, image.colors, spec_.background_color);
-    }));
-    isoscope::v1::RenderStatistics* statistics = response_->mutable_statistics();
-    statistics->set_png_bytes(static_cast<std::int64_t>(response_->png().size()));
-    isoscope::v1::StepDurations* durations = statistics->mutable_durations();
-    *durations->mutable_encode_duration() = rpc::ToProto(absl::Now() - encode_start);
+    ISOSCOPE_ASSIGN_OR_RETURN(FrameRunner::Place place, runner_->Admit(spec_, delivery_));
+    place_.emplace(std::move(place));
     return absl::OkStatus();
   }
 
-  IsosurfaceServiceImpl* const service_;
-  isoscope::v1::RenderIsosurfaceRequest request_;           // its camera is resolved by Render
-  isoscope::v1::RenderIsosurfaceResponse* const response_;  // gRPC's, until Finish
+  [[nodiscard]] std::size_t RawResponseBytes() const {
+    const view::Viewport size = frame::ImageSizeOf(spec_);
+    return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
+           frame::RawBytesPerPixel(spec_.output);
+  }
+
+  static absl::Status CheckMessageBytes(std::size_t bytes) {
+    if (bytes + kOtherFieldsBytes <= static_cast<std::size_t>(rpc::kMaxMessageBytes)) {
+      return absl::OkStatus();
+    }
+    return absl::InvalidArgumentError(absl::StrCat(
+        "output: picture and planes have ", bytes, " bytes and one message holds at most ",
+        rpc::kMaxMessageBytes, ": ask RenderIsosurfaceStream, or for a region or fewer planes"));
+  }
+
+  absl::Status Reserve() {
+    ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
+                              runner_->ReserveMemory(spec_, delivery_, cancellation_));
+    memory_.emplace(std::move(memory));
+    return absl::OkStatus();
+  }
+
+  absl::Status TryRender(std::int64_t frame_number, v1::RenderIsosurfaceResponse* response) {
+    ISOSCOPE_RETURN_IF_ERROR(Reserve());
+    ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
+                              runner_->FindTarget(&request_, &spec_, false, cancellation_));
+    dataset_name_ = target.dataset.dataset.name();
+    *response->mutable_camera() = request_.camera();
+    *response->mutable_extent() = rpc::ToProto(target.view.image_size());
+
+    // A frame whose pixels are not colours has the same depths and surfaces.
+    frame::FrameSpec drawn = spec_;
+    drawn.sends_normals =
+        spec_.output.normal && spec_.output.image_format == frame::ImageFormat::kNone;
+    ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                              runner_->Run(frame_number, request_, drawn, target, cancellation_));
+    *response->mutable_statistics() = StatisticsOf(result);
+    image_ = std::move(result.image);
+    FrameOutput output;
+    ISOSCOPE_RETURN_IF_ERROR(Encode(target, drawn.sends_normals, &output, response));
+    if (spec_.output.normal && !drawn.sends_normals) {
+      image_ = image::FrameImage();
+      drawn.sends_normals = true;
+      ISOSCOPE_ASSIGN_OR_RETURN(result,
+                                runner_->Run(frame_number, request_, drawn, target, cancellation_));
+      image_ = std::move(result.image);
+      output.normal = runner_->arena()->execute([&] { return NormalPlane(image_); });
+    }
+    if (delivery_ == Delivery::kWhole) {
+      ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
+    }
+    MoveInto(std::move(output), response);
+    return absl::OkStatus();
+  }
+
+  absl::Status Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
+                      v1::RenderIsosurfaceResponse* response) {
+    const absl::Time encode_start = absl::Now();
+    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+    ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
+      if (carries_normals) {
+        output->normal = NormalPlane(image_);
+      } else {
+        ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
+      }
+      FillPlanes(image_, spec_, target.view, target.order, output);
+      return absl::OkStatus();
+    }));
+    v1::RenderStatistics* statistics = response->mutable_statistics();
+    if (spec_.output.image_format == frame::ImageFormat::kPng) {
+      statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
+    }
+    *statistics->mutable_durations()->mutable_encode_duration() =
+        rpc::ToProto(absl::Now() - encode_start);
+    return absl::OkStatus();
+  }
+
+  void MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* response) const {
+    switch (spec_.output.image_format) {
+      case frame::ImageFormat::kPng:
+        response->set_png(std::move(output.image));
+        break;
+      case frame::ImageFormat::kJpeg:
+        response->set_jpeg(std::move(output.image));
+        break;
+      case frame::ImageFormat::kRgba8:
+        response->set_rgba8(std::move(output.image));
+        break;
+      case frame::ImageFormat::kNone:
+        break;
+    }
+    response->set_depth(std::move(output.depth));
+    response->set_surface_index(std::move(output.surface_index));
+    response->set_position(std::move(output.position));
+    response->set_normal(std::move(output.normal));
+  }
+
+  absl::Status TryPick(std::int64_t frame_number, v1::PickSurfaceResponse* response) {
+    ISOSCOPE_RETURN_IF_ERROR(Reserve());
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const FrameTarget target,
+        runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_));
+    dataset_name_ = target.dataset.dataset.name();
+    *response->mutable_camera() = request_.camera();
+    spec_.sends_normals = target.dataset.picture_revision.back_end == frame::BackEnd::kCpu;
+    ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                              runner_->Run(frame_number, request_, spec_, target, cancellation_));
+    *response->mutable_statistics() = StatisticsOf(result);
+    image_ = std::move(result.image);
+    for (const rpc::PixelPosition& pixel : pixels_) {
+      v1::PickedPoint* out = response->add_points();
+      const std::optional<PixelPoint> point =
+          PointAt(image_, pixel.x - spec_.region->x, pixel.y - spec_.region->y, target.view,
+                  target.order, spec_.sends_normals);
+      if (!point.has_value()) {
+        continue;
+      }
+      out->set_is_hit(true);
+      *out->mutable_position() = rpc::ToProto(point->position);
+      out->set_depth(point->distance);
+      out->set_surface_index(static_cast<std::int32_t>(point->surface_index));
+      if (point->normal.has_value()) {
+        *out->mutable_normal() = rpc::ToProto(*point->normal);
+      }
+      out->set_block_id(point->block_id);
+      const std::optional<std::size_t> agent = AgentOf(point->block_id, *result.active);
+      if (!agent.has_value()) {
+        return absl::InternalError(absl::StrCat("pixel ", pixel.x, ", ", pixel.y, " shows block ",
+                                                point->block_id, ", which no agent has"));
+      }
+      const std::vector<int>& shards = target.dataset.agents[*agent].shard_indices;
+      if (shards.size() == 1) {
+        out->set_shard_index(shards.front());
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  // Returns the index of the agent that has an active block; none if no agent has it.
+  static std::optional<std::size_t> AgentOf(volume::BlockId block, const ActiveBlocks& active) {
+    for (std::size_t agent = 0; agent + 1 < active.begin_by_agent.size(); ++agent) {
+      const auto begin =
+          active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent]);
+      const auto end =
+          active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent + 1]);
+      if (std::binary_search(begin, end, block)) {
+        return agent;
+      }
+    }
+    return std::nullopt;
+  }
+
+  void Log(std::int64_t frame_number, const absl::Status& status,
+           const v1::RenderStatistics& statistics) const {
+    const std::string duration = base::LogMilliseconds(absl::Now() - start_);
+    if (status.ok()) {
+      base::LogInfo(pixels_.empty() ? "frame_done" : "pick_done",
+                    {{"frame", frame_number},
+                     {"dataset", dataset_name_},
+                     {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec_), ",")},
+                     {"width", frame::ImageSizeOf(spec_).width_px},
+                     {"height", frame::ImageSizeOf(spec_).height_px},
+                     {"duration_ms", duration},
+                     {"triangles", statistics.triangle_count()},
+                     {"agents", statistics.agents_size()},
+                     {"network_bytes", statistics.network_bytes()}});
+    } else {
+      base::LogWarning(pixels_.empty() ? "frame_failed" : "pick_failed",
+                       {{"frame", frame_number},
+                        {"dataset", request_.dataset()},
+                        {"duration_ms", duration},
+                        {"status", status}});
+    }
+  }
+
+  FrameRunner* const runner_;
+  v1::RenderIsosurfaceRequest request_;  // FindTarget resolves its camera
+  const Delivery delivery_;
   const absl::Time start_;
   base::Cancellation cancellation_;
   frame::FrameSpec spec_;
-  bool is_counted_ = false;
+  std::vector<rpc::PixelPosition> pixels_;  // of a pick
+  std::optional<FrameRunner::Place> place_;
   std::string dataset_name_;
-  std::shared_ptr<RenderCall> self_;  // reset by OnDone
+  image::FrameImage image_;
+  // Given back when gRPC is done with the response.
+  std::optional<base::MemoryBudget::Reservation> memory_;
 };
 
-// One export. It owns itself as a RenderCall does.
+// A call with one request and one response. It owns itself until gRPC is done with it.
+template <typename Response>
+class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
+ public:
+  using Work = absl::Status (FrameCall::*)(Response* response);
+
+  // Runs `work` on a frame thread if `admitted` is OK.
+  static UnaryCall* Start(std::unique_ptr<FrameCall> frame, const absl::Status& admitted, Work work,
+                          Response* response) {
+    std::shared_ptr<UnaryCall> call(new UnaryCall(std::move(frame)));
+    call->self_ = call;
+    if (!admitted.ok()) {
+      call->Finish(rpc::ToGrpcStatus(admitted));
+      return call.get();
+    }
+    call->frame_->Schedule([call, work, response] {
+      call->Finish(rpc::ToGrpcStatus((call->frame_.get()->*work)(response)));
+      call->frame_->ReleaseImage();
+    });
+    return call.get();
+  }
+
+  void OnCancel() override { frame_->Cancel(); }
+  void OnDone() override { const std::shared_ptr<UnaryCall> last_use = std::move(self_); }
+
+ private:
+  explicit UnaryCall(std::unique_ptr<FrameCall> frame) : frame_(std::move(frame)) {}
+
+  const std::unique_ptr<FrameCall> frame_;
+  std::shared_ptr<UnaryCall> self_;  // reset by OnDone
+};
+
+// A frame whose response goes out in parts. It is complete before the first part is sent, so no
+// thread waits for a slow client.
+class IsosurfaceServiceImpl::StreamCall final
+    : public grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse> {
+ public:
+  static StreamCall* Start(std::unique_ptr<FrameCall> frame, const absl::Status& admitted) {
+    std::shared_ptr<StreamCall> call(new StreamCall(std::move(frame)));
+    call->self_ = call;
+    if (!admitted.ok()) {
+      call->Finish(rpc::ToGrpcStatus(admitted));
+      return call.get();
+    }
+    call->frame_->Schedule([call] { call->Run(); });
+    return call.get();
+  }
+
+  void OnWriteDone(bool ok) override {
+    if (ok) {
+      WriteNext();
+    } else {
+      Finish(rpc::ToGrpcStatus(absl::CancelledError("the client cancelled the frame")));
+    }
+  }
+  void OnCancel() override { frame_->Cancel(); }
+  void OnDone() override { const std::shared_ptr<StreamCall> last_use = std::move(self_); }
+
+ private:
+  explicit StreamCall(std::unique_ptr<FrameCall> frame) : frame_(std::move(frame)) {}
+
+  void Run() {
+    v1::RenderIsosurfaceResponse response;
+    const absl::Status status = frame_->Render(&response);
+    if (!status.ok()) {
+      Finish(rpc::ToGrpcStatus(status));
+      return;
+    }
+    splitter_.emplace(std::move(response));
+    WriteNext();
+    frame_->ReleaseImage();
+  }
+
+  void WriteNext() {
+    message_.Clear();
+    if (!splitter_->Next(message_.mutable_part())) {
+      Finish(grpc::Status::OK);
+      return;
+    }
+    StartWrite(&message_);
+  }
+
+  const std::unique_ptr<FrameCall> frame_;
+  std::optional<rpc::ResponseSplitter> splitter_;
+  v1::RenderIsosurfaceStreamResponse message_;
+  std::shared_ptr<StreamCall> self_;  // reset by OnDone
+};
+
+// One export. It owns itself as a UnaryCall does.
 class IsosurfaceServiceImpl::ExportCall final
     : public grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse> {
  public:
@@ -343,7 +512,7 @@ class IsosurfaceServiceImpl::ExportCall final
                             .status = streams[i]->status()});
       }
     }
-    service_->ReportFailures(/*frame_number=*/0, failures);
+    service_->runner_->ReportFailures(/*frame_number=*/0, failures);
     return status;
   }
 
@@ -385,48 +554,52 @@ class IsosurfaceServiceImpl::ExportCall final
 
 IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options)
     : options_(options),
-      active_blocks_(kMaxActiveBlocksBytes),
-      images_(image::FrameImagePool::Make(kMaxUnusedImageBytes)),
-      frame_executor_(
-          static_cast<std::size_t>(options.max_concurrent_frames),
-          // frame_count_ bounds the frames, so each of them fits.
-          static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)),
+      runner_(std::make_unique<FrameRunner>(
+          FrameRunnerOptions{.registry = options.registry,
+                             .max_concurrent_frames = options.max_concurrent_frames,
+                             .max_queued_frames = options.max_queued_frames,
+                             .arena = options.arena,
+                             .memory_limit_bytes = options.memory_limit_bytes,
+                             .expected_viewport = options.expected_viewport})),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
   rpc::PrepareKnownFields(isoscope::v1::RenderIsosurfaceRequest());
-  if (options.expected_viewport) {
-    // Two, because one may still be cleared when the next frame begins.
-    for (int i = 0; i < 2; ++i) {
-      images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
-    }
-  }
 }
 
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
-    grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest* request,
-    isoscope::v1::RenderIsosurfaceResponse* response) {
-  return RenderCall::Start(this, context, request, response);
+    grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest* request,
+    v1::RenderIsosurfaceResponse* response) {
+  auto frame = std::make_unique<FrameCall>(this, *context, *request, Delivery::kWhole);
+  const absl::Status admitted = frame->Admit();
+  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(std::move(frame), admitted,
+                                                        &FrameCall::Render, response);
+}
+
+grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse>*
+IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* context,
+                                              const v1::RenderIsosurfaceStreamRequest* request) {
+  auto frame = std::make_unique<FrameCall>(this, *context, request->request(), Delivery::kParts);
+  absl::Status admitted = rpc::CheckKnownFields(*request);
+  if (admitted.ok()) {
+    admitted = frame->Admit();
+  }
+  return StreamCall::Start(std::move(frame), admitted);
+}
+
+grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServerContext* context,
+                                                             const v1::PickSurfaceRequest* request,
+                                                             v1::PickSurfaceResponse* response) {
+  auto frame = std::make_unique<FrameCall>(this, *context, request->frame(), Delivery::kWhole);
+  const absl::Status admitted = frame->AdmitPick(*request);
+  return UnaryCall<v1::PickSurfaceResponse>::Start(std::move(frame), admitted, &FrameCall::Pick,
+                                                   response);
 }
 
 grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>*
 IsosurfaceServiceImpl::ExportIsosurface(grpc::CallbackServerContext* context,
                                         const isoscope::v1::ExportIsosurfaceRequest* request) {
   return ExportCall::Start(this, context, request);
-}
-
-void IsosurfaceServiceImpl::ReportFailures(std::int64_t frame_number,
-                                           const std::vector<AgentFailure>& failures) const {
-  for (const AgentFailure& failure : failures) {
-    base::LogWarning("agent_failed", {{"frame", frame_number},
-                                      {"agent", failure.agent.address},
-                                      {"shards", absl::StrJoin(failure.agent.shard_indices, ",")},
-                                      {"stage", NameOf(failure.stage)},
-                                      {"status", failure.status}});
-    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
-      options_.registry->ReportFailure(failure.agent.address);
-    }
-  }
 }
 
 }  // namespace isoscope::server

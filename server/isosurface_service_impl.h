@@ -4,22 +4,19 @@
 #ifndef ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_ISOSURFACE_SERVICE_IMPL_H_
 
-#include <atomic>
-#include <cstdint>
+#include <cstddef>
 #include <memory>
 #include <optional>
-#include <vector>
 
 #include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/executor.h"
-#include "core/image/frame_image.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
-#include "server/active_blocks.h"
-#include "server/agent_failure.h"
 #include "server/agent_registry.h"
+#include "server/coordinator_memory.h"
+#include "server/frame_runner.h"
 
 namespace isoscope::server {
 
@@ -28,6 +25,7 @@ struct IsosurfaceServiceOptions {
   int max_concurrent_frames = 4;      // >= 1
   int max_queued_frames = 32;         // >= 0
   absl::Duration max_frame_duration = absl::Minutes(5);
+  std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
   std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
   // The service takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
@@ -46,26 +44,26 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   grpc::ServerUnaryReactor* RenderIsosurface(
       grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest* request,
       isoscope::v1::RenderIsosurfaceResponse* response) override;
+  grpc::ServerWriteReactor<isoscope::v1::RenderIsosurfaceStreamResponse>* RenderIsosurfaceStream(
+      grpc::CallbackServerContext* context,
+      const isoscope::v1::RenderIsosurfaceStreamRequest* request) override;
+  grpc::ServerUnaryReactor* PickSurface(grpc::CallbackServerContext* context,
+                                        const isoscope::v1::PickSurfaceRequest* request,
+                                        isoscope::v1::PickSurfaceResponse* response) override;
   grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>* ExportIsosurface(
       grpc::CallbackServerContext* context,
       const isoscope::v1::ExportIsosurfaceRequest* request) override;
 
  private:
-  class RenderCall;
+  class FrameCall;
+  template <typename Response>
+  class UnaryCall;
+  class StreamCall;
   class ExportCall;
 
-  // Logs the agents that made a frame fail (frame 0: an export), and tells the registry about those
-  // that were lost or have changed.
-  void ReportFailures(std::int64_t frame_number, const std::vector<AgentFailure>& failures) const;
-
   const IsosurfaceServiceOptions options_;
-  std::atomic<std::int64_t> next_frame_number_{1};
-  std::atomic<int> frame_count_{0};  // in work or waiting
-  ActiveBlocksCache active_blocks_;
-  const std::shared_ptr<image::FrameImagePool> images_;
-  // These come last, because their threads use the members above.
-  base::Executor frame_executor_;
-  base::Executor export_executor_;
+  const std::unique_ptr<FrameRunner> runner_;
+  base::Executor export_executor_;  // last: its threads use the members above
 };
 
 }  // namespace isoscope::server

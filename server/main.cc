@@ -1,5 +1,6 @@
 // isoscope-coordinator: the public service in front of the agents.
 
+#include <cstddef>
 #include <memory>
 #include <string>
 #include <utility>
@@ -14,6 +15,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/rpc/server_program.h"
+#include "server/coordinator_memory.h"
 #include "server/coordinator_server.h"
 
 namespace isoscope::server {
@@ -23,6 +25,7 @@ struct Flags {
   std::vector<std::string> agents;
   double max_frame_seconds = 300;
   double poll_seconds = 2;
+  std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
 };
 
 constexpr char kExamples[] =
@@ -46,6 +49,13 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
       ->envname("ISOSCOPE_MAX_FRAME_SECONDS")
       ->capture_default_str();
+  app->add_option("--memory-limit", flags->memory_limit_bytes,
+                  "Memory for everything: pictures, planes, lists of blocks; e.g. 256MiB, 4GiB")
+      ->type_name("BYTES")
+      ->transform(CLI::AsSizeValue(false))
+      ->check(CLI::Range(static_cast<double>(CoordinatorMemory::kMinLimitBytes), 1e18))
+      ->envname("ISOSCOPE_MEMORY_LIMIT")
+      ->capture_default_str();
   app->add_option("--poll-seconds", flags->poll_seconds,
                   "How often agents are asked what they hold")
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
@@ -64,6 +74,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.max_queued_frames = server_flags.max_queued_frames;
   options.expected_viewport = view::kCommonViewport;
   options.max_frame_duration = absl::Seconds(flags.max_frame_seconds);
+  options.memory_limit_bytes = flags.memory_limit_bytes;
   options.poll_interval = absl::Seconds(flags.poll_seconds);
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));

@@ -14,6 +14,7 @@
 
 #include "core/frame/appearance.h"
 #include "core/frame/culling.h"
+#include "core/frame/output_spec.h"
 #include "core/image/fragment.h"
 #include "core/view/camera.h"
 #include "core/view/clip_region.h"
@@ -36,13 +37,25 @@ struct FrameSpec {
   // Not set: the default camera of the dataset. The coordinator sets it before agents see it.
   std::optional<view::Camera> camera;
   view::Viewport viewport;
+  // The window of the viewport that the picture shows, with the whole's pixels. Not set: all of it.
+  std::optional<view::Region> region;
   Culling culling = Culling::kDepth;
   image::Rgba8 background_color{0, 0, 0, 255};
   view::ClipRegion clip;
   std::uint64_t ray_seed = 0;
+  // Only the coordinator looks at it.
+  OutputSpec output;
+  // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
+  // request: the coordinator tells the agents.
+  bool sends_normals = false;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
+
+// Returns the size of the picture.
+inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
+  return view::ImageSizeOf(spec.viewport, spec.region);
+}
 
 // Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);

@@ -274,139 +274,147 @@ bool AllOpaqueOrClear(std::span<const Rgba8> pixels) {
   return found == 0;
 }
 
-class PngEncoder {
- public:
-  // REQUIRES: as EncodePng; `pixels` outlive the encoder.
-  PngEncoder(int width, int height, std::span<const Rgba8> pixels,
-             const std::optional<Rgba8>& background)
-      : width_(static_cast<std::size_t>(width)),
-        height_(static_cast<std::size_t>(height)),
-        pixels_(pixels),
-        background_(background) {
-    const std::size_t row_bytes = 1 + width_ * sizeof(Rgba8);
-    ISOSCOPE_CHECK_LE(row_bytes, kMaxRowBytes);
-    rows_per_stripe_ = std::max<std::size_t>(1, kStripeBytes / row_bytes);
-    stripe_count_ = (height_ - 1) / rows_per_stripe_ + 1;
-  }
+// The rows of a PNG, as they are shown and stored.
+struct RowFormat {
+  std::size_t width = 0;
+  PngChannels channels = PngChannels::kRgba;
+  std::optional<Rgba8> background;
 
-  std::string Encode() {
-    channels_ = IsOpaque() ? PngChannels::kRgb : PngChannels::kRgba;
-    std::vector<Stripe> stripes(stripe_count_);
-    tbb::enumerable_thread_specific<StripeEncoder> encoders;
-    ForEachStripe([&](std::size_t i) { stripes[i] = EncodeStripe(i, &encoders.local()); });
-    return Join(stripes);
+  [[nodiscard]] std::size_t stored_row_bytes() const {
+    return 1 + width * static_cast<std::size_t>(channels);
   }
-
- private:
-  // Calls function(stripe) for all stripes, in parallel. Isolated from other work of the arena: the
-  // thread does not take that up while it waits, and stripes go on if it is cancelled.
-  template <typename Function>
-  void ForEachStripe(const Function& function) const {
-    tbb::task_group_context context(tbb::task_group_context::isolated);
-    tbb::this_task_arena::isolate([&] {
-      tbb::parallel_for(std::size_t{0}, stripe_count_, function, tbb::simple_partitioner(),
-                        context);
-    });
-  }
-
-  [[nodiscard]] std::size_t FirstRow(std::size_t stripe) const {
-    return std::min(height_, stripe * rows_per_stripe_);
-  }
-
-  [[nodiscard]] bool IsOpaque() const {
-    std::atomic<bool> opaque{true};
-    ForEachStripe([&](std::size_t i) {
-      const std::size_t begin = FirstRow(i) * width_;
-      const std::size_t end = FirstRow(i + 1) * width_;
-      const std::span<const Rgba8> pixels = pixels_.subspan(begin, end - begin);
-      const bool shows_background = background_.has_value() && background_->a == 255;
-      if (opaque.load(std::memory_order_relaxed) &&
-          !(shows_background ? AllOpaqueOrClear(pixels) : AllOpaque(pixels))) {
-        opaque.store(false, std::memory_order_relaxed);
-      }
-    });
-    return opaque.load();
-  }
-
-  // Encodes stripe `i`: steps 2 and 3.
-  [[nodiscard]] Stripe EncodeStripe(std::size_t i, StripeEncoder* encoder) const {
-    const std::size_t end = FirstRow(i + 1);
-    const std::size_t rows = end - FirstRow(i);
-    Stripe stripe;
-    stripe.filtered_bytes = rows * (1 + width_ * static_cast<std::size_t>(channels_));
-    std::uint8_t* const filtered = encoder->Filtered(stripe.filtered_bytes);
-    std::uint8_t* to = filtered;
-    // The row above the image is transparent black.
-    std::vector<Rgba8> above(width_);
-    std::vector<Rgba8> row(width_);
-    if (i > 0) {
-      ShowRow(FirstRow(i) - 1, &above);
-    }
-    for (std::size_t y = FirstRow(i); y < end; ++y) {
-      *to++ = kFilterTypeUp;
-      ShowRow(y, &row);
-      to = FilterUp(row, above, channels_, to);
-      row.swap(above);
-    }
-    stripe.adler = isal_adler32(1, filtered, stripe.filtered_bytes);
-    AppendChunk("IDAT", i == 0 ? kDeflateWindow32K : absl::string_view(),
-                encoder->Deflate(stripe.filtered_bytes), &stripe.chunk);
-    return stripe;
-  }
-
-  // Step 4: joins the stripes to a file.
-  [[nodiscard]] std::string Join(const std::vector<Stripe>& stripes) const {
-    constexpr std::size_t kOtherChunksBytes = 128;
-    std::size_t size = kOtherChunksBytes;
-    for (const Stripe& stripe : stripes) {
-      size += stripe.chunk.size();
-    }
-    std::string out;
-    out.reserve(size);
-    absl::StrAppend(&out, kSignature);
-    // Bit depth 8; colour type 2 (RGB) or 6 (RGBA); compression and filter method 0, not
-    // interlaced.
-    const std::array<char, 5> format{8, static_cast<char>(channels_ == PngChannels::kRgb ? 2 : 6),
-                                     0, 0, 0};
-    AppendChunk("IHDR",
-                absl::StrCat(BigEndian32(static_cast<std::uint32_t>(width_)),
-                             BigEndian32(static_cast<std::uint32_t>(height_))),
-                absl::string_view(format.data(), format.size()), &out);
-    AppendChunk("sRGB", kPerceptualIntent, "", &out);
-    uLong adler = 1;
-    for (const Stripe& stripe : stripes) {
-      absl::StrAppend(&out, stripe.chunk);
-      adler = adler32_combine(adler, stripe.adler, static_cast<z_off_t>(stripe.filtered_bytes));
-    }
-    AppendChunk("IDAT", kDeflateEnd, BigEndian32(static_cast<std::uint32_t>(adler)), &out);
-    AppendChunk("IEND", "", "", &out);
-    return out;
-  }
-
-  // Copies row `y`, with the background where alpha is 0.
-  void ShowRow(std::size_t y, std::vector<Rgba8>* row) const {
-    const std::span<const Rgba8> pixels = pixels_.subspan(y * width_, width_);
-    if (!background_.has_value()) {
-      std::copy(pixels.begin(), pixels.end(), row->begin());
-      return;
-    }
-    // Words take one comparison and one choice a pixel, which compilers turn into SIMD.
-    const auto background = std::bit_cast<std::uint32_t>(*background_);
-    constexpr auto kAlpha = std::bit_cast<std::uint32_t>(Rgba8{0, 0, 0, 255});
-    for (std::size_t x = 0; x < width_; ++x) {
-      const auto word = std::bit_cast<std::uint32_t>(pixels[x]);
-      (*row)[x] = std::bit_cast<Rgba8>((word & kAlpha) == 0 ? background : word);
-    }
-  }
-
-  std::size_t width_;
-  std::size_t height_;
-  std::span<const Rgba8> pixels_;
-  std::optional<Rgba8> background_;
-  std::size_t rows_per_stripe_ = 0;
-  std::size_t stripe_count_ = 0;
-  PngChannels channels_ = PngChannels::kRgba;
 };
+
+std::size_t RowsPerStripe(std::size_t width) {
+  const std::size_t row_bytes = 1 + width * sizeof(Rgba8);
+  ISOSCOPE_CHECK_LE(row_bytes, kMaxRowBytes);
+  return std::max<std::size_t>(1, kStripeBytes / row_bytes);
+}
+
+// Copies a row, with the background where alpha is 0.
+void ShowRow(const RowFormat& format, std::span<const Rgba8> pixels, std::vector<Rgba8>* row) {
+  if (!format.background.has_value()) {
+    std::copy(pixels.begin(), pixels.end(), row->begin());
+    return;
+  }
+  // Words take one comparison and one choice a pixel, which compilers turn into SIMD.
+  const auto background = std::bit_cast<std::uint32_t>(*format.background);
+  constexpr auto kAlpha = std::bit_cast<std::uint32_t>(Rgba8{0, 0, 0, 255});
+  for (std::size_t x = 0; x < pixels.size(); ++x) {
+    const auto word = std::bit_cast<std::uint32_t>(pixels[x]);
+    (*row)[x] = std::bit_cast<Rgba8>((word & kAlpha) == 0 ? background : word);
+  }
+}
+
+// Encodes the rows of a stripe: steps 2 and 3. `row_above` is empty for the first row of the image,
+// above which all is transparent black.
+Stripe EncodeStripe(const RowFormat& format, std::span<const Rgba8> rows,
+                    std::span<const Rgba8> row_above, StripeEncoder* encoder) {
+  Stripe stripe;
+  stripe.filtered_bytes = rows.size() / format.width * format.stored_row_bytes();
+  std::uint8_t* const filtered = encoder->Filtered(stripe.filtered_bytes);
+  std::uint8_t* to = filtered;
+  std::vector<Rgba8> above(format.width);
+  std::vector<Rgba8> row(format.width);
+  if (!row_above.empty()) {
+    ShowRow(format, row_above, &above);
+  }
+  for (std::size_t begin = 0; begin < rows.size(); begin += format.width) {
+    *to++ = kFilterTypeUp;
+    ShowRow(format, rows.subspan(begin, format.width), &row);
+    to = FilterUp(row, above, format.channels, to);
+    row.swap(above);
+  }
+  stripe.adler = isal_adler32(1, filtered, stripe.filtered_bytes);
+  AppendChunk("IDAT", row_above.empty() ? kDeflateWindow32K : absl::string_view(),
+              encoder->Deflate(stripe.filtered_bytes), &stripe.chunk);
+  return stripe;
+}
+
+// Calls function(stripe) for all stripes, in parallel. Isolated from other work of the arena: the
+// thread does not take that up while it waits, and stripes go on if it is cancelled.
+template <typename Function>
+void ForEachStripe(std::size_t stripe_count, const Function& function) {
+  tbb::task_group_context context(tbb::task_group_context::isolated);
+  tbb::this_task_arena::isolate([&] {
+    tbb::parallel_for(std::size_t{0}, stripe_count, function, tbb::simple_partitioner(), context);
+  });
+}
+
+// Encodes whole rows, in parallel. `row_above` as for EncodeStripe.
+std::vector<Stripe> EncodeStripes(const RowFormat& format, std::span<const Rgba8> rows,
+                                  std::span<const Rgba8> row_above) {
+  const std::size_t stripe_size = RowsPerStripe(format.width) * format.width;
+  std::vector<Stripe> stripes((rows.size() + stripe_size - 1) / stripe_size);
+  tbb::enumerable_thread_specific<StripeEncoder> encoders;
+  ForEachStripe(stripes.size(), [&](std::size_t i) {
+    const std::size_t begin = i * stripe_size;
+    stripes[i] = EncodeStripe(
+        format, rows.subspan(begin, std::min(stripe_size, rows.size() - begin)),
+        i == 0 ? row_above : rows.subspan(begin - format.width, format.width), &encoders.local());
+  });
+  return stripes;
+}
+
+// Appends what comes before the stripes.
+void AppendHead(const RowFormat& format, std::size_t height, std::string* out) {
+  absl::StrAppend(out, kSignature);
+  // Bit depth 8; colour type 2 (RGB) or 6 (RGBA); compression and filter method 0, not interlaced.
+  const std::array<char, 5> type{8, static_cast<char>(format.channels == PngChannels::kRgb ? 2 : 6),
+                                 0, 0, 0};
+  AppendChunk("IHDR",
+              absl::StrCat(BigEndian32(static_cast<std::uint32_t>(format.width)),
+                           BigEndian32(static_cast<std::uint32_t>(height))),
+              absl::string_view(type.data(), type.size()), out);
+  AppendChunk("sRGB", kPerceptualIntent, "", out);
+}
+
+// Appends what comes after the stripes. `adler` is that of all filtered bytes.
+void AppendTail(std::uint32_t adler, std::string* out) {
+  AppendChunk("IDAT", kDeflateEnd, BigEndian32(adler), out);
+  AppendChunk("IEND", "", "", out);
+}
+
+std::uint32_t CombineAdler(std::uint32_t adler, const Stripe& stripe) {
+  return static_cast<std::uint32_t>(
+      adler32_combine(adler, stripe.adler, static_cast<z_off_t>(stripe.filtered_bytes)));
+}
+
+bool IsOpaque(std::size_t width, std::span<const Rgba8> pixels,
+              const std::optional<Rgba8>& background) {
+  const std::size_t stripe_size = RowsPerStripe(width) * width;
+  const bool shows_background = background.has_value() && background->a == 255;
+  std::atomic<bool> opaque{true};
+  ForEachStripe((pixels.size() + stripe_size - 1) / stripe_size, [&](std::size_t i) {
+    const std::size_t begin = i * stripe_size;
+    const std::span<const Rgba8> stripe =
+        pixels.subspan(begin, std::min(stripe_size, pixels.size() - begin));
+    if (opaque.load(std::memory_order_relaxed) &&
+        !(shows_background ? AllOpaqueOrClear(stripe) : AllOpaque(stripe))) {
+      opaque.store(false, std::memory_order_relaxed);
+    }
+  });
+  return opaque.load();
+}
+
+// Step 4: joins the stripes to a file.
+std::string Join(const RowFormat& format, std::size_t height, const std::vector<Stripe>& stripes) {
+  constexpr std::size_t kOtherChunksBytes = 128;
+  std::size_t size = kOtherChunksBytes;
+  for (const Stripe& stripe : stripes) {
+    size += stripe.chunk.size();
+  }
+  std::string out;
+  out.reserve(size);
+  AppendHead(format, height, &out);
+  std::uint32_t adler = 1;
+  for (const Stripe& stripe : stripes) {
+    absl::StrAppend(&out, stripe.chunk);
+    adler = CombineAdler(adler, stripe);
+  }
+  AppendTail(adler, &out);
+  return out;
+}
 
 }  // namespace
 
@@ -417,11 +425,53 @@ std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
   ISOSCOPE_CHECK_EQ(pixels.size(),
                     static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   try {
-    return PngEncoder(width, height, pixels, background).Encode();
+    const auto row_size = static_cast<std::size_t>(width);
+    const RowFormat format{
+        .width = row_size,
+        .channels = IsOpaque(row_size, pixels, background) ? PngChannels::kRgb : PngChannels::kRgba,
+        .background = background};
+    return Join(format, static_cast<std::size_t>(height), EncodeStripes(format, pixels, {}));
   } catch (const std::bad_alloc&) {
     base::CheckFailed(__FILE__, __LINE__,
                       absl::StrCat("no memory left to encode a PNG of ", width, " x ", height));
   }
+}
+
+int PngRowWriter::RowsPerStripe(int width) {
+  return static_cast<int>(image::RowsPerStripe(static_cast<std::size_t>(width)));
+}
+
+std::string PngRowWriter::Begin() const {
+  std::string head;
+  AppendHead({.width = static_cast<std::size_t>(width_), .channels = Channels(), .background = {}},
+             static_cast<std::size_t>(height_), &head);
+  return head;
+}
+
+std::string PngRowWriter::Append(std::span<const Rgba8> rows) {
+  const auto row_size = static_cast<std::size_t>(width_);
+  ISOSCOPE_CHECK_EQ(rows.size() % row_size, 0U);
+  row_count_ += static_cast<int>(rows.size() / row_size);
+  ISOSCOPE_CHECK_LE(row_count_, height_);
+  std::string bytes;
+  if (rows.empty()) {
+    return bytes;
+  }
+  const RowFormat format{.width = row_size, .channels = Channels(), .background = {}};
+  for (const Stripe& stripe : EncodeStripes(format, rows, last_row_)) {
+    absl::StrAppend(&bytes, stripe.chunk);
+    adler_ = CombineAdler(adler_, stripe);
+  }
+  const std::span<const Rgba8> last = rows.last(row_size);
+  last_row_.assign(last.begin(), last.end());
+  return bytes;
+}
+
+std::string PngRowWriter::End() const {
+  ISOSCOPE_CHECK_EQ(row_count_, height_);
+  std::string tail;
+  AppendTail(adler_, &tail);
+  return tail;
 }
 
 absl::StatusOr<RgbaImage> DecodePng(absl::string_view png) {

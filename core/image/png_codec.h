@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_
 #define ISOSCOPE_CORE_IMAGE_PNG_CODEC_H_
 
+#include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
@@ -12,6 +13,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/image/frame_image.h"
+#include "core/image/png_filter.h"
 
 namespace isoscope::image {
 
@@ -34,6 +36,39 @@ struct RgbaImage {
 // runs out. Thread-safe.
 std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
                       const std::optional<Rgba8>& background = std::nullopt);
+
+// Encodes an image of which only some rows are in memory at a time. The caller writes the bytes
+// that the calls return, one after another: Begin, then Append until all rows are there, then End.
+// Works in parallel, in the tbb::task_arena of the caller. Aborts when memory runs out.
+// Thread-compatible.
+class PngRowWriter {
+ public:
+  // RGB if `is_opaque`, which leaves alpha out, else RGBA. REQUIRES: width and height as EncodePng.
+  PngRowWriter(int width, int height, bool is_opaque)
+      : width_(width), height_(height), is_opaque_(is_opaque) {}
+
+  // The number of rows that are compressed together. Rows appended in multiples of it give the
+  // bytes of EncodePng.
+  static int RowsPerStripe(int width);
+
+  [[nodiscard]] std::string Begin() const;
+  // Takes the next rows. REQUIRES: they are whole, and not more than are missing.
+  std::string Append(std::span<const Rgba8> rows);
+  // REQUIRES: all rows were appended.
+  [[nodiscard]] std::string End() const;
+
+ private:
+  [[nodiscard]] PngChannels Channels() const {
+    return is_opaque_ ? PngChannels::kRgb : PngChannels::kRgba;
+  }
+
+  const int width_;
+  const int height_;
+  const bool is_opaque_;
+  int row_count_ = 0;            // appended
+  std::vector<Rgba8> last_row_;  // empty before the first
+  std::uint32_t adler_ = 1;      // of all filtered bytes
+};
 
 // The largest width and height that DecodePng accepts.
 inline constexpr int kMaxPngSidePx = 16384;

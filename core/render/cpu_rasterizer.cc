@@ -61,11 +61,13 @@ bool CpuRasterizer::Project(const ClipVertex& clip, ScreenVertex* screen) const 
   const double inverse_w = 1.0 / clip.w;
   const double x = (clip.x * inverse_w * 0.5 + 0.5) * projection_.width_px;
   const double y = (0.5 - clip.y * inverse_w * 0.5) * projection_.height_px;
-  if (!(std::abs(x) <= kGuardBandPx && std::abs(y) <= kGuardBandPx)) {
+  if (!(std::abs(x) <= projection_.guard_band_px && std::abs(y) <= projection_.guard_band_px)) {
     return false;
   }
-  screen->x = static_cast<std::int32_t>(std::lrint(x * kSubpixels));
-  screen->y = static_cast<std::int32_t>(std::lrint(y * kSubpixels));
+  screen->x =
+      static_cast<std::int32_t>(std::lrint(x * kSubpixels)) - projection_.origin_x * kSubpixels;
+  screen->y =
+      static_cast<std::int32_t>(std::lrint(y * kSubpixels)) - projection_.origin_y * kSubpixels;
   screen->z = static_cast<float>(std::min(clip.z * inverse_w * 0.5 + 0.5, kMaxVertexDepth));
   return true;
 }
@@ -126,11 +128,11 @@ void CpuRasterizer::ClipAndFill(const mesh::CompactMesh& mesh, std::uint32_t tri
   // A plane keeps the side of clip space where a.x x + a.y y + a.z z + a.w w >= 0. The guard band
   // is a little smaller than the one that Project accepts, so that rounding can't push a clipped
   // vertex out again.
-  constexpr double kBandPx = kGuardBandPx - 1;
-  const double gx_low = 1 + 2 * kBandPx / projection_.width_px;
-  const double gx_high = 2 * kBandPx / projection_.width_px - 1;
-  const double gy_low = 2 * kBandPx / projection_.height_px - 1;
-  const double gy_high = 1 + 2 * kBandPx / projection_.height_px;
+  const double band_px = projection_.guard_band_px - 1;
+  const double gx_low = 1 + 2 * band_px / projection_.width_px;
+  const double gx_high = 2 * band_px / projection_.width_px - 1;
+  const double gy_low = 2 * band_px / projection_.height_px - 1;
+  const double gy_high = 1 + 2 * band_px / projection_.height_px;
   const std::array<ClipVertex, 5> planes{ClipVertex{0, 0, 1, 1}, ClipVertex{1, 0, 0, gx_low},
                                          ClipVertex{-1, 0, 0, gx_high}, ClipVertex{0, 1, 0, gy_low},
                                          ClipVertex{0, -1, 0, gy_high}};
@@ -277,7 +279,13 @@ void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& v
   }
   projection_ = {.clip_from_index = view.clip_from_index().m,
                  .width_px = static_cast<double>(view.viewport().width_px),
-                 .height_px = static_cast<double>(view.viewport().height_px)};
+                 .height_px = static_cast<double>(view.viewport().height_px),
+                 .origin_x = view.region().x,
+                 .origin_y = view.region().y,
+                 .guard_band_px = std::max(view.viewport().width_px, view.viewport().height_px) <=
+                                          view::kMaxViewportPx
+                                      ? kGuardBandPx
+                                      : kWideGuardBandPx};
   nearest_depth_ = footprint.nearest_depth;
   open_ = open;
   visit_ = &visit;
@@ -325,8 +333,8 @@ void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& v
 std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y) {
   const std::array<double, 16>& m = view.clip_from_index().m;
-  const double ndc_x = 2 * (x + 0.5) / view.viewport().width_px - 1;
-  const double ndc_y = 1 - 2 * (y + 0.5) / view.viewport().height_px;
+  const double ndc_x = 2 * (x + view.region().x + 0.5) / view.viewport().width_px - 1;
+  const double ndc_y = 1 - 2 * (y + view.region().y + 0.5) / view.viewport().height_px;
   // Clip space is moved so that the pixel is the origin. The weight of a corner is then the edge
   // function of the two others.
   std::array<math::Vec3d, 3> corner;

@@ -88,8 +88,8 @@ class CpuRasterizer {
   FragmentBuffer fragments_;
 };
 
-// Returns the perspective-correct weights of a triangle's vertices at a pixel centre. They lie in
-// [0, 1] and sum to 1. A pure function of triangle, view and pixel.
+// Returns the perspective-correct weights of a triangle's vertices at the centre of a pixel of the
+// picture. They lie in [0, 1] and sum to 1. A pure function of triangle, view and pixel.
 std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y);
 

@@ -46,6 +46,7 @@
 #include "core/base/check.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/image/normal_code.h"
 #include "core/image/tile_coverage.h"
 #include "core/render/cpu_rasterizer.h"
 #include "core/render/pass_resources.h"
@@ -75,9 +76,12 @@ class CpuPass final : public RenderPass {
                .ties = frame::TieRuleOf(frame::BackEnd::kCpu)},
         options_(options),
         clipper_(spec.clip, view.geometry()),
+        sends_normals_(spec.sends_normals),
         rays_(MakePixelRays(view)),
-        width_(view.viewport().width_px),
-        height_(view.viewport().height_px),
+        width_(view.image_size().width_px),
+        height_(view.image_size().height_px),
+        center_x_(static_cast<float>(view.region().x) + 0.5F),
+        center_y_(static_cast<float>(view.region().y) + 0.5F),
         resources_(std::move(resources)),
         image_(resources_->TakeImage(width_, height_)),
         buffers_(resources_->TakeBuffers(width_, height_)) {
@@ -318,8 +322,8 @@ class CpuPass final : public RenderPass {
     ShadeBatch& batch = scratch->batch;
     scratch->pixels[batch.count] = pixel_index;
     scratch->fragments[batch.count] = fragment;
-    batch.x[batch.count] = static_cast<float>(x) + 0.5F;
-    batch.y[batch.count] = static_cast<float>(y) + 0.5F;
+    batch.x[batch.count] = static_cast<float>(x) + center_x_;
+    batch.y[batch.count] = static_cast<float>(y) + center_y_;
     ++batch.count;
   }
 
@@ -440,8 +444,8 @@ class CpuPass final : public RenderPass {
         const Fragment fragment = fragments[x];
         scratch->pixels[count] = static_cast<std::uint32_t>(begin) + x;
         scratch->fragments[count] = fragment;
-        batch.x[count] = static_cast<float>(begin_x) + static_cast<float>(x) + 0.5F;
-        batch.y[count] = static_cast<float>(begin_y + y) + 0.5F;
+        batch.x[count] = static_cast<float>(begin_x) + static_cast<float>(x) + center_x_;
+        batch.y[count] = static_cast<float>(begin_y + y) + center_y_;
         ++count;
         fragments[x] = is_last ? kNoFragment : fragment | kShaded;
       }
@@ -506,7 +510,12 @@ class CpuPass final : public RenderPass {
         batch.normal[3 * c + 2][i] = normal.z;
       }
     }
+    batch.keeps_normals = sends_normals_;
     ComputeShadeSteps(rays_, &batch);
+    if (sends_normals_) {
+      ComputeNormals(scratch);
+      return;
+    }
     for (std::size_t k = 0; k < batch.inexact_count; ++k) {
       const std::uint32_t i = batch.inexact[k];
       const KeptMesh& mesh = *scratch->meshes[i];
@@ -520,14 +529,39 @@ class CpuPass final : public RenderPass {
     }
   }
 
+  // Fills `colors` with the codes of the normals that ComputeShadeSteps has mixed.
+  void ComputeNormals(PassResources::Scratch* scratch) const {
+    ShadeBatch& batch = scratch->batch;
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      scratch->colors[i] = image::EncodeNormal({static_cast<double>(batch.mixed_normal[0][i]),
+                                                static_cast<double>(batch.mixed_normal[1][i]),
+                                                static_cast<double>(batch.mixed_normal[2][i])});
+    }
+    for (std::size_t k = 0; k < batch.inexact_count; ++k) {
+      const std::uint32_t i = batch.inexact[k];
+      const KeptMesh& mesh = *scratch->meshes[i];
+      const auto width = static_cast<std::uint32_t>(width_);
+      const SurfacePoint point =
+          PointAtPixel(*mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
+                       static_cast<int>(scratch->pixels[i] % width),
+                       static_cast<int>(scratch->pixels[i] / width));
+      scratch->colors[i] = image::EncodeNormal({point.normal.x, point.normal.y, point.normal.z});
+    }
+  }
+
   // meshes_mutex_ is held.
   [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t primitive_id) const {
     return buffers_->meshes[buffers_->mesh_of_unit[primitive_id / kPrimitiveUnit]];
   }
 
-  // Computes in doubles the step that ComputeShadeSteps computes in floats.
-  [[nodiscard]] std::uint32_t ShadeStep(const mesh::CompactMesh& mesh, std::uint32_t triangle,
-                                        int x, int y) const {
+  // A point of a triangle: the normal of no particular length, and the position in index space.
+  struct SurfacePoint {
+    math::Vec3d normal;
+    math::Vec3d position;
+  };
+
+  [[nodiscard]] SurfacePoint PointAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                          int x, int y) const {
     const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view_, x, y);
     math::Vec3d normal;
     math::Vec3d position;
@@ -542,6 +576,13 @@ class CpuPass final : public RenderPass {
                                         static_cast<double>(p.z)} *
                                 weights[i];
     }
+    return {normal, position};
+  }
+
+  // Computes in doubles the step that ComputeShadeSteps computes in floats.
+  [[nodiscard]] std::uint32_t ShadeStep(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                        int x, int y) const {
+    const auto [normal, position] = PointAtPixel(mesh, triangle, x, y);
     math::Vec3d to_eye = -view_.forward();
     if (view_.camera().projection == view::Projection::kPerspective) {
       to_eye = view_.camera().eye - math::TransformPoint(view_.world_from_index(), position);
@@ -585,9 +626,12 @@ class CpuPass final : public RenderPass {
   const image::FragmentOrder order_;
   const CpuRendererOptions options_;
   const view::Clipper clipper_;
+  const bool sends_normals_;
   const PixelRays rays_;
   const int width_;
   const int height_;
+  const float center_x_;  // of the picture's first pixel, in pixels of the whole
+  const float center_y_;
   const std::shared_ptr<PassResources> resources_;
   std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
   base::SharedMutex shading_mutex_;
@@ -615,7 +659,7 @@ class CpuRenderer final : public Renderer {
     try {
       return std::make_unique<CpuPass>(view, layout, spec, options_, resources_);
     } catch (const std::bad_alloc&) {
-      return NoMemoryFor(view.viewport());
+      return NoMemoryFor(view.image_size());
     }
   }
 

@@ -1,5 +1,6 @@
 #include "core/render/egl_renderer.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -294,6 +295,17 @@ EglRenderer::~EglRenderer() {
 
 absl::StatusOr<std::unique_ptr<RenderPass>> EglRenderer::BeginPass(
     const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec) {
+  if (spec.sends_normals) {
+    return absl::InvalidArgumentError(
+        "normals: OpenGL draws colours only; start the agents with --renderer cpu");
+  }
+  const view::Viewport& whole = view.viewport();
+  if (std::max(whole.width_px, whole.height_px) > view::kMaxViewportPx) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("viewport of ", whole.width_px, " x ", whole.height_px,
+                     " pixels: OpenGL draws regions of at most ", view::kMaxViewportPx,
+                     " pixels a side of the whole; start the agents with --renderer cpu"));
+  }
   return std::make_unique<EglRenderPass>(view, layout, spec, batch_bytes_, thread_.get(),
                                          drawer_.get());
 }

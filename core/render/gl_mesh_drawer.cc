@@ -17,6 +17,10 @@
 //    depth, and shades.
 // 4. The planes are read back. The picture is drawn upside down, so that row 0 of the framebuffer
 //    is row 0 of the image.
+//
+// A region is drawn into a framebuffer of the whole viewport, through a scissor, and alone read
+// back. Only so do its pixels equal the whole's: a viewport of another origin would round vertices
+// otherwise.
 
 #include "core/render/gl_mesh_drawer.h"
 
@@ -91,12 +95,13 @@ in vec3 fragment_position;
 uniform int half_space_count;
 uniform vec4 half_spaces[12];  // normal and offset, relative to the centre
 #endif
+uniform ivec2 region_origin;  // the picture's first pixel in the viewport
 layout(location = 0) out vec4 color;
 layout(location = 1) out uint owner;
 void main() {
   uvec4 block = texelFetch(blocks, int(2u * fragment_slot));
   uvec4 mask = texelFetch(blocks, int(2u * fragment_slot + 1u));
-  uvec2 pixel = uvec2(gl_FragCoord.xy);
+  uvec2 pixel = uvec2(ivec2(gl_FragCoord.xy) - region_origin);
   uvec2 first = uvec2(block.z & 0xffffu, block.z >> 16);
   uvec2 end = uvec2(block.w & 0xffffu, block.w >> 16);
   if (any(lessThan(pixel, first)) || any(greaterThanEqual(pixel, end))) {
@@ -352,6 +357,7 @@ void GlMeshDrawer::SetView(const view::View& view) {
           view.forward() - view.right() * half_x + view.up() * half_y);
   SetVec3(program_->Uniform("ray_x"), view.right() * (2 * half_x / width));
   SetVec3(program_->Uniform("ray_y"), view.up() * (-2 * half_y / height));
+  glUniform2i(program_->Uniform("region_origin"), view.region().x, view.region().y);
   glUniform1i(program_->Uniform("blocks"), 0);
   glUniform1i(program_->Uniform("masks"), 1);
 }
@@ -384,7 +390,7 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     framebuffer_.reset();
     ISOSCOPE_ASSIGN_OR_RETURN(framebuffer_, GlFramebuffer::Make(width, height));
   }
-  framebuffer_->BindAndClear();
+  framebuffer_->BindAndClear(view.region());
   ISOSCOPE_RETURN_IF_ERROR(UseProgram(clipper, view));
   SetView(view);
 
@@ -417,8 +423,9 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     begin = end;
   }
   ISOSCOPE_RETURN_IF_ERROR(poll());
-  image::FrameImage image = images_->Take(width, height);
-  ISOSCOPE_RETURN_IF_ERROR(framebuffer_->ReadInto(&readback_, &image));
+  const view::Region& region = view.region();
+  image::FrameImage image = images_->Take(region.width_px, region.height_px);
+  ISOSCOPE_RETURN_IF_ERROR(framebuffer_->ReadInto(region, &readback_, &image));
   return image;
 }
 

@@ -163,9 +163,12 @@ GlFramebuffer::~GlFramebuffer() {
   }
 }
 
-void GlFramebuffer::BindAndClear() const {
+void GlFramebuffer::BindAndClear(const view::Region& region) const {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
   glViewport(0, 0, width_, height_);
+  const bool is_whole = region.width_px == width_ && region.height_px == height_;
+  (is_whole ? glDisable : glEnable)(GL_SCISSOR_TEST);
+  glScissor(region.x, region.y, region.width_px, region.height_px);
   constexpr std::array<GLfloat, 4> kTransparent{0, 0, 0, 0};
   constexpr std::array<GLuint, 4> kBackground{image::kNoOwner, 0, 0, 0};
   glClearBufferfv(GL_COLOR, 0, kTransparent.data());
@@ -173,26 +176,32 @@ void GlFramebuffer::BindAndClear() const {
   glClearBufferfv(GL_DEPTH, 0, &image::kFarDepth);
 }
 
-absl::Status GlFramebuffer::ReadInto(GlReadback* scratch, image::FrameImage* image) const {
-  ISOSCOPE_CHECK_EQ(image->width, width_);
-  ISOSCOPE_CHECK_EQ(image->height, height_);
+absl::Status GlFramebuffer::ReadInto(const view::Region& region, GlReadback* scratch,
+                                     image::FrameImage* image) const {
+  const int width = region.width_px;
+  const int height = region.height_px;
+  ISOSCOPE_CHECK_EQ(image->width, width);
+  ISOSCOPE_CHECK_EQ(image->height, height);
   scratch->colors.resize(image->pixel_count());
   scratch->owners.resize(image->pixel_count());
   scratch->depths.resize(image->pixel_count());
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
   glReadBuffer(GL_COLOR_ATTACHMENT0);
-  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, scratch->colors.data());
+  glReadPixels(region.x, region.y, width, height, GL_RGBA, GL_UNSIGNED_BYTE,
+               scratch->colors.data());
   glReadBuffer(GL_COLOR_ATTACHMENT1);
-  glReadPixels(0, 0, width_, height_, GL_RED_INTEGER, GL_UNSIGNED_INT, scratch->owners.data());
-  glReadPixels(0, 0, width_, height_, GL_DEPTH_COMPONENT, GL_FLOAT, scratch->depths.data());
+  glReadPixels(region.x, region.y, width, height, GL_RED_INTEGER, GL_UNSIGNED_INT,
+               scratch->owners.data());
+  glReadPixels(region.x, region.y, width, height, GL_DEPTH_COMPONENT, GL_FLOAT,
+               scratch->depths.data());
   ISOSCOPE_RETURN_IF_ERROR(GlStatus("read the picture back"));
 
   constexpr int kTilePx = image::TileSet::kTilePx;
-  for (int y = 0; y < height_; ++y) {
-    for (int begin_x = 0; begin_x < width_; begin_x += kTilePx) {
+  for (int y = 0; y < height; ++y) {
+    for (int begin_x = 0; begin_x < width; begin_x += kTilePx) {
       const std::size_t begin = image->IndexOf(begin_x, y);
-      const std::size_t end = begin + static_cast<std::size_t>(std::min(kTilePx, width_ - begin_x));
+      const std::size_t end = begin + static_cast<std::size_t>(std::min(kTilePx, width - begin_x));
       std::uint32_t all_owners = image::kNoOwner;
       for (std::size_t i = begin; i < end; ++i) {
         all_owners &= scratch->owners[i];

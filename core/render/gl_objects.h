@@ -14,6 +14,7 @@
 #include <epoxy/gl.h>
 
 #include "core/image/frame_image.h"
+#include "core/view/camera.h"
 
 namespace isoscope::render {
 
@@ -81,12 +82,14 @@ class GlFramebuffer {
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }
 
-  // Makes it the target of drawing, sets the viewport to its size, and clears all pixels.
-  void BindAndClear() const;
-  // Reads the picture. Row 0 of the framebuffer becomes row 0 of the image. Touches the tiles in
+  // Makes it the target of drawing, sets the viewport to its size, and clears the pixels of
+  // `region`. No other pixel is drawn. REQUIRES: the region lies in the framebuffer.
+  void BindAndClear(const view::Region& region) const;
+  // Reads the pixels of `region`. Its first row becomes row 0 of the image. Touches the tiles in
   // which a block owns a pixel.
-  // REQUIRES: `image` has this size and is all background.
-  absl::Status ReadInto(GlReadback* scratch, image::FrameImage* image) const;
+  // REQUIRES: `image` has the region's size and is all background.
+  absl::Status ReadInto(const view::Region& region, GlReadback* scratch,
+                        image::FrameImage* image) const;
 
  private:
   GlFramebuffer() = default;

@@ -80,9 +80,14 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
   const VD half = hn::Set(dd, 0.5);
   const VD width = hn::Set(dd, projection.width_px);
   const VD height = hn::Set(dd, projection.height_px);
-  const VD band = hn::Set(dd, kGuardBandPx);
+  const VD band = hn::Set(dd, projection.guard_band_px);
   const VD subpixels = hn::Set(dd, static_cast<double>(kSubpixels));
-  const VD shift = hn::Set(dd, kRoundingShift);
+  // The origin is a whole number of pixels, so that taking it off here does not change how a
+  // coordinate is rounded.
+  const VD shift_x =
+      hn::Set(dd, kRoundingShift - static_cast<double>(projection.origin_x * kSubpixels));
+  const VD shift_y =
+      hn::Set(dd, kRoundingShift - static_cast<double>(projection.origin_y * kSubpixels));
   const VD max_depth = hn::Set(dd, kMaxVertexDepth);
   auto all_valid = hn::FirstN(dd, lanes);
   auto min_x = hn::Set(di, std::int32_t{1} << 30);
@@ -117,12 +122,12 @@ ScreenBounds TransformVertices(const Projection& projection, std::span<const mat
     const auto in_band = hn::And(hn::Le(hn::Abs(x), band), hn::Le(hn::Abs(y), band));
     all_valid = hn::And(all_valid, hn::And(in_front, in_band));
     // The low 32 bits of the shifted number are v in 1/256 pixel, rounded.
-    const auto snap = [&](VD v) HWY_ATTR {
+    const auto snap = [&](VD v, VD shift) HWY_ATTR {
       const VD shifted = hn::Add(hn::Mul(v, subpixels), shift);
       return hn::BitCast(di, hn::TruncateTo(du, hn::BitCast(d64, shifted)));
     };
-    const auto xi = snap(x);
-    const auto yi = snap(y);
+    const auto xi = snap(x, shift_x);
+    const auto yi = snap(y, shift_y);
     min_x = hn::Min(min_x, xi);
     min_y = hn::Min(min_y, yi);
     max_x = hn::Max(max_x, xi);

@@ -24,6 +24,8 @@ inline constexpr std::int32_t kSubpixels = 1 << kSubpixelBits;
 // Vertices further out than this are clipped first, so that products of coordinate differences fit
 // 64 bits with room: (2 * 2^15 px * 2^8)^2 = 2^48.
 inline constexpr double kGuardBandPx = 32768;
+// The same for viewports above view::kMaxViewportPx: (2 * 2^17 px * 2^8)^2 = 2^52.
+inline constexpr double kWideGuardBandPx = 131072;
 // Triangles no larger than this are filled with 32-bit edge functions: (2^6 px * 2^8)^2 * 2 < 2^31.
 inline constexpr std::int32_t kSmallTrianglePx = 60;
 // The largest depth of a vertex. Depths behind the far plane all show as 1, but must stay finite.
@@ -37,11 +39,16 @@ constexpr std::int32_t FirstPixelFrom(std::int32_t x) {
 // Takes index space to the screen.
 struct Projection {
   std::array<double, 16> clip_from_index{};
-  double width_px = 0;
+  double width_px = 0;  // of the whole viewport
   double height_px = 0;
+  // Screen coordinates are counted from this pixel of the whole, the picture's first.
+  std::int32_t origin_x = 0;
+  std::int32_t origin_y = 0;
+  double guard_band_px = kGuardBandPx;  // on both sides of the whole's first pixel
 };
 
-// The vertices of a mesh on the screen: x and y in 1/256 pixel from the top left, window depth z.
+// The vertices of a mesh on the screen: x and y in 1/256 pixel from the picture's top left, window
+// depth z.
 // The vectors only grow, and are at least FragmentBuffer::kSlack elements longer than `count`.
 struct ScreenVertices {
   std::size_t count = 0;

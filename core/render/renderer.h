@@ -76,6 +76,8 @@ class Renderer {
 
   // Begins a pass of the frame `spec`, with the spec's view and the layout of the volume's blocks.
   // Copies its arguments. RESOURCE_EXHAUSTED if there is no memory for the picture.
+  // INVALID_ARGUMENT if the back end can't draw it: EGL a viewport above view::kMaxViewportPx, or
+  // normals.
   // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
   virtual absl::StatusOr<std::unique_ptr<RenderPass>> BeginPass(const view::View& view,
                                                                 const volume::BlockLayout& layout,

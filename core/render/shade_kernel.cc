@@ -123,6 +123,11 @@ void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
     const auto mix = [&](VF n, VF b, VF c)
                          HWY_ATTR { return hn::Add(n, hn::Add(hn::Mul(b, wb), hn::Mul(c, wc))); };
     const Vec3 normal{mix(na.x, nb.x, nc.x), mix(na.y, nb.y, nc.y), mix(na.z, nb.z, nc.z)};
+    if (batch->keeps_normals) {
+      hn::StoreU(normal.x, df, batch->mixed_normal[0].data() + i);
+      hn::StoreU(normal.y, df, batch->mixed_normal[1].data() + i);
+      hn::StoreU(normal.z, df, batch->mixed_normal[2].data() + i);
+    }
     // Step 4: the step of |n . v|. Without a normal the surface is shaded as if it faced the eye.
     const Vec3 ray = At(rays.world_direction, x, y);
     const VF normal_squared = Dot(normal, normal);

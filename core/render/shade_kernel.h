@@ -38,7 +38,7 @@ struct ShadeBatch {
   using Lane = std::array<float, kSize>;
 
   std::size_t count = 0;
-  alignas(64) Lane x;  // pixel centres
+  alignas(64) Lane x;  // pixel centres, in pixels of the whole viewport
   alignas(64) Lane y;
   // [3 * corner + axis]
   alignas(64) std::array<Lane, 9> position;  // index space
@@ -46,7 +46,11 @@ struct ShadeBatch {
   alignas(64) std::array<std::array<std::int32_t, kSize>, 9> normal;
   // The result: the step of |n . v|, 0 to kShadeSteps.
   alignas(64) std::array<std::uint32_t, kSize> step;
-  // Pixels whose triangle is seen too much from the side for floats. Their step is not valid.
+  // The result if `keeps_normals`: the mixed normal, [axis], of no particular length.
+  bool keeps_normals = false;
+  alignas(64) std::array<Lane, 3> mixed_normal;
+  // Pixels whose triangle is seen too much from the side for floats. Their step and mixed normal
+  // are not valid.
   std::size_t inexact_count = 0;
   alignas(64) std::array<std::uint32_t, kSize> inexact;
 };

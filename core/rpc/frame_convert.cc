@@ -164,6 +164,57 @@ absl::StatusOr<view::ClipRegion> ClipFromProto(const isoscope::v1::ClipRegion& p
   return clip;
 }
 
+absl::StatusOr<frame::ImageFormat> ImageFormatFromProto(
+    isoscope::v1::OutputOptions::ImageFormat proto, absl::string_view path) {
+  using Proto = isoscope::v1::OutputOptions;
+  switch (proto) {
+    case Proto::IMAGE_FORMAT_UNSPECIFIED:
+    case Proto::IMAGE_FORMAT_PNG:
+      return frame::ImageFormat::kPng;
+    case Proto::IMAGE_FORMAT_JPEG:
+      return frame::ImageFormat::kJpeg;
+    case Proto::IMAGE_FORMAT_RGBA8:
+      return frame::ImageFormat::kRgba8;
+    case Proto::IMAGE_FORMAT_NONE:
+      return frame::ImageFormat::kNone;
+    default:
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, " is ", static_cast<int>(proto),
+                       ": must be 0 (PNG), 1 (PNG), 2 (JPEG), 3 (RGBA8) or 4 (none)"));
+  }
+}
+
+absl::StatusOr<frame::OutputSpec> OutputFromProto(const isoscope::v1::OutputOptions& proto,
+                                                  absl::string_view path) {
+  frame::OutputSpec output;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      output.image_format,
+      ImageFormatFromProto(proto.image_format(), absl::StrCat(path, ".image_format")));
+  if (proto.jpeg_quality() < 0 || proto.jpeg_quality() > 100) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ".jpeg_quality is ", proto.jpeg_quality(),
+                                                   ": must be in [1, 100], or 0 for the default, ",
+                                                   frame::kDefaultJpegQuality));
+  }
+  if (proto.jpeg_quality() != 0) {
+    if (output.image_format != frame::ImageFormat::kJpeg) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".jpeg_quality is ",
+                                                     proto.jpeg_quality(), ": must be 0 unless ",
+                                                     path, ".image_format is 2 (JPEG)"));
+    }
+    output.jpeg_quality = proto.jpeg_quality();
+  }
+  output.depth = proto.depth();
+  output.surface_index = proto.surface_index();
+  output.position = proto.position();
+  output.normal = proto.normal();
+  if (output.image_format == frame::ImageFormat::kNone && frame::RawBytesPerPixel(output) == 0) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".image_format is 4 (none): must not be without a plane; ask for ", path,
+                     ".depth, .surface_index, .position or .normal"));
+  }
+  return output;
+}
+
 }  // namespace
 
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
@@ -174,7 +225,14 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
   if (!request.has_viewport()) {
     return absl::InvalidArgumentError("viewport is not set: must say the size of the image");
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(spec.viewport, ViewportFromProto(request.viewport(), "viewport"));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      spec.viewport,
+      ViewportFromProto(request.viewport(), "viewport",
+                        request.has_region() ? view::kMaxWholeViewportPx : view::kMaxViewportPx));
+  if (request.has_region()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(spec.region,
+                              RegionFromProto(request.region(), spec.viewport, "region"));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.culling, CullingFromProto(request.culling(), "culling"));
   if (request.has_camera()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec.camera, CameraFromProto(request.camera(), "camera"));
@@ -185,6 +243,12 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipFromProto(request.clip()));
   spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
+  if (spec.output.image_format == frame::ImageFormat::kJpeg && spec.background_color.a != 255) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("background_color.alpha is ", request.background_color().alpha(),
+                     ": must be 1 with output.image_format JPEG, which has no transparency"));
+  }
   return spec;
 }
 

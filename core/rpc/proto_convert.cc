@@ -148,17 +148,48 @@ isoscope::v1::Camera ToProto(const view::Camera& camera) {
 }
 
 absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& proto,
-                                                 absl::string_view path) {
+                                                 absl::string_view path, int max_side_px) {
   const auto check = [&](absl::string_view field, std::int32_t value) {
-    if (value < 1 || value > view::kMaxViewportPx) {
-      return Invalid(Join(path, field), value,
-                     absl::StrCat("must be in [1, ", view::kMaxViewportPx, "]"));
+    if (value < 1 || value > max_side_px) {
+      return Invalid(
+          Join(path, field), value,
+          absl::StrCat("must be in [1, ", max_side_px, "]",
+                       value > max_side_px && value <= view::kMaxWholeViewportPx
+                           ? absl::StrCat("; with a region, up to ", view::kMaxWholeViewportPx)
+                           : ""));
     }
     return absl::OkStatus();
   };
   ISOSCOPE_RETURN_IF_ERROR(check("width_px", proto.width_px()));
   ISOSCOPE_RETURN_IF_ERROR(check("height_px", proto.height_px()));
   return view::Viewport{proto.width_px(), proto.height_px()};
+}
+
+absl::StatusOr<view::Region> RegionFromProto(const isoscope::v1::Region& proto,
+                                             const view::Viewport& viewport,
+                                             absl::string_view path) {
+  const auto check = [&](absl::string_view field, std::int32_t value, int least, int most) {
+    return value < least || value > most
+               ? Invalid(Join(path, field), value,
+                         absl::StrCat("must be in [", least, ", ", most, "]"))
+               : absl::OkStatus();
+  };
+  ISOSCOPE_RETURN_IF_ERROR(check("x", proto.x(), 0, viewport.width_px - 1));
+  ISOSCOPE_RETURN_IF_ERROR(check("y", proto.y(), 0, viewport.height_px - 1));
+  ISOSCOPE_RETURN_IF_ERROR(check("width_px", proto.width_px(), 1,
+                                 std::min(viewport.width_px - proto.x(), view::kMaxViewportPx)));
+  ISOSCOPE_RETURN_IF_ERROR(check("height_px", proto.height_px(), 1,
+                                 std::min(viewport.height_px - proto.y(), view::kMaxViewportPx)));
+  return view::Region{proto.x(), proto.y(), proto.width_px(), proto.height_px()};
+}
+
+isoscope::v1::Region ToProto(const view::Region& region) {
+  isoscope::v1::Region proto;
+  proto.set_x(region.x);
+  proto.set_y(region.y);
+  proto.set_width_px(region.width_px);
+  proto.set_height_px(region.height_px);
+  return proto;
 }
 
 isoscope::v1::Viewport ToProto(const view::Viewport& viewport) {

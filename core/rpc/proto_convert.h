@@ -46,8 +46,15 @@ absl::StatusOr<view::Camera> CameraFromProto(const isoscope::v1::Camera& proto,
 isoscope::v1::Camera ToProto(const view::Camera& camera);
 
 absl::StatusOr<view::Viewport> ViewportFromProto(const isoscope::v1::Viewport& proto,
-                                                 absl::string_view path);
+                                                 absl::string_view path,
+                                                 int max_side_px = view::kMaxViewportPx);
 isoscope::v1::Viewport ToProto(const view::Viewport& viewport);
+
+// The region must lie inside the viewport.
+absl::StatusOr<view::Region> RegionFromProto(const isoscope::v1::Region& proto,
+                                             const view::Viewport& viewport,
+                                             absl::string_view path);
+isoscope::v1::Region ToProto(const view::Region& region);
 
 // CULLING_UNSPECIFIED is kDepth.
 absl::StatusOr<frame::Culling> CullingFromProto(isoscope::v1::Culling proto,

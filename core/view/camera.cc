@@ -90,6 +90,32 @@ absl::Status Validate(const Viewport& viewport) {
   return absl::OkStatus();
 }
 
+absl::Status Validate(const Viewport& viewport, const std::optional<Region>& region) {
+  if (!region.has_value()) {
+    return Validate(viewport);
+  }
+  for (const int side : {viewport.width_px, viewport.height_px}) {
+    if (side < 1 || side > kMaxWholeViewportPx) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("viewport of %d x %d pixels with a region: each side must be 1 to %d",
+                          viewport.width_px, viewport.height_px, kMaxWholeViewportPx));
+    }
+  }
+  const auto is_inside = [](int begin, int size, int whole) {
+    return begin >= 0 && begin < whole && size >= 1 && size <= kMaxViewportPx &&
+           size <= whole - begin;
+  };
+  if (!is_inside(region->x, region->width_px, viewport.width_px) ||
+      !is_inside(region->y, region->height_px, viewport.height_px)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("region of %d x %d pixels at %d, %d: each side must be 1 to %d, and inside "
+                        "the viewport of %d x %d pixels",
+                        region->width_px, region->height_px, region->x, region->y, kMaxViewportPx,
+                        viewport.width_px, viewport.height_px));
+  }
+  return absl::OkStatus();
+}
+
 Camera MakeDefaultCamera(const math::Box3d& bounds) {
   Camera camera;
   camera.fov_y_radians = std::numbers::pi / 6;

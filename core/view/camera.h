@@ -4,6 +4,8 @@
 #ifndef ISOSCOPE_CORE_VIEW_CAMERA_H_
 #define ISOSCOPE_CORE_VIEW_CAMERA_H_
 
+#include <optional>
+
 #include "absl/status/status.h"
 
 #include "core/math/box.h"
@@ -31,7 +33,20 @@ struct Viewport {
   friend bool operator==(const Viewport&, const Viewport&) = default;
 };
 
+// A window of a viewport, in pixels of the whole; row 0 is the top.
+struct Region {
+  int x = 0;
+  int y = 0;
+  int width_px = 0;
+  int height_px = 0;
+
+  friend bool operator==(const Region&, const Region&) = default;
+};
+
+// The largest side of a picture, which is a viewport or a region of one.
 inline constexpr int kMaxViewportPx = 16384;
+// The largest side of a viewport of which only a region is asked for.
+inline constexpr int kMaxWholeViewportPx = 65536;
 // The default of clients; servers keep images of this size ready.
 inline constexpr Viewport kCommonViewport{.width_px = 1024, .height_px = 1024};
 
@@ -40,6 +55,14 @@ inline constexpr Viewport kCommonViewport{.width_px = 1024, .height_px = 1024};
 absl::Status Validate(const Camera& camera);
 // Returns INVALID_ARGUMENT unless both sides are in [1, kMaxViewportPx].
 absl::Status Validate(const Viewport& viewport);
+// With a region, both sides of the viewport may be up to kMaxWholeViewportPx. INVALID_ARGUMENT if
+// the region is empty, larger than kMaxViewportPx, or not inside the viewport.
+absl::Status Validate(const Viewport& viewport, const std::optional<Region>& region);
+
+// Returns the size of the picture: the region's if there is one, else the viewport's.
+inline Viewport ImageSizeOf(const Viewport& viewport, const std::optional<Region>& region) {
+  return region.has_value() ? Viewport{region->width_px, region->height_px} : viewport;
+}
 
 // Returns the camera of vtkRenderer::ResetCamera: target = centre of `bounds`, eye along +z from it
 // at distance R / sin(fov/2), R = half the diagonal, up = +y, fov 30 degrees.

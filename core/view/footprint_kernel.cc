@@ -83,21 +83,22 @@ HWY_INLINE void Project(const math::Mat4d& m, std::size_t row, const Lanes (&min
 }
 
 // Step 4 finds the pixels [begin, end) of an axis whose centres lie in [min - margin, max +
-// margin], all in pixels.
-HWY_INLINE void CoverPixels(Lanes min, Lanes max, Lanes margin, int size_px, double* begin,
-                            double* end) {
+// margin], all in pixels, in the window of `size_px` pixels from `window_px` on.
+HWY_INLINE void CoverPixels(Lanes min, Lanes max, Lanes margin, int window_px, int size_px,
+                            double* begin, double* end) {
   const F64 d;
   const Lanes zero = hn::Zero(d);
   const Lanes half = hn::Set(d, 0.5);
+  const Lanes window = hn::Set(d, static_cast<double>(window_px));
   const Lanes size = hn::Set(d, static_cast<double>(size_px));
-  const Lanes first = hn::Ceil(hn::Sub(hn::Sub(min, margin), half));
-  const Lanes last = hn::Floor(hn::Sub(hn::Add(max, margin), half));
+  const Lanes first = hn::Sub(hn::Ceil(hn::Sub(hn::Sub(min, margin), half)), window);
+  const Lanes last = hn::Sub(hn::Floor(hn::Sub(hn::Add(max, margin), half)), window);
   hn::Store(hn::Min(hn::Max(first, zero), size), d, begin);
   hn::Store(hn::Min(hn::Max(hn::Add(last, hn::Set(d, 1.0)), zero), size), d, end);
 }
 
-void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int height_px,
-                       FootprintBatch* batch) {
+void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewport,
+                       const Region& region, FootprintBatch* batch) {
   const F64 d;
   const Lanes zero = hn::Zero(d);
   const Lanes one = hn::Set(d, 1.0);
@@ -148,13 +149,13 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int hei
     const Range x = ndc_range(0);
     const Range y = ndc_range(1);
     const Range z = ndc_range(2);
-    const Lanes half_width = hn::Set(d, 0.5 * width_px);
-    const Lanes half_height = hn::Set(d, 0.5 * height_px);
+    const Lanes half_width = hn::Set(d, 0.5 * viewport.width_px);
+    const Lanes half_height = hn::Set(d, 0.5 * viewport.height_px);
     const auto margin_of = [&](const Range& range, Lanes half_size, Lanes error) HWY_ATTR {
       const Lanes reach_ndc = hn::Max(hn::Abs(range.min), hn::Abs(range.max));
       const Lanes clip = hn::Div(hn::Add(error, hn::Mul(reach_ndc, w.error)), min_w);
-      const Lanes viewport = hn::Mul(hn::Set(d, kViewportError), hn::Add(reach_ndc, one));
-      return hn::Add(hn::Mul(half_size, hn::Add(clip, viewport)), hn::Set(d, kSnapErrorPx));
+      const Lanes transform = hn::Mul(hn::Set(d, kViewportError), hn::Add(reach_ndc, one));
+      return hn::Add(hn::Mul(half_size, hn::Add(clip, transform)), hn::Set(d, kSnapErrorPx));
     };
     const Lanes margin_x = margin_of(x, half_width, rows[0].error);
     const Lanes margin_y = margin_of(y, half_height, rows[1].error);
@@ -164,9 +165,10 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int hei
     const auto is_decided = hn::AndNot(is_near, is_sure);
 
     CoverPixels(hn::Mul(half_width, hn::Add(x.min, one)), hn::Mul(half_width, hn::Add(x.max, one)),
-                margin_x, width_px, batch->begin_x.data() + i, batch->end_x.data() + i);
+                margin_x, region.x, region.width_px, batch->begin_x.data() + i,
+                batch->end_x.data() + i);
     CoverPixels(hn::Mul(half_height, hn::Sub(one, y.max)),
-                hn::Mul(half_height, hn::Sub(one, y.min)), margin_y, height_px,
+                hn::Mul(half_height, hn::Sub(one, y.min)), margin_y, region.y, region.height_px,
                 batch->begin_y.data() + i, batch->end_y.data() + i);
     hn::Store(hn::Add(hn::Mul(hn::Set(d, 0.5), z.min), hn::Set(d, 0.5)), d,
               batch->depth.data() + i);
@@ -193,9 +195,9 @@ namespace {
 HWY_EXPORT(ComputeFootprints);
 }  // namespace
 
-void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int height_px,
-                       FootprintBatch* batch) {
-  HWY_DYNAMIC_DISPATCH(ComputeFootprints)(clip_from_index, width_px, height_px, batch);
+void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewport,
+                       const Region& region, FootprintBatch* batch) {
+  HWY_DYNAMIC_DISPATCH(ComputeFootprints)(clip_from_index, viewport, region, batch);
 }
 
 }  // namespace isoscope::view

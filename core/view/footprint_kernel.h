@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "core/math/matrix.h"
+#include "core/view/camera.h"
 
 namespace isoscope::view {
 
@@ -24,7 +25,7 @@ inline constexpr double kClipError = 16 * kFloatRounding;
 inline constexpr double kViewportError = 8 * kFloatRounding;
 // Renderers snap vertices to a sub-pixel grid of at least 4 bits (OpenGL's minimum).
 inline constexpr double kSnapErrorPx = 1.0 / 16;
-// A block whose rectangle would need a wider margin gets the whole viewport.
+// A block whose rectangle would need a wider margin gets the whole picture.
 inline constexpr double kMaxMarginPx = 4;
 
 // Boxes of cells, and their footprints.
@@ -57,8 +58,8 @@ struct FootprintBatch {
 
 // Computes the footprints of `batch` by the operations of View::FootprintOf, in the same order: the
 // same bits on every processor. Thread-safe.
-void ComputeFootprints(const math::Mat4d& clip_from_index, int width_px, int height_px,
-                       FootprintBatch* batch);
+void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewport,
+                       const Region& region, FootprintBatch* batch);
 
 }  // namespace isoscope::view
 

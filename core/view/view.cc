@@ -10,8 +10,11 @@
 // can a fragment be? It projects the 8 corners in double and grows their rectangle by a bound of
 // the renderer's error. Three cases need care: a box outside one plane of the frustum has no
 // pixels; a box that reaches the near plane, or has w <= 0, or needs a margin above 4 pixels, gets
-// the whole viewport and depth 0, so it is never hidden; any other gets its rectangle and the depth
+// the whole picture and depth 0, so it is never hidden; any other gets its rectangle and the depth
 // of its nearest corner, rounded towards the viewer.
+//
+// A region only cuts rectangles, and counts their pixels from its own corner. All else is the
+// whole's, so that a region has the whole's pixels.
 //
 // Invariant: the same operations in the same order on every agent, in double, without contraction.
 // footprint_kernel.cc does the same for many boxes at a time; its example has numbers.
@@ -146,10 +149,12 @@ bool IsOutside(const ClipBox& box) {
   return false;
 }
 
-// Finds the pixels [begin, end) of an axis whose centres lie in [min - margin, max + margin].
-void CoverPixels(double min, double max, double margin, int size_px, int* begin, int* end) {
-  const double first = std::ceil(min - margin - 0.5);
-  const double last = std::floor(max + margin - 0.5);
+// Finds the pixels [begin, end) of an axis whose centres lie in [min - margin, max + margin], in
+// the window of `size_px` pixels from `window_px` on, counted from there.
+void CoverPixels(double min, double max, double margin, int window_px, int size_px, int* begin,
+                 int* end) {
+  const double first = std::ceil(min - margin - 0.5) - window_px;
+  const double last = std::floor(max + margin - 0.5) - window_px;
   *begin = static_cast<int>(std::clamp(first, 0.0, static_cast<double>(size_px)));
   *end = static_cast<int>(std::clamp(last + 1, 0.0, static_cast<double>(size_px)));
 }
@@ -192,14 +197,16 @@ Range DistancesOf(const volume::GridGeometry& geometry, const math::Mat4d& eye_f
 }  // namespace
 
 absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
-                                const volume::GridGeometry& geometry) {
+                                const volume::GridGeometry& geometry,
+                                const std::optional<Region>& region) {
   ISOSCOPE_RETURN_IF_ERROR(Validate(camera));
-  ISOSCOPE_RETURN_IF_ERROR(Validate(viewport));
+  ISOSCOPE_RETURN_IF_ERROR(Validate(viewport, region));
   ISOSCOPE_RETURN_IF_ERROR(volume::Validate(geometry));
 
   View view;
   view.camera_ = camera;
   view.viewport_ = viewport;
+  view.region_ = region.value_or(Region{0, 0, viewport.width_px, viewport.height_px});
   view.geometry_ = geometry;
   view.world_from_index_ = geometry.world_from_index();
   view.index_from_world_ = geometry.index_from_world();
@@ -245,7 +252,7 @@ Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& ind
   if (IsOutside(box)) {
     return {.rect = {}, .nearest_depth = kNearestDepthMax};
   }
-  const Footprint everything{.rect = {0, 0, viewport_.width_px, viewport_.height_px},
+  const Footprint everything{.rect = {0, 0, region_.width_px, region_.height_px},
                              .nearest_depth = 0};
   const std::array<double, ClipBox::kCorners>& clip_x = box.corners[0];
   const std::array<double, ClipBox::kCorners>& clip_y = box.corners[1];
@@ -282,10 +289,10 @@ Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& ind
   }
 
   Footprint footprint;
-  CoverPixels(half_width * (x.min + 1), half_width * (x.max + 1), margin_x, viewport_.width_px,
-              &footprint.rect.begin_x, &footprint.rect.end_x);
-  CoverPixels(half_height * (1 - y.max), half_height * (1 - y.min), margin_y, viewport_.height_px,
-              &footprint.rect.begin_y, &footprint.rect.end_y);
+  CoverPixels(half_width * (x.min + 1), half_width * (x.max + 1), margin_x, region_.x,
+              region_.width_px, &footprint.rect.begin_x, &footprint.rect.end_x);
+  CoverPixels(half_height * (1 - y.max), half_height * (1 - y.min), margin_y, region_.y,
+              region_.height_px, &footprint.rect.begin_y, &footprint.rect.end_y);
   if (footprint.rect.empty()) {
     footprint.rect = {};
   }
@@ -316,7 +323,7 @@ void View::FootprintsOf(const volume::BlockLayout& layout, absl::Span<const volu
         batch.max[static_cast<std::size_t>(axis)][i] = static_cast<double>(cells.end[axis]);
       }
     }
-    ComputeFootprints(clip_from_index_, viewport_.width_px, viewport_.height_px, &batch);
+    ComputeFootprints(clip_from_index_, viewport_, region_, &batch);
     for (std::size_t i = 0; i < batch.count; ++i) {
       Footprint& footprint = footprints[begin + i];
       switch (batch.outcome[i]) {

@@ -4,6 +4,8 @@
 #ifndef ISOSCOPE_CORE_VIEW_VIEW_H_
 #define ISOSCOPE_CORE_VIEW_VIEW_H_
 
+#include <optional>
+
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 
@@ -16,7 +18,8 @@
 
 namespace isoscope::view {
 
-// Pixels [begin_x, end_x) x [begin_y, end_y), row 0 at the top, inside the viewport.
+// Pixels [begin_x, end_x) x [begin_y, end_y) of the picture, row 0 at the top. The picture is the
+// viewport, or the region of it that the view shows.
 struct PixelRect {
   int begin_x = 0;
   int begin_y = 0;
@@ -30,7 +33,7 @@ struct PixelRect {
 // The pixels and depths at which a block can appear.
 struct Footprint {
   // Holds every pixel whose centre a triangle of the block can cover: rounded outward, clipped to
-  // the viewport. It is the whole viewport if the block reaches the near plane, and empty if the
+  // the picture. It is the whole picture if the block reaches the near plane, and empty if the
   // block is outside the frustum.
   PixelRect rect;
   // The least window depth of a fragment of the block. Renderers clamp fragments to
@@ -41,13 +44,21 @@ struct Footprint {
 // Immutable; thread-safe.
 class View {
  public:
-  // Makes the view of a volume. INVALID_ARGUMENT if camera, viewport or geometry do not validate,
-  // or if their projection is not finite.
+  // Makes the view of a volume. INVALID_ARGUMENT if camera, viewport, region or geometry do not
+  // validate, or if their projection is not finite. A region changes no matrix: its pixels are
+  // those of the whole.
   static absl::StatusOr<View> Make(const Camera& camera, const Viewport& viewport,
-                                   const volume::GridGeometry& geometry);
+                                   const volume::GridGeometry& geometry,
+                                   const std::optional<Region>& region = std::nullopt);
 
   [[nodiscard]] const Camera& camera() const { return camera_; }
+  // The whole, also if the picture is a region of it.
   [[nodiscard]] const Viewport& viewport() const { return viewport_; }
+  // The picture, in pixels of the whole. Pixel (x, y) of the picture is pixel (x + region().x,
+  // y + region().y) of the whole.
+  [[nodiscard]] const Region& region() const { return region_; }
+  [[nodiscard]] Viewport image_size() const { return {region_.width_px, region_.height_px}; }
+  [[nodiscard]] bool is_whole() const { return image_size() == viewport_; }
   [[nodiscard]] const volume::GridGeometry& geometry() const { return geometry_; }
   // OpenGL's clip space: -w <= x, y, z <= w; y up; z = -w at the near plane.
   [[nodiscard]] const math::Mat4d& clip_from_world() const { return clip_from_world_; }
@@ -78,6 +89,7 @@ class View {
 
   Camera camera_;
   Viewport viewport_;
+  Region region_;
   volume::GridGeometry geometry_;
   math::Mat4d world_from_index_;
   math::Mat4d index_from_world_;

@@ -124,6 +124,29 @@ void AddNeighbours(const math::Index3& dims, volume::BlockSet* blocks) {
   OrBits(before.words(), 0, count - slab, slab, grown);
 }
 
+// Aims the rays at a region: its centre becomes the middle of the image plane, its half sides the
+// plane's half sides, and what the region does not show is outside the frustum.
+void AimAtRegion(const view::View& view, RayScene* scene) {
+  const view::Region& region = view.region();
+  const double width = view.viewport().width_px;
+  const double height = view.viewport().height_px;
+  // In half sides of the whole, right and up from its centre.
+  const double center_x = (2.0 * region.x + region.width_px) / width - 1;
+  const double center_y = 1 - (2.0 * region.y + region.height_px) / height;
+  const double share_x = region.width_px / width;
+  const double share_y = region.height_px / height;
+  math::Vec3d& center = scene->is_perspective ? scene->forward : scene->eye;
+  center = center + scene->half_right * center_x + scene->half_up * center_y;
+  scene->half_right = scene->half_right * share_x;
+  scene->half_up = scene->half_up * share_y;
+  math::Mat4d region_from_clip;
+  region_from_clip.At(0, 0) = 1 / share_x;
+  region_from_clip.At(0, 3) = -center_x / share_x;
+  region_from_clip.At(1, 1) = 1 / share_y;
+  region_from_clip.At(1, 3) = -center_y / share_y;
+  scene->clip_from_index = region_from_clip * scene->clip_from_index;
+}
+
 }  // namespace
 
 RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed) {
@@ -134,9 +157,10 @@ RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::u
     scene_.size[axis] = static_cast<double>(layout.sample_dims()[axis] - 1);
   }
 
-  const double width = view.viewport().width_px;
-  const double height = view.viewport().height_px;
-  const double wanted = std::clamp(width * height / kPixelsPerRay, kMinImageRays, kMaxImageRays);
+  const double width = view.image_size().width_px;
+  const double height = view.image_size().height_px;
+  const double least = view.is_whole() ? kMinImageRays : std::min(kMinImageRays, width * height);
+  const double wanted = std::clamp(width * height / kPixelsPerRay, least, kMaxImageRays);
   const double cell_px = std::sqrt(width * height / wanted);
   scene_.seed = seed;
   scene_.grid_columns = std::max<std::int64_t>(1, std::llround(width / cell_px));
@@ -150,14 +174,18 @@ RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::u
   const math::Mat4d& index_from_world = view.index_from_world();
   scene_.eye = math::TransformPoint(index_from_world, camera.eye);
   scene_.forward = math::TransformVector(index_from_world, view.forward());
-  scene_.half_right =
-      math::TransformVector(index_from_world, view.right() * (half_height * width / height));
+  scene_.half_right = math::TransformVector(
+      index_from_world,
+      view.right() * (half_height * view.viewport().width_px / view.viewport().height_px));
   scene_.half_up = math::TransformVector(index_from_world, view.up() * half_height);
   scene_.near_distance = view.near_distance();
   scene_.clip_from_index = view.clip_from_index();
   scene_.world_from_index = view.world_from_index();
   scene_.world_eye = camera.eye;
   scene_.world_forward = view.forward();
+  if (!view.is_whole()) {
+    AimAtRegion(view, &scene_);
+  }
 }
 
 RaySet::RowPart RaySet::RowPartAt(std::int64_t begin, std::int64_t end) const {

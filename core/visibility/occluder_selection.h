@@ -29,8 +29,10 @@ struct Ray {
 // not depend on the agent that casts it. Immutable; thread-safe. O(1) to make.
 class RaySet {
  public:
-  // Random rays go through the cells of a grid over the viewport, one through each: about one for
-  // every 8 x 8 pixels, at least about 1024 and at most about 65536.
+  // Random rays go through the cells of a grid over the picture, one through each: about one for
+  // every 8 x 8 pixels, at least about 1024 and at most about 65536. A region of a viewport has at
+  // most about one for every pixel, and only rays that meet it: they choose the blocks that may
+  // hide others there.
   // REQUIRES: the layout is that of the view's volume.
   RaySet(const view::View& view, const volume::BlockLayout& layout, std::uint64_t seed);
 

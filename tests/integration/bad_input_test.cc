@@ -251,8 +251,8 @@ TEST_F(BadInputTest, RequestsThatCanNotBeRight) {
   const auto with = [&](const std::vector<std::string>& flags) {
     return RenderGood(Join({"--isovalue", "128"}, flags));
   };
-  ExpectFailure(with({"--width", "0"}), kWrongUsage, {"--width", "0", "16384"});
-  ExpectFailure(with({"--height", "100000"}), kWrongUsage, {"--height", "100000", "16384"});
+  ExpectFailure(with({"--width", "0"}), kWrongUsage, {"--width", "0", "65536"});
+  ExpectFailure(with({"--height", "100000"}), kWrongUsage, {"--height", "100000", "65536"});
   ExpectFailure(with({"--width", "-5"}), kWrongUsage, {"-5"});
   ExpectFailure(with({"--fov-y", "0"}), kWrongUsage, {"--fov-y", "'0'", "180"});
   ExpectFailure(with({"--fov-y", "180"}), kWrongUsage, {"--fov-y", "'180'", "below 180"});
@@ -332,6 +332,52 @@ TEST_F(BadInputTest, RequestsOnTheWireAreCheckedLikeFlags) {
          [](auto* r) { r->mutable_viewport()->set_height_px(100000); });
   expect("height -1", kInvalid, {"viewport", "-1"},
          [](auto* r) { r->mutable_viewport()->set_height_px(-1); });
+  const auto set_region = [](isoscope::v1::RenderIsosurfaceRequest* r, int x, int y, int width,
+                             int height) {
+    r->mutable_region()->set_x(x);
+    r->mutable_region()->set_y(y);
+    r->mutable_region()->set_width_px(width);
+    r->mutable_region()->set_height_px(height);
+  };
+  constexpr int kMaxInt = std::numeric_limits<int>::max();
+  constexpr int kMinInt = std::numeric_limits<int>::min();
+  struct BadRegion {
+    int x, y, width, height;
+    std::vector<std::string> parts;
+  };
+  // Of a viewport of 40 x 30 pixels.
+  for (const BadRegion& bad :
+       std::vector<BadRegion>{{0, 0, 0, 0, {"region.width_px is 0", "[1, 40]"}},
+                              {-1, 0, 1, 1, {"region.x is -1", "[0, 39]"}},
+                              {40, 0, 1, 1, {"region.x is 40", "[0, 39]"}},
+                              {0, 30, 1, 1, {"region.y is 30", "[0, 29]"}},
+                              {0, kMinInt, 1, 1, {"region.y is -2147483648", "[0, 29]"}},
+                              {39, 0, 2, 1, {"region.width_px is 2", "[1, 1]"}},
+                              {10, 20, 5, 11, {"region.height_px is 11", "[1, 10]"}},
+                              {1, 1, kMaxInt, 1, {"region.width_px is 2147483647", "[1, 39]"}},
+                              {1, 1, 1, kMinInt, {"region.height_px is -2147483648", "[1, 29]"}}}) {
+    expect("region", kInvalid, bad.parts, [&](auto* r) {
+      r->mutable_viewport()->set_width_px(40);
+      r->mutable_viewport()->set_height_px(30);
+      set_region(r, bad.x, bad.y, bad.width, bad.height);
+    });
+  }
+  expect("region without viewport", kInvalid, {"viewport"}, [&](auto* r) {
+    r->clear_viewport();
+    set_region(r, 0, 0, 1, 1);
+  });
+  expect("viewport of a region", kInvalid, {"viewport.width_px is 65537", "[1, 65536]"},
+         [&](auto* r) {
+           r->mutable_viewport()->set_width_px(65537);
+           set_region(r, 0, 0, 1, 1);
+         });
+  expect("too large without a region", kInvalid, {"is 20000", "16384", "region", "65536"},
+         [](auto* r) { r->mutable_viewport()->set_width_px(20000); });
+  expect("region too large for a picture", kInvalid, {"region.width_px is 20000", "[1, 16384]"},
+         [&](auto* r) {
+           r->mutable_viewport()->set_width_px(20000);
+           set_region(r, 0, 0, 20000, 1);
+         });
   expect("eye is target", kInvalid, {"eye", "target"},
          [](auto* r) { r->mutable_camera()->mutable_eye()->set_z(0); });
   expect("eye inf", kInvalid, {"eye", "inf"},

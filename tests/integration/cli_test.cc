@@ -1,6 +1,8 @@
 // The command line as its users type it: partition, info, serve, render, export, and what they
 // promise about each other.
 
+#include <png.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -72,6 +74,20 @@ std::set<std::string> KeysOf(const json& object) {
     keys.insert(key);
   }
   return keys;
+}
+
+// Decodes a PNG that is wider than DecodePng takes.
+std::vector<image::Rgba8> ReadWide(const std::string& png, int width, int height) {
+  png_image image;
+  std::memset(&image, 0, sizeof(image));
+  image.version = PNG_IMAGE_VERSION;
+  EXPECT_NE(png_image_begin_read_from_memory(&image, png.data(), png.size()), 0) << image.message;
+  EXPECT_EQ(image.width, static_cast<unsigned>(width));
+  EXPECT_EQ(image.height, static_cast<unsigned>(height));
+  image.format = PNG_FORMAT_RGBA;
+  std::vector<image::Rgba8> pixels(std::size_t{image.width} * image.height);
+  EXPECT_NE(png_image_finish_read(&image, nullptr, pixels.data(), 0, nullptr), 0) << image.message;
+  return pixels;
 }
 
 // A mesh read back from a file of `isoscope export`.
@@ -367,6 +383,54 @@ TEST_F(CliTest, PictureDoesNotDependOnCullingShardsOrWhereItIsMade) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
                                 testing::ProcessCluster::Start(Path("three"), 3));
   EXPECT_EQ(Render(Join({"--server", cluster->address()}, view)), png) << "from a cluster";
+}
+
+TEST_F(CliTest, ARegionAndAPosterHaveThePixelsOfTheWhole) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const image::RgbaImage whole,
+      image::DecodePng(Render({Path("three"), "--azimuth", "35", "--renderer", "cpu"})));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const image::RgbaImage part,
+      image::DecodePng(Render(
+          {Path("three"), "--azimuth", "35", "--renderer", "cpu", "--region", "50,20,70,61"})));
+  ASSERT_EQ(part.width, 70);
+  ASSERT_EQ(part.height, 61);
+  int lit = 0;
+  for (int y = 0; y < part.height; ++y) {
+    for (int x = 0; x < part.width; ++x) {
+      const image::Rgba8 pixel = part.pixels[static_cast<std::size_t>(y * part.width + x)];
+      ASSERT_EQ(pixel, whole.pixels[static_cast<std::size_t>((y + 20) * whole.width + x + 50)]);
+      lit += pixel.r > 0 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(lit, 70 * 61 / 4);
+
+  // A picture that no frame can be: 17000 pixels wide. Tiles make it; one region shows one of them.
+  const auto render_wide = [&](const std::vector<std::string>& more) {
+    const std::string png = Path("wide.png");
+    const std::string out =
+        MustRun(Join({"render", Path("three"), "--isovalue", kIsovalue, "--renderer", "cpu",
+                      "--width", "17000", "--height", "60", "--output", png},
+                     more),
+                Options());
+    return std::pair(ReadFile(png), out);
+  };
+  const auto [poster, text] = render_wide({"--stats", Path("regions.json")});
+  EXPECT_TRUE(absl::StrContains(text, "17000 x 60 pixels in 2 regions")) << text;
+  EXPECT_EQ(ParseJson(ReadFile(Path("regions.json"))).at("frames").size(), 2U);
+  const auto [middle_png, middle_text] = render_wide({"--region", "8450,7,100,50"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage middle, image::DecodePng(middle_png));
+  const std::vector<image::Rgba8> pixels = ReadWide(poster, 17000, 60);
+  lit = 0;
+  for (int y = 0; y < 50; ++y) {
+    for (int x = 0; x < 100; ++x) {
+      const image::Rgba8 pixel = middle.pixels[static_cast<std::size_t>(y * 100 + x)];
+      ASSERT_EQ(pixel, pixels[static_cast<std::size_t>((y + 7) * 17000 + x + 8450)]);
+      lit += pixel.r > 0 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(lit, 100);
 }
 
 TEST_F(CliTest, EglBackEndCullsWithoutTouchingThePicture) {

@@ -270,6 +270,107 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
   CheckRandomViews(head, kHeadViewCount, 9000);
 }
 
+// Returns the part of `whole` that `region` shows.
+image::FrameImage Crop(const image::FrameImage& whole, const view::Region& region) {
+  image::FrameImage part(region.width_px, region.height_px);
+  for (int y = 0; y < region.height_px; ++y) {
+    for (int x = 0; x < region.width_px; ++x) {
+      const std::size_t from = whole.IndexOf(region.x + x, region.y + y);
+      part.keys[part.IndexOf(x, y)] = whole.keys[from];
+      part.colors[part.IndexOf(x, y)] = whole.colors[from];
+    }
+  }
+  return part;
+}
+
+view::Region RandomRegion(std::uint64_t seed, const view::Viewport& viewport) {
+  const auto part = [seed](std::uint64_t counter, int size) {
+    const int begin = static_cast<int>(size * base::RandomUnit(seed, counter));
+    return std::pair(begin,
+                     1 + static_cast<int>((size - begin) * base::RandomUnit(seed, counter + 1)));
+  };
+  const auto [x, width] = part(1000, viewport.width_px);
+  const auto [y, height] = part(1002, viewport.height_px);
+  return {x, y, std::min(width, viewport.width_px - x), std::min(height, viewport.height_px - y)};
+}
+
+TEST_P(ExactPictureTest, ARegionIsTheCropOfTheWholeCulledAndNotForAnyNumberOfAgents) {
+  std::uint64_t seed = 7000;
+  std::int64_t covered_pixel_count = 0;
+  for (const Volume& volume : {Gyroid(), Ties(), SmoothRandom()}) {
+    Datasets datasets(volume, directories_.get(), renderer_.get());
+    for (int i = 0; i < kFieldViewCount; ++i, ++seed) {
+      SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed));
+      frame::FrameSpec request = RandomSpec(seed, volume.geometry.Bounds(), volume.isovalue);
+      const std::int64_t edge = kBlockEdges[i % 3];  // 3 shards need more than one block
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
+                                    datasets.Get(edge, 1, store::Distribution::kRandom));
+      request.culling = frame::Culling::kNone;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult whole, one->Render(request));
+      for (int k = 0; k < 3; ++k) {
+        // The last one is a single pixel.
+        request.region = RandomRegion(10 * seed + static_cast<std::uint64_t>(k), request.viewport);
+        if (k == 2) {
+          request.region->width_px = 1;
+          request.region->height_px = 1;
+        }
+        SCOPED_TRACE(::testing::Message()
+                     << "region " << request.region->width_px << " x " << request.region->height_px
+                     << " at " << request.region->x << ", " << request.region->y << " of "
+                     << request.viewport.width_px << " x " << request.viewport.height_px);
+        const image::FrameImage expected = Crop(whole.image, *request.region);
+        covered_pixel_count += CoveredPixels(expected);
+        for (const int shard_count : {1, 3}) {
+          ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+              LocalCluster* const cluster,
+              datasets.Get(edge, shard_count, store::Distribution::kRandom));
+          for (const frame::Culling culling : {frame::Culling::kDepth, frame::Culling::kNone}) {
+            request.culling = culling;
+            ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult part, cluster->Render(request));
+            EXPECT_EQ(Compare(expected, part.image), Difference()) << shard_count << " shards";
+          }
+        }
+        if (HasFailure()) {
+          return;
+        }
+      }
+    }
+  }
+  EXPECT_GT(covered_pixel_count, 3 * kFieldViewCount * 500);
+}
+
+// Above 16384 pixels a side nobody can draw the whole. Regions that overlap must agree instead.
+TEST_P(ExactPictureTest, OverlappingRegionsOfAViewportThatNobodyCanDrawAgree) {
+  const Volume volume = Gyroid();
+  Datasets datasets(volume, directories_.get(), renderer_.get());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
+                                datasets.Get(8, 3, store::Distribution::kRandom));
+  frame::FrameSpec request;
+  request.surfaces = {{.isovalue = volume.isovalue, .appearance = {}}};
+  request.camera = view::MakeDefaultCamera(volume.geometry.Bounds());
+  request.viewport = {65536, 50000};
+  request.region = {32000, 24000, 400, 300};
+  if (GetParam() != render::RendererKind::kCpu) {
+    const absl::Status status = cluster->Render(request).status();
+    EXPECT_THAT(status, testing::StatusIs(absl::StatusCode::kInvalidArgument));
+    EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("--renderer cpu"));
+    return;
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult large, cluster->Render(request));
+  EXPECT_GT(CoveredPixels(large.image), 1000);
+  for (const view::Region inner :
+       {view::Region{32000, 24000, 57, 300}, view::Region{32130, 24111, 200, 99},
+        view::Region{32399, 24299, 1, 1}}) {
+    request.region = inner;
+    for (const frame::Culling culling : {frame::Culling::kDepth, frame::Culling::kNone}) {
+      request.culling = culling;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult part, cluster->Render(request));
+      const view::Region shifted{inner.x - 32000, inner.y - 24000, inner.width_px, inner.height_px};
+      EXPECT_EQ(Compare(Crop(large.image, shifted), part.image), Difference());
+    }
+  }
+}
+
 // A wall of blocks, and small spheres in front of it, each inside a block of its own that few rays
 // meet. The paper's mask sees the wall's pixels covered and culls spheres that rays missed.
 Volume SpheresBeforeWall() {

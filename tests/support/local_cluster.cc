@@ -142,8 +142,9 @@ void LocalCluster::ForgetAll(std::size_t cache_bytes) {
 
 absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec& spec,
                                                          const base::Cancellation& cancellation) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
-                            view::View::Make(*spec.camera, spec.viewport, manifest().geometry));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const view::View view,
+      view::View::Make(*spec.camera, spec.viewport, manifest().geometry, spec.region));
   std::vector<std::vector<int>> shard_indices;
   for (const std::shared_ptr<const agent::Shard>& shard : shards_) {
     shard_indices.push_back({shard->reader->shard_index()});

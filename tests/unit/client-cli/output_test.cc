@@ -101,7 +101,29 @@ TEST(OutputTest, FailedAtomicWriteKeepsTheOldState) {
   EXPECT_EQ(EntryCount(folder.path()), 1U);
 }
 
+TEST(OutputTest, AnAtomicFileAppearsWhenItIsCommittedAndElseLeavesNothing) {
+  const TempDir folder;
+  const std::string path = folder.Sub("a.png");
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto given_up, AtomicFile::Create(path));
+    ISOSCOPE_ASSERT_OK(given_up->Append("half"));
+  }
+  EXPECT_EQ(EntryCount(folder.path()), 0U);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, AtomicFile::Create(path));
+  ISOSCOPE_ASSERT_OK(file->Append("first, "));
+  EXPECT_FALSE(std::filesystem::exists(path));
+  ISOSCOPE_ASSERT_OK(file->Append("second"));
+  ISOSCOPE_ASSERT_OK(file->Commit());
+  EXPECT_EQ(file->size_bytes(), 13);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 100));
+  EXPECT_EQ(content, "first, second");
+  EXPECT_EQ(EntryCount(folder.path()), 1U);
+}
+
 TEST(OutputTest, DevicesAreWrittenAsTheyAre) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto device, AtomicFile::Create("/dev/null"));
+  ISOSCOPE_EXPECT_OK(device->Append("x"));
+  ISOSCOPE_EXPECT_OK(device->Commit());
   ISOSCOPE_EXPECT_OK(CheckWritable("/dev/null"));
   ISOSCOPE_EXPECT_OK(WriteFileAtomically("/dev/null", "x"));
   struct stat info {};

@@ -118,6 +118,13 @@ TEST(ParseValueTest, PlanesAndBoxesAreListsOfNumbers) {
   ExpectRefused(ParseBox, {"", "0,10,-5,5,3", "10,0,0,1,0,1", "0,1,0,1,0,1,0", "0,1,0,1,0,nan"});
 }
 
+TEST(ParseValueTest, RegionsAreFourWholeNumbers) {
+  EXPECT_EQ(*ParseRegion("0,0,1,1"), (view::Region{0, 0, 1, 1}));
+  EXPECT_EQ(*ParseRegion("60000,2,300,65536"), (view::Region{60000, 2, 300, 65536}));
+  ExpectRefused(ParseRegion, {"", "1,2,3", "1,2,3,4,5", "-1,0,1,1", "0,0,0,1", "0,0,1,0",
+                              "0,0,1.5,1", "a,0,1,1", "0,0,1,99999999999", "0,0,65537,1"});
+}
+
 TEST(ParseValueTest, ChoicesAreListedWhenNoneFits) {
   const std::vector<std::pair<std::string, int>> choices = {{"depth", 1}, {"mask", 2}};
   EXPECT_EQ(*ParseChoice("mask", choices), 2);

@@ -48,6 +48,22 @@ TEST(RenderRequestTest, EveryFlagReachesItsField) {
   EXPECT_EQ(request.background_color().alpha(), 0.5F);
 }
 
+TEST(RenderRequestTest, ARegionIsPartOfTheRequestAndMustLieInTheViewport) {
+  RequestFlags flags{.isovalue = 1, .width = 40000, .height = 300};
+  flags.region = view::Region{39000, 10, 1000, 200};
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags));
+  EXPECT_EQ(flags.image_size(), (view::Viewport{1000, 200}));
+  const v1::RenderIsosurfaceRequest request = MakeRequest(flags, "", SampleCamera());
+  EXPECT_EQ(request.region().x(), 39000);
+  EXPECT_EQ(request.region().y(), 10);
+  EXPECT_EQ(request.region().width_px(), 1000);
+  EXPECT_EQ(request.region().height_px(), 200);
+  flags.region->height_px = 291;
+  const absl::Status status = CheckUsage(flags);
+  EXPECT_TRUE(IsUsageError(status));
+  EXPECT_NE(status.message().find("--region"), absl::string_view::npos);
+}
+
 TEST(RenderRequestTest, IsovalueIsRequired) {
   EXPECT_TRUE(IsUsageError(CheckUsage(RequestFlags{})));
   ISOSCOPE_EXPECT_OK(CheckUsage(RequestFlags{.isovalue = 0}));

@@ -321,6 +321,31 @@ TEST(PngCodecTest, SamePixelsGiveSameBytesAndSayTheyAreSrgb) {
   EXPECT_THAT(png, HasSubstr("sRGB"));
 }
 
+TEST(PngRowWriterTest, RowsInPiecesGiveTheFileOfTheWhole) {
+  for (const bool opaque : {true, false}) {
+    for (const int width : {1, 333, 70000}) {
+      const int height = width == 70000 ? 5 : 601;
+      const std::vector<Rgba8> pixels = MakePixels(width, height, opaque);
+      const int stripe_rows = PngRowWriter::RowsPerStripe(width);
+      for (const int rows : {stripe_rows, 2 * stripe_rows, 7}) {
+        PngRowWriter writer(width, height, opaque);
+        std::string png = writer.Begin();
+        for (int y = 0; y < height; y += rows) {
+          const auto begin = static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
+          const auto count = static_cast<std::size_t>(std::min(rows, height - y)) *
+                             static_cast<std::size_t>(width);
+          png += writer.Append(std::span(pixels).subspan(begin, count));
+        }
+        png += writer.End();
+        if (rows % stripe_rows == 0) {
+          EXPECT_EQ(png, EncodePng(width, height, pixels)) << width << " " << rows;
+        }
+        EXPECT_EQ(ReadByLibpng(png).pixels, pixels) << width << " " << rows;
+      }
+    }
+  }
+}
+
 TEST(PngCodecTest, GreyAndPalettePngsAreExpanded) {
   const std::array<std::uint8_t, 4> grey{0, 85, 170, 255};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(

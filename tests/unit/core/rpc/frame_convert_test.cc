@@ -44,10 +44,13 @@ TEST(FrameSpecFromProtoTest, EveryMemberOfTheRequestArrives) {
   *request.mutable_base_color() = ToProto(image::Rgba8{1, 2, 3, 255});
   *request.mutable_background_color() = ToProto(image::Rgba8{4, 5, 6, 7});
   request.set_ray_seed(-9);
+  *request.mutable_region() = ToProto(view::Region{3, 4, 5, 6});
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
   EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{1, 2, 3, 255}));
   EXPECT_EQ(spec.background_color, (image::Rgba8{4, 5, 6, 7}));
   EXPECT_EQ(spec.culling, frame::Culling::kMask);
+  EXPECT_EQ(spec.region, (view::Region{3, 4, 5, 6}));
+  EXPECT_EQ(frame::ImageSizeOf(spec), (view::Viewport{5, 6}));
   EXPECT_EQ(spec.ray_seed, static_cast<std::uint64_t>(-9));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::Camera camera,
                                 CameraFromProto(request.camera(), "camera"));
@@ -202,6 +205,20 @@ TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
   EXPECT_THAT(FrameSpecFromProto(request),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr("clip.half_spaces has 7 elements: must have at most 6")));
+}
+
+TEST(FrameSpecFromProtoTest, OnlyTheViewportOfARegionMayBeLargerThanAPicture) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_viewport()->set_width_px(view::kMaxWholeViewportPx);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("viewport.width_px is 65536"), HasSubstr("16384"))));
+  *request.mutable_region() = ToProto(view::Region{65535, 0, 1, 30});
+  EXPECT_THAT(FrameSpecFromProto(request), IsOk());
+  request.mutable_region()->set_width_px(2);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("region.width_px is 2"), HasSubstr("[1, 1]"))));
 }
 
 TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {

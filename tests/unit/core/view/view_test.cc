@@ -373,6 +373,58 @@ TEST(FootprintTest, ManyAtATimeAreThoseOneByOneOnEveryInstructionSet) {
   }
 }
 
+TEST(FootprintTest, ARegionCutsTheWholesRectanglesAndChangesNoDepth) {
+  Random random(23);
+  std::int64_t cut = 0;
+  for (int round = 0; round < 100; ++round) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View whole, RandomView(92, &random));
+    const Viewport& size = whole.viewport();
+    const int x = random.Index(size.width_px);
+    const int y = random.Index(size.height_px);
+    const Region region{x, y, 1 + random.Index(size.width_px - x),
+                        1 + random.Index(size.height_px - y)};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View part,
+                                  View::Make(whole.camera(), size, whole.geometry(), region));
+    ASSERT_EQ(part.clip_from_index().m, whole.clip_from_index().m);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const volume::BlockLayout layout,
+        volume::BlockLayout::Make(whole.geometry().sample_dims, {8, 8, 8}));
+    std::vector<volume::BlockId> ids;
+    for (std::int64_t id = 0; id < layout.block_count(); id += 1 + random.Index(4)) {
+      ids.push_back(static_cast<volume::BlockId>(id));
+    }
+    std::vector<Footprint> footprints(ids.size());
+    part.FootprintsOf(layout, ids, absl::MakeSpan(footprints));
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      const Footprint of_whole = whole.FootprintOf(layout, ids[i]);
+      PixelRect expected{std::max(of_whole.rect.begin_x - x, 0),
+                         std::max(of_whole.rect.begin_y - y, 0),
+                         std::min(of_whole.rect.end_x - x, region.width_px),
+                         std::min(of_whole.rect.end_y - y, region.height_px)};
+      expected = expected.empty() ? PixelRect() : expected;
+      ASSERT_EQ(footprints[i].rect, expected) << "round " << round << ", block " << ids[i];
+      ASSERT_EQ(part.FootprintOf(layout, ids[i]).rect, expected);
+      ASSERT_EQ(footprints[i].nearest_depth, of_whole.nearest_depth);
+      cut += expected.empty() || expected == of_whole.rect ? 0 : 1;
+    }
+  }
+  EXPECT_GT(cut, 500);
+}
+
+TEST(ViewTest, RegionsOutsideTheViewportAreRefused) {
+  const volume::GridGeometry geometry = MakeGeometry();
+  const Camera camera = MakeDefaultCamera(geometry.Bounds());
+  for (const Region& region :
+       {Region{0, 0, 0, 1}, Region{-1, 0, 1, 1}, Region{64, 0, 1, 1}, Region{0, 1, 1, 48},
+        Region{1, 0, std::numeric_limits<int>::max(), 1}}) {
+    EXPECT_THAT(View::Make(camera, {64, 48}, geometry, region),
+                StatusIs(absl::StatusCode::kInvalidArgument, ::testing::HasSubstr("region")));
+  }
+  EXPECT_THAT(View::Make(camera, {65537, 48}, geometry, Region{0, 0, 1, 1}),
+              StatusIs(absl::StatusCode::kInvalidArgument, ::testing::HasSubstr("65536")));
+  ISOSCOPE_EXPECT_OK(View::Make(camera, {65536, 48}, geometry, Region{65535, 47, 1, 1}));
+}
+
 TEST(FootprintTest, RectanglesAreTightAwayFromTheEye) {
   // Conservative must not mean useless: at most one pixel a side more than the exact projection.
   Random random(3);

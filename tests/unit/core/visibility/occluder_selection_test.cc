@@ -132,6 +132,57 @@ int ExpectFirstBlocks(const Scene& scene, const RaySet& rays, const BlockSet& ac
   return hit_count;
 }
 
+// Pixel coordinates, in the whole viewport, of a point on a ray.
+std::pair<double, double> PixelOf(const view::View& view, const Ray& ray) {
+  const math::Vec3d p = ray.origin + ray.direction;
+  const math::Vec4d clip = view.clip_from_index() * math::Vec4d{p.x, p.y, p.z, 1};
+  return {view.viewport().width_px * (clip.x / clip.w + 1) / 2,
+          view.viewport().height_px * (1 - clip.y / clip.w) / 2};
+}
+
+TEST(RaySetTest, RaysOfARegionMeetItAndFillIt) {
+  const math::Index3 samples{41, 30, 35};
+  for (const view::Projection projection :
+       {view::Projection::kPerspective, view::Projection::kOrthographic}) {
+    view::Camera camera = view::MakeDefaultCamera(BoundsOf(samples));
+    camera.projection = projection;
+    Scene scene = MakeScene(camera, samples, {4, 4, 4}, {400, 300});
+    const view::Region region{120, 90, 130, 80};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        scene.view, view::View::Make(camera, {400, 300}, scene.view.geometry(), region));
+    const RaySet rays(scene.view, scene.layout, 5);
+    std::set<std::pair<int, int>> cells;  // of a quarter of the region's sides
+    std::int64_t ray_count = 0;
+    for (std::int64_t i = 0; i < rays.count(); ++i) {
+      const std::optional<Ray> ray = rays.RayOf(i);
+      if (!ray.has_value()) {
+        continue;
+      }
+      ++ray_count;
+      const auto [x, y] = PixelOf(scene.view, *ray);
+      ASSERT_GT(x, region.x - 1);
+      ASSERT_LT(x, region.x + region.width_px + 1);
+      ASSERT_GT(y, region.y - 1);
+      ASSERT_LT(y, region.y + region.height_px + 1);
+      cells.emplace(static_cast<int>((x - region.x) * 4 / region.width_px),
+                    static_cast<int>((y - region.y) * 4 / region.height_px));
+    }
+    EXPECT_GE(cells.size(), 16U);
+    EXPECT_GT(ray_count, 900);
+  }
+}
+
+TEST(RaySetTest, ASinglePixelCastsFewRandomRays) {
+  const math::Index3 samples{41, 30, 35};
+  Scene scene =
+      MakeScene(view::MakeDefaultCamera(BoundsOf(samples)), samples, {4, 4, 4}, {400, 300});
+  const std::int64_t of_whole = RaySet(scene.view, scene.layout, 5).count();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      scene.view, view::View::Make(scene.view.camera(), {400, 300}, scene.view.geometry(),
+                                   view::Region{200, 150, 1, 1}));
+  EXPECT_LT(RaySet(scene.view, scene.layout, 5).count(), of_whole - 1000);
+}
+
 TEST(RaySetTest, ARayStopsAtTheFirstActiveBlock) {
   const math::Index3 samples{41, 30, 35};  // the last block of each axis is smaller
   for (int i = 0; i < 8; ++i) {

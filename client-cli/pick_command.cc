@@ -1,0 +1,179 @@
+// isoscope pick INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "client-cli/camera_flags.h"
+#include "client-cli/command.h"
+#include "client-cli/flags.h"
+#include "client-cli/no_surface.h"
+#include "client-cli/output.h"
+#include "client-cli/render_request.h"
+#include "client-cli/session.h"
+#include "client-cli/usage.h"
+#include "core/base/status_macros.h"
+#include "core/rpc/pick_convert.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+struct PickFlags {
+  SessionFlags session;
+  RequestFlags request;
+  std::vector<std::string> pixels;
+  bool is_json = false;
+};
+
+// "X,Y", inside the viewport.
+absl::StatusOr<rpc::PixelPosition> ParsePixel(absl::string_view text,
+                                              const view::Viewport& viewport) {
+  const std::vector<absl::string_view> elements = absl::StrSplit(text, ',');
+  rpc::PixelPosition pixel;
+  if (elements.size() != 2 || !absl::SimpleAtoi(elements[0], &pixel.x) ||
+      !absl::SimpleAtoi(elements[1], &pixel.y) || pixel.x < 0 || pixel.y < 0 ||
+      pixel.x >= viewport.width_px || pixel.y >= viewport.height_px) {
+    return UsageError(absl::StrCat("--pixel '", text, "' is not X,Y, a column from 0 to ",
+                                   viewport.width_px - 1, " and a row from 0 to ",
+                                   viewport.height_px - 1));
+  }
+  return pixel;
+}
+
+absl::Status CheckUsage(const PickFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  if (flags.request.region) {
+    return UsageError("--region is for render; --pixel counts in the whole picture");
+  }
+  if (flags.pixels.empty() || flags.pixels.size() > rpc::kMaxPickedPixels) {
+    return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
+                                   " times: once for each pixel, 1 to ", rpc::kMaxPickedPixels));
+  }
+  for (const std::string& text : flags.pixels) {
+    ISOSCOPE_RETURN_IF_ERROR(ParsePixel(text, flags.request.viewport()).status());
+  }
+  return absl::OkStatus();
+}
+
+nlohmann::ordered_json ToJson(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+
+std::string ToText(const v1::Vec3& v) {
+  return absl::StrFormat("%.7g,%.7g,%.7g", v.x(), v.y(), v.z());
+}
+
+std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
+                           const v1::PickSurfaceResponse& response) {
+  nlohmann::ordered_json json;
+  json["points"] = nlohmann::ordered_json::array();
+  for (int i = 0; i < response.points_size(); ++i) {
+    const v1::PickedPoint& point = response.points(i);
+    nlohmann::ordered_json out;
+    out["pixel"] = {request.pixels(i).x(), request.pixels(i).y()};
+    out["hit"] = point.is_hit();
+    if (point.is_hit()) {
+      out["position"] = ToJson(point.position());
+      out["depth"] = point.depth();
+      out["surface_index"] = point.surface_index();
+      if (point.has_normal()) {
+        out["normal"] = ToJson(point.normal());
+      }
+      out["block_id"] = point.block_id();
+      if (point.has_shard_index()) {
+        out["shard_index"] = point.shard_index();
+      }
+    }
+    json["points"].push_back(std::move(out));
+  }
+  return json.dump(2) + "\n";
+}
+
+std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
+                            const v1::PickSurfaceResponse& response) {
+  Table table({"pixel", "position", "depth", "surface", "normal", "block", "shard"});
+  for (int i = 0; i < response.points_size(); ++i) {
+    const v1::PickedPoint& point = response.points(i);
+    const std::string pixel = absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y());
+    if (!point.is_hit()) {
+      table.AddRow({pixel, "-", "-", "-", "-", "-", "-"});
+      continue;
+    }
+    table.AddRow({pixel, ToText(point.position()),
+                  absl::StrFormat("%.7g", static_cast<double>(point.depth())),
+                  absl::StrCat(point.surface_index()),
+                  point.has_normal() ? ToText(point.normal()) : "-", absl::StrCat(point.block_id()),
+                  point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
+  }
+  return table.ToString();
+}
+
+absl::Status Run(const PickFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(flags.session, std::nullopt, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+  WarnIfNoSurface(dataset, flags.request.isovalue.value_or(0), context);
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
+                            ResolveCamera(flags.request.camera, geometry.Bounds()));
+  v1::PickSurfaceRequest request;
+  *request.mutable_frame() = MakeRequest(flags.request, dataset.name(), camera);
+  for (const std::string& text : flags.pixels) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const rpc::PixelPosition pixel,
+                              ParsePixel(text, flags.request.viewport()));
+    v1::Pixel* const out = request.add_pixels();
+    out->set_x(pixel.x);
+    out->set_y(pixel.y);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::PickSurfaceResponse response,
+                            session->client().PickSurface(request, session->timeout()));
+  if (response.points_size() != request.pixels_size()) {
+    return absl::DataLossError(absl::StrCat("the server sent ", response.points_size(),
+                                            " points for ", request.pixels_size(), " pixels"));
+  }
+  *context.out << (flags.is_json ? DescribeAsJson(request, response)
+                                 : DescribeAsTable(request, response));
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<PickFlags>();
+  AddSessionFlags(app, &flags->session);
+  AddRendererFlag(app, &flags->session);
+  app->add_option("--pixel", flags->pixels,
+                  "a pixel of the picture: column and row from the top left; repeatable")
+      ->type_name("X,Y");
+  app->add_flag("--json", flags->is_json, "print JSON");
+  AddRequestFlags(app, &flags->request);
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command PickCommand() {
+  return {.name = "pick",
+          .summary = "Tells what pixels of a picture show: point, surface, normal, block, shard",
+          .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
+          .examples =
+              "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
+              "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
+              "--json\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

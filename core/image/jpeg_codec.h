@@ -1,0 +1,28 @@
+// JPEG files in memory, 8-bit sRGB, written with libjpeg-turbo.
+
+#ifndef ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_
+#define ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_
+
+#include <span>
+#include <string>
+
+#include "absl/status/statusor.h"
+
+#include "core/image/fragment.h"
+
+namespace isoscope::image {
+
+// Encodes an image without subsampling of colours (4:4:4).
+//
+// pixels:     width * height, row 0 at the top
+// background: shown in place of pixels whose alpha is 0; alpha is ignored otherwise
+// quality:    1 to 100
+//
+// The same pixels give the same bytes with the same libjpeg-turbo. REQUIRES: 1 <= width, height <=
+// 65500. RESOURCE_EXHAUSTED when memory runs out. Thread-safe.
+absl::StatusOr<std::string> EncodeJpeg(int width, int height, std::span<const Rgba8> pixels,
+                                       Rgba8 background, int quality);
+
+}  // namespace isoscope::image
+
+#endif  // ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_

@@ -1,0 +1,41 @@
+// The way back from a pixel and its window depth to the distance from the eye, and to the world.
+
+#ifndef ISOSCOPE_CORE_VIEW_UNPROJECTION_H_
+#define ISOSCOPE_CORE_VIEW_UNPROJECTION_H_
+
+#include "core/math/vec.h"
+#include "core/view/view.h"
+
+namespace isoscope::view {
+
+// Immutable; thread-safe. Computes in double, with the same bits on every machine.
+class Unprojection {
+ public:
+  explicit Unprojection(const View& view);
+
+  // Returns the distance from the eye along the view axis, in world units, of a window depth in
+  // [0, 1]: near_distance at 0, far_distance at 1. float32 so that planes and picks agree.
+  [[nodiscard]] float DistanceOf(float depth) const;
+
+  // Returns the point in world space that is seen at the centre of pixel (x, y) of the picture, at
+  // `distance` from the eye along the view axis.
+  [[nodiscard]] math::Vec3d PositionOf(int x, int y, float distance) const;
+
+ private:
+  bool is_perspective_ = true;
+  double near_distance_ = 0;
+  double far_distance_ = 0;
+  math::Vec3d eye_;
+  math::Vec3d forward_;
+  // The centre of the picture's first pixel, in pixels from the middle of the whole: halves, so
+  // that a region's pixel has the bits of the whole's.
+  double first_x_ = 0;
+  double first_y_ = 0;
+  // The steps to the next column and row of the image plane (perspective: at distance 1).
+  math::Vec3d per_x_;
+  math::Vec3d per_y_;
+};
+
+}  // namespace isoscope::view
+
+#endif  // ISOSCOPE_CORE_VIEW_UNPROJECTION_H_

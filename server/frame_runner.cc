@@ -1,0 +1,184 @@
+#include "server/frame_runner.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+#include "core/base/check.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "server/agent_client.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace internal = isoscope::internal::v1;
+
+// Splits agents of several shards into one for each shard.
+std::vector<AgentAssignment> EachShardApart(const std::vector<AgentAssignment>& agents) {
+  std::vector<AgentAssignment> apart;
+  for (const AgentAssignment& agent : agents) {
+    if (agent.shard_indices.size() > FrameRunner::kMaxShardsApart) {
+      apart.push_back(agent);
+      continue;
+    }
+    for (const int shard : agent.shard_indices) {
+      apart.push_back({agent.address, agent.channel, {shard}});
+    }
+  }
+  return apart;
+}
+
+// FAILED_PRECONDITION if the back end of the agents can't draw the frame.
+absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& dataset) {
+  if (dataset.picture_revision.back_end == frame::BackEnd::kCpu) {
+    return absl::OkStatus();
+  }
+  if (spec.output.normal) {
+    return absl::FailedPreconditionError(
+        "output.normal is true: the agents draw with OpenGL, which gives no normals; start them "
+        "with --renderer cpu, or leave it out");
+  }
+  if (std::max(spec.viewport.width_px, spec.viewport.height_px) > view::kMaxViewportPx) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        "viewport of ", spec.viewport.width_px, " x ", spec.viewport.height_px,
+        " pixels: the agents draw with OpenGL, which takes at most ", view::kMaxViewportPx,
+        " a side, also for a region; start them with --renderer cpu"));
+  }
+  return absl::OkStatus();
+}
+
+std::string ActiveKeyOf(const FrameTarget& target, const frame::FrameSpec& spec) {
+  std::vector<std::vector<int>> shard_indices;
+  for (const AgentAssignment& agent : target.dataset.agents) {
+    shard_indices.push_back(agent.shard_indices);
+  }
+  return ActiveBlocksCache::KeyOf(target.dataset.dataset.dataset_id(), shard_indices,
+                                  frame::IsovaluesOf(spec));
+}
+
+}  // namespace
+
+absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
+                                             const volume::GridGeometry& geometry) {
+  const isoscope::v1::Dimensions& cells = dataset.block_cells();
+  return volume::BlockLayout::Make(geometry.sample_dims, {cells.x(), cells.y(), cells.z()});
+}
+
+FrameRunner::FrameRunner(const FrameRunnerOptions& options)
+    : options_(options),
+      memory_(options.memory_limit_bytes),
+      active_blocks_(memory_.active_blocks_bytes()),
+      images_(image::FrameImagePool::Make(memory_.unused_image_bytes())),
+      frame_executor_(
+          static_cast<std::size_t>(options.max_concurrent_frames),
+          // frame_count_ bounds the frames, so each of them fits.
+          static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)) {
+  if (options.expected_viewport) {
+    // Two, because one may still be cleared when the next frame begins.
+    for (int i = 0; i < 2; ++i) {
+      images_->Prepare(options.expected_viewport->width_px, options.expected_viewport->height_px);
+    }
+  }
+}
+
+absl::StatusOr<FrameRunner::Place> FrameRunner::Admit(const frame::FrameSpec& spec,
+                                                      Delivery delivery) {
+  ISOSCOPE_RETURN_IF_ERROR(memory_.CheckFits(spec, delivery));
+  const int before = frame_count_.fetch_add(1);
+  Place place(this);
+  if (before >= options_.max_concurrent_frames + options_.max_queued_frames) {
+    return absl::ResourceExhaustedError(absl::StrCat(
+        options_.max_concurrent_frames, " frames are in work and ", options_.max_queued_frames,
+        " wait (--max-concurrent-frames, --max-queued-frames): retry later, with back-off"));
+  }
+  return place;
+}
+
+void FrameRunner::Schedule(std::function<void()> work) {
+  ISOSCOPE_CHECK(frame_executor_.TrySchedule(std::move(work)));
+}
+
+absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
+                                                    frame::FrameSpec* spec,
+                                                    bool is_each_shard_apart,
+                                                    const base::Cancellation& cancellation) {
+  ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset,
+                            options_.registry->FindComplete(request->dataset(), cancellation));
+  ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
+  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveCamera(geometry.Bounds(), request, spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
+  ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
+  ISOSCOPE_RETURN_IF_ERROR(frame::CheckOwners(spec->surfaces.size(), layout.block_count()));
+  if (is_each_shard_apart) {
+    dataset.agents = EachShardApart(dataset.agents);
+  }
+  const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
+                                   .ties = frame::TieRuleOf(dataset.picture_revision.back_end)};
+  return FrameTarget{std::move(dataset), std::move(view), std::move(layout), order};
+}
+
+absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,
+                                             const isoscope::v1::RenderIsosurfaceRequest& request,
+                                             const frame::FrameSpec& spec,
+                                             const FrameTarget& target,
+                                             const base::Cancellation& cancellation) {
+  const DatasetState& dataset = target.dataset;
+  const std::string active_key = ActiveKeyOf(target, spec);
+  FrameSetup setup;
+  setup.spec = &spec;
+  setup.view = &target.view;
+  setup.layout = &target.layout;
+  setup.ties = target.order.ties;
+  setup.agent_count = static_cast<int>(dataset.agents.size());
+  setup.active = active_blocks_.Find(active_key);
+  setup.images = images_.get();
+  setup.arena = options_.arena.get();
+  internal::BeginFrame begin;
+  begin.set_frame_number(frame_number);
+  begin.set_dataset_id(dataset.dataset.dataset_id());
+  *begin.mutable_request() = request;
+  begin.set_agent_count(setup.agent_count);
+  begin.set_report_active_blocks(setup.active == nullptr);
+  begin.set_sends_normals(spec.sends_normals);
+  const auto begin_on_agent =
+      [&](int agent_index, AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+    internal::BeginFrame of_agent = begin;
+    of_agent.set_agent_index(agent_index);
+    return BeginFrameOnAgent(dataset.agents[static_cast<std::size_t>(agent_index)],
+                             std::move(of_agent), dataset.dataset.block_count(),
+                             cancellation.deadline(), listener);
+  };
+  FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
+  if (!outcome.status.ok()) {
+    ReportFailures(frame_number, outcome.failures);
+    return outcome.status;
+  }
+  if (setup.active == nullptr && outcome.result.active != nullptr) {
+    active_blocks_.Insert(active_key, outcome.result.active);
+  }
+  return std::move(outcome.result);
+}
+
+void FrameRunner::ReportFailures(std::int64_t frame_number,
+                                 const std::vector<AgentFailure>& failures) const {
+  for (const AgentFailure& failure : failures) {
+    base::LogWarning("agent_failed", {{"frame", frame_number},
+                                      {"agent", failure.agent.address},
+                                      {"shards", absl::StrJoin(failure.agent.shard_indices, ",")},
+                                      {"stage", NameOf(failure.stage)},
+                                      {"status", failure.status}});
+    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
+      options_.registry->ReportFailure(failure.agent.address);
+    }
+  }
+}
+
+}  // namespace isoscope::server

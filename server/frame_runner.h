@@ -1,0 +1,128 @@
+// Runs frames for the calls of IsosurfaceService: counts them, finds dataset and agents, and keeps
+// what frames share.
+
+#ifndef ISOSCOPE_SERVER_FRAME_RUNNER_H_
+#define ISOSCOPE_SERVER_FRAME_RUNNER_H_
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <oneapi/tbb/task_arena.h>
+
+#include "core/base/cancellation.h"
+#include "core/base/executor.h"
+#include "core/frame/frame_spec.h"
+#include "core/image/frame_image.h"
+#include "core/view/camera.h"
+#include "core/view/view.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "server/active_blocks.h"
+#include "server/agent_failure.h"
+#include "server/agent_registry.h"
+#include "server/coordinator_memory.h"
+#include "server/frame_coordinator.h"
+
+namespace isoscope::server {
+
+struct FrameRunnerOptions {
+  AgentRegistry* registry = nullptr;       // outlives the runner
+  int max_concurrent_frames = 4;           // >= 1
+  int max_queued_frames = 32;              // >= 0
+  std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
+  std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
+  // The runner takes memory for frames of this size at start. Not set: as frames come.
+  std::optional<view::Viewport> expected_viewport = std::nullopt;
+};
+
+// A dataset, its agents, and the view of a frame on it.
+struct FrameTarget {
+  DatasetState dataset;
+  view::View view;
+  volume::BlockLayout layout;
+  image::FragmentOrder order;
+};
+
+// Thread-safe.
+class FrameRunner {
+ public:
+  // An agent with more shards works on them as one, whatever `is_each_shard_apart` says.
+  static constexpr std::size_t kMaxShardsApart = 32;
+
+  explicit FrameRunner(const FrameRunnerOptions& options);
+
+  // The place of a frame among those in work and those that wait. Outlived by the runner.
+  class Place {
+   public:
+    Place(Place&& other) noexcept : runner_(std::exchange(other.runner_, nullptr)) {}
+    Place& operator=(Place&&) = delete;
+    ~Place() {
+      if (runner_ != nullptr) {
+        runner_->frame_count_.fetch_sub(1);
+      }
+    }
+
+   private:
+    friend class FrameRunner;
+    explicit Place(FrameRunner* runner) : runner_(runner) {}
+    FrameRunner* runner_;
+  };
+
+  // Takes a place for a frame. RESOURCE_EXHAUSTED if there is none, or if the frame can never fit
+  // the memory limit. Does not block.
+  absl::StatusOr<Place> Admit(const frame::FrameSpec& spec, Delivery delivery);
+  // Runs `work` on a frame thread once one is free. REQUIRES: the caller has a place.
+  void Schedule(std::function<void()> work);
+
+  // Takes the memory of a frame, and waits until it is free. Errors as CoordinatorMemory.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory(
+      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation) {
+    return memory_.ReserveFrame(spec, delivery, cancellation);
+  }
+
+  std::int64_t NextFrameNumber() { return next_frame_number_.fetch_add(1); }
+  [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
+
+  // Finds the dataset of a frame and checks that its agents can draw it. Resolves the camera in
+  // both `request` and `spec`. If `is_each_shard_apart`, each shard becomes an agent of its own.
+  // Errors as IsosurfaceService says.
+  absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
+                                         frame::FrameSpec* spec, bool is_each_shard_apart,
+                                         const base::Cancellation& cancellation);
+
+  // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
+  absl::StatusOr<FrameResult> Run(std::int64_t frame_number,
+                                  const isoscope::v1::RenderIsosurfaceRequest& request,
+                                  const frame::FrameSpec& spec, const FrameTarget& target,
+                                  const base::Cancellation& cancellation);
+
+  // Logs the agents that made a frame fail (frame 0: an export), and tells the registry about those
+  // that were lost or have changed.
+  void ReportFailures(std::int64_t frame_number, const std::vector<AgentFailure>& failures) const;
+
+ private:
+  const FrameRunnerOptions options_;
+  CoordinatorMemory memory_;
+  std::atomic<std::int64_t> next_frame_number_{1};
+  std::atomic<int> frame_count_{0};  // in work or waiting
+  ActiveBlocksCache active_blocks_;
+  const std::shared_ptr<image::FrameImagePool> images_;
+  base::Executor frame_executor_;  // last: its threads use the members above
+};
+
+// Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.
+absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
+                                             const volume::GridGeometry& geometry);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_RUNNER_H_

@@ -1,0 +1,85 @@
+#include "core/rpc/pick_convert.h"
+
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::rpc {
+namespace {
+
+using isoscope::testing::StatusIs;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+isoscope::v1::PickSurfaceRequest MakePick(const std::vector<PixelPosition>& pixels) {
+  isoscope::v1::PickSurfaceRequest pick;
+  pick.mutable_frame()->set_isovalue(60);
+  pick.mutable_frame()->mutable_viewport()->set_width_px(400);
+  pick.mutable_frame()->mutable_viewport()->set_height_px(300);
+  for (const PixelPosition& pixel : pixels) {
+    pick.add_pixels()->set_x(pixel.x);
+    pick.mutable_pixels(pick.pixels_size() - 1)->set_y(pixel.y);
+  }
+  return pick;
+}
+
+TEST(PickSpecFromProtoTest, TheRegionIsTheSmallestAroundThePixels) {
+  isoscope::v1::PickSurfaceRequest pick = MakePick({{30, 7}, {10, 200}, {30, 7}});
+  pick.mutable_frame()->set_culling(isoscope::v1::CULLING_MASK);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PickSpec spec, PickSpecFromProto(pick));
+  EXPECT_THAT(spec.pixels,
+              ElementsAre(PixelPosition{30, 7}, PixelPosition{10, 200}, PixelPosition{30, 7}));
+  EXPECT_EQ(spec.frame.region, (view::Region{10, 7, 21, 194}));
+  EXPECT_EQ(spec.frame.culling, frame::Culling::kDepth) << "picks are exact";
+  EXPECT_EQ(spec.request.region().width_px(), 21);
+  EXPECT_EQ(spec.request.culling(), isoscope::v1::CULLING_DEPTH);
+}
+
+TEST(PickSpecFromProtoTest, WrongMembersAreNamedWithValueAndRange) {
+  const auto expect = [](const isoscope::v1::PickSurfaceRequest& pick, const char* what) {
+    EXPECT_THAT(PickSpecFromProto(pick),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  expect(MakePick({}), "pixels has 0 elements: must have 1 to 1000");
+  expect(MakePick(std::vector<PixelPosition>(1001)), "pixels has 1001 elements");
+  expect(MakePick({{0, 0}, {400, 0}}), "pixels[1].x is 400: must be in [0, 399]");
+  expect(MakePick({{0, -1}}), "pixels[0].y is -1: must be in [0, 299]");
+  expect(MakePick({{std::numeric_limits<int>::max(), 0}}), "pixels[0].x is 2147483647");
+  isoscope::v1::PickSurfaceRequest pick = MakePick({{0, 0}});
+  pick.mutable_frame()->mutable_region()->set_width_px(1);
+  expect(pick, "frame.region is set");
+  pick = MakePick({{0, 0}});
+  pick.mutable_frame()->mutable_output()->set_depth(true);
+  expect(pick, "frame.output is set");
+  pick = MakePick({{0, 0}});
+  pick.clear_frame();
+  expect(pick, "frame.viewport is not set");
+  pick = MakePick({{0, 0}});
+  pick.mutable_frame()->mutable_viewport()->set_width_px(70000);
+  expect(pick, "frame.viewport.width_px is 70000");
+  pick = MakePick({{0, 0}});
+  pick.mutable_frame()->set_isovalue(std::numeric_limits<double>::quiet_NaN());
+  expect(pick, "isovalue");
+  pick = MakePick({{0, 0}});
+  pick.mutable_frame()->set_culling(static_cast<isoscope::v1::Culling>(9));
+  expect(pick, "frame.culling");
+  pick = MakePick({{0, 0}});
+  pick.GetReflection()->MutableUnknownFields(&pick)->AddVarint(90, 1);
+  expect(pick, "number 90");
+}
+
+TEST(PickSpecFromProtoTest, PixelsOfAPosterMustLieWithinOneRegion) {
+  isoscope::v1::PickSurfaceRequest pick = MakePick({{0, 0}, {20000, 5}});
+  pick.mutable_frame()->mutable_viewport()->set_width_px(65536);
+  EXPECT_THAT(PickSpecFromProto(pick),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("window of 20001 x 6 pixels: must lie in one of at most 16384")));
+  pick.mutable_pixels(0)->set_x(20000);
+  ISOSCOPE_EXPECT_OK(PickSpecFromProto(pick));
+}
+
+}  // namespace
+}  // namespace isoscope::rpc
