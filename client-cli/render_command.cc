@@ -35,6 +35,8 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
+// One message is copied less often than parts are, but takes memory for the whole twice.
+constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
 constexpr std::int64_t kMaxRepeatCount = 1'000'000;
 
 struct RenderFlags {
@@ -62,9 +64,6 @@ absl::Status CheckUsage(const RenderFlags& flags) {
   const bool is_jpeg = flags.output && IsJpegName(FrameFileName(*flags.output, 0));
   if (flags.output && !is_jpeg) {
     ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(FrameFileName(*flags.output, 0), ".png", "PNG"));
-  }
-  if (flags.planes.any_plane() && flags.repeat_count.value_or(1) > 1) {
-    return UsageError("planes are written of one picture: leave --repeat out");
   }
   if (IsPoster(flags) && (is_jpeg || flags.planes.any_plane())) {
     return UsageError(absl::StrCat(
@@ -122,11 +121,15 @@ absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& 
   return image;
 }
 
-// Asks for a frame: in parts if there are planes.
+// Asks for a frame: in parts if its planes are large.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderOne(const RenderFlags& flags,
                                                        const v1::RenderIsosurfaceRequest& request,
                                                        Session* session) {
-  return flags.planes.any_plane()
+  const view::Viewport size = flags.request.image_size();
+  const std::size_t plane_bytes = static_cast<std::size_t>(size.width_px) *
+                                  static_cast<std::size_t>(size.height_px) *
+                                  flags.planes.bytes_per_pixel();
+  return plane_bytes > kMaxUnaryPlaneBytes
              ? session->client().RenderIsosurfaceStream(request, session->timeout())
              : session->client().RenderIsosurface(request, session->timeout());
 }
