@@ -23,6 +23,14 @@ absl::StatusOr<std::int64_t> ParseQuality(absl::string_view text) {
 
 }  // namespace
 
+std::size_t PlaneFlags::bytes_per_pixel() const {
+  return frame::RawBytesPerPixel({.image_format = frame::ImageFormat::kNone,
+                                  .depth = depth.has_value(),
+                                  .surface_index = surface_index.has_value(),
+                                  .position = position.has_value(),
+                                  .normal = normal.has_value()});
+}
+
 void AddPlaneFlags(CLI::App* app, PlaneFlags* flags) {
   AddFlag(app, "--quality", "N", &flags->jpeg_quality, ParseQuality,
           "of a JPEG, 1 to 100 (default: 90)");

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CLIENT_CLI_PLANE_FLAGS_H_
 #define ISOSCOPE_CLIENT_CLI_PLANE_FLAGS_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -24,6 +25,8 @@ struct PlaneFlags {
   std::optional<std::string> normal = std::nullopt;
   std::optional<std::int64_t> jpeg_quality = std::nullopt;
 
+  // Bytes of a pixel in all planes asked for.
+  [[nodiscard]] std::size_t bytes_per_pixel() const;
   // Whether any plane is asked for.
   [[nodiscard]] bool any_plane() const { return depth || surface_index || position || normal; }
 };

@@ -38,6 +38,9 @@ namespace {
 
 namespace v1 = isoscope::v1;
 
+// One message is copied less often than parts are, but takes memory for the whole twice.
+constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
+
 struct RenderFlags {
   SessionFlags session;
   RequestFlags request;
@@ -173,15 +176,22 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .samples_digest = subject.dataset.samples_digest()});
 }
 
-// Renders one frame and remembers its statistics. Planes come in parts.
+std::size_t PlaneBytes(const RenderFlags& flags) {
+  const view::Viewport size = flags.request.image_size();
+  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
+         flags.planes.bytes_per_pixel();
+}
+
+// Renders one frame and remembers its statistics. Large planes come in parts.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurfaceRequest& request,
-                                                         bool has_planes, Session* session,
+                                                         std::size_t plane_bytes, Session* session,
                                                          std::vector<FrameRecord>* frames) {
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(
       v1::RenderIsosurfaceResponse response,
-      has_planes ? session->client().RenderIsosurfaceStream(request, session->timeout())
-                 : session->client().RenderIsosurface(request, session->timeout()));
+      plane_bytes > kMaxUnaryPlaneBytes
+          ? session->client().RenderIsosurfaceStream(request, session->timeout())
+          : session->client().RenderIsosurface(request, session->timeout()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
                      .statistics = response.statistics()});
   return response;
@@ -285,7 +295,7 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
         *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
-                                RenderFrame(request, flags.planes.any_plane(), session, &frames));
+                                RenderFrame(request, PlaneBytes(flags), session, &frames));
       ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
       progress.Update(i + 1);
     }
@@ -310,7 +320,7 @@ absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded, Sess
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
-                            RenderFrame(request, /*has_planes=*/false, session, &frames));
+                            RenderFrame(request, /*plane_bytes=*/0, session, &frames));
   PictureOutput output = MakeOutput(flags, subject);
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
   ISOSCOPE_RETURN_IF_ERROR(output.Finish());

@@ -20,19 +20,27 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-// Calls fn(pixel index, x, y) for every pixel, rows in parallel.
+// Calls fn(y) for every row, in parallel.
 template <typename Fn>
-void ForEachPixel(const image::FrameImage& image, const Fn& fn) {
+void ForEachRow(const image::FrameImage& image, const Fn& fn) {
   constexpr int kRowsPerTask = 16;
   tbb::parallel_for(tbb::blocked_range<int>(0, image.height, kRowsPerTask),
                     [&](const tbb::blocked_range<int>& rows) {
                       for (int y = rows.begin(); y < rows.end(); ++y) {
-                        std::size_t i = image.IndexOf(0, y);
-                        for (int x = 0; x < image.width; ++x, ++i) {
-                          fn(i, x, y);
-                        }
+                        fn(y);
                       }
                     });
+}
+
+// Calls fn(pixel index, x, y) for every pixel, rows in parallel.
+template <typename Fn>
+void ForEachPixel(const image::FrameImage& image, const Fn& fn) {
+  ForEachRow(image, [&](int y) {
+    std::size_t i = image.IndexOf(0, y);
+    for (int x = 0; x < image.width; ++x, ++i) {
+      fn(i, x, y);
+    }
+  });
 }
 
 void StoreVector(const std::array<float, 3>& v, std::size_t pixel, std::string* plane) {
@@ -40,6 +48,19 @@ void StoreVector(const std::array<float, 3>& v, std::size_t pixel, std::string* 
 }
 
 bool IsBackground(std::uint64_t key) { return image::OwnerOf(key) == image::kNoOwner; }
+
+// Without branches, so that compilers turn it into SIMD.
+void FillDepthRow(const image::FrameImage& image, int y, const view::Unprojection& unprojection,
+                  std::string* plane) {
+  const std::size_t begin = image.IndexOf(0, y);
+  const std::uint64_t* keys = image.keys.data() + begin;
+  char* to = plane->data() + begin * frame::kDepthBytes;
+  for (int x = 0; x < image.width; ++x) {
+    const float distance = unprojection.DistanceOf(image::DepthOf(keys[x]));
+    const float shown = IsBackground(keys[x]) ? kInfinity : distance;
+    base::StoreLittleEndian(shown, to + static_cast<std::size_t>(x) * frame::kDepthBytes);
+  }
+}
 
 std::array<float, 3> ToFloats(const math::Vec3d& v) {
   return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
@@ -82,13 +103,16 @@ void FillPlanes(const image::FrameImage& image, const frame::FrameSpec& spec,
   output->surface_index.resize(wanted.surface_index ? image.pixel_count() : 0);
   output->position.resize(wanted.position ? image.pixel_count() * frame::kPositionBytes : 0);
   const view::Unprojection unprojection(view);
+  if (wanted.depth) {
+    ForEachRow(image, [&](int y) { FillDepthRow(image, y, unprojection, &output->depth); });
+  }
+  if (!wanted.surface_index && !wanted.position) {
+    return;
+  }
   ForEachPixel(image, [&](std::size_t i, int x, int y) {
     const std::uint64_t key = image.keys[i];
     const bool is_background = IsBackground(key);
     const float distance = is_background ? kInfinity : unprojection.DistanceOf(image::DepthOf(key));
-    if (wanted.depth) {
-      base::StoreLittleEndian(distance, output->depth.data() + i * frame::kDepthBytes);
-    }
     if (wanted.surface_index) {
       output->surface_index[i] = static_cast<char>(
           is_background ? kBackgroundSurface : order.SurfaceOf(image::OwnerOf(key)));

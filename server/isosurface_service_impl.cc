@@ -1,23 +1,5 @@
-// A frame (FrameCall):
-//
-// 1. Admit, on gRPC's thread, converts the request. An error that no state of the cluster could
-//    change is answered at once. Then the frame is counted, refused if too many are in work or wait
-//    or if it can never fit the memory limit, and queued.
-// 2. On a frame thread it waits for its memory, then FrameRunner finds the dataset, which may wait
-//    for a probe of the agents, and makes camera, view and layout.
-// 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
-//    are active, agents need not report them; otherwise their report goes into the cache.
-// 4. Picture and planes are encoded, in the arena. The frame gives its place to another one before
-//    the client gets the answer, so that the client's next request finds it free. Its memory is
-//    given back when gRPC is done with the response.
-//
-// Normals travel in place of colours. A frame with a picture and normals is drawn twice.
-//
-// A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
-// its own, so that the block of a pixel tells its shard.
-//
-// The frame ends a tenth of the client's time, at most 200 ms, before the client's deadline, so
-// that the client still hears which agent is late.
+// A frame or a pick is a FrameCall, which a reactor owns: UnaryCall for one response, StreamCall
+// for one in parts.
 //
 // An export (ExportCall) opens a stream to each agent and lets ExportSurface merge them, on an
 // export thread. Its chunks wait in outgoing_. When 4 MiB wait for a slow client, the merge waits,
@@ -26,9 +8,7 @@
 
 #include "server/isosurface_service_impl.h"
 
-#include <algorithm>
 #include <cstddef>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -44,21 +24,15 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
-#include "core/frame/frame_spec.h"
 #include "core/rpc/channel.h"
-#include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
-#include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/response_splitter.h"
 #include "core/rpc/write_queue.h"
-#include "core/view/camera.h"
-#include "core/view/view.h"
 #include "server/agent_client.h"
-#include "server/frame_output.h"
+#include "server/frame_call.h"
 #include "server/frame_runner.h"
-#include "server/render_statistics.h"
 #include "server/surface_export.h"
 
 namespace isoscope::server {
@@ -68,268 +42,8 @@ namespace v1 = isoscope::v1;
 
 // If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
-// The room in a message for what is neither picture nor plane.
-constexpr std::size_t kOtherFieldsBytes = base::kMiB;
-
-// Returns when a frame that began at `start` must end so that its client still hears which agent is
-// late. A client whose own clock runs out first learns nothing.
-absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
-  constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
-  constexpr int kMarginShare = 10;                                // of the client's time
-  const absl::Duration margin = std::min((client_deadline - start) / kMarginShare, kMaxMargin);
-  return client_deadline - std::max(margin, absl::ZeroDuration());
-}
 
 }  // namespace
-
-// The part of a call that has nothing to do with how its answer is sent: one frame, from the
-// request to the response. The reactor of the call owns it. The thread that renders shares it.
-class IsosurfaceServiceImpl::FrameCall {
- public:
-  FrameCall(IsosurfaceServiceImpl* service, const grpc::CallbackServerContext& context,
-            const v1::RenderIsosurfaceRequest& request, Delivery delivery)
-      : runner_(service->runner_.get()),
-        request_(request),
-        delivery_(delivery),
-        start_(absl::Now()),
-        cancellation_(std::min(AnswerBefore(rpc::DeadlineOf(context), start_),
-                               start_ + service->options_.max_frame_duration)) {}
-
-  // Takes a place for the frame. A request that can't be right in any state of the cluster does not
-  // wait.
-  absl::Status Admit() {
-    ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::FrameSpecFromProto(request_));
-    return TakePlace();
-  }
-  // The same for a pick, of which `pixels` are the pixels.
-  absl::Status AdmitPick(const v1::PickSurfaceRequest& pick) {
-    ISOSCOPE_ASSIGN_OR_RETURN(rpc::PickSpec converted, rpc::PickSpecFromProto(pick));
-    pixels_ = std::move(converted.pixels);
-    request_ = std::move(converted.request);
-    spec_ = std::move(converted.frame);
-    return TakePlace();
-  }
-
-  void Cancel() { cancellation_.Cancel(); }
-  // Clears the image for its pool, once the client has its answer.
-  void ReleaseImage() { image_ = image::FrameImage(); }
-  void Schedule(std::function<void()> work) { runner_->Schedule(std::move(work)); }
-
-  // Renders the frame into `response`.
-  absl::Status Render(v1::RenderIsosurfaceResponse* response) {
-    const std::int64_t frame_number = runner_->NextFrameNumber();
-    const absl::Status status = TryRender(frame_number, response);
-    Log(frame_number, status, response->statistics());
-    place_.reset();  // before the client gets its answer: its next request finds the place free
-    return status;
-  }
-
-  absl::Status Pick(v1::PickSurfaceResponse* response) {
-    const std::int64_t frame_number = runner_->NextFrameNumber();
-    const absl::Status status = TryPick(frame_number, response);
-    Log(frame_number, status, response->statistics());
-    place_.reset();
-    return status;
-  }
-
- private:
-  absl::Status TakePlace() {
-    if (delivery_ == Delivery::kWhole) {
-      ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(RawResponseBytes()));
-    }
-    ISOSCOPE_ASSIGN_OR_RETURN(FrameRunner::Place place, runner_->Admit(spec_, delivery_));
-    place_.emplace(std::move(place));
-    return absl::OkStatus();
-  }
-
-  [[nodiscard]] std::size_t RawResponseBytes() const {
-    const view::Viewport size = frame::ImageSizeOf(spec_);
-    return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
-           frame::RawBytesPerPixel(spec_.output);
-  }
-
-  static absl::Status CheckMessageBytes(std::size_t bytes) {
-    if (bytes + kOtherFieldsBytes <= static_cast<std::size_t>(rpc::kMaxMessageBytes)) {
-      return absl::OkStatus();
-    }
-    return absl::InvalidArgumentError(absl::StrCat(
-        "output: picture and planes have ", bytes, " bytes and one message holds at most ",
-        rpc::kMaxMessageBytes, ": ask RenderIsosurfaceStream, or for a region or fewer planes"));
-  }
-
-  absl::Status Reserve() {
-    ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
-                              runner_->ReserveMemory(spec_, delivery_, cancellation_));
-    memory_.emplace(std::move(memory));
-    return absl::OkStatus();
-  }
-
-  absl::Status TryRender(std::int64_t frame_number, v1::RenderIsosurfaceResponse* response) {
-    ISOSCOPE_RETURN_IF_ERROR(Reserve());
-    ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                              runner_->FindTarget(&request_, &spec_, false, cancellation_));
-    dataset_name_ = target.dataset.dataset.name();
-    *response->mutable_camera() = request_.camera();
-    *response->mutable_extent() = rpc::ToProto(target.view.image_size());
-
-    // A frame whose pixels are not colours has the same depths and surfaces.
-    frame::FrameSpec drawn = spec_;
-    drawn.sends_normals =
-        spec_.output.normal && spec_.output.image_format == frame::ImageFormat::kNone;
-    ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                              runner_->Run(frame_number, request_, drawn, target, cancellation_));
-    *response->mutable_statistics() = StatisticsOf(result);
-    image_ = std::move(result.image);
-    FrameOutput output;
-    ISOSCOPE_RETURN_IF_ERROR(Encode(target, drawn.sends_normals, &output, response));
-    if (spec_.output.normal && !drawn.sends_normals) {
-      image_ = image::FrameImage();
-      drawn.sends_normals = true;
-      ISOSCOPE_ASSIGN_OR_RETURN(result,
-                                runner_->Run(frame_number, request_, drawn, target, cancellation_));
-      image_ = std::move(result.image);
-      output.normal = runner_->arena()->execute([&] { return NormalPlane(image_); });
-    }
-    if (delivery_ == Delivery::kWhole) {
-      ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
-    }
-    MoveInto(std::move(output), response);
-    return absl::OkStatus();
-  }
-
-  absl::Status Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
-                      v1::RenderIsosurfaceResponse* response) {
-    const absl::Time encode_start = absl::Now();
-    ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
-      if (carries_normals) {
-        output->normal = NormalPlane(image_);
-      } else {
-        ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
-      }
-      FillPlanes(image_, spec_, target.view, target.order, output);
-      return absl::OkStatus();
-    }));
-    v1::RenderStatistics* statistics = response->mutable_statistics();
-    if (spec_.output.image_format == frame::ImageFormat::kPng) {
-      statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
-    }
-    *statistics->mutable_durations()->mutable_encode_duration() =
-        rpc::ToProto(absl::Now() - encode_start);
-    return absl::OkStatus();
-  }
-
-  void MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* response) const {
-    switch (spec_.output.image_format) {
-      case frame::ImageFormat::kPng:
-        response->set_png(std::move(output.image));
-        break;
-      case frame::ImageFormat::kJpeg:
-        response->set_jpeg(std::move(output.image));
-        break;
-      case frame::ImageFormat::kRgba8:
-        response->set_rgba8(std::move(output.image));
-        break;
-      case frame::ImageFormat::kNone:
-        break;
-    }
-    response->set_depth(std::move(output.depth));
-    response->set_surface_index(std::move(output.surface_index));
-    response->set_position(std::move(output.position));
-    response->set_normal(std::move(output.normal));
-  }
-
-  absl::Status TryPick(std::int64_t frame_number, v1::PickSurfaceResponse* response) {
-    ISOSCOPE_RETURN_IF_ERROR(Reserve());
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const FrameTarget target,
-        runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_));
-    dataset_name_ = target.dataset.dataset.name();
-    *response->mutable_camera() = request_.camera();
-    spec_.sends_normals = target.dataset.picture_revision.back_end == frame::BackEnd::kCpu;
-    ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                              runner_->Run(frame_number, request_, spec_, target, cancellation_));
-    *response->mutable_statistics() = StatisticsOf(result);
-    image_ = std::move(result.image);
-    for (const rpc::PixelPosition& pixel : pixels_) {
-      v1::PickedPoint* out = response->add_points();
-      const std::optional<PixelPoint> point =
-          PointAt(image_, pixel.x - spec_.region->x, pixel.y - spec_.region->y, target.view,
-                  target.order, spec_.sends_normals);
-      if (!point.has_value()) {
-        continue;
-      }
-      out->set_is_hit(true);
-      *out->mutable_position() = rpc::ToProto(point->position);
-      out->set_depth(point->distance);
-      out->set_surface_index(static_cast<std::int32_t>(point->surface_index));
-      if (point->normal.has_value()) {
-        *out->mutable_normal() = rpc::ToProto(*point->normal);
-      }
-      out->set_block_id(point->block_id);
-      const std::optional<std::size_t> agent = AgentOf(point->block_id, *result.active);
-      if (!agent.has_value()) {
-        return absl::InternalError(absl::StrCat("pixel ", pixel.x, ", ", pixel.y, " shows block ",
-                                                point->block_id, ", which no agent has"));
-      }
-      const std::vector<int>& shards = target.dataset.agents[*agent].shard_indices;
-      if (shards.size() == 1) {
-        out->set_shard_index(shards.front());
-      }
-    }
-    return absl::OkStatus();
-  }
-
-  // Returns the index of the agent that has an active block; none if no agent has it.
-  static std::optional<std::size_t> AgentOf(volume::BlockId block, const ActiveBlocks& active) {
-    for (std::size_t agent = 0; agent + 1 < active.begin_by_agent.size(); ++agent) {
-      const auto begin =
-          active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent]);
-      const auto end =
-          active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent + 1]);
-      if (std::binary_search(begin, end, block)) {
-        return agent;
-      }
-    }
-    return std::nullopt;
-  }
-
-  void Log(std::int64_t frame_number, const absl::Status& status,
-           const v1::RenderStatistics& statistics) const {
-    const std::string duration = base::LogMilliseconds(absl::Now() - start_);
-    if (status.ok()) {
-      base::LogInfo(pixels_.empty() ? "frame_done" : "pick_done",
-                    {{"frame", frame_number},
-                     {"dataset", dataset_name_},
-                     {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec_), ",")},
-                     {"width", frame::ImageSizeOf(spec_).width_px},
-                     {"height", frame::ImageSizeOf(spec_).height_px},
-                     {"duration_ms", duration},
-                     {"triangles", statistics.triangle_count()},
-                     {"agents", statistics.agents_size()},
-                     {"network_bytes", statistics.network_bytes()}});
-    } else {
-      base::LogWarning(pixels_.empty() ? "frame_failed" : "pick_failed",
-                       {{"frame", frame_number},
-                        {"dataset", request_.dataset()},
-                        {"duration_ms", duration},
-                        {"status", status}});
-    }
-  }
-
-  FrameRunner* const runner_;
-  v1::RenderIsosurfaceRequest request_;  // FindTarget resolves its camera
-  const Delivery delivery_;
-  const absl::Time start_;
-  base::Cancellation cancellation_;
-  frame::FrameSpec spec_;
-  std::vector<rpc::PixelPosition> pixels_;  // of a pick
-  std::optional<FrameRunner::Place> place_;
-  std::string dataset_name_;
-  image::FrameImage image_;
-  // Given back when gRPC is done with the response.
-  std::optional<base::MemoryBudget::Reservation> memory_;
-};
 
 // A call with one request and one response. It owns itself until gRPC is done with it.
 template <typename Response>
@@ -567,10 +281,17 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
 
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 
+std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
+    const grpc::CallbackServerContext& context, const v1::RenderIsosurfaceRequest& request,
+    Delivery delivery) const {
+  return std::make_unique<FrameCall>(runner_.get(), request, delivery, rpc::DeadlineOf(context),
+                                     options_.max_frame_duration);
+}
+
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
     grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest* request,
     v1::RenderIsosurfaceResponse* response) {
-  auto frame = std::make_unique<FrameCall>(this, *context, *request, Delivery::kWhole);
+  auto frame = MakeCall(*context, *request, Delivery::kWhole);
   const absl::Status admitted = frame->Admit();
   return UnaryCall<v1::RenderIsosurfaceResponse>::Start(std::move(frame), admitted,
                                                         &FrameCall::Render, response);
@@ -579,7 +300,7 @@ grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
 grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse>*
 IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* context,
                                               const v1::RenderIsosurfaceStreamRequest* request) {
-  auto frame = std::make_unique<FrameCall>(this, *context, request->request(), Delivery::kParts);
+  auto frame = MakeCall(*context, request->request(), Delivery::kParts);
   absl::Status admitted = rpc::CheckKnownFields(*request);
   if (admitted.ok()) {
     admitted = frame->Admit();
@@ -590,7 +311,7 @@ IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* conte
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServerContext* context,
                                                              const v1::PickSurfaceRequest* request,
                                                              v1::PickSurfaceResponse* response) {
-  auto frame = std::make_unique<FrameCall>(this, *context, request->frame(), Delivery::kWhole);
+  auto frame = MakeCall(*context, request->frame(), Delivery::kWhole);
   const absl::Status admitted = frame->AdmitPick(*request);
   return UnaryCall<v1::PickSurfaceResponse>::Start(std::move(frame), admitted, &FrameCall::Pick,
                                                    response);

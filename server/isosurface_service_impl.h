@@ -16,6 +16,7 @@
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/agent_registry.h"
 #include "server/coordinator_memory.h"
+#include "server/frame_call.h"
 #include "server/frame_runner.h"
 
 namespace isoscope::server {
@@ -55,11 +56,14 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
       const isoscope::v1::ExportIsosurfaceRequest* request) override;
 
  private:
-  class FrameCall;
   template <typename Response>
   class UnaryCall;
   class StreamCall;
   class ExportCall;
+
+  [[nodiscard]] std::unique_ptr<FrameCall> MakeCall(
+      const grpc::CallbackServerContext& context,
+      const isoscope::v1::RenderIsosurfaceRequest& request, Delivery delivery) const;
 
   const IsosurfaceServiceOptions options_;
   const std::unique_ptr<FrameRunner> runner_;

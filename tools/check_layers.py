@@ -47,7 +47,7 @@ ABOVE_ALL = 1 + max(MODULES.values())
 GRPC_FILES = re.compile(
     r"core/rpc/.*"
     r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
-    r"|server/(agent_client|agent_prober|dataset_catalog|frame_runner|render_statistics)\.(h|cc)"
+    r"|server/(agent_client|agent_prober|dataset_catalog|frame_call|frame_runner|render_statistics)\.(h|cc)"
     r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
 )
 # Who may name protobuf's headers and generated messages (*.pb.h).
@@ -72,6 +72,7 @@ UNTESTED_HEADERS = {
     "core/extract/vertex_placement-inl.h": "inside of block_extractor_test",
     "core/extract/block_kernels.h": "inside of block_extractor_test",
     "core/extract/block_shape.h": "inside of block_extractor_test",
+    "server/frame_call.h": "every call of isosurface_service_test and tests/integration/planes_test.cc",
     "core/index/interval_tree_builder.h": "inside of interval_tree_test",
     "core/index/interval_tree_format.h": "constants; inside of interval_tree_test",
     "core/source/file_source.h": "inside of volume_source_test",

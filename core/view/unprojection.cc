@@ -21,16 +21,6 @@ Unprojection::Unprojection(const View& view)
   first_y_ = view.region().y + 0.5 - height / 2;
 }
 
-float Unprojection::DistanceOf(float depth) const {
-  const auto z = static_cast<double>(depth);
-  const double range = far_distance_ - near_distance_;
-  if (!is_perspective_) {
-    return static_cast<float>(near_distance_ + z * range);
-  }
-  // The inverse of z = far (d - near) / (d (far - near)).
-  return static_cast<float>(far_distance_ * near_distance_ / (far_distance_ - z * range));
-}
-
 math::Vec3d Unprojection::PositionOf(int x, int y, float distance) const {
   const math::Vec3d offset = per_x_ * (first_x_ + x) + per_y_ * (first_y_ + y);
   const auto d = static_cast<double>(distance);

@@ -15,7 +15,14 @@ class Unprojection {
 
   // Returns the distance from the eye along the view axis, in world units, of a window depth in
   // [0, 1]: near_distance at 0, far_distance at 1. float32 so that planes and picks agree.
-  [[nodiscard]] float DistanceOf(float depth) const;
+  [[nodiscard]] float DistanceOf(float depth) const {
+    const auto z = static_cast<double>(depth);
+    const double range = far_distance_ - near_distance_;
+    // The inverse of z = far (d - near) / (d (far - near)).
+    return static_cast<float>(is_perspective_
+                                  ? far_distance_ * near_distance_ / (far_distance_ - z * range)
+                                  : near_distance_ + z * range);
+  }
 
   // Returns the point in world space that is seen at the centre of pixel (x, y) of the picture, at
   // `distance` from the eye along the view axis.

@@ -165,7 +165,6 @@ std::vector<WrongUsage> RenderRows() {
       Render({"--region", "0,0,0,5"}, {"--region", "X,Y,W,H"}),
       Render({"--region", "1000,0,25,5"}, {"--region", "25 x 5 pixels at 1000, 0", "1024 x 1024"}),
       Render({"--quality", "80"}, {"--quality is for JPEG", ".jpg"}),
-      Render({"--depth", "d.npy", "--repeat", "2"}, {"planes", "--repeat"}),
       Render({"--width", "20000", "--repeat", "2"}, {"--repeat", "20000 x 1024", "regions"}),
       Render({"--width", "20000", "--depth", "d.npy"}, {"20000 x 1024", "--region"}),
       {{"pick", "v.nrrd", "--isovalue", "1"}, {"--pixel X,Y is given 0 times", "1 to 1000"}},

@@ -1,0 +1,265 @@
+#include "server/frame_call.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "server/render_statistics.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// The room in a message for what is neither picture nor plane.
+constexpr std::size_t kOtherFieldsBytes = base::kMiB;
+
+// Returns when a frame that began at `start` must end so that its client still hears which agent is
+// late. A client whose own clock runs out first learns nothing.
+absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
+  constexpr absl::Duration kMaxMargin = absl::Milliseconds(200);  // an answer on a slow network
+  constexpr int kMarginShare = 10;                                // of the client's time
+  const absl::Duration margin = std::min((client_deadline - start) / kMarginShare, kMaxMargin);
+  return client_deadline - std::max(margin, absl::ZeroDuration());
+}
+
+std::size_t RawResponseBytes(const frame::FrameSpec& spec) {
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
+         frame::RawBytesPerPixel(spec.output);
+}
+
+absl::Status CheckMessageBytes(std::size_t bytes) {
+  if (bytes + kOtherFieldsBytes <= static_cast<std::size_t>(rpc::kMaxMessageBytes)) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(absl::StrCat(
+      "output: picture and planes have ", bytes, " bytes and one message holds at most ",
+      rpc::kMaxMessageBytes, ": ask RenderIsosurfaceStream, or for a region or fewer planes"));
+}
+
+// Returns the index of the agent that has an active block; none if no agent has it.
+std::optional<std::size_t> AgentOf(volume::BlockId block, const ActiveBlocks& active) {
+  for (std::size_t agent = 0; agent + 1 < active.begin_by_agent.size(); ++agent) {
+    const auto begin =
+        active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent]);
+    const auto end =
+        active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent + 1]);
+    if (std::binary_search(begin, end, block)) {
+      return agent;
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+FrameCall::FrameCall(FrameRunner* runner, const v1::RenderIsosurfaceRequest& request,
+                     Delivery delivery, absl::Time client_deadline, absl::Duration max_duration)
+    : runner_(runner),
+      request_(request),
+      delivery_(delivery),
+      start_(absl::Now()),
+      cancellation_(std::min(AnswerBefore(client_deadline, start_), start_ + max_duration)) {}
+
+absl::Status FrameCall::Admit() {
+  ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::FrameSpecFromProto(request_));
+  return TakePlace();
+}
+
+absl::Status FrameCall::AdmitPick(const v1::PickSurfaceRequest& pick) {
+  ISOSCOPE_ASSIGN_OR_RETURN(rpc::PickSpec converted, rpc::PickSpecFromProto(pick));
+  pixels_ = std::move(converted.pixels);
+  request_ = std::move(converted.request);
+  spec_ = std::move(converted.frame);
+  return TakePlace();
+}
+
+absl::Status FrameCall::TakePlace() {
+  if (delivery_ == Delivery::kWhole) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(RawResponseBytes(spec_)));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameRunner::Place place, runner_->Admit(spec_, delivery_));
+  place_.emplace(std::move(place));
+  return absl::OkStatus();
+}
+
+absl::Status FrameCall::Render(v1::RenderIsosurfaceResponse* response) {
+  const std::int64_t frame_number = runner_->NextFrameNumber();
+  const absl::Status status = TryRender(frame_number, response);
+  Log(frame_number, status, response->statistics());
+  place_.reset();  // before the client gets its answer: its next request finds the place free
+  return status;
+}
+
+absl::Status FrameCall::Pick(v1::PickSurfaceResponse* response) {
+  const std::int64_t frame_number = runner_->NextFrameNumber();
+  const absl::Status status = TryPick(frame_number, response);
+  Log(frame_number, status, response->statistics());
+  place_.reset();
+  return status;
+}
+
+absl::Status FrameCall::Reserve() {
+  ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
+                            runner_->ReserveMemory(spec_, delivery_, cancellation_));
+  memory_.emplace(std::move(memory));
+  return absl::OkStatus();
+}
+
+absl::Status FrameCall::TryRender(std::int64_t frame_number,
+                                  v1::RenderIsosurfaceResponse* response) {
+  ISOSCOPE_RETURN_IF_ERROR(Reserve());
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
+                            runner_->FindTarget(&request_, &spec_, false, cancellation_));
+  dataset_name_ = target.dataset.dataset.name();
+  *response->mutable_camera() = request_.camera();
+  *response->mutable_extent() = rpc::ToProto(target.view.image_size());
+
+  // A frame whose pixels carry normals has the same depths and surfaces.
+  frame::FrameSpec drawn = spec_;
+  drawn.sends_normals =
+      spec_.output.normal && spec_.output.image_format == frame::ImageFormat::kNone;
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                            runner_->Run(frame_number, request_, drawn, target, cancellation_));
+  *response->mutable_statistics() = StatisticsOf(result);
+  image_ = std::move(result.image);
+  FrameOutput output;
+  ISOSCOPE_RETURN_IF_ERROR(
+      Encode(target, drawn.sends_normals, &output, response->mutable_statistics()));
+  if (spec_.output.normal && !drawn.sends_normals) {
+    image_ = image::FrameImage();
+    drawn.sends_normals = true;
+    ISOSCOPE_ASSIGN_OR_RETURN(result,
+                              runner_->Run(frame_number, request_, drawn, target, cancellation_));
+    image_ = std::move(result.image);
+    output.normal = runner_->arena()->execute([&] { return NormalPlane(image_); });
+  }
+  if (delivery_ == Delivery::kWhole) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
+  }
+  MoveInto(std::move(output), response);
+  return absl::OkStatus();
+}
+
+absl::Status FrameCall::Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
+                               v1::RenderStatistics* statistics) {
+  const absl::Time encode_start = absl::Now();
+  ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
+    if (carries_normals) {
+      output->normal = NormalPlane(image_);
+    } else {
+      ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
+    }
+    FillPlanes(image_, spec_, target.view, target.order, output);
+    return absl::OkStatus();
+  }));
+  if (spec_.output.image_format == frame::ImageFormat::kPng) {
+    statistics->set_png_bytes(static_cast<std::int64_t>(output->image.size()));
+  }
+  *statistics->mutable_durations()->mutable_encode_duration() =
+      rpc::ToProto(absl::Now() - encode_start);
+  return absl::OkStatus();
+}
+
+void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* response) const {
+  switch (spec_.output.image_format) {
+    case frame::ImageFormat::kPng:
+      response->set_png(std::move(output.image));
+      break;
+    case frame::ImageFormat::kJpeg:
+      response->set_jpeg(std::move(output.image));
+      break;
+    case frame::ImageFormat::kRgba8:
+      response->set_rgba8(std::move(output.image));
+      break;
+    case frame::ImageFormat::kNone:
+      break;
+  }
+  response->set_depth(std::move(output.depth));
+  response->set_surface_index(std::move(output.surface_index));
+  response->set_position(std::move(output.position));
+  response->set_normal(std::move(output.normal));
+}
+
+absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceResponse* response) {
+  ISOSCOPE_RETURN_IF_ERROR(Reserve());
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const FrameTarget target,
+      runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_));
+  dataset_name_ = target.dataset.dataset.name();
+  *response->mutable_camera() = request_.camera();
+  spec_.sends_normals = target.dataset.picture_revision.back_end == frame::BackEnd::kCpu;
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                            runner_->Run(frame_number, request_, spec_, target, cancellation_));
+  *response->mutable_statistics() = StatisticsOf(result);
+  image_ = std::move(result.image);
+  for (const rpc::PixelPosition& pixel : pixels_) {
+    ISOSCOPE_RETURN_IF_ERROR(AddPoint(pixel, target, *result.active, response));
+  }
+  return absl::OkStatus();
+}
+
+// Adds what one pixel shows.
+absl::Status FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
+                                 const ActiveBlocks& active, v1::PickSurfaceResponse* response) {
+  v1::PickedPoint* out = response->add_points();
+  const std::optional<PixelPoint> point =
+      PointAt(image_, pixel.x - spec_.region->x, pixel.y - spec_.region->y, target.view,
+              target.order, spec_.sends_normals);
+  if (!point.has_value()) {
+    return absl::OkStatus();
+  }
+  out->set_is_hit(true);
+  *out->mutable_position() = rpc::ToProto(point->position);
+  out->set_depth(point->distance);
+  out->set_surface_index(static_cast<std::int32_t>(point->surface_index));
+  if (point->normal.has_value()) {
+    *out->mutable_normal() = rpc::ToProto(*point->normal);
+  }
+  out->set_block_id(point->block_id);
+  const std::optional<std::size_t> agent = AgentOf(point->block_id, active);
+  if (!agent.has_value()) {
+    return absl::InternalError(absl::StrCat("pixel ", pixel.x, ", ", pixel.y, " shows block ",
+                                            point->block_id, ", which no agent has"));
+  }
+  const std::vector<int>& shards = target.dataset.agents[*agent].shard_indices;
+  if (shards.size() == 1) {
+    out->set_shard_index(shards.front());
+  }
+  return absl::OkStatus();
+}
+
+void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,
+                    const v1::RenderStatistics& statistics) const {
+  const std::string duration = base::LogMilliseconds(absl::Now() - start_);
+  if (status.ok()) {
+    base::LogInfo(pixels_.empty() ? "frame_done" : "pick_done",
+                  {{"frame", frame_number},
+                   {"dataset", dataset_name_},
+                   {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec_), ",")},
+                   {"width", frame::ImageSizeOf(spec_).width_px},
+                   {"height", frame::ImageSizeOf(spec_).height_px},
+                   {"duration_ms", duration},
+                   {"triangles", statistics.triangle_count()},
+                   {"agents", statistics.agents_size()},
+                   {"network_bytes", statistics.network_bytes()}});
+  } else {
+    base::LogWarning(pixels_.empty() ? "frame_failed" : "pick_failed",
+                     {{"frame", frame_number},
+                      {"dataset", request_.dataset()},
+                      {"duration_ms", duration},
+                      {"status", status}});
+  }
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,104 @@
+// One call for a frame or a pick, apart from how its answer is sent: from the request to the
+// response.
+//
+// 1. Admit, on gRPC's thread, converts the request. An error that no state of the cluster could
+//    change is answered at once. Then the frame is counted, refused if too many are in work or wait
+//    or if it can never fit the memory limit, and queued.
+// 2. On a frame thread it waits for its memory, then FrameRunner finds the dataset, which may wait
+//    for a probe of the agents, and makes camera, view and layout.
+// 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
+//    are active, agents need not report them; otherwise their report goes into the cache.
+// 4. Picture and planes are encoded, in the arena. The frame gives its place to another one before
+//    the client gets the answer, so that the client's next request finds it free. Its memory is
+//    given back when gRPC is done with the response.
+//
+// Normals travel in place of colours. A frame with a picture and normals is drawn twice.
+//
+// A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
+// its own, so that the block of a pixel tells its shard.
+
+#ifndef ISOSCOPE_SERVER_FRAME_CALL_H_
+#define ISOSCOPE_SERVER_FRAME_CALL_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/memory_budget.h"
+#include "core/frame/frame_spec.h"
+#include "core/image/frame_image.h"
+#include "core/rpc/pick_convert.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "server/coordinator_memory.h"
+#include "server/frame_output.h"
+#include "server/frame_runner.h"
+
+namespace isoscope::server {
+
+// The reactor of a call owns it, and the thread that renders shares it. Cancel is thread-safe, the
+// other functions are for one thread at a time: Admit or AdmitPick, then Schedule, and on the frame
+// thread Render or Pick.
+class FrameCall {
+ public:
+  // The frame ends a tenth of the client's time, at most 200 ms, before `client_deadline`, so that
+  // the client still hears which agent is late; and `max_duration` from now at the latest. The
+  // runner outlives the call.
+  FrameCall(FrameRunner* runner, const isoscope::v1::RenderIsosurfaceRequest& request,
+            Delivery delivery, absl::Time client_deadline, absl::Duration max_duration);
+
+  // Takes a place for the frame. A request that can't be right in any state of the cluster does not
+  // wait. Errors as IsosurfaceService says.
+  absl::Status Admit();
+  // The same for a pick, whose frame then replaces the request.
+  absl::Status AdmitPick(const isoscope::v1::PickSurfaceRequest& pick);
+
+  // Runs `work` on a frame thread. REQUIRES: the call was admitted.
+  void Schedule(std::function<void()> work) { runner_->Schedule(std::move(work)); }
+  void Cancel() { cancellation_.Cancel(); }
+
+  // Renders the frame into `response`. Blocks. Errors as IsosurfaceService says.
+  absl::Status Render(isoscope::v1::RenderIsosurfaceResponse* response);
+  absl::Status Pick(isoscope::v1::PickSurfaceResponse* response);
+
+  // Clears the image for its pool, once the client has its answer.
+  void ReleaseImage() { image_ = image::FrameImage(); }
+
+ private:
+  absl::Status TakePlace();
+  absl::Status Reserve();
+  absl::Status TryRender(std::int64_t frame_number,
+                         isoscope::v1::RenderIsosurfaceResponse* response);
+  absl::Status TryPick(std::int64_t frame_number, isoscope::v1::PickSurfaceResponse* response);
+  absl::Status AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
+                        const ActiveBlocks& active, isoscope::v1::PickSurfaceResponse* response);
+  absl::Status Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
+                      isoscope::v1::RenderStatistics* statistics);
+  void MoveInto(FrameOutput output, isoscope::v1::RenderIsosurfaceResponse* response) const;
+  void Log(std::int64_t frame_number, const absl::Status& status,
+           const isoscope::v1::RenderStatistics& statistics) const;
+
+  FrameRunner* const runner_;
+  isoscope::v1::RenderIsosurfaceRequest request_;  // FindTarget resolves its camera
+  const Delivery delivery_;
+  const absl::Time start_;
+  base::Cancellation cancellation_;
+  frame::FrameSpec spec_;
+  std::vector<rpc::PixelPosition> pixels_;  // of a pick
+  std::optional<FrameRunner::Place> place_;
+  std::string dataset_name_;
+  image::FrameImage image_;
+  // Given back when gRPC is done with the response.
+  std::optional<base::MemoryBudget::Reservation> memory_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_CALL_H_
