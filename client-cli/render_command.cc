@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
 #include "client-cli/annotations.h"
@@ -42,12 +43,14 @@ struct RenderFlags {
 
 absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  if (!flags.like) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  }
   if (!flags.output) {
     return UsageError("--output FILE.png is missing: the picture to write");
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckPicturePath(*flags.output, flags.request.viewport()));
   if (!flags.like) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
     return CheckUsage(flags.sweep, *flags.output);
   }
   if (flags.request.culling == frame::Culling::kMask) {
@@ -148,10 +151,13 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
     ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  const std::string name = FrameFileName(*flags.output, frame_count - 1);
   TextOut(flags, context) << DescribeStatistics(frames) << "\n"
-                          << FrameFileName(*flags.output, frame_count - 1) << ": "
-                          << flags.request.viewport().width_px << " x "
-                          << flags.request.viewport().height_px << " pixels\n";
+                          << name << ": " << flags.request.viewport().width_px << " x "
+                          << flags.request.viewport().height_px << " pixels"
+                          << (IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames")
+                                                    : std::string())
+                          << "\n";
   return absl::OkStatus();
 }
 
