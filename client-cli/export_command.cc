@@ -154,7 +154,7 @@ Action RegisterFlags(CLI::App* app) {
           "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
           "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
           "whatever its size; a .stl, --min-component and --simplify use scratch files beside it, "
-          "of which memory holds what the system leaves there");
+          "of which memory holds what the system leaves there, and --simplify some 200 MiB");
   AddFlag(app, "--format", "ply|stl|obj|glb|vtp", &flags->format, ParseMeshFormat,
           "the format, for a name without a suffix (default: ply)");
   AddFlag(app, "--color", "R,G,B", &flags->color, ParseColor,

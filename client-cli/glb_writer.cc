@@ -47,7 +47,7 @@ enum Section : std::size_t { kPositions, kNormals, kIndices, kSectionCount };
 
 // sRGB to linear (IEC 61966-2-1): glTF's factors are linear.
 double Linear(float value) {
-  const double v = value;
+  const auto v = static_cast<double>(value);
   return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
 }
 
@@ -141,8 +141,10 @@ class GlbWriter : public MeshWriter {
           {"bufferView", view_index}, {"componentType", type}, {"count", count}, {"type", shape}};
     };
     Json positions = accessor(0, kFloat, vertex_count(), "VEC3");
-    positions["min"] = {double{min_[0]}, double{min_[1]}, double{min_[2]}};
-    positions["max"] = {double{max_[0]}, double{max_[1]}, double{max_[2]}};
+    positions["min"] = {static_cast<double>(min_[0]), static_cast<double>(min_[1]),
+                        static_cast<double>(min_[2])};
+    positions["max"] = {static_cast<double>(max_[0]), static_cast<double>(max_[1]),
+                        static_cast<double>(max_[2])};
     json["accessors"] = {positions, accessor(1, kFloat, vertex_count(), "VEC3"),
                          accessor(2, kUnsignedInt, 3 * triangle_count(), "SCALAR")};
     return json;

@@ -15,6 +15,12 @@
 #include "client-cli/interrupt.h"
 #include "core/base/memory_info.h"
 
+#ifdef __SANITIZE_ADDRESS__
+// Fontconfig keeps what it has found until the process ends.
+// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
+extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
+#endif
+
 int main(int argc, char** argv) {
   // Debian builds abseil with it: every lock would take a global one.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);

@@ -143,7 +143,8 @@ class Simplifier {
     const double bound = options_.max_error.value_or(0) * budget;
     const float relative_bound =
         !options_.max_error ? kAnyError
-        : scale > 0         ? static_cast<float>(std::min(bound / double{scale}, double{kAnyError}))
+        : scale > 0         ? static_cast<float>(std::min(bound / static_cast<double>(scale),
+                                                          static_cast<double>(kAnyError)))
                             : 0.0F;
     const std::size_t triangle_count = part.size() / 3;
     const auto target = static_cast<std::size_t>(
@@ -157,7 +158,7 @@ class Simplifier {
     for (std::size_t i = 0; i < index_count; ++i) {
       result_[i] = vertices_[result_[i]];
     }
-    *error = std::max(*error, double{relative_error} * double{scale});
+    *error = std::max(*error, static_cast<double>(relative_error) * static_cast<double>(scale));
     return index_count;
   }
 

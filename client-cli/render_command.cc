@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
 #include "client-cli/annotations.h"
@@ -106,12 +107,14 @@ absl::Status CheckPoster(const RenderFlags& flags) {
 
 absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  if (!flags.like) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  }
   if (!flags.output && (flags.like || !flags.planes.any_plane())) {
     return UsageError("--output FILE.png is missing: the picture to write");
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
   if (!flags.like) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
     if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
@@ -302,11 +305,13 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
     ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1) : "planes";
   TextOut(flags, context) << DescribeStatistics(frames) << "\n"
-                          << (flags.output ? FrameFileName(*flags.output, frame_count - 1)
-                                           : "planes")
-                          << ": " << flags.request.image_size().width_px << " x "
-                          << flags.request.image_size().height_px << " pixels\n";
+                          << name << ": " << flags.request.image_size().width_px << " x "
+                          << flags.request.image_size().height_px << " pixels"
+                          << (IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames")
+                                                    : std::string())
+                          << "\n";
   return absl::OkStatus();
 }
 

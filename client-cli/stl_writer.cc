@@ -41,7 +41,7 @@ void AppendFacet(std::span<const float> positions, const std::uint32_t* corners,
   math::Vec3d p[3];
   for (std::size_t k = 0; k < 3; ++k) {
     const float* const at = positions.data() + 3 * std::size_t{corners[k]};
-    p[k] = {double{at[0]}, double{at[1]}, double{at[2]}};
+    p[k] = {static_cast<double>(at[0]), static_cast<double>(at[1]), static_cast<double>(at[2])};
   }
   const math::Vec3d area = math::Cross(p[1] - p[0], p[2] - p[0]);
   const double length = math::Length(area);

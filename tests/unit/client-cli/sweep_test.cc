@@ -84,6 +84,13 @@ TEST(SweepTest, SweepSetsTheIsovalueOfEachFrameAndOrbitTurnsBetween) {
   ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a.apng"));
 }
 
+TEST(SweepTest, NegativeStartIsNoFlag) {
+  Parsed parsed;
+  ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "-10:10:5"}, &parsed));
+  EXPECT_EQ(parsed.sweep.frame_count(), 5);
+  EXPECT_EQ(parsed.request.isovalue, -10);
+}
+
 TEST(SweepTest, OneIsovalueIsNoSweep) {
   Parsed parsed;
   ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "-1.5", "--repeat", "4"}, &parsed));
