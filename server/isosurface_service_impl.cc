@@ -4,7 +4,7 @@
 //    change is answered at once. Then it counts the frame, refuses it if too many are in work or
 //    wait, and queues Run.
 // 2. Run, on a frame thread, finds the dataset, which may wait for a probe of the agents, and then
-//    makes camera, view and layout.
+//    makes layout, camera and view. CAMERA_FIT_SURFACE asks an agent for the box of the surface.
 // 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
 //    are active, agents need not report them; otherwise their report goes into the cache.
 // 4. The picture becomes a PNG, in the arena. The frame gives its place to another one before the
@@ -45,8 +45,10 @@
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/write_queue.h"
 #include "core/view/camera.h"
+#include "core/view/camera_fit.h"
 #include "core/view/view.h"
 #include "server/agent_client.h"
+#include "server/agent_queries.h"
 #include "server/frame_coordinator.h"
 #include "server/render_statistics.h"
 #include "server/surface_export.h"
@@ -165,12 +167,11 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
-    ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveCamera(geometry.Bounds(), &request_, &spec_));
-    *response_->mutable_camera() = request_.camera();
-    ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
-                              view::View::Make(*spec_.camera, spec_.viewport, geometry));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
                               LayoutOf(dataset.dataset, geometry));
+    ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(frame_number, dataset, geometry, layout));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::View view,
+                              view::View::Make(*spec_.camera, spec_.viewport, geometry));
     ISOSCOPE_RETURN_IF_ERROR(frame::CheckOwners(spec_.surfaces.size(), layout.block_count()));
 
     const std::string active_key = ActiveKeyOf(dataset);
@@ -205,6 +206,26 @@ class IsosurfaceServiceImpl::RenderCall final : public grpc::ServerUnaryReactor 
     *response_->mutable_statistics() = StatisticsOf(outcome.result);
     *image = std::move(outcome.result.image);
     return Encode(*image);
+  }
+
+  // Gives the frame its camera; asks an agent where the surface is, if that decides it.
+  absl::Status PlaceCamera(std::int64_t frame_number, const DatasetState& dataset,
+                           const volume::GridGeometry& geometry,
+                           const volume::BlockLayout& layout) {
+    std::optional<math::Box3d> surface_bounds;
+    if (request_.camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
+      const QueryOutcome<std::optional<math::IndexBox>> outcome =
+          AskActiveBox(dataset, layout, frame::IsovaluesOf(spec_), cancellation_);
+      service_->ReportFailures(frame_number, outcome.failures);
+      ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+      if (outcome.result->has_value()) {
+        surface_bounds = view::BoundsOfCells(geometry, **outcome.result);
+      }
+    }
+    ISOSCOPE_RETURN_IF_ERROR(
+        rpc::ResolveCamera(geometry.Bounds(), &request_, &spec_, surface_bounds));
+    *response_->mutable_camera() = request_.camera();
+    return absl::OkStatus();
   }
 
   [[nodiscard]] std::string ActiveKeyOf(const DatasetState& dataset) const {
