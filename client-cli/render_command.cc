@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
@@ -22,6 +23,7 @@
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
+#include "client-cli/view_flags.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
 
@@ -33,6 +35,7 @@ constexpr std::int64_t kMaxRepeatCount = 1'000'000;
 struct RenderFlags {
   SessionFlags session;
   RequestFlags request;
+  ViewFlags view;
   std::optional<std::string> output;
   std::optional<std::string> stats;
   std::optional<std::int64_t> repeat_count;
@@ -42,6 +45,7 @@ struct RenderFlags {
 absl::Status CheckUsage(const RenderFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
   if (!flags.output) {
     return UsageError("--output FILE.png is missing: the picture to write");
   }
@@ -55,6 +59,9 @@ absl::Status CheckUsage(const RenderFlags& flags) {
 // Finds out before any work whether its result can be kept.
 absl::Status CheckOutputs(const RenderFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(FrameFileName(*flags.output, 0)));
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+  }
   return flags.stats && *flags.stats != "-" ? CheckWritable(*flags.stats) : absl::OkStatus();
 }
 
@@ -71,6 +78,25 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
   return WriteFileAtomically(*flags.stats, json);
 }
 
+// The request of frame `i`, whose camera is `first` turned on.
+absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeFrameRequest(
+    const RenderFlags& flags, const std::string& dataset, const isoscope::v1::Camera& first,
+    int i) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags.request, dataset, camera);
+  // All but the eye has the very bits of the first camera, which may come from a file.
+  *request.mutable_camera() = first;
+  const double orbit_degrees = flags.orbit_degrees.value_or(0);
+  if (i > 0 && orbit_degrees != 0) {
+    *request.mutable_camera()->mutable_eye() =
+        rpc::ToProto(OrbitCamera(camera, orbit_degrees, i).eye);
+  }
+  if (flags.view.fit) {
+    request.set_camera_fit(*flags.view.fit);
+  }
+  return request;
+}
+
 absl::Status Run(const RenderFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
@@ -79,24 +105,26 @@ absl::Status Run(const RenderFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->timeout()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
   WarnIfNoSurface(dataset, flags.request.isovalue.value_or(0), context);
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                            ResolveCamera(flags.request.camera, geometry.Bounds()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Camera camera,
+                            ResolveView(flags.view, flags.request.camera, dataset));
 
   const auto frame_count = static_cast<int>(flags.repeat_count.value_or(1));
   const bool has_file_for_each_frame =
       FrameFileName(*flags.output, 0) != FrameFileName(*flags.output, 1);
   std::vector<FrameRecord> frames;
   for (int i = 0; i < frame_count; ++i) {
-    const isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(
-        flags.request, dataset.name(), OrbitCamera(camera, flags.orbit_degrees.value_or(0), i));
+    ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceRequest request,
+                              MakeFrameRequest(flags, dataset.name(), camera, i));
     const absl::Time start = absl::Now();
     ISOSCOPE_ASSIGN_OR_RETURN(isoscope::v1::RenderIsosurfaceResponse response,
                               session->client().RenderIsosurface(request, session->timeout()));
     frames.push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
                       .statistics = std::move(*response.mutable_statistics())});
+    if (i == 0 && flags.view.save_camera_file) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
+    }
     if (has_file_for_each_frame || i + 1 == frame_count) {
       ISOSCOPE_RETURN_IF_ERROR(
           WriteFileAtomically(FrameFileName(*flags.output, i), response.png()));
@@ -117,6 +145,7 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(app, "--output", "FILE.png", &flags->output, ParseText,
           "the picture, a PNG; with %d or {} in its name one for each frame, numbered from 0");
   AddRequestFlags(app, &flags->request);
+  AddViewFlags(app, &flags->view);
   AddFlag(
       app, "--repeat", "N", &flags->repeat_count,
       [](absl::string_view text) { return ParseInteger(text, 1, kMaxRepeatCount); },
