@@ -62,7 +62,11 @@ absl::Status CheckUsage(const CameraFlags& flags) {
 }
 
 absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const math::Box3d& bounds) {
-  view::Camera camera = view::MakeDefaultCamera(bounds);
+  return ResolveCamera(flags, view::MakeDefaultCamera(bounds));
+}
+
+absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const view::Camera& start) {
+  view::Camera camera = start;
   camera.eye = flags.eye.value_or(camera.eye);
   camera.target = flags.target.value_or(camera.target);
   camera.up = flags.up.value_or(camera.up);

@@ -40,6 +40,8 @@ absl::Status CheckUsage(const CameraFlags& flags);
 // `up` is made perpendicular to the view direction, then zoom.
 // INVALID_ARGUMENT if it can't see: eye on target, up along the view direction.
 absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const math::Box3d& bounds);
+// The same from another camera than the default one of the bounds.
+absl::StatusOr<view::Camera> ResolveCamera(const CameraFlags& flags, const view::Camera& start);
 
 // `camera` turned by frame_index * orbit_degrees about its `up` through the target.
 view::Camera OrbitCamera(const view::Camera& camera, double orbit_degrees, int frame_index);

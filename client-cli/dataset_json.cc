@@ -92,6 +92,8 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   json["block_cells"] = ToJson(dataset.block_cells());
   json["block_count"] = dataset.block_count();
   json["shard_count"] = dataset.shard_count();
+  json["patient_frame"] =
+      dataset.patient_frame().empty() ? Json(nullptr) : Json(dataset.patient_frame());
   json["missing_shards"] = Json::array();
   for (const int shard : dataset.missing_shards()) {
     json["missing_shards"].push_back(shard);
@@ -163,6 +165,9 @@ std::string DescribeDataset(const Json& dataset) {
   line("id", Text(dataset, "dataset_id"));
   line("source", Text(dataset, "source"));
   AddGridLines(dataset, &text);
+  if (dataset.at("patient_frame").is_string()) {
+    line("patient", absl::StrCat(Text(dataset, "patient_frame"), " are world +x, +y, +z"));
+  }
   line("blocks", absl::StrCat(FormatCount(dataset.at("block_count").get<std::int64_t>()), " of ",
                               Joined(dataset.at("block_cells"), " x "), " cells"));
   const Json& missing = dataset.at("missing_shards");

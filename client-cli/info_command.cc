@@ -5,27 +5,34 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 
 #include "client-cli/command.h"
 #include "client-cli/dataset_json.h"
 #include "client-cli/flags.h"
+#include "client-cli/histogram_plot.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
+#include "client-cli/session.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
 #include "core/source/value_range.h"
 #include "core/store/shard_reader.h"
+#include "core/volume/sample_histogram.h"
+#include "core/volume/scalar_span.h"
 
 namespace isoscope::cli {
 namespace {
 
-// The calls answer from memory.
+// The calls answer from memory, or in one pass over the ranges of blocks.
 constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
 struct InfoFlags {
@@ -34,7 +41,32 @@ struct InfoFlags {
   std::optional<absl::Duration> timeout;
   bool is_json = false;
   SourceFlags source;
+  // The histogram of one dataset.
+  bool draws_histogram = false;
+  std::optional<std::string> histogram_svg;
+  std::optional<std::string> dataset;
+  std::optional<std::int64_t> bin_count;
+  std::optional<volume::ScalarSpan> value_range;
+  bool is_logarithmic = false;
+
+  [[nodiscard]] bool wants_histogram() const {
+    return draws_histogram || histogram_svg.has_value();
+  }
 };
+
+// "MIN,MAX".
+absl::StatusOr<volume::ScalarSpan> ParseRange(absl::string_view text) {
+  const std::vector<std::string> parts = absl::StrSplit(text, ',');
+  if (parts.size() == 2) {
+    const absl::StatusOr<double> min = ParseNumber(parts[0]);
+    const absl::StatusOr<double> max = ParseNumber(parts[1]);
+    if (min.ok() && max.ok() && *min <= *max) {
+      return volume::ScalarSpan{*min, *max};
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("'", text, "' is no range MIN,MAX of two numbers, the smaller first"));
+}
 
 absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
@@ -88,6 +120,78 @@ absl::StatusOr<Json> DescribeServer(const InfoFlags& flags, const Context& conte
   return json;
 }
 
+// The dataset and its histogram.
+struct HistogramOfDataset {
+  isoscope::v1::Dataset dataset;
+  isoscope::v1::GetHistogramResponse histogram;
+};
+
+// Asks a server, or agents in this process; a volume is partitioned into the cache first.
+absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const Context& context) {
+  SessionFlags session_flags;
+  session_flags.input = flags.input;
+  session_flags.server = flags.server;
+  session_flags.dataset = flags.dataset;
+  session_flags.source = flags.source;
+  session_flags.timeout = flags.timeout;
+  if (flags.input) {
+    session_flags.renderer = render::RendererKind::kCpu;  // nothing is drawn
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(session_flags, std::nullopt, context));
+  HistogramOfDataset result;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      result.dataset, session->client().GetDataset(session->dataset_name(), session->timeout()));
+  isoscope::v1::GetHistogramRequest request;
+  request.set_dataset(result.dataset.name());
+  request.set_max_bin_count(static_cast<std::int32_t>(flags.bin_count.value_or(0)));
+  if (flags.value_range) {
+    request.mutable_value_range()->set_min(flags.value_range->min);
+    request.mutable_value_range()->set_max(flags.value_range->max);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(result.histogram,
+                            session->client().GetHistogram(request, session->timeout()));
+  return result;
+}
+
+// Writes the SVG if one is wanted, and adds the histogram to `json`, which it makes for a volume:
+// the range of its values is then known without reading it again.
+absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& context,
+                                         Json* json) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const HistogramOfDataset found, FetchHistogram(flags, context));
+  if (json->empty()) {
+    (*json)["datasets"] = Json::array({DatasetToJson(found.dataset)});
+  }
+  (*json)["histogram"] = HistogramToJson(found.histogram);
+  if (flags.histogram_svg) {
+    ISOSCOPE_RETURN_IF_ERROR(WriteFileAtomically(
+        *flags.histogram_svg,
+        HistogramToSvg(found.histogram,
+                       absl::StrCat(found.dataset.name(), " (", found.dataset.source(), ")"),
+                       flags.is_logarithmic)));
+  }
+  return flags.draws_histogram
+             ? DrawHistogram(found.histogram,
+                             {.width = TerminalWidth(), .is_logarithmic = flags.is_logarithmic})
+             : "";
+}
+
+absl::Status CheckHistogramUsage(const InfoFlags& flags) {
+  if (!flags.wants_histogram() &&
+      (flags.bin_count || flags.value_range || flags.is_logarithmic || flags.dataset)) {
+    return UsageError(
+        "--bins, --range, --log and --dataset are for --histogram or --histogram-svg FILE.svg");
+  }
+  if (flags.dataset && !flags.server) {
+    return UsageError("--dataset is for --server; a file or folder is one dataset");
+  }
+  if (flags.histogram_svg) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(*flags.histogram_svg, ".svg", "SVG"));
+    return CheckWritable(*flags.histogram_svg);
+  }
+  return absl::OkStatus();
+}
+
 std::string ToText(const Json& json) {
   if (json.contains("volume")) {
     return DescribeVolume(json.at("volume"));
@@ -118,6 +222,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   if (const char* given = flags.source.FirstGiven(); flags.server && given != nullptr) {
     return UsageError(absl::StrCat(given, " can't be used with --server"));
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckHistogramUsage(flags));
   Json json;
   if (flags.server) {
     ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeServer(flags, context));
@@ -125,11 +230,16 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
     if (store::IsDatasetDirectory(*flags.input)) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
-    } else {
+    } else if (!flags.wants_histogram()) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeFile(flags, context));
     }
   }
-  *context.out << (flags.is_json ? json.dump(2) + "\n" : ToText(json));
+  std::string plot;
+  if (flags.wants_histogram()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
+  }
+  *context.out << (flags.is_json ? json.dump(2) + "\n"
+                                 : absl::StrCat(ToText(json), plot.empty() ? "" : "\n", plot));
   return absl::OkStatus();
 }
 
@@ -141,6 +251,20 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "how long to wait for the server (default: 10)");
   app->add_flag("--json", flags->is_json, "print JSON instead of text");
+  app->add_flag("--histogram", flags->draws_histogram,
+                "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
+                "partitioned into the cache first)");
+  AddFlag(app, "--histogram-svg", "FILE.svg", &flags->histogram_svg, ParseText,
+          "write the histogram as SVG");
+  AddFlag(
+      app, "--bins", "N", &flags->bin_count,
+      [](absl::string_view text) { return ParseInteger(text, 1, volume::kMaxHistogramBins); },
+      "bins of the histogram at most (default: 256)");
+  AddFlag(app, "--range", "MIN,MAX", &flags->value_range, ParseRange,
+          "the values that the histogram looks at (default: all)");
+  app->add_flag("--log", flags->is_logarithmic, "heights by the logarithm of the counts");
+  AddFlag(app, "--dataset", "NAME", &flags->dataset, ParseText,
+          "whose histogram, of the datasets of the server (default: its only one)");
   AddSourceFlags(app, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
@@ -151,10 +275,11 @@ Command InfoCommand() {
   return {.name = "info",
           .summary =
               "Describes a volume, a dataset folder, or what a server holds and how its agents are",
-          .usage = "INPUT|DIR | --server HOST:PORT [--json]",
+          .usage = "INPUT|DIR | --server HOST:PORT [--json] [--histogram]",
           .examples =
               "  isoscope info head.nii.gz\n"
               "  isoscope info head\n"
+              "  isoscope info head.nii.gz --histogram --log --histogram-svg head.svg\n"
               "  isoscope info --server localhost:50051 --json\n",
           .register_flags = RegisterFlags};
 }

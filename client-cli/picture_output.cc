@@ -88,7 +88,9 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
                        .samples_digest = options_.samples_digest,
                        .request = request,
                        .annotated = std::move(annotated)};
+  // The camera that was used needs no fit.
   *record.request.mutable_camera() = response.camera();
+  record.request.clear_camera_fit();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string with_record, AddPictureRecord(png, record));
   return WriteFileAtomically(path, with_record);
 }

@@ -14,6 +14,7 @@
 #include "absl/time/clock.h"
 
 #include "client-cli/annotations.h"
+#include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
@@ -29,6 +30,7 @@
 #include "client-cli/session.h"
 #include "client-cli/sweep.h"
 #include "client-cli/usage.h"
+#include "client-cli/view_flags.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/frame_convert.h"
@@ -47,6 +49,7 @@ struct RenderFlags {
   RequestFlags request;
   SweepFlags sweep;
   PlaneFlags planes;
+  ViewFlags view;
   std::optional<std::string> output;
   std::optional<std::string> stats;
   std::optional<std::string> like;
@@ -96,6 +99,11 @@ absl::Status CheckPoster(const RenderFlags& flags) {
                      flags.sweep.is_isovalue_sweep() ? "the sweep of --isovalue" : "--repeat",
                      " out, or ask for at most ", kMaxSinglePixels, " pixels"));
   }
+  if (flags.view.save_camera_file) {
+    return UsageError(absl::StrCat(
+        "a picture of ", size, " is drawn in regions: --save-camera is for pictures of at most ",
+        kMaxSinglePixels, " pixels"));
+  }
   if (flags.annotations.any()) {
     return UsageError(absl::StrCat("a picture of ", size,
                                    " is drawn in regions: annotations are drawn on pictures of at "
@@ -115,6 +123,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
   if (!flags.like) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
     if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
@@ -137,6 +146,9 @@ absl::Status CheckOutputs(const RenderFlags& flags) {
     ISOSCOPE_RETURN_IF_ERROR(CheckWritable(FrameFileName(*flags.output, 0)));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+  }
   return flags.stats && *flags.stats != "-" ? CheckWritable(*flags.stats) : absl::OkStatus();
 }
 
@@ -267,18 +279,41 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   return WritePlanes(flags.planes, response);
 }
 
+// The request of frame `i`, whose camera is `first` turned on.
+absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& flags,
+                                                             const RequestFlags& of_frame,
+                                                             const std::string& dataset,
+                                                             const v1::Camera& first, int i) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
+  v1::RenderIsosurfaceRequest request = MakeRequest(of_frame, dataset, camera);
+  // All but the eye has the very bits of the first camera, which may come from a file.
+  *request.mutable_camera() = first;
+  if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
+    *request.mutable_camera()->mutable_eye() =
+        rpc::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
+  }
+  if (flags.view.fit) {
+    request.set_camera_fit(*flags.view.fit);
+  }
+  if (!flags.output || IsJpeg(flags) || flags.planes.any_plane()) {
+    *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
+  }
+  return request;
+}
+
 absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
-  const isoscope::v1::Dataset& dataset = subject.dataset;
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                            ResolveCamera(flags.request.camera, geometry.Bounds()));
+  const v1::Dataset& dataset = subject.dataset;
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
+                            ResolveView(flags.view, flags.request.camera, dataset));
   if (IsPoster(flags)) {
     for (const double isovalue : flags.request.isovalues()) {
       WarnIfNoSurface(dataset, isovalue, context);
     }
-    return RunPoster(flags, MakeRequest(flags.request, dataset.name(), camera), session, context);
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const v1::RenderIsosurfaceRequest whole,
+        MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
+    return RunPoster(flags, whole, session, context);
   }
   PictureOutput output = MakeOutput(flags, subject);
   std::vector<FrameRecord> frames;
@@ -292,13 +327,14 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
           WarnIfNoSurface(dataset, isovalue, context);
         }
       }
-      v1::RenderIsosurfaceRequest request =
-          MakeRequest(of_frame, dataset.name(), CameraOfFrame(flags.sweep, camera, i));
-      if (!flags.output || IsJpeg(flags) || flags.planes.any_plane()) {
-        *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
-      }
+      ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
+                                MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
       ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
                                 RenderFrame(request, PlaneBytes(flags), session, &frames));
+      if (i == 0 && flags.view.save_camera_file) {
+        ISOSCOPE_RETURN_IF_ERROR(
+            WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
+      }
       ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
       progress.Update(i + 1);
     }
@@ -371,6 +407,7 @@ Action RegisterFlags(CLI::App* app) {
   AddRequestFlags(app, &flags->request);
   AddSweepFlags(app, &flags->sweep, &flags->request);
   AddPlaneFlags(app, &flags->planes);
+  AddViewFlags(app, &flags->view);
   AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");
   AddFlag(app, "--like", "FILE.png", &flags->like, ParseText,

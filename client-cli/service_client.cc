@@ -61,6 +61,15 @@ absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,
   return std::move(*response.mutable_dataset());
 }
 
+absl::StatusOr<v1::GetHistogramResponse> ServiceClient::GetHistogram(
+    const v1::GetHistogramRequest& request, absl::Duration timeout) {
+  v1::GetHistogramResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return dataset_->GetHistogram(context, request, &response);
+  }));
+  return response;
+}
+
 absl::StatusOr<v1::ListDatasetsResponse> ServiceClient::ListDatasets(absl::Duration timeout) {
   v1::ListDatasetsResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {

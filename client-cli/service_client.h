@@ -29,6 +29,8 @@ class ServiceClient {
 
   // Errors of the service; UNAVAILABLE says how to start a server if none is there.
   absl::StatusOr<isoscope::v1::Dataset> GetDataset(const std::string& name, absl::Duration timeout);
+  absl::StatusOr<isoscope::v1::GetHistogramResponse> GetHistogram(
+      const isoscope::v1::GetHistogramRequest& request, absl::Duration timeout);
   absl::StatusOr<isoscope::v1::ListDatasetsResponse> ListDatasets(absl::Duration timeout);
   absl::StatusOr<isoscope::v1::GetCapabilitiesResponse> GetCapabilities(absl::Duration timeout);
   absl::StatusOr<isoscope::v1::GetClusterStatusResponse> GetClusterStatus(absl::Duration timeout);

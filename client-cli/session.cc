@@ -36,7 +36,9 @@ absl::Status VerifyDatasetDirectory(const std::string& directory) {
     if (shard.empty()) {
       return absl::NotFoundError(absl::StrCat("'", directory, "' lacks a shard"));
     }
-    ISOSCOPE_RETURN_IF_ERROR(agent::OpenShard(shard).status());
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const agent::Shard> opened,
+                              agent::OpenShard(shard));
+    ISOSCOPE_RETURN_IF_ERROR(opened->reader->ReadHistogram().status());
   }
   return absl::OkStatus();
 }

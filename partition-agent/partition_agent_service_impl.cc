@@ -42,12 +42,14 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/histogram_convert.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
 #include "partition-agent/frame_pipeline.h"
 #include "partition-agent/frame_task.h"
+#include "partition-agent/shard_histogram.h"
 #include "partition-agent/surface_extraction.h"
 
 namespace isoscope::agent {
@@ -61,6 +63,8 @@ constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
 constexpr std::size_t kMaxBandsBytes = 1 * base::kMiB;
 // A message of ExtractSurface is sent once it has this many bytes.
 constexpr std::size_t kSurfaceMessageBytes = 1 * base::kMiB;
+// The longest time of a question about histograms or active blocks.
+constexpr absl::Duration kMaxQueryDuration = absl::Minutes(1);
 
 v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shard>>& shards,
                                     const render::Renderer& renderer) {
@@ -535,7 +539,8 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
       frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
                       // Refused frames never get here, so the step of each frame fits.
                       static_cast<std::size_t>(max_frames_)),
-      extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions) {
+      extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions),
+      query_executor_(kMaxConcurrentQueries, kMaxQueuedQueries) {
   rpc::PrepareKnownFields(v1::RenderFrameRequest());
 }
 
@@ -565,6 +570,57 @@ PartitionAgentServiceImpl::RenderFrame(grpc::CallbackServerContext* context) {
 grpc::ServerWriteReactor<v1::ExtractSurfaceResponse>* PartitionAgentServiceImpl::ExtractSurface(
     grpc::CallbackServerContext* context, const v1::ExtractSurfaceRequest* request) {
   return ExtractSurfaceCall::Start(this, context, request);
+}
+
+grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetShardHistogram(
+    grpc::CallbackServerContext* context, const v1::GetShardHistogramRequest* request,
+    v1::GetShardHistogramResponse* response) {
+  return rpc::UnaryTask::Start(
+      context, *request, &query_executor_, kMaxQueryDuration,
+      [this, request, response](const base::Cancellation& /*cancellation*/) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query,
+                                  rpc::HistogramQueryFromProto(*request));
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::shared_ptr<const Shard>> shards,
+                                  FindShards(request->dataset_id(), request->shard_indices()));
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            const volume::HistogramPart part,
+            HistogramOfShards(shards, query.max_bin_count, query.value_range));
+        *response = rpc::ToProto(part);
+        return absl::OkStatus();
+      });
+}
+
+grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
+    grpc::CallbackServerContext* context, const v1::GetActiveBoxRequest* request,
+    v1::GetActiveBoxResponse* response) {
+  return rpc::UnaryTask::Start(
+      context, *request, &query_executor_, kMaxQueryDuration,
+      [this, request, response](const base::Cancellation& /*cancellation*/) -> absl::Status {
+        if (request->isovalues().empty()) {
+          return absl::InvalidArgumentError("isovalues is empty: must name at least one");
+        }
+        for (const double isovalue : request->isovalues()) {
+          ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(isovalue, "isovalues"));
+        }
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> shard,
+                                  FindAnyShard(request->dataset_id()));
+        const ActiveBox box =
+            ActiveBoxOf(shard->reader->layout(), shard->reader->ranges(),
+                        {request->isovalues().begin(), request->isovalues().end()});
+        *response = rpc::ToProto(box.block_count, box.cells);
+        return absl::OkStatus();
+      });
+}
+
+absl::StatusOr<std::shared_ptr<const Shard>> PartitionAgentServiceImpl::FindAnyShard(
+    const std::string& dataset_id) const {
+  for (const std::shared_ptr<const Shard>& shard : shards_) {
+    if (shard->reader->manifest().dataset_id == dataset_id) {
+      return shard;
+    }
+  }
+  return absl::FailedPreconditionError(
+      absl::StrCat("dataset id ", dataset_id, " is not served by this agent (any more)"));
 }
 
 absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> PartitionAgentServiceImpl::FindShards(

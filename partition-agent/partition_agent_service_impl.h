@@ -36,12 +36,14 @@ struct PartitionAgentServiceOptions {
 // A frame holds a thread only while a step runs, not while it waits for the coordinator. At most
 // max_concurrent_frames + max_queued_frames frames are in work at a time. Extractions have threads
 // of their own, kMaxConcurrentExtractions at a time, because a slow reader holds one for as long as
-// it reads.
+// it reads. So have questions about histograms and active blocks, which go through all blocks.
 class PartitionAgentServiceImpl final
     : public isoscope::internal::v1::PartitionAgentService::CallbackService {
  public:
   static constexpr int kMaxConcurrentExtractions = 4;
   static constexpr int kMaxQueuedExtractions = 16;
+  static constexpr int kMaxConcurrentQueries = 2;
+  static constexpr int kMaxQueuedQueries = 64;
 
   explicit PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options);
   ~PartitionAgentServiceImpl() override;
@@ -59,6 +61,14 @@ class PartitionAgentServiceImpl final
   grpc::ServerWriteReactor<isoscope::internal::v1::ExtractSurfaceResponse>* ExtractSurface(
       grpc::CallbackServerContext* context,
       const isoscope::internal::v1::ExtractSurfaceRequest* request) override;
+  grpc::ServerUnaryReactor* GetShardHistogram(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::GetShardHistogramRequest* request,
+      isoscope::internal::v1::GetShardHistogramResponse* response) override;
+  grpc::ServerUnaryReactor* GetActiveBox(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::GetActiveBoxRequest* request,
+      isoscope::internal::v1::GetActiveBoxResponse* response) override;
 
  private:
   class RenderFrameCall;
@@ -71,6 +81,8 @@ class PartitionAgentServiceImpl final
   absl::StatusOr<std::vector<std::shared_ptr<const Shard>>> FindShards(
       const std::string& dataset_id,
       const google::protobuf::RepeatedField<std::int32_t>& shard_indices) const;
+  // Finds any shard of a dataset. FAILED_PRECONDITION if none is served.
+  absl::StatusOr<std::shared_ptr<const Shard>> FindAnyShard(const std::string& dataset_id) const;
 
   const std::vector<std::shared_ptr<const Shard>> shards_;
   const std::shared_ptr<render::Renderer> renderer_;
@@ -82,6 +94,7 @@ class PartitionAgentServiceImpl final
   // These come last, because their threads use the members above.
   base::Executor frame_executor_;
   base::Executor extraction_executor_;
+  base::Executor query_executor_;
 };
 
 }  // namespace isoscope::agent

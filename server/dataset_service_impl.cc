@@ -1,9 +1,24 @@
 #include "server/dataset_service_impl.h"
 
+#include <vector>
+
+#include "absl/time/time.h"
+
 #include "core/base/status_macros.h"
+#include "core/rpc/histogram_convert.h"
+#include "core/rpc/proto_convert.h"
 #include "core/rpc/unary_call.h"
+#include "core/volume/isovalue_suggestions.h"
+#include "core/volume/sample_histogram.h"
+#include "server/agent_queries.h"
 
 namespace isoscope::server {
+namespace {
+
+// Of a call without a deadline.
+constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
+
+}  // namespace
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
@@ -26,6 +41,41 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     *response->mutable_dataset() = state.dataset;
     return absl::OkStatus();
   });
+}
+
+grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
+    grpc::CallbackServerContext* context, const isoscope::v1::GetHistogramRequest* request,
+    isoscope::v1::GetHistogramResponse* response) {
+  return rpc::UnaryTask::Start(context, *request, &executor_, kMaxHistogramDuration,
+                               [this, request, response](const base::Cancellation& cancellation) {
+                                 return AnswerHistogram(*request, cancellation, response);
+                               });
+}
+
+absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
+                                                 const base::Cancellation& cancellation,
+                                                 isoscope::v1::GetHistogramResponse* response) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
+  ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset,
+                            registry_->FindComplete(request.dataset(), cancellation));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const volume::ScalarType type,
+      rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
+  const QueryOutcome<volume::HistogramPart> outcome = AskHistogram(dataset, query, cancellation);
+  for (const AgentFailure& failure : outcome.failures) {
+    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
+      registry_->ReportFailure(failure.agent.address);
+    }
+  }
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  const volume::HistogramPart& whole = *outcome.result;
+  std::vector<volume::IsovalueSuggestion> suggestions;
+  if (whole.samples.has_value() && whole.groups.count > 0) {
+    suggestions = volume::SuggestIsovalues(type, *whole.samples, whole.groups.begin,
+                                           whole.groups.EndOf(whole.groups.count - 1));
+  }
+  *response = rpc::ToProto(whole, suggestions);
+  return absl::OkStatus();
 }
 
 }  // namespace isoscope::server

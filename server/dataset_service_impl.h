@@ -1,17 +1,26 @@
-// DatasetService. It answers with the last state of the registry.
+// DatasetService. It answers with the last state of the registry; for histograms it asks the
+// agents.
 
 #ifndef ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_
 
+#include "absl/status/status.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/executor.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
 
-// Thread-safe. `registry` outlives it.
+// Thread-safe. `registry` outlives it. Destroy it only after its server has shut down.
 class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackService {
  public:
-  explicit DatasetServiceImpl(const AgentRegistry* registry) : registry_(registry) {}
+  static constexpr int kMaxConcurrentHistograms = 2;
+  static constexpr int kMaxQueuedHistograms = 32;
+
+  explicit DatasetServiceImpl(AgentRegistry* registry)
+      : registry_(registry), executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
 
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* context,
                                          const isoscope::v1::ListDatasetsRequest* request,
@@ -19,9 +28,17 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   grpc::ServerUnaryReactor* GetDataset(grpc::CallbackServerContext* context,
                                        const isoscope::v1::GetDatasetRequest* request,
                                        isoscope::v1::GetDatasetResponse* response) override;
+  grpc::ServerUnaryReactor* GetHistogram(grpc::CallbackServerContext* context,
+                                         const isoscope::v1::GetHistogramRequest* request,
+                                         isoscope::v1::GetHistogramResponse* response) override;
 
  private:
-  const AgentRegistry* const registry_;
+  absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
+                               const base::Cancellation& cancellation,
+                               isoscope::v1::GetHistogramResponse* response);
+
+  AgentRegistry* const registry_;
+  base::Executor executor_;  // comes last: its threads use the members above
 };
 
 }  // namespace isoscope::server

@@ -10,7 +10,9 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/view/camera_fit.h"
 #include "server/agent_client.h"
+#include "server/agent_queries.h"
 
 namespace isoscope::server {
 namespace {
@@ -112,10 +114,10 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
-  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveCamera(geometry.Bounds(), request, spec));
+  ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(dataset, geometry, layout, cancellation, request, spec));
   ISOSCOPE_ASSIGN_OR_RETURN(
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
-  ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   ISOSCOPE_RETURN_IF_ERROR(frame::CheckOwners(spec->surfaces.size(), layout.block_count()));
   if (is_each_shard_apart) {
     dataset.agents = EachShardApart(dataset.agents);
@@ -123,6 +125,25 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(dataset.picture_revision.back_end)};
   return FrameTarget{std::move(dataset), std::move(view), std::move(layout), order};
+}
+
+absl::Status FrameRunner::PlaceCamera(const DatasetState& dataset,
+                                      const volume::GridGeometry& geometry,
+                                      const volume::BlockLayout& layout,
+                                      const base::Cancellation& cancellation,
+                                      isoscope::v1::RenderIsosurfaceRequest* request,
+                                      frame::FrameSpec* spec) const {
+  std::optional<math::Box3d> surface_bounds;
+  if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
+    const QueryOutcome<std::optional<math::IndexBox>> outcome =
+        AskActiveBox(dataset, layout, frame::IsovaluesOf(*spec), cancellation);
+    ReportFailures(/*frame_number=*/0, outcome.failures);
+    ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+    if (outcome.result->has_value()) {
+      surface_bounds = view::BoundsOfCells(geometry, **outcome.result);
+    }
+  }
+  return rpc::ResolveCamera(geometry.Bounds(), request, spec, surface_bounds);
 }
 
 absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,

@@ -110,6 +110,13 @@ class FrameRunner {
   void ReportFailures(std::int64_t frame_number, const std::vector<AgentFailure>& failures) const;
 
  private:
+  // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
+  absl::Status PlaceCamera(const DatasetState& dataset, const volume::GridGeometry& geometry,
+                           const volume::BlockLayout& layout,
+                           const base::Cancellation& cancellation,
+                           isoscope::v1::RenderIsosurfaceRequest* request,
+                           frame::FrameSpec* spec) const;
+
   const FrameRunnerOptions options_;
   CoordinatorMemory memory_;
   std::atomic<std::int64_t> next_frame_number_{1};

@@ -3,8 +3,10 @@
 #ifndef ISOSCOPE_CORE_PARTITION_BLOCK_CUTTER_H_
 #define ISOSCOPE_CORE_PARTITION_BLOCK_CUTTER_H_
 
+#include <cstddef>
 #include <cstdint>
 
+#include "core/math/box.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
@@ -19,6 +21,23 @@ struct Slab {
   std::int64_t begin_y = 0;
   std::int64_t rows = 0;  // of each plane; 0: all rows of the volume
 };
+
+// Calls visit(row, sample count) for each row of `box`, in the order of memory. `row` points to
+// samples of `sample_size` bytes. REQUIRES: `slab` holds the rows of `box`.
+template <typename Visit>
+void ForEachRow(const volume::BlockLayout& layout, std::size_t sample_size, const Slab& slab,
+                const math::IndexBox& box, const Visit& visit) {
+  const math::Index3& dims = layout.sample_dims();
+  const std::int64_t rows = slab.rows == 0 ? dims.y : slab.rows;
+  const auto count = static_cast<std::size_t>(box.end.x - box.begin.x);
+  for (std::int64_t z = box.begin.z; z < box.end.z; ++z) {
+    for (std::int64_t y = box.begin.y; y < box.end.y; ++y) {
+      const std::int64_t first =
+          ((z - slab.begin_z) * rows + y - slab.begin_y) * dims.x + box.begin.x;
+      visit(slab.samples + static_cast<std::size_t>(first) * sample_size, count);
+    }
+  }
+}
 
 // Returns the span of a block's own samples: ghost samples and NaN left out. Zeros of either sign
 // give the same span. Thread-safe. REQUIRES: `slab` holds the rows of OwnSamplesOf(id).

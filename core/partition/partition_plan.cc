@@ -29,6 +29,7 @@
 
 #include "core/base/units.h"
 #include "core/index/interval_tree_builder.h"
+#include "core/partition/histogram_builder.h"
 #include "core/store/block_order.h"
 
 namespace isoscope::partition {
@@ -38,7 +39,7 @@ namespace {
 constexpr std::int64_t kMaxPortionBytes = base::kGiB;
 constexpr std::int64_t kBatchBytes = 4 * base::kMiB;
 // Lists of both batches: ids, offsets, order, placements, spans and checksums of 8192 blocks.
-constexpr std::int64_t kBatchTableBytes = base::kMiB;
+constexpr std::int64_t kBatchTableBytes = 3 * base::kMiB / 2;
 constexpr std::int64_t kBatchTableBytesPerBlock = 128;
 
 // More memory for sorting would spare merges only beyond about 2^32 bytes; small limits take a
@@ -171,16 +172,18 @@ class Planner {
     plan_.portion_bytes = PortionBytes(layout_, type_, layers, rows);
     const std::int64_t portions = (is_double_buffered ? 2 : 1) * plan_.portion_bytes;
     const std::int64_t file_bytes = shard_count_ * plan_.file_buffer_bytes + kFileBufferBytes;
+    const std::int64_t histogram_bytes = shard_count_ * HistogramBuilder::kBytesPerShard;
     const std::int64_t portion_range_bytes =
         2 * sample_size_ * layers * rows * layout_.block_dims().x;
     const std::int64_t reading_ranges = range_bytes + portions;
     const std::int64_t dealing = range_bytes + (is_greedy_ ? kDealingBytesPerBlock * blocks : 0);
     const std::int64_t writing = dealt_bytes + plan_.placement_bytes + plan_.entry_bytes +
-                                 portions + portion_range_bytes + file_bytes +
+                                 portions + portion_range_bytes + histogram_bytes + file_bytes +
                                  2 * plan_.batch_bytes +
                                  std::min(kBatchTableBytes, kBatchTableBytesPerBlock * blocks);
-    const std::int64_t indexing = dealt_bytes + plan_.entry_bytes + plan_.tree_bytes + file_bytes +
-                                  plan_.file_buffer_bytes + kFinishingBytes;
+    const std::int64_t indexing = dealt_bytes + histogram_bytes + plan_.entry_bytes +
+                                  plan_.tree_bytes + file_bytes + plan_.file_buffer_bytes +
+                                  kFinishingBytes;
     plan_.total_bytes = source_bytes_ + std::max({reading_ranges, dealing, writing, indexing});
     return plan_.total_bytes <= memory_limit_bytes_;
   }

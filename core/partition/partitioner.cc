@@ -16,7 +16,8 @@
 //                v
 //       entries_, sorted by (shard, ordinal)
 //                |
-//    4  FinishShard, shard by shard: block_index.bin, interval_tree.bin; then CompressShard
+//    4  FinishShard, shard by shard: block_index.bin, interval_tree.bin, histogram.bin; then
+//       CompressShard
 //                |
 //    5  ranges.bin, which grows along with 3; shard.json and manifest.json of each shard;
 //       the dataset's manifest.json; at last the folder gets its name
@@ -38,6 +39,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <memory>
 #include <numeric>
@@ -50,6 +52,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
+#include "absl/types/span.h"
 #include "oneapi/tbb/enumerable_thread_specific.h"
 #include "oneapi/tbb/parallel_for.h"
 #include "oneapi/tbb/task_group.h"
@@ -63,10 +66,12 @@
 #include "core/io/file.h"
 #include "core/partition/block_cutter.h"
 #include "core/partition/distribution.h"
+#include "core/partition/histogram_builder.h"
 #include "core/partition/partition_plan.h"
 #include "core/partition/portion_reader.h"
 #include "core/partition/samples_digest.h"
 #include "core/store/block_order.h"
+#include "core/store/histogram_file.h"
 #include "core/store/shard_compressor.h"
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
@@ -76,6 +81,8 @@ namespace isoscope::partition {
 namespace {
 
 constexpr std::uint32_t kBlocksBetweenChecks = 1 << 16;
+// Blocks of a shard whose samples one task counts: enough that adding up its bins is little.
+constexpr std::size_t kBlocksPerCount = 64;
 
 std::string BaseName(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
@@ -209,6 +216,7 @@ struct Batch {
   std::vector<volume::BlockId> ids;
   std::vector<Placement> placements;
   std::vector<volume::ScalarSpan> spans;
+  std::vector<volume::ScalarSpan> finite_spans;  // without infinite samples
   std::vector<std::uint32_t> crcs;
   std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
   std::vector<std::uint32_t> order;  // indices into `ids`, sorted by shard and ordinal
@@ -243,6 +251,7 @@ class Partitioner {
                               store::RangeTableWriter::Create(
                                   absl::StrCat(directory, "/", store::kRangeTableFileName), type_));
     entries_.emplace(directory, plan_.entry_bytes);
+    histograms_.emplace(layout_, type_, options_.shard_count);
     ISOSCOPE_RETURN_IF_ERROR(ForEachPortion(&reader, [&](const Slab& slab, const Portion& portion) {
       AddToDigest(slab, portion);
       return WriteBlocks(slab, portion);
@@ -415,6 +424,7 @@ class Partitioner {
       }
       if (status.ok()) {
         CutBatch(slab, &batch);
+        CountSamples(slab, batch);
         for (std::size_t i = 0; i < batch.ids.size(); ++i) {
           ranges.Set(batch.ids[i] - first_id, batch.spans[i]);
         }
@@ -459,9 +469,14 @@ class Partitioner {
   // Cuts the blocks of a batch, finds their spans, and sorts them by shard and ordinal.
   void CutBatch(const Slab& slab, Batch* batch) const {
     batch->spans.resize(batch->ids.size());
+    batch->finite_spans.resize(batch->ids.size());
     tbb::parallel_for(std::size_t{0}, batch->ids.size(), [&](std::size_t i) {
       const volume::BlockId id = batch->ids[i];
-      batch->spans[i] = SpanOfBlock(layout_, type_, slab, id);
+      const volume::ScalarSpan span = SpanOfBlock(layout_, type_, slab, id);
+      batch->spans[i] = span;
+      batch->finite_spans[i] = std::isfinite(span.min) && std::isfinite(span.max)
+                                   ? span
+                                   : FiniteSpanOfBlock(layout_, type_, slab, id);
       CutBlock(layout_, type_, slab, id, batch->bytes.data() + batch->offsets[i]);
     });
     batch->order.resize(batch->ids.size());
@@ -472,6 +487,26 @@ class Partitioner {
     };
     std::sort(batch->order.begin(), batch->order.end(),
               [&](std::uint32_t a, std::uint32_t b) { return key_of(a) < key_of(b); });
+  }
+
+  // Counts the samples of a batch that was cut, some blocks of one shard at a time.
+  void CountSamples(const Slab& slab, const Batch& batch) {
+    std::vector<volume::BlockId> ids(batch.order.size());  // in their order
+    std::vector<std::size_t> begins;                       // of the tasks, and the end
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      ids[i] = batch.ids[batch.order[i]];
+      histograms_->Cover(batch.finite_spans[i]);
+      if (i == 0 || i - begins.back() == kBlocksPerCount ||
+          batch.placements[batch.order[i]].shard != batch.placements[batch.order[i - 1]].shard) {
+        begins.push_back(i);
+      }
+    }
+    begins.push_back(ids.size());
+    tbb::parallel_for(std::size_t{0}, begins.size() - 1, [&](std::size_t task) {
+      histograms_->Count(
+          batch.placements[batch.order[begins[task]]].shard,
+          absl::MakeConstSpan(ids).subspan(begins[task], begins[task + 1] - begins[task]), slab);
+    });
   }
 
   // Writes the blocks of a batch, those of a shard by one thread in the order of its file, so that
@@ -513,7 +548,8 @@ class Partitioner {
     return absl::OkStatus();
   }
 
-  // Step 4 writes the block index and the interval tree of the next shard in `entries_`.
+  // Step 4 writes the block index, the interval tree and the histogram of the next shard in
+  // `entries_`.
   absl::StatusOr<store::ShardSummary> FinishShard(std::size_t shard) {
     index::IntervalTreeBuilder tree({.scratch_directory = shard_directories_[shard],
                                      .memory_bytes = plan_.tree_bytes,
@@ -537,6 +573,9 @@ class Partitioner {
                               io::CreateWritableFile(absl::StrCat(shard_directories_[shard], "/",
                                                                   store::kIntervalTreeFileName)));
     ISOSCOPE_RETURN_IF_ERROR(tree.Finish(file.get()));
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
+        absl::StrCat(shard_directories_[shard], "/", store::kHistogramFileName),
+        store::EncodeHistogram(type_, histograms_->Get(static_cast<int>(shard)))));
     return summary;
   }
 
@@ -570,6 +609,7 @@ class Partitioner {
     manifest.name = name;
     manifest.source = BaseName(source_.name());
     manifest.geometry = source_.geometry();
+    manifest.patient_frame = source_.patient_frame();
     manifest.scalar_type = type_;
     manifest.value_range = value_range_;
     manifest.block_cells = layout_.block_cells();
@@ -605,6 +645,7 @@ class Partitioner {
   volume::ScalarSpan value_range_;  // of the portions so far
   SamplesDigest samples_digest_;    // of the portions so far
   std::unique_ptr<store::RangeTableWriter> range_writer_;
+  std::optional<HistogramBuilder> histograms_;
   std::optional<io::ExternalSorter<Placement>> placements_;
   std::uint32_t next_position_ = 0;  // of placements_
   std::optional<io::ExternalSorter<Entry>> entries_;

@@ -12,6 +12,7 @@
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera.h"
+#include "core/view/camera_fit.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -237,6 +238,11 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
   if (request.has_camera()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec.camera, CameraFromProto(request.camera(), "camera"));
   }
+  if (!isoscope::v1::CameraFit_IsValid(request.camera_fit())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("camera_fit is ", static_cast<int>(request.camera_fit()),
+                     ": must be CAMERA_FIT_VOLUME (1) or CAMERA_FIT_SURFACE (2)"));
+  }
   if (request.has_background_color()) {
     ISOSCOPE_ASSIGN_OR_RETURN(spec.background_color,
                               ColorFromProto(request.background_color(), "background_color"));
@@ -253,11 +259,15 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
 }
 
 absl::Status ResolveCamera(const math::Box3d& bounds,
-                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec) {
-  if (spec->camera.has_value()) {
+                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec,
+                           const std::optional<math::Box3d>& surface_bounds) {
+  request->clear_camera_fit();
+  if (spec->camera.has_value() && !surface_bounds.has_value()) {
     return absl::OkStatus();
   }
-  *request->mutable_camera() = ToProto(view::MakeDefaultCamera(bounds));
+  *request->mutable_camera() =
+      ToProto(!spec->camera.has_value() ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
+                                        : view::MoveToBox(*spec->camera, bounds, *surface_bounds));
   ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(request->camera(), "camera"));
   return absl::OkStatus();
 }

@@ -4,6 +4,8 @@
 #ifndef ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
 
+#include <optional>
+
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
@@ -23,9 +25,12 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request);
 
 // Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
-// will read from the message, so all have the same bits.
+// will read from the message, so all have the same bits. With `surface_bounds` (CAMERA_FIT_SURFACE)
+// the camera is then moved from the one box to the other; that done, camera_fit is cleared, because
+// the camera is final.
 absl::Status ResolveCamera(const math::Box3d& bounds,
-                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
+                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec,
+                           const std::optional<math::Box3d>& surface_bounds = std::nullopt);
 
 // INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.
 absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(

@@ -11,6 +11,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/store/shard_format.h"
+#include "core/volume/patient_frame.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -303,6 +304,18 @@ isoscope::v1::SampleType ToProto(volume::ScalarType type) {
   return isoscope::v1::SAMPLE_TYPE_UNSPECIFIED;
 }
 
+absl::StatusOr<volume::ScalarType> ScalarTypeFromProto(isoscope::v1::SampleType proto,
+                                                       absl::string_view path) {
+  for (int i = static_cast<int>(volume::ScalarType::kUint8);
+       i <= static_cast<int>(volume::ScalarType::kFloat64); ++i) {
+    const auto type = static_cast<volume::ScalarType>(i);
+    if (ToProto(type) == proto) {
+      return type;
+    }
+  }
+  return Invalid(path, static_cast<int>(proto), "must be 1 (uint8) to 8 (float64)");
+}
+
 isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
   isoscope::v1::Dataset proto;
   proto.set_name(manifest.name);
@@ -320,6 +333,9 @@ isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
       volume::BlockLayout::Make(manifest.geometry.sample_dims, manifest.block_cells);
   proto.set_block_count(layout.ok() ? layout->block_count() : 0);
   proto.set_shard_count(static_cast<std::int32_t>(manifest.shards.size()));
+  if (manifest.patient_frame.has_value()) {
+    proto.set_patient_frame(manifest.patient_frame->name());
+  }
   return proto;
 }
 
@@ -356,6 +372,11 @@ absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view pa
   if (dataset.shard_count() < 1 || dataset.shard_count() > store::kMaxShardCount) {
     return Invalid(Join(path, "shard_count"), dataset.shard_count(),
                    absl::StrCat("must be in [1, ", store::kMaxShardCount, "]"));
+  }
+  if (!dataset.patient_frame().empty()) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        WithPath(volume::PatientFrame::FromName(dataset.patient_frame()).status(),
+                 Join(path, "patient_frame")));
   }
   const isoscope::v1::ValueRange& range = dataset.value_range();
   // Infinite samples count, NaN does not.

@@ -72,6 +72,8 @@ absl::StatusOr<volume::GridGeometry> GeometryFromProto(const isoscope::v1::GridG
 isoscope::v1::GridGeometry ToProto(const volume::GridGeometry& geometry);
 
 isoscope::v1::SampleType ToProto(volume::ScalarType type);
+absl::StatusOr<volume::ScalarType> ScalarTypeFromProto(isoscope::v1::SampleType proto,
+                                                       absl::string_view path);
 
 // Returns a dataset as clients see it, without missing_shards. Leaves out `value_range` if all
 // samples are NaN.

@@ -1,14 +1,24 @@
-// Answers a unary call at once, for the handlers of cheap questions.
+// Answers a unary call: at once, for the handlers of cheap questions, or on a thread of its own.
 
 #ifndef ISOSCOPE_CORE_RPC_UNARY_CALL_H_
 #define ISOSCOPE_CORE_RPC_UNARY_CALL_H_
 
+#include <algorithm>
+#include <functional>
+#include <memory>
+#include <utility>
+
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include "google/protobuf/message.h"
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include "core/base/cancellation.h"
+#include "core/base/executor.h"
+#include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
 
@@ -27,6 +37,46 @@ inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* contex
   reactor->Finish(ToGrpcStatus(status));
   return reactor;
 }
+
+// A unary call that is answered on a thread of an executor. It owns itself until gRPC is done with
+// it.
+class UnaryTask final : public grpc::ServerUnaryReactor {
+ public:
+  using Answer = std::function<absl::Status(const base::Cancellation& cancellation)>;
+
+  // Refuses a request with a field that this program does not know; else lets `answer` fill the
+  // response, and ends the call with its status. The cancellation fires when the caller cancels;
+  // its deadline is the caller's, or `max_duration` from now if that is sooner.
+  // RESOURCE_EXHAUSTED if the executor's queue is full.
+  static grpc::ServerUnaryReactor* Start(grpc::CallbackServerContext* context,
+                                         const google::protobuf::Message& request,
+                                         base::Executor* executor, absl::Duration max_duration,
+                                         Answer answer) {
+    const std::shared_ptr<UnaryTask> task(
+        new UnaryTask(std::min(DeadlineOf(*context), absl::Now() + max_duration)));
+    task->self_ = task;
+    const absl::Status status = CheckKnownFields(request);
+    if (!status.ok()) {
+      task->Finish(ToGrpcStatus(status));
+    } else if (!executor->TrySchedule([task, answer = std::move(answer)] {
+                 absl::Status checked = task->cancellation_.Check();
+                 task->Finish(ToGrpcStatus(checked.ok() ? answer(task->cancellation_) : checked));
+               })) {
+      task->Finish(ToGrpcStatus(absl::ResourceExhaustedError(
+          "too many calls of this kind are in work: retry later, with back-off")));
+    }
+    return task.get();
+  }
+
+  void OnCancel() override { cancellation_.Cancel(); }
+  void OnDone() override { const std::shared_ptr<UnaryTask> last_use = std::move(self_); }
+
+ private:
+  explicit UnaryTask(absl::Time deadline) : cancellation_(deadline) {}
+
+  base::Cancellation cancellation_;
+  std::shared_ptr<UnaryTask> self_;  // reset by OnDone
+};
 
 }  // namespace isoscope::rpc
 

@@ -335,7 +335,8 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSeries(const std::string& path
     return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
   }
   const volume::ScalarType type = slices.front().type;
-  return MakeSliceSource(geometry, type, path, std::make_unique<DicomReader>(std::move(slices)));
+  return MakeSliceSource(geometry, type, path, std::make_unique<DicomReader>(std::move(slices)),
+                         volume::PatientFrame());  // LPS
 }
 
 }  // namespace

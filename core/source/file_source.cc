@@ -166,8 +166,10 @@ absl::Status StoredBytes::CheckFiles(const volume::GridGeometry& geometry) {
 
 class FileSource final : public VolumeSource {
  public:
-  FileSource(const volume::GridGeometry& geometry, StoredBytes stored, std::string name)
+  FileSource(const volume::GridGeometry& geometry, StoredBytes stored, std::string name,
+             std::optional<volume::PatientFrame> patient_frame)
       : geometry_(geometry),
+        patient_frame_(std::move(patient_frame)),
         type_(IsRescaled(stored.location()) ? RescaledType(stored.location().stored_type)
                                             : stored.location().stored_type),
         name_(std::move(name)),
@@ -175,6 +177,9 @@ class FileSource final : public VolumeSource {
 
   [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
   [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
+  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
+    return patient_frame_;
+  }
   [[nodiscard]] const std::string& name() const override { return name_; }
 
   [[nodiscard]] bool is_seekable() const override { return !location().is_compressed; }
@@ -215,6 +220,7 @@ class FileSource final : public VolumeSource {
   }
 
   const volume::GridGeometry geometry_;
+  const std::optional<volume::PatientFrame> patient_frame_;
   const volume::ScalarType type_;
   const std::string name_;
   StoredBytes stored_;
@@ -222,9 +228,9 @@ class FileSource final : public VolumeSource {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(const volume::GridGeometry& geometry,
-                                                             const SampleLocation& location,
-                                                             const std::string& name) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
+    const volume::GridGeometry& geometry, const SampleLocation& location, const std::string& name,
+    const std::optional<volume::PatientFrame>& patient_frame) {
   const absl::Status valid = volume::Validate(geometry);
   if (!valid.ok()) {
     return absl::Status(valid.code(), absl::StrCat(name, ": ", valid.message()));
@@ -243,7 +249,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(const volume::GridG
   }
   StoredBytes stored(location, sample_count * stored_size);
   ISOSCOPE_RETURN_IF_ERROR(stored.CheckFiles(geometry));
-  return std::make_unique<FileSource>(geometry, std::move(stored), name);
+  return std::make_unique<FileSource>(geometry, std::move(stored), name, patient_frame);
 }
 
 }  // namespace isoscope::source

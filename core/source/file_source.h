@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_SOURCE_FILE_SOURCE_H_
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -19,9 +20,9 @@ namespace isoscope::source {
 // can't hold as many samples each; longer files are accepted with a warning in the log. A
 // compressed file shows its length only as it is read. Memory: a third of a MiB, and one open file,
 // however many there are.
-absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(const volume::GridGeometry& geometry,
-                                                             const SampleLocation& location,
-                                                             const std::string& name);
+absl::StatusOr<std::unique_ptr<VolumeSource>> MakeFileSource(
+    const volume::GridGeometry& geometry, const SampleLocation& location, const std::string& name,
+    const std::optional<volume::PatientFrame>& patient_frame = std::nullopt);
 
 }  // namespace isoscope::source
 

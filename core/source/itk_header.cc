@@ -4,9 +4,13 @@
 #include <exception>
 #include <vector>
 
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "itkMetaDataObject.h"
 #include "itkMetaImageIO.h"
 #include "itkNiftiImageIO.h"
 #include "itkNrrdImageIO.h"
@@ -14,6 +18,7 @@
 #include "core/base/status_macros.h"
 #include "core/source/itk_types.h"
 #include "core/source/silent_libraries.h"
+#include "core/source/text_header.h"
 
 namespace isoscope::source {
 namespace {
@@ -44,6 +49,50 @@ itk::ImageIOBase::Pointer MakeImageIo(FileFormat format) {
       return itk::MetaImageIO::New().GetPointer();
   }
   return nullptr;
+}
+
+// A text that ITK keeps about the file; "" if it keeps none of that name.
+std::string MetaDataOf(const itk::ImageIOBase& io, const std::string& key) {
+  std::string text;
+  return itk::ExposeMetaData(io.GetMetaDataDictionary(), key, text) ? text : "";
+}
+
+// The field "space" of an NRRD header in lower case; "" if there is none. ITK keeps only the space
+// that it has turned the file to.
+std::string NrrdSpaceOf(const std::string& path) {
+  const absl::StatusOr<std::string> text = ReadTextHeader(path);
+  std::size_t position = 0;
+  absl::string_view line;
+  while (text.ok() && NextLine(*text, &position, &line) && !line.empty()) {
+    if (absl::StartsWith(line, "space:")) {
+      return absl::AsciiStrToLower(absl::StripAsciiWhitespace(line.substr(6)));
+    }
+  }
+  return "";
+}
+
+// Whether the file says how its world, which ITK turned to LPS, lies in the patient.
+bool HasPatientFrame(FileFormat format, const itk::ImageIOBase& io, const std::string& path) {
+  switch (format) {
+    case FileFormat::kNifti:
+      // Code 0: unknown. ITK then makes up a world from the dimensions.
+      for (const char* key : {"qform_code", "sform_code"}) {
+        int code = 0;
+        if (absl::SimpleAtoi(MetaDataOf(io, key), &code) && code > 0) {
+          return true;
+        }
+      }
+      return false;
+    case FileFormat::kNrrd: {
+      // Not left-anterior-superior: ITK 5.2 turns its x where y must be turned.
+      const std::string space = NrrdSpaceOf(path);
+      return space == "left-posterior-superior" || space == "lps" ||
+             space == "right-anterior-superior" || space == "ras";
+    }
+    case FileFormat::kMetaImage:
+      return false;
+  }
+  return false;
 }
 
 absl::StatusOr<ImageHeader> Convert(const itk::ImageIOBase& io, const std::string& path) {
@@ -125,7 +174,11 @@ absl::StatusOr<ImageHeader> ReadImageHeader(FileFormat format, const std::string
           absl::StrFormat("%s: not a %s file, though its name says so", path, NameOf(format)));
     }
     io->ReadImageInformation();
-    return Convert(*io, path);
+    ISOSCOPE_ASSIGN_OR_RETURN(ImageHeader header, Convert(*io, path));
+    if (HasPatientFrame(format, *io, path)) {
+      header.patient_frame.emplace();
+    }
+    return header;
   } catch (const itk::ExceptionObject& error) {
     return absl::InvalidArgumentError(absl::StrFormat("%s: can't be read as %s: %s", path,
                                                       NameOf(format), error.GetDescription()));

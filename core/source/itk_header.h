@@ -4,11 +4,13 @@
 #ifndef ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
 #define ISOSCOPE_CORE_SOURCE_ITK_HEADER_H_
 
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
 
 #include "core/volume/grid_geometry.h"
+#include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -20,6 +22,9 @@ struct ImageHeader {
   // always, NRRD by its "space") are turned by ITK: x and y change their signs.
   volume::GridGeometry geometry;
   volume::ScalarType type = volume::ScalarType::kUint8;  // after a NIfTI slope and intercept
+  // LPS, if the file says how its world lies in the patient: NIfTI with a qform or sform code above
+  // 0, NRRD with the space LPS or RAS. MetaImage does not say.
+  std::optional<volume::PatientFrame> patient_frame;
 };
 
 // Reads the header only, no sample. Everything ITK throws becomes a status.

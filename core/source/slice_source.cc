@@ -14,11 +14,19 @@ namespace {
 class SliceSource final : public VolumeSource {
  public:
   SliceSource(const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
-              std::unique_ptr<SliceReader> reader)
-      : geometry_(geometry), type_(type), name_(std::move(name)), reader_(std::move(reader)) {}
+              std::unique_ptr<SliceReader> reader,
+              std::optional<volume::PatientFrame> patient_frame)
+      : geometry_(geometry),
+        type_(type),
+        name_(std::move(name)),
+        reader_(std::move(reader)),
+        patient_frame_(std::move(patient_frame)) {}
 
   [[nodiscard]] const volume::GridGeometry& geometry() const override { return geometry_; }
   [[nodiscard]] volume::ScalarType scalar_type() const override { return type_; }
+  [[nodiscard]] std::optional<volume::PatientFrame> patient_frame() const override {
+    return patient_frame_;
+  }
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] bool is_seekable() const override { return false; }
   [[nodiscard]] std::int64_t memory_bytes() const override {
@@ -63,6 +71,7 @@ class SliceSource final : public VolumeSource {
   const volume::ScalarType type_;
   const std::string name_;
   const std::unique_ptr<SliceReader> reader_;
+  const std::optional<volume::PatientFrame> patient_frame_;
   std::vector<char> slice_;
   std::int64_t held_ = -1;  // the slice in slice_
 };
@@ -71,8 +80,10 @@ class SliceSource final : public VolumeSource {
 
 std::unique_ptr<VolumeSource> MakeSliceSource(const volume::GridGeometry& geometry,
                                               volume::ScalarType type, std::string name,
-                                              std::unique_ptr<SliceReader> reader) {
-  return std::make_unique<SliceSource>(geometry, type, std::move(name), std::move(reader));
+                                              std::unique_ptr<SliceReader> reader,
+                                              std::optional<volume::PatientFrame> patient_frame) {
+  return std::make_unique<SliceSource>(geometry, type, std::move(name), std::move(reader),
+                                       std::move(patient_frame));
 }
 
 }  // namespace isoscope::source

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -23,9 +24,10 @@ class SliceReader {
 
 // Rows of slices: whole ones are decoded in place, parts by way of a copy of their slice. Holds two
 // slices at most (one here, one in the library that decodes it). REQUIRES: `geometry` is valid.
-std::unique_ptr<VolumeSource> MakeSliceSource(const volume::GridGeometry& geometry,
-                                              volume::ScalarType type, std::string name,
-                                              std::unique_ptr<SliceReader> reader);
+std::unique_ptr<VolumeSource> MakeSliceSource(
+    const volume::GridGeometry& geometry, volume::ScalarType type, std::string name,
+    std::unique_ptr<SliceReader> reader,
+    std::optional<volume::PatientFrame> patient_frame = std::nullopt);
 
 }  // namespace isoscope::source
 

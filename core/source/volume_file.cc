@@ -78,7 +78,7 @@ std::string NrrdHeader(const VolumeGenerator& generator, const VolumeFileOptions
   const math::Vec3d& s = options.spacing;
   const math::Vec3d& o = options.origin;
   return absl::StrFormat(
-      "NRRD0004\ntype: %s\ndimension: 3\nspace: left-posterior-superior\nsizes: %d %d %d\n"
+      "NRRD0004\ntype: %s\ndimension: 3\nspace dimension: 3\nsizes: %d %d %d\n"
       "space directions: (%.17g,0,0) (0,%.17g,0) (0,0,%.17g)\nspace origin: (%.17g,%.17g,%.17g)\n"
       "kinds: domain domain domain\nendian: little\nencoding: raw\n%s\n",
       NrrdTypeOf(generator.type()), dims.x, dims.y, dims.z, s.x, s.y, s.z, o.x, o.y, o.z,

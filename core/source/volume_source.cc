@@ -188,7 +188,7 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenVolumeFile(const std::string& 
   if (found.format != FileFormat::kNifti) {
     found.location.stored_type = header.type;
   }
-  return MakeFileSource(header.geometry, found.location, path);
+  return MakeFileSource(header.geometry, found.location, path, header.patient_frame);
 }
 
 absl::StatusOr<std::vector<std::string>> FilesOfVolume(const std::string& path) {

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/volume/grid_geometry.h"
+#include "core/volume/patient_frame.h"
 #include "core/volume/scalar_type.h"
 
 namespace isoscope::source {
@@ -23,6 +25,10 @@ class VolumeSource {
 
   [[nodiscard]] virtual const volume::GridGeometry& geometry() const = 0;
   [[nodiscard]] virtual volume::ScalarType scalar_type() const = 0;
+  // What the world axes mean on the patient; not set if the file does not say.
+  [[nodiscard]] virtual std::optional<volume::PatientFrame> patient_frame() const {
+    return std::nullopt;
+  }
   // Path or name, for messages.
   [[nodiscard]] virtual const std::string& name() const = 0;
 

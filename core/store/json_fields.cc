@@ -115,6 +115,8 @@ const Json* JsonFields::Find(const char* name) {
   return &*found;
 }
 
+bool JsonFields::Has(const char* name) const { return json_.is_object() && json_.contains(name); }
+
 void JsonFields::Read(const char* name, std::string* value) {
   const Json* json = Find(name);
   if (json == nullptr) {

@@ -30,6 +30,9 @@ class JsonFields {
  public:
   JsonFields(const Json& json, absl::string_view where);
 
+  // Whether an optional member is there.
+  [[nodiscard]] bool Has(const char* name) const;
+
   void Read(const char* name, std::string* value);
   // Reads an integer in [min, max].
   void Read(const char* name, std::int64_t min, std::int64_t max, std::int64_t* value);

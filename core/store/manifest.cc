@@ -178,6 +178,9 @@ std::string EncodeManifest(const Manifest& manifest) {
   json["direction"] = Json{{"x", JsonFromVector(geometry.direction.columns[0])},
                            {"y", JsonFromVector(geometry.direction.columns[1])},
                            {"z", JsonFromVector(geometry.direction.columns[2])}};
+  if (manifest.patient_frame.has_value()) {
+    json["patient_frame"] = manifest.patient_frame->name();
+  }
   json["block_cells"] = JsonFromIndex(manifest.block_cells);
   json["distribution"] = std::string(NameOf(manifest.distribution));
   json["seed"] = manifest.seed;
@@ -210,6 +213,10 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
   if (const Json* direction = fields.ReadObject("direction")) {
     fields.Fail(ReadDirection(*direction, where, &manifest.geometry.direction));
   }
+  std::string patient_frame;
+  if (fields.Has("patient_frame")) {
+    fields.Read("patient_frame", &patient_frame);
+  }
   ReadIndex("block_cells", 1, volume::BlockLayout::kMaxBlockCells, &fields, &manifest.block_cells);
   std::string distribution;
   fields.Read("distribution", &distribution);
@@ -225,6 +232,13 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
     return WithContext(where, type.status());
   }
   manifest.scalar_type = *type;
+  if (!patient_frame.empty()) {
+    const auto frame = volume::PatientFrame::FromName(patient_frame);
+    if (!frame.ok()) {
+      return WithContext(where, frame.status());
+    }
+    manifest.patient_frame = *frame;
+  }
   const auto known_distribution = DistributionFromName(distribution);
   if (!known_distribution.ok()) {
     return WithContext(where, known_distribution.status());

@@ -6,6 +6,7 @@
 #define ISOSCOPE_CORE_STORE_MANIFEST_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,7 @@
 
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
+#include "core/volume/patient_frame.h"
 #include "core/volume/scalar_span.h"
 #include "core/volume/scalar_type.h"
 
@@ -47,6 +49,8 @@ struct Manifest {
   std::uint64_t seed = 0;
   std::uint32_t range_table_crc32c = 0;  // of the whole range table file
   std::vector<ShardSummary> shards;      // by shard index
+  // What the world axes mean on the patient, if the source says so.
+  std::optional<volume::PatientFrame> patient_frame = std::nullopt;
 
   friend bool operator==(const Manifest&, const Manifest&) = default;
 };

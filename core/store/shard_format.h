@@ -26,6 +26,7 @@ inline constexpr char kRangeTableFileName[] = "ranges.bin";
 inline constexpr char kBlocksFileName[] = "blocks.bin";
 inline constexpr char kBlockIndexFileName[] = "block_index.bin";
 inline constexpr char kIntervalTreeFileName[] = "interval_tree.bin";
+inline constexpr char kHistogramFileName[] = "histogram.bin";  // optional
 // Names the shard that a shard directory holds: JSON with its own CRC-32C.
 inline constexpr char kShardFileName[] = "shard.json";
 
@@ -57,6 +58,7 @@ inline constexpr std::int64_t kIntervalTreeHeadBytes = 4 * base::kKiB;
 inline constexpr std::size_t kBinaryHeaderBytes = 64;
 inline constexpr absl::string_view kRangeTableMagic = "ISORANGE";
 inline constexpr absl::string_view kBlockIndexMagic = "ISOBLKIX";
+inline constexpr absl::string_view kHistogramMagic = "ISOHISTO";
 inline constexpr std::uint32_t kBinaryVersion = 1;
 
 struct BinaryHeader {
@@ -64,7 +66,7 @@ struct BinaryHeader {
   std::uint32_t entry_size = 0;
   std::int64_t count = 0;            // entries
   std::uint32_t payload_crc32c = 0;  // of all bytes after the header
-  std::int64_t data_size = 0;        // block index: size of blocks.bin; range table: 0
+  std::int64_t data_size = 0;        // block index: size of blocks.bin; others: 0
 };
 
 // `magic` has 8 characters.

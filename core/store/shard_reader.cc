@@ -8,6 +8,7 @@
 //   5. block_index.bin   CRC-32C of the file, from the manifest; then each entry: id, encoding and
 //                        sizes, and an offset that is the sum of the sizes before it
 //   6. blocks.bin        size; each block's CRC-32C when it is read
+//   7. histogram.bin     only when somebody asks for it: CRC-32C of the file, from shard.json
 //
 // Invariant: sizes are compared before memory is allocated for them.
 //
@@ -22,6 +23,7 @@
 #include "core/store/shard_reader.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -32,6 +34,7 @@
 #include "core/base/crc32c.h"
 #include "core/base/status_macros.h"
 #include "core/store/block_codec.h"
+#include "core/store/histogram_file.h"
 #include "core/store/json_fields.h"
 #include "core/store/sealed_json.h"
 #include "core/store/shard_format.h"
@@ -177,6 +180,7 @@ absl::StatusOr<std::unique_ptr<ShardReader>> ShardReader::Open(const std::string
   }
   auto reader = std::unique_ptr<ShardReader>(new ShardReader);
   reader->directory_ = directory;
+  reader->open_file_ = open_file;
   ISOSCOPE_ASSIGN_OR_RETURN(Descriptions descriptions, ReadDescriptions(directory, open_file));
   reader->manifest_ = std::move(descriptions.manifest);
   reader->manifest_crc32c_ = descriptions.manifest_crc32c;
@@ -211,6 +215,10 @@ absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
   fields.Read("interval_tree_bytes", 0, kMaxInt64, &tree_bytes);
   std::uint32_t tree_head_crc32c = 0;
   fields.ReadCrc32c("interval_tree_head_crc32c", &tree_head_crc32c);
+  if (fields.Has("histogram_crc32c")) {
+    fields.ReadCrc32c("histogram_crc32c", &histogram_crc32c_.emplace());
+    fields.Read("histogram_bytes", 0, kMaxHistogramFileBytes, &histogram_bytes_);
+  }
   ISOSCOPE_RETURN_IF_ERROR(fields.status());
   shard_index_ = static_cast<int>(shard_index);
 
@@ -331,6 +339,44 @@ std::int64_t ShardReader::block_count() const { return static_cast<std::int64_t>
 volume::BlockId ShardReader::block_id(std::uint32_t ordinal) const {
   ISOSCOPE_CHECK_LT(ordinal, entries_.size());
   return entries_[ordinal].block_id;
+}
+
+std::int64_t ShardReader::stored_bytes(std::uint32_t ordinal) const {
+  ISOSCOPE_CHECK_LT(ordinal, entries_.size());
+  return entries_[ordinal].size;
+}
+
+absl::StatusOr<std::optional<volume::SampleHistogram>> ShardReader::ReadHistogram() const {
+  if (!histogram_crc32c_.has_value()) {
+    return std::nullopt;
+  }
+  const std::string path = PathIn(directory_, kHistogramFileName);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
+                            ReadRequired(path, histogram_bytes_, open_file_));
+  if (const std::uint32_t crc32c = base::Crc32c(bytes); crc32c != *histogram_crc32c_) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: crc32c of the file 0x%08x, %s expects 0x%08x: it is damaged or of another shard", path,
+        crc32c, kShardFileName, *histogram_crc32c_));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(volume::SampleHistogram histogram,
+                            DecodeHistogram(bytes, manifest_.scalar_type, path));
+  const volume::ScalarSpan& range = manifest_.value_range;
+  // Infinite samples do not count for the range of the bins.
+  if (std::isfinite(range.min) && std::isfinite(range.max) &&
+      !(histogram.bins == volume::BinsOf(manifest_.scalar_type, range))) {
+    return absl::DataLossError(absl::StrFormat(
+        "%s: %d bins of 2^%d from %d on, expected those of the samples' range, %g to %g", path,
+        histogram.bins.count, histogram.bins.exponent, histogram.bins.first, range.min, range.max));
+  }
+  std::int64_t sample_count = 0;
+  for (const Entry& entry : entries_) {
+    sample_count += math::Volume(volume::CountedSamplesOf(layout_, entry.block_id).dims());
+  }
+  if (histogram.TotalCount() != sample_count) {
+    return absl::DataLossError(absl::StrFormat("%s: counts %d samples, the shard's blocks have %d",
+                                               path, histogram.TotalCount(), sample_count));
+  }
+  return histogram;
 }
 
 std::string ShardReader::Where() const {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,7 @@
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
 #include "core/volume/range_table.h"
+#include "core/volume/sample_histogram.h"
 
 namespace isoscope::store {
 
@@ -67,6 +69,13 @@ class ShardReader {
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
   // The member "crc32c" of manifest.json. Equal in all shards of a dataset.
   [[nodiscard]] std::uint32_t manifest_crc32c() const { return manifest_crc32c_; }
+  // The bytes of a block in blocks.bin. REQUIRES: ordinal < block_count().
+  [[nodiscard]] std::int64_t stored_bytes(std::uint32_t ordinal) const;
+
+  // Reads and verifies the histogram of the samples that belong to the shard's blocks
+  // (volume::CountedSamplesOf). Not set if partitioning wrote none (earlier versions).
+  // O(block_count()). DATA_LOSS if it is damaged or missing, or does not belong to the shard.
+  [[nodiscard]] absl::StatusOr<std::optional<volume::SampleHistogram>> ReadHistogram() const;
 
   // A disk run: blocks that lie near each other in blocks.bin and are read with one request.
   struct DiskRun {
@@ -130,7 +139,10 @@ class ShardReader {
   int shard_index_ = 0;
   volume::BlockLayout layout_;
   volume::RangeTable ranges_;
-  std::vector<Entry> entries_;  // by ordinal
+  std::vector<Entry> entries_;                     // by ordinal
+  OpenFile open_file_;                             // of Open, for what is read later
+  std::optional<std::uint32_t> histogram_crc32c_;  // of the whole file; not set: there is none
+  std::int64_t histogram_bytes_ = 0;
   std::unique_ptr<io::RandomAccessFile> blocks_file_;
 };
 

@@ -5,7 +5,7 @@
 //   ShardWriter::AppendIndexEntry   by ordinal; the first call closes blocks.bin and creates
 //                                   block_index.bin with 64 zero bytes instead of a header
 //   ShardWriter::Finish             the header of block_index.bin; the summary for the manifest
-//   the caller                      interval_tree.bin and ranges.bin
+//   the caller                      interval_tree.bin, histogram.bin and ranges.bin
 //   WriteDescriptions               shard.json, a sync of the directory, manifest.json.partial,
 //                                   and its new name manifest.json
 //
@@ -18,8 +18,8 @@
 // 64 + 2 * 32 = 128 bytes (docs/format/shard.md lists them).
 //
 // Checksums form a tree whose root is the manifest: it holds the CRC-32C of ranges.bin and of each
-// block_index.bin, which holds that of each block; shard.json holds that of the manifest beside it
-// and of interval_tree.bin.
+// block_index.bin, which holds that of each block; shard.json holds that of the manifest beside it,
+// of interval_tree.bin and of histogram.bin.
 //
 // Layouts: docs/format/shard.md, docs/format/dataset.md.
 
@@ -28,6 +28,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/escaping.h"
@@ -87,7 +88,8 @@ absl::StatusOr<FileSums> SumUpFile(const std::string& path) {
 }
 
 std::string EncodeShardFile(const Manifest& manifest, std::uint32_t manifest_crc32c,
-                            int shard_index, const FileSums& tree) {
+                            int shard_index, const FileSums& tree,
+                            const std::optional<FileSums>& histogram) {
   const ShardSummary& shard = manifest.shards[static_cast<std::size_t>(shard_index)];
   Json json;
   json["format"] = std::string(kShardFormat);
@@ -102,6 +104,10 @@ std::string EncodeShardFile(const Manifest& manifest, std::uint32_t manifest_crc
   json["interval_tree_bytes"] = tree.size;
   json["interval_tree_crc32c"] = JsonFromCrc32c(tree.crc32c);
   json["interval_tree_head_crc32c"] = JsonFromCrc32c(tree.head_crc32c);
+  if (histogram.has_value()) {
+    json["histogram_bytes"] = histogram->size;
+    json["histogram_crc32c"] = JsonFromCrc32c(histogram->crc32c);
+  }
   return SealJson(DumpJson(json));
 }
 
@@ -257,6 +263,10 @@ std::string ComputeDatasetId(const Manifest& manifest) {
     base::AppendLittleEndian(shard.block_bytes, &canonical);
     base::AppendLittleEndian(shard.block_index_crc32c, &canonical);
   }
+  if (manifest.patient_frame.has_value()) {  // datasets without one keep the ids that they had
+    AppendString("patient_frame", &canonical);
+    AppendString(manifest.patient_frame->name(), &canonical);
+  }
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
   unsigned int digest_size = 0;
   ISOSCOPE_CHECK_EQ(EVP_Digest(canonical.data(), canonical.size(), digest.data(), &digest_size,
@@ -332,8 +342,13 @@ absl::Status WriteDescriptions(const std::string& directory, const Manifest& man
     ISOSCOPE_ASSIGN_OR_RETURN(const std::uint32_t manifest_crc32c,
                               VerifySeal(manifest_bytes, manifest_path));
     ISOSCOPE_ASSIGN_OR_RETURN(const FileSums tree, SumUpFile(prefix + kIntervalTreeFileName));
+    std::optional<FileSums> histogram;
+    if (io::PathExists(prefix + kHistogramFileName)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(histogram, SumUpFile(prefix + kHistogramFileName));
+    }
     ISOSCOPE_RETURN_IF_ERROR(io::WriteWholeFile(
-        prefix + kShardFileName, EncodeShardFile(manifest, manifest_crc32c, shard_index, tree)));
+        prefix + kShardFileName,
+        EncodeShardFile(manifest, manifest_crc32c, shard_index, tree, histogram)));
   }
   // Everything else reaches the disk before the manifest appears, and the manifest appears whole.
   ISOSCOPE_RETURN_IF_ERROR(io::SyncDirectory(directory));

@@ -118,8 +118,9 @@ class RangeTableWriter {
 
 // Writes the manifest into a dataset directory (shard_index < 0), or the manifest and shard.json
 // into a shard directory. The range table must lie there already, and in a shard the interval tree,
-// which is read once for its checksum. The manifest comes last and appears whole. NOT_FOUND if one
-// of these files is missing; ALREADY_EXISTS if the directory has a manifest.
+// which is read once for its checksum, as is the histogram if there is one. The manifest comes last
+// and appears whole. NOT_FOUND if one of the former files is missing; ALREADY_EXISTS if the
+// directory has a manifest.
 absl::Status WriteDescriptions(const std::string& directory, const Manifest& manifest,
                                int shard_index);
 // Writes the range table, then does the same.

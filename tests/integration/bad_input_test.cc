@@ -10,6 +10,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -17,10 +18,14 @@
 #include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <grpcpp/client_context.h>
 
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
@@ -400,6 +405,10 @@ TEST_F(BadInputTest, RequestsOnTheWireAreCheckedLikeFlags) {
   }
   expect("culling", kInvalid, {"culling", "77"},
          [](auto* r) { r->set_culling(static_cast<isoscope::v1::Culling>(77)); });
+  expect("camera fit", kInvalid, {"camera_fit", "77"},
+         [](auto* r) { r->set_camera_fit(static_cast<isoscope::v1::CameraFit>(77)); });
+  expect("camera fit below 0", kInvalid, {"camera_fit", "-1"},
+         [](auto* r) { r->set_camera_fit(static_cast<isoscope::v1::CameraFit>(-1)); });
   expect("colour", kInvalid, {"base_color"}, [](auto* r) { r->mutable_base_color()->set_red(7); });
   expect("colour nan", kInvalid, {"background_color"}, [](auto* r) {
     r->mutable_background_color()->set_red(std::numeric_limits<float>::quiet_NaN());
@@ -408,6 +417,76 @@ TEST_F(BadInputTest, RequestsOnTheWireAreCheckedLikeFlags) {
          [](auto* r) { r->set_dataset("other"); });
   // After all of it the server still serves.
   ISOSCOPE_EXPECT_OK(testing::Render(cluster->address(), testing::SmallRequest()));
+}
+
+TEST_F(BadInputTest, HistogramRequestsOnTheWireAreChecked) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                testing::ProcessCluster::Start(GoodDataset(), 2));
+  const auto stub = isoscope::v1::DatasetService::NewStub(rpc::MakeChannel(cluster->address()));
+  const auto ask =
+      [&](const std::function<void(isoscope::v1::GetHistogramRequest*)>& change) -> absl::Status {
+    isoscope::v1::GetHistogramRequest request;
+    change(&request);
+    grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(absl::Now() + testing::kPatience));
+    isoscope::v1::GetHistogramResponse response;
+    return rpc::ToAbslStatus(stub->GetHistogram(&context, request, &response));
+  };
+  const auto range = [](double min, double max) {
+    return [min, max](isoscope::v1::GetHistogramRequest* request) {
+      request->mutable_value_range()->set_min(min);
+      request->mutable_value_range()->set_max(max);
+    };
+  };
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr auto kInvalid = absl::StatusCode::kInvalidArgument;
+  for (const int count : {-1, 4097, std::numeric_limits<int>::min()}) {
+    EXPECT_THAT(ask([&](auto* r) { r->set_max_bin_count(count); }),
+                StatusIs(kInvalid, AllOf(HasSubstr("max_bin_count"), HasSubstr("4096"))));
+  }
+  for (const auto& [min, max] :
+       {std::pair(kNan, 1.0), std::pair(0.0, kNan), std::pair(-kInfinity, 1.0),
+        std::pair(0.0, kInfinity), std::pair(5.0, 4.0)}) {
+    EXPECT_THAT(ask(range(min, max)), StatusIs(kInvalid, HasSubstr("value_range")));
+  }
+  EXPECT_THAT(ask(range(1e6, 1e300)), StatusIs(kInvalid, HasSubstr("no sample is in it")));
+  EXPECT_THAT(ask([](auto* r) { r->set_dataset("other"); }),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("\"good\"")));
+  EXPECT_THAT(ask([](auto* r) { r->GetReflection()->MutableUnknownFields(r)->AddVarint(99, 1); }),
+              StatusIs(kInvalid, HasSubstr("99")));
+  ISOSCOPE_EXPECT_OK(ask(range(-1e308, 1e308)));
+  ISOSCOPE_EXPECT_OK(ask([](auto* r) { r->set_max_bin_count(1); }));
+}
+
+TEST_F(BadInputTest, CamerasThatAreNone) {
+  Write("cut.json", "{\"eye\": [0, 0,");
+  Write("nan.json",
+        "{\"eye\": [0, 0, \"nan\"], \"target\": [0, 0, 0], \"orthographic\": {\"height\": 1}}");
+  const std::vector<std::string> at{"--isovalue", "128"};
+  ExpectFailure(RenderGood(Join(at, {"--camera", Path("none.json")})), kFailed,
+                {"NOT_FOUND", "none.json"});
+  ExpectFailure(RenderGood(Join(at, {"--camera", Path("cut.json")})), kFailed,
+                {"INVALID_ARGUMENT", "cut.json", "JSON"});
+  ExpectFailure(RenderGood(Join(at, {"--camera", Path("nan.json")})), kFailed,
+                {"INVALID_ARGUMENT", "nan.json", "eye"});
+  ExpectFailure(RenderGood(Join(at, {"--view", "anterior"})), kFailed,
+                {"INVALID_ARGUMENT", "no patient frame", "front"});
+  ExpectFailure(RenderGood(Join(at, {"--view", "upside-down"})), kWrongUsage,
+                {"upside-down", "anterior"});
+  ExpectFailure(RenderGood(Join(at, {"--fit", "nothing"})), kWrongUsage, {"volume, surface"});
+  ExpectFailure(RenderGood(Join(at, {"--view", "top", "--eye", "1,2,3"})), kWrongUsage,
+                {"--eye", "--view"});
+  ExpectFailure(RenderGood(Join(at, {"--camera", "c.json", "--zoom", "2"})), kWrongUsage,
+                {"--camera", "--zoom"});
+  ExpectFailure(RenderGood(Join(at, {"--save-camera", "/no/such/folder/c.json"})), kFailed,
+                {"/no/such/folder"});
+  ExpectFailure({"info", GoodDataset(), "--bins", "9"}, kWrongUsage, {"--histogram"});
+  ExpectFailure({"info", GoodDataset(), "--histogram", "--range", "2,1"}, kWrongUsage, {"2,1"});
+  ExpectFailure({"info", GoodDataset(), "--histogram", "--bins", "4097"}, kWrongUsage, {"4096"});
+  ExpectFailure({"info", GoodDataset(), "--histogram-svg", Path("h.png")}, kWrongUsage, {".svg"});
+  ExpectFailure({"info", GoodDataset(), "--histogram", "--range", "5000,6000"}, kFailed,
+                {"INVALID_ARGUMENT", "no sample is in it"});
 }
 
 // Changes one byte of a shard at a time, over all of its files; the files are tiny, so that header,
@@ -431,7 +510,7 @@ TEST_F(BadInputTest, DamagedShardIsAnErrorOrTheRightPictureNeverAnother) {
     files.push_back(entry.path().string());
   }
   std::sort(files.begin(), files.end());
-  ASSERT_EQ(files.size(), 6U);
+  ASSERT_EQ(files.size(), 7U);
   for (const std::string& file : files) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(file, kMaxFileBytes));
     ASSERT_FALSE(bytes.empty()) << file;
@@ -475,8 +554,12 @@ TEST_F(BadInputTest, DamagedShardIsAnErrorOrTheRightPictureNeverAnother) {
     // A file that is gone.
     fs::rename(file, Path("away"));
     const CommandResult gone = render();
-    EXPECT_EQ(gone.exit_code, kFailed) << file << ": " << gone.err;
-    EXPECT_THAT(gone.err, HasSubstr("shard"));
+    if (fs::path(file).filename() == "histogram.bin") {  // no frame needs it
+      EXPECT_EQ(gone.exit_code, 0) << gone.err;
+    } else {
+      EXPECT_EQ(gone.exit_code, kFailed) << file << ": " << gone.err;
+      EXPECT_THAT(gone.err, HasSubstr("shard"));
+    }
     fs::rename(Path("away"), file);
   }
   // Defends the test: nearly every byte is needed.

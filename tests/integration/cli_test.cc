@@ -669,6 +669,143 @@ TEST_F(CliTest, TheCacheKeepsToItsLimitAndSaysWhatItHas) {
   EXPECT_EQ(RunIsoscope({"cache", "list"}, wrong).exit_code, 2);
 }
 
+TEST_F(CliTest, HistogramAndSuggestionsDoNotDependOnShardsOrWhereTheyAreMade) {
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "one", 1));
+  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
+  const auto histogram_of = [&](const std::vector<std::string>& input) {
+    return ParseJson(
+               MustRun(Join({"info", "--histogram", "--json", "--bins", "4096"}, input), Options()))
+        .at("histogram");
+  };
+  const json histogram = histogram_of({Path("one")});
+  EXPECT_EQ(histogram_of({Path("three")}), histogram);
+  const std::vector<std::string> raw = Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
+  EXPECT_EQ(histogram_of(raw), histogram) << "straight from the volume";
+  EXPECT_EQ(histogram_of(raw), histogram) << "from the cache";
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                testing::ProcessCluster::Start(Path("three"), 3));
+  EXPECT_EQ(histogram_of({"--server", cluster->address()}), histogram) << "from a cluster";
+
+  // Against the samples themselves.
+  std::map<int, std::int64_t> counts;
+  for (const char c : gyroid_.samples) {
+    ++counts[static_cast<unsigned char>(c)];
+  }
+  EXPECT_EQ(histogram.at("bins").size(),
+            static_cast<std::size_t>(counts.rbegin()->first - counts.begin()->first + 1));
+  for (const json& bin : histogram.at("bins")) {
+    EXPECT_EQ(bin.at("sample_count"), counts[bin.at("min").get<int>()]) << bin;
+    EXPECT_EQ(bin.at("max").get<double>(), bin.at("min").get<double>() + 1);
+  }
+  ASSERT_EQ(histogram.at("suggestions").size(), 2U);
+  for (const json& suggestion : histogram.at("suggestions")) {
+    const double isovalue = suggestion.at("isovalue").get<double>();
+    std::int64_t inside = 0;
+    for (const auto& [value, count] : counts) {
+      inside += value >= isovalue ? count : 0;
+    }
+    EXPECT_NEAR(suggestion.at("inside_fraction").get<double>(),
+                static_cast<double>(inside) / static_cast<double>(gyroid_.samples.size()), 1e-12);
+  }
+
+  // Statistics of a frame at a bin's centre.
+  const json& middle = histogram.at("bins").at(histogram.at("bins").size() / 2);
+  const double isovalue = middle.at("min").get<double>() + 0.5;
+  MustRun({"render", Path("three"), "--isovalue", absl::StrCat(isovalue), "--culling", "none",
+           "--output", Path("p.png"), "--stats", Path("s.json"), "--renderer", "cpu"});
+  const json stats = ParseJson(ReadFile(Path("s.json"))).at("frames").at(0);
+  EXPECT_EQ(stats.at("active_block_count"), middle.at("active_block_count"));
+  const auto triangles = stats.at("triangle_count").get<double>();
+  const auto estimate = middle.at("estimated_triangle_count").get<double>();
+  EXPECT_LT(estimate, 3 * triangles);
+  EXPECT_GT(estimate, triangles / 3);
+
+  const std::string text =
+      MustRun({"info", Path("one"), "--histogram", "--log", "--histogram-svg", Path("h.svg")});
+  EXPECT_TRUE(absl::StrContains(text, "suggested:")) << text;
+  EXPECT_TRUE(absl::StrContains(text, "(logarithmic)")) << text;
+  EXPECT_TRUE(absl::StartsWith(ReadFile(Path("h.svg")), "<svg "));
+}
+
+TEST_F(CliTest, FittedAndSavedCamerasAreTheSameForAnyShardsAndMakeThePictureAgain) {
+  const testing::TestVolume ball = testing::BallVolume({50, 46, 42}, 0.3);
+  ASSERT_NO_FATAL_FAILURE(Partition(ball, "one", 1));
+  ASSERT_NO_FATAL_FAILURE(Partition(ball, "three", 3));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                testing::ProcessCluster::Start(Path("three"), 3));
+  const std::vector<std::vector<std::string>> inputs{{Path("one"), "--renderer", "cpu"},
+                                                     {Path("three"), "--renderer", "cpu"},
+                                                     {"--server", cluster->address()}};
+  const std::string whole = Render({Path("one"), "--renderer", "cpu"});
+  for (const std::vector<std::string>& flags : std::vector<std::vector<std::string>>{
+           {"--fit", "surface"},
+           {"--fit", "surface", "--view", "top", "--azimuth", "20", "--zoom", "1.2"},
+           {"--view", "left"}}) {
+    SCOPED_TRACE(::testing::PrintToString(flags));
+    std::string camera;
+    std::string png;
+    for (const std::vector<std::string>& input : inputs) {
+      const std::string made = Render(Join(Join(flags, {"--save-camera", Path("c.json")}), input));
+      const std::string saved = ReadFile(Path("c.json"));
+      if (png.empty()) {
+        png = made;
+        camera = saved;
+        EXPECT_NE(png, whole);
+      }
+      EXPECT_EQ(saved, camera) << input[0];
+      EXPECT_TRUE(made == png) << input[0];
+      EXPECT_TRUE(Render(Join({"--camera", Path("c.json")}, input)) == png) << input[0];
+      EXPECT_EQ(ReadFile(Path("c.json")), camera);
+    }
+  }
+  // The surface fills the picture: the eye is nearer by the ratio of the boxes.
+  const auto distance_of = [&](const std::vector<std::string>& flags) {
+    Render(Join(flags, {Path("one"), "--renderer", "cpu", "--save-camera", Path("c.json")}));
+    const json camera = ParseJson(ReadFile(Path("c.json")));
+    return camera.at("eye").at(2).get<double>() - camera.at("target").at(2).get<double>();
+  };
+  EXPECT_LT(distance_of({"--fit", "surface"}), 0.75 * distance_of({}));
+  EXPECT_EQ(distance_of({"--fit", "volume"}), distance_of({}));
+  // Nothing to fit to: the volume, as without.
+  const CommandResult empty = RunIsoscope(
+      {"render", Path("one"), "--isovalue", "300", "--fit", "surface", "--width", "160", "--height",
+       "120", "--renderer", "cpu", "--output", Path("e.png"), "--save-camera", Path("e.json")});
+  EXPECT_EQ(empty.exit_code, 0) << empty.err;
+  distance_of({});
+  EXPECT_EQ(ReadFile(Path("e.json")), ReadFile(Path("c.json")));
+}
+
+TEST_F(CliTest, ViewsOfAPatientFollowTheFrameOfTheFile) {
+  const testing::TestVolume ball = testing::BallVolume({30, 26, 22}, 0.8);
+  const auto write = [&](const std::string& name, const std::string& space) {
+    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(
+        Path(name), absl::StrCat("NRRD0004\ntype: uchar\ndimension: 3\n", space,
+                                 "\nsizes: 30 26 22\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+                                 "space origin: (0,0,0)\nencoding: raw\n\n",
+                                 ball.samples)));
+  };
+  ASSERT_NO_FATAL_FAILURE(write("lps.nrrd", "space: left-posterior-superior"));
+  ASSERT_NO_FATAL_FAILURE(write("plain.nrrd", "space dimension: 3"));
+  const auto camera_of = [&](const std::string& name, const char* view) {
+    Render({Path(name), "--renderer", "cpu", "--view", view, "--save-camera", Path("c.json")});
+    return ParseJson(ReadFile(Path("c.json")));
+  };
+  const json info =
+      ParseJson(MustRun({"info", Path("lps.nrrd"), "--histogram", "--json"}, Options()));
+  EXPECT_EQ(info.at("datasets").at(0).at("patient_frame"), "LPS");
+  const json anterior = camera_of("lps.nrrd", "anterior");
+  EXPECT_LT(anterior.at("eye").at(1), anterior.at("target").at(1));
+  EXPECT_EQ(anterior.at("up"), json({0.0, 0.0, 1.0}));
+  EXPECT_GT(camera_of("lps.nrrd", "left").at("eye").at(0).get<double>(), 30);
+  EXPECT_LT(camera_of("plain.nrrd", "left").at("eye").at(0).get<double>(), 0);
+  EXPECT_EQ(camera_of("lps.nrrd", "front"), camera_of("plain.nrrd", "front"));
+  const CommandResult refused = RunIsoscope({"render", Path("plain.nrrd"), "--isovalue", "128",
+                                             "--view", "anterior", "--output", Path("p.png")},
+                                            Options());
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_TRUE(absl::StrContains(refused.err, "no patient frame")) << refused.err;
+}
+
 TEST_F(CliTest, HelpAndVersionAreNoErrors) {
   EXPECT_TRUE(absl::StrContains(MustRun({"--help"}), "Commands:"));
   EXPECT_TRUE(absl::StartsWith(MustRun({"--version"}), "isoscope "));

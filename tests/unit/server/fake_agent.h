@@ -36,6 +36,13 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   std::function<void()> on_describe = [] {};
   std::function<grpc::Status(grpc::ServerContext*, FrameStream*)> on_frame;
   std::function<grpc::Status(grpc::ServerContext*, SurfaceWriter*)> on_surface;
+  std::function<grpc::Status(grpc::ServerContext*,
+                             const isoscope::internal::v1::GetShardHistogramRequest&,
+                             isoscope::internal::v1::GetShardHistogramResponse*)>
+      on_histogram;
+  std::function<grpc::Status(const isoscope::internal::v1::GetActiveBoxRequest&,
+                             isoscope::internal::v1::GetActiveBoxResponse*)>
+      on_active_box;
 
   // On `port`, or a free one.
   void Start(int port = 0) {
@@ -77,6 +84,16 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
                               const isoscope::internal::v1::ExtractSurfaceRequest* /*request*/,
                               SurfaceWriter* writer) override {
     return on_surface(context, writer);
+  }
+  grpc::Status GetShardHistogram(
+      grpc::ServerContext* context, const isoscope::internal::v1::GetShardHistogramRequest* request,
+      isoscope::internal::v1::GetShardHistogramResponse* response) override {
+    return on_histogram(context, *request, response);
+  }
+  grpc::Status GetActiveBox(grpc::ServerContext* /*context*/,
+                            const isoscope::internal::v1::GetActiveBoxRequest* request,
+                            isoscope::internal::v1::GetActiveBoxResponse* response) override {
+    return on_active_box(*request, response);
   }
 
  private:

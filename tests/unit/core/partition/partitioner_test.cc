@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -297,6 +298,101 @@ TEST_F(PartitionerTest, EveryBlockSizeAndDistributionComesBack) {
   }
 }
 
+// The histograms of all shards, added up.
+volume::SampleHistogram HistogramOf(const std::string& directory, int shard_count) {
+  volume::SampleHistogram sum;
+  for (int shard = 0; shard < shard_count; ++shard) {
+    const auto reader = store::ShardReader::Open(
+        absl::StrCat(directory, "/", store::ShardDirectoryName(shard, shard_count)));
+    EXPECT_THAT(reader.status(), testing::IsOk());
+    const auto histogram = reader.ok() ? (*reader)->ReadHistogram() : reader.status();
+    EXPECT_THAT(histogram.status(), testing::IsOk());
+    if (!histogram.ok() || !histogram->has_value()) {
+      ADD_FAILURE() << "shard " << shard << " has no histogram";
+      return sum;
+    }
+    if (shard == 0) {
+      sum = **histogram;
+    } else {
+      sum.Add(**histogram);
+    }
+  }
+  return sum;
+}
+
+TEST_F(PartitionerTest, HistogramsOfAllShardsCountEverySampleOnceWhateverTheShardsAndTheMemory) {
+  const math::Index3 dims{45, 38, 50};
+  for (const ScalarType type : {ScalarType::kUint8, ScalarType::kInt16, ScalarType::kFloat32}) {
+    const Volume v{dims, type, Noise(dims, type)};
+    std::map<double, std::int64_t> values;
+    for (std::int64_t i = 0; i < math::Volume(dims); ++i) {
+      ++values[SampleAt(v, {i % dims.x, i / dims.x % dims.y, i / dims.x / dims.y})];
+    }
+    std::optional<volume::SampleHistogram> first;
+    int number = 0;
+    for (const int shards : {1, 3, 7}) {
+      for (const std::int64_t limit : {base::kGiB, 4 * base::kMiB}) {
+        PartitionOptions options = Options(absl::StrCat(volume::NameOf(type), "-", number++));
+        options.shard_count = shards;
+        options.memory_limit_bytes = limit;
+        options.block_cells = number % 2 == 0 ? math::Index3{8, 8, 8} : math::Index3{5, 16, 3};
+        options.distribution =
+            number % 3 == 0 ? store::Distribution::kGreedy : store::Distribution::kRandom;
+        ISOSCOPE_ASSERT_OK(Run(v, options));
+        const volume::SampleHistogram sum = HistogramOf(options.output_directory, shards);
+        if (!first.has_value()) {
+          std::vector<std::int64_t> expected(static_cast<std::size_t>(sum.bins.count));
+          std::int64_t nan_count = math::Volume(dims);
+          for (const auto& [value, count] : values) {
+            if (!std::isnan(value)) {
+              expected.at(static_cast<std::size_t>(sum.bins.IndexOf(value))) += count;
+              nan_count -= count;
+            }
+          }
+          EXPECT_EQ(sum.counts, expected);
+          EXPECT_EQ(sum.nan_count, nan_count);
+          EXPECT_EQ(sum.TotalCount(), math::Volume(dims));
+          first = sum;
+        }
+        EXPECT_EQ(sum, *first) << shards << " shards, limit " << limit;
+      }
+    }
+  }
+}
+
+TEST_F(PartitionerTest, ADamagedOrLostHistogramIsDataLossAndTheShardStillOpens) {
+  const math::Index3 dims{20, 20, 20};
+  const Volume v{dims, ScalarType::kInt16, Noise(dims, ScalarType::kInt16)};
+  PartitionOptions options = Options("d");
+  options.shard_count = 2;
+  ISOSCOPE_ASSERT_OK(Run(v, options));
+  const auto path_of = [&](int shard) {
+    return absl::StrCat(options.output_directory, "/", store::ShardDirectoryName(shard, 2), "/",
+                        store::kHistogramFileName);
+  };
+  const auto read = [&]() -> absl::Status {
+    const auto reader = store::ShardReader::Open(
+        absl::StrCat(options.output_directory, "/", store::ShardDirectoryName(0, 2)));
+    EXPECT_THAT(reader.status(), testing::IsOk());
+    return (*reader)->ReadHistogram().status();
+  };
+  ISOSCOPE_EXPECT_OK(read());
+  const std::string bytes = ReadFile(path_of(0));
+  for (const std::size_t at : {std::size_t{3}, std::size_t{70}, bytes.size() - 1}) {
+    std::string damaged = bytes;
+    damaged[at] = static_cast<char>(damaged[at] ^ 16);
+    testing::WriteFile(path_of(0), damaged);
+    EXPECT_THAT(read(),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr(store::kHistogramFileName)));
+  }
+  testing::WriteFile(path_of(0), bytes.substr(0, bytes.size() - 8));
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("bytes, expected")));
+  testing::WriteFile(path_of(0), ReadFile(path_of(1)));
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("another shard")));
+  ISOSCOPE_ASSERT_OK(io::RemoveRecursively(path_of(0)));
+  EXPECT_THAT(read(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("is missing")));
+}
+
 TEST_F(PartitionerTest, EveryCompressionGivesTheSameSamplesInSmallerFiles) {
   const math::Index3 dims{37, 21, 34};
   const Volume smooth{
@@ -384,7 +480,7 @@ TEST_F(PartitionerTest, SameInputGivesTheSameBytesForEveryMemoryLimitAndWayOfRea
           EXPECT_EQ(source.planes_read(), distribution == store::Distribution::kGreedy ? 120 : 60);
         }
         const auto files = FilesBelow(options.output_directory);
-        EXPECT_EQ(files.size(), 3u * 6u + 2u);
+        EXPECT_EQ(files.size(), 3u * 7u + 2u);
         if (first.empty()) {
           ExpectDatasetMatches(options.output_directory, v, options);
           first = files;

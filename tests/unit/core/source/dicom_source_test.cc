@@ -60,6 +60,7 @@ TEST_F(DicomSourceTest, SeriesIsStackedByPositionFromItsFolderAndFromAFile) {
     EXPECT_EQ(source->geometry().spacing, (math::Vec3d{0.5, 2, 1.5}));
     EXPECT_EQ(source->geometry().origin, (math::Vec3d{10, 20, 30}));
     EXPECT_EQ(source->scalar_type(), ScalarType::kInt16);
+    EXPECT_EQ(source->patient_frame(), volume::PatientFrame()) << "LPS";
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 2));
     EXPECT_TRUE(read == samples_);
   }

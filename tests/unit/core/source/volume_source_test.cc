@@ -181,6 +181,47 @@ TEST_F(VolumeSourceTest, MetaImageSamplesOfEveryTypeLocalDetachedCompressedAndBi
   }
 }
 
+// RAS files are turned to LPS, so the frame is always that one.
+TEST_F(VolumeSourceTest, FilesThatSayHowTheyLieInThePatientHaveAPatientFrame) {
+  const std::string samples = Noise(kDims, volume::ScalarType::kUint8);
+  const auto write_nrrd = [&](const std::string& space) {
+    std::string header = NrrdHeader(kDims, "unsigned char", "raw");
+    const std::string lps = "space: left-posterior-superior";
+    header.replace(header.find(lps), lps.size(), space);
+    return Write("a.nrrd", header + samples);
+  };
+  struct Row {
+    const char* space;
+    bool has_frame;
+    math::Vec3d origin;
+  };
+  const Row rows[] = {{"space: left-posterior-superior", true, {10, 20, 30}},
+                      {"space: LPS", true, {10, 20, 30}},
+                      {"space: right-anterior-superior", true, {-10, -20, 30}},
+                      // ITK 5.2 turns x where y must be turned: what the axes mean is not known.
+                      {"space: left-anterior-superior", false, {-10, 20, 30}},
+                      {"space: scanner-xyz", false, {10, 20, 30}},
+                      {"space dimension: 3", false, {10, 20, 30}}};
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.space);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(write_nrrd(row.space)));
+    EXPECT_EQ(source->patient_frame().has_value(), row.has_frame);
+    if (row.has_frame) {
+      EXPECT_EQ(source->patient_frame()->name(), "LPS");
+    }
+    EXPECT_EQ(source->geometry().origin, row.origin);
+  }
+  std::string nifti = NiftiHeaderBytes({.dims = kDims, .datatype = 2}) + samples;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto source, OpenVolumeFile(Write("a.nii", nifti)));
+  EXPECT_EQ(source->patient_frame(), volume::PatientFrame());
+  nifti[254] = 0;  // sform_code: unknown, as qform_code is
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(source, OpenVolumeFile(Write("a.nii", nifti)));
+  EXPECT_FALSE(source->patient_frame().has_value());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      source, OpenVolumeFile(Write("a.mha", MetaHeader(kDims, "MET_UCHAR", "LOCAL") + samples)));
+  EXPECT_FALSE(source->patient_frame().has_value());
+}
+
 // Files a1, a2, ... of `count` shares of the samples each, and their names, a line each.
 class SeveralFilesTest : public VolumeSourceTest {
  protected:

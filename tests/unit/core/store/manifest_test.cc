@@ -11,6 +11,7 @@
 
 #include "core/base/crc32c.h"
 #include "core/store/sealed_json.h"
+#include "core/store/shard_writer.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::store {
@@ -252,6 +253,40 @@ TEST(ManifestTest, DistributionNamesRoundTrip) {
   }
   EXPECT_THAT(DistributionFromName("fair"),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("random or greedy")));
+}
+
+// A manifest with a patient frame, sealed anew.
+std::string TextWithFrame(const Manifest& manifest, const std::string& value) {
+  Manifest with = manifest;
+  with.patient_frame.emplace();
+  std::string text = EncodeManifest(with);
+  const std::size_t digits = text.find("\"crc32c\": \"") + 11;
+  text.replace(digits, 8, "00000000");
+  return SealJson(Replaced(text, "\"LPS\"", value));
+}
+
+TEST(ManifestTest, APatientFrameIsOptionalAndKept) {
+  Manifest manifest =
+      DecodeManifest(SealJson(Replaced(kText, "@@@@@@@@", "00000000")), "m").value();
+  EXPECT_FALSE(manifest.patient_frame.has_value());
+  const std::string id_without = ComputeDatasetId(manifest);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(manifest.patient_frame, volume::PatientFrame::FromName("RAS"));
+  const std::string bytes = EncodeManifest(manifest);
+  EXPECT_NE(bytes.find("\"patient_frame\": \"RAS\""), std::string::npos);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded, DecodeManifest(bytes, "m"));
+  EXPECT_EQ(decoded, manifest);
+  EXPECT_NE(ComputeDatasetId(manifest), id_without) << "another world is another dataset";
+}
+
+TEST(ManifestTest, APatientFrameThatIsNoneIsDamage) {
+  const Manifest manifest =
+      DecodeManifest(SealJson(Replaced(kText, "@@@@@@@@", "00000000")), "m").value();
+  ISOSCOPE_EXPECT_OK(DecodeManifest(TextWithFrame(manifest, "\"RAS\""), "m").status());
+  for (const char* value : {"\"XYZ\"", "\"LP\"", "7", "null", "[\"L\", \"P\", \"S\"]"}) {
+    EXPECT_THAT(DecodeManifest(TextWithFrame(manifest, value), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("patient")))
+        << value;
+  }
 }
 
 }  // namespace

@@ -1,0 +1,104 @@
+#include "core/view/camera_fit.h"
+
+#include "absl/status/status.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/math/matrix.h"
+
+namespace isoscope::view {
+namespace {
+
+using volume::PatientFrame;
+using volume::PatientSide;
+
+// Where the eye is, seen from the target, and what is up: unit vectors.
+struct Side {
+  math::Vec3d to_eye;
+  math::Vec3d up;
+};
+
+Side SideOf(const PatientFrame& frame, PatientSide eye, PatientSide up) {
+  return {frame.DirectionTo(eye), frame.DirectionTo(up)};
+}
+
+absl::StatusOr<Side> SideOf(NamedView named_view, const std::optional<PatientFrame>& patient) {
+  switch (named_view) {
+    case NamedView::kFront:
+      return Side{{0, 0, 1}, {0, 1, 0}};
+    case NamedView::kBack:
+      return Side{{0, 0, -1}, {0, 1, 0}};
+    case NamedView::kLeft:
+      return patient ? SideOf(*patient, PatientSide::kLeft, PatientSide::kSuperior)
+                     : Side{{-1, 0, 0}, {0, 1, 0}};
+    case NamedView::kRight:
+      return patient ? SideOf(*patient, PatientSide::kRight, PatientSide::kSuperior)
+                     : Side{{1, 0, 0}, {0, 1, 0}};
+    case NamedView::kTop:
+      return Side{{0, 1, 0}, {0, 0, -1}};
+    case NamedView::kBottom:
+      return Side{{0, -1, 0}, {0, 0, 1}};
+    case NamedView::kAnterior:
+    case NamedView::kPosterior:
+    case NamedView::kSuperior:
+    case NamedView::kInferior:
+      break;
+  }
+  if (!patient.has_value()) {
+    return absl::InvalidArgumentError(
+        "a view of a patient, but the source of the dataset has no patient frame (NIfTI with a "
+        "qform or sform, DICOM, and NRRD with the space LPS or RAS have one; datasets made "
+        "before it was kept must be partitioned anew): use front, back, left, right, top or "
+        "bottom");
+  }
+  switch (named_view) {
+    case NamedView::kAnterior:
+      return SideOf(*patient, PatientSide::kAnterior, PatientSide::kSuperior);
+    case NamedView::kPosterior:
+      return SideOf(*patient, PatientSide::kPosterior, PatientSide::kSuperior);
+    case NamedView::kSuperior:
+      return SideOf(*patient, PatientSide::kSuperior, PatientSide::kAnterior);
+    case NamedView::kInferior:
+      return SideOf(*patient, PatientSide::kInferior, PatientSide::kAnterior);
+    default:
+      base::CheckFailed(__FILE__, __LINE__, "view out of range");
+  }
+}
+
+}  // namespace
+
+math::Box3d BoundsOfCells(const volume::GridGeometry& geometry, const math::IndexBox& cells) {
+  math::Box3d index_box;
+  for (const math::Index3& corner : {cells.begin, cells.end}) {
+    index_box.Add({static_cast<double>(corner.x), static_cast<double>(corner.y),
+                   static_cast<double>(corner.z)});
+  }
+  const math::Mat4d to_world = geometry.world_from_index();
+  math::Box3d bounds;
+  for (const math::Vec3d& corner : index_box.Corners()) {
+    bounds.Add(math::TransformPoint(to_world, corner));
+  }
+  return bounds;
+}
+
+Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3d& to) {
+  ISOSCOPE_CHECK_GT(from.Radius(), 0.0);
+  const double scale = to.Radius() / from.Radius();
+  Camera moved = camera;
+  moved.eye = to.Center() + (camera.eye - from.Center()) * scale;
+  moved.target = to.Center() + (camera.target - from.Center()) * scale;
+  moved.view_height = camera.view_height * scale;
+  return moved;
+}
+
+absl::StatusOr<Camera> MakeNamedCamera(NamedView named_view, const math::Box3d& bounds,
+                                       const std::optional<PatientFrame>& patient_frame) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const Side side, SideOf(named_view, patient_frame));
+  Camera camera = MakeDefaultCamera(bounds);
+  const double distance = camera.eye.z - camera.target.z;
+  camera.eye = camera.target + side.to_eye * distance;
+  camera.up = side.up;
+  return camera;
+}
+
+}  // namespace isoscope::view

@@ -1,0 +1,54 @@
+// Cameras that frame something: the volume from a named side, or the surface instead of the volume.
+
+#ifndef ISOSCOPE_CORE_VIEW_CAMERA_FIT_H_
+#define ISOSCOPE_CORE_VIEW_CAMERA_FIT_H_
+
+#include <optional>
+
+#include "absl/status/statusor.h"
+
+#include "core/math/box.h"
+#include "core/view/camera.h"
+#include "core/volume/grid_geometry.h"
+#include "core/volume/patient_frame.h"
+
+namespace isoscope::view {
+
+// Returns the world box around the cells [begin, end) of a grid. REQUIRES: they are cells of it.
+math::Box3d BoundsOfCells(const volume::GridGeometry& geometry, const math::IndexBox& cells);
+
+// Returns a camera for box `to` that frames it as `camera` frames box `from`: moved and scaled by
+// what takes the sphere around the one to the sphere around the other. Direction, up and angle
+// stay. REQUIRES: from.Radius() > 0.
+Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3d& to);
+
+// The sides to look from. Those of the world: front is the default camera's.
+//
+//   side     eye at   up          side of the patient   eye at       up
+//   front    +z       +y          anterior              anterior     superior
+//   back     -z       +y          posterior             posterior    superior
+//   right    +x       +y          left                  left         superior
+//   left     -x       +y          right                 right        superior
+//   top      +y       -z          superior              superior     anterior
+//   bottom   -y       +z          inferior              inferior     anterior
+enum class NamedView {
+  kFront,
+  kBack,
+  kLeft,   // the patient's left, where a patient frame is known
+  kRight,  // the patient's right, where a patient frame is known
+  kTop,
+  kBottom,
+  kAnterior,
+  kPosterior,
+  kSuperior,
+  kInferior,
+};
+
+// Returns the default camera of `bounds` (MakeDefaultCamera) from another side. INVALID_ARGUMENT if
+// the view is one of a patient, and there is no patient frame.
+absl::StatusOr<Camera> MakeNamedCamera(NamedView named_view, const math::Box3d& bounds,
+                                       const std::optional<volume::PatientFrame>& patient_frame);
+
+}  // namespace isoscope::view
+
+#endif  // ISOSCOPE_CORE_VIEW_CAMERA_FIT_H_

@@ -1,0 +1,159 @@
+#include "partition-agent/shard_histogram.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+#include "core/base/check.h"
+#include "core/base/status_macros.h"
+#include "core/store/shard_format.h"
+#include "core/store/shard_reader.h"
+#include "core/volume/block_set.h"
+
+namespace isoscope::agent {
+namespace {
+
+// The samples of all shards; not set if one was not counted.
+absl::StatusOr<std::optional<volume::SampleHistogram>> SamplesOf(
+    const std::vector<std::shared_ptr<const Shard>>& shards) {
+  std::optional<volume::SampleHistogram> sum;
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::optional<volume::SampleHistogram> samples,
+                              shard->reader->ReadHistogram());
+    if (!samples.has_value()) {
+      return std::nullopt;
+    }
+    if (!sum.has_value()) {
+      sum = std::move(samples);
+    } else if (sum->bins == samples->bins) {
+      sum->Add(*samples);
+    } else {
+      return absl::DataLossError(
+          absl::StrCat(shard->reader->directory(), "/", store::kHistogramFileName,
+                       ": has other bins than the shards beside it: of another dataset"));
+    }
+  }
+  return sum;
+}
+
+// The bins of a volume whose samples were not counted. Infinite samples hide the range of the
+// finite ones in their blocks.
+volume::HistogramBins BinsFromRanges(const store::ShardReader& reader) {
+  const store::Manifest& manifest = reader.manifest();
+  volume::ScalarSpan range = manifest.value_range;
+  if (!std::isfinite(range.min) || !std::isfinite(range.max)) {
+    range = {};
+    for (std::int64_t id = 0; id < reader.ranges().block_count(); ++id) {
+      const volume::ScalarSpan span = reader.ranges().Get(static_cast<volume::BlockId>(id));
+      for (const double end : {span.min, span.max}) {
+        if (span.min <= span.max && std::isfinite(end)) {
+          range.min = std::min(range.min, end);
+          range.max = std::max(range.max, end);
+        }
+      }
+    }
+  }
+  return volume::BinsOf(manifest.scalar_type, range);
+}
+
+// Adds up costs by group: each block counts for the groups whose centre it is active at. They
+// follow one another, so differences at both ends are enough.
+class CostSums {
+ public:
+  explicit CostSums(const volume::BinGroups& groups)
+      : blocks_(Zeros(groups)), bytes_(Zeros(groups)), triangles_(Zeros(groups)) {
+    for (std::int64_t g = 0; g < groups.count; ++g) {
+      centers_.push_back(groups.CenterOf(g));
+    }
+  }
+
+  void Add(const volume::ScalarSpan& span, std::int64_t bytes, std::int64_t triangles) {
+    // IsActive: min < centre <= max.
+    const auto begin = static_cast<std::size_t>(
+        std::upper_bound(centers_.begin(), centers_.end(), span.min) - centers_.begin());
+    const auto end = static_cast<std::size_t>(
+        std::upper_bound(centers_.begin(), centers_.end(), span.max) - centers_.begin());
+    if (begin < end) {
+      AddDifference(begin, end, 1, &blocks_);
+      AddDifference(begin, end, bytes, &bytes_);
+      AddDifference(begin, end, triangles, &triangles_);
+    }
+  }
+
+  void MoveTo(volume::HistogramPart* part) {
+    part->active_block_counts = Summed(std::move(blocks_));
+    part->active_block_bytes = Summed(std::move(bytes_));
+    part->estimated_triangle_counts = Summed(std::move(triangles_));
+  }
+
+ private:
+  static std::vector<std::int64_t> Zeros(const volume::BinGroups& groups) {
+    return std::vector<std::int64_t>(static_cast<std::size_t>(groups.count) + 1);
+  }
+  static void AddDifference(std::size_t begin, std::size_t end, std::int64_t value,
+                            std::vector<std::int64_t>* differences) {
+    (*differences)[begin] += value;
+    (*differences)[end] -= value;
+  }
+  static std::vector<std::int64_t> Summed(std::vector<std::int64_t> differences) {
+    for (std::size_t i = 1; i < differences.size(); ++i) {
+      differences[i] += differences[i - 1];
+    }
+    differences.pop_back();
+    return differences;
+  }
+
+  std::vector<double> centers_;
+  std::vector<std::int64_t> blocks_;
+  std::vector<std::int64_t> bytes_;
+  std::vector<std::int64_t> triangles_;
+};
+
+}  // namespace
+
+absl::StatusOr<volume::HistogramPart> HistogramOfShards(
+    const std::vector<std::shared_ptr<const Shard>>& shards, std::int64_t max_bin_count,
+    const std::optional<volume::ScalarSpan>& range) {
+  ISOSCOPE_CHECK(!shards.empty());
+  volume::HistogramPart part;
+  ISOSCOPE_ASSIGN_OR_RETURN(part.samples, SamplesOf(shards));
+  const volume::HistogramBins bins =
+      part.samples.has_value() ? part.samples->bins : BinsFromRanges(*shards.front()->reader);
+  ISOSCOPE_ASSIGN_OR_RETURN(part.groups, volume::GroupBins(bins, max_bin_count, range));
+  CostSums sums(part.groups);
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    const store::ShardReader& reader = *shard->reader;
+    for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+      const volume::BlockId id = reader.block_id(ordinal);
+      sums.Add(reader.ranges().Get(id), reader.stored_bytes(ordinal),
+               volume::EstimateTriangles(reader.layout().CellsOf(id).dims()));
+    }
+  }
+  sums.MoveTo(&part);
+  return part;
+}
+
+ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
+                      const std::vector<double>& isovalues) {
+  volume::BlockSet active(layout.block_count());
+  for (const double isovalue : isovalues) {
+    active.UnionWith(ranges.ActiveBlocks(isovalue));
+  }
+  ActiveBox box;
+  for (const volume::BlockId id : active.Ids()) {
+    const math::IndexBox cells = layout.CellsOf(id);
+    for (int axis = 0; axis < 3; ++axis) {
+      box.cells.begin[axis] = box.block_count == 0
+                                  ? cells.begin[axis]
+                                  : std::min(box.cells.begin[axis], cells.begin[axis]);
+      box.cells.end[axis] = std::max(box.cells.end[axis], cells.end[axis]);
+    }
+    ++box.block_count;
+  }
+  return box;
+}
+
+}  // namespace isoscope::agent

@@ -1,0 +1,43 @@
+// What an agent's shards know about isovalues: their samples by value, and the cost of surfaces by
+// the ranges of their blocks.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_SHARD_HISTOGRAM_H_
+#define ISOSCOPE_PARTITION_AGENT_SHARD_HISTOGRAM_H_
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/math/box.h"
+#include "core/volume/range_table.h"
+#include "core/volume/sample_histogram.h"
+#include "core/volume/scalar_span.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::agent {
+
+// Returns the part of these shards. O(their blocks + bins); reads the histogram of each.
+//
+// shards: of one dataset, at least one
+// range:  the values to look at; finite, min <= max. Not set: all finite samples
+//
+// INVALID_ARGUMENT: no sample lies in the range. DATA_LOSS: a histogram is damaged.
+absl::StatusOr<volume::HistogramPart> HistogramOfShards(
+    const std::vector<std::shared_ptr<const Shard>>& shards, std::int64_t max_bin_count,
+    const std::optional<volume::ScalarSpan>& range);
+
+// The blocks of the volume that are active for any of some isovalues.
+struct ActiveBox {
+  std::int64_t block_count = 0;
+  math::IndexBox cells;  // of these blocks; empty if there are none
+};
+// O(blocks of the volume). REQUIRES: isovalues are finite.
+ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
+                      const std::vector<double>& isovalues);
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_SHARD_HISTOGRAM_H_

@@ -1,0 +1,46 @@
+// Questions to the agents of a dataset, outside of frames. Each part is asked of the agent that
+// works on these shards, all at the same time.
+
+#ifndef ISOSCOPE_SERVER_AGENT_QUERIES_H_
+#define ISOSCOPE_SERVER_AGENT_QUERIES_H_
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/math/box.h"
+#include "core/rpc/histogram_convert.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/sample_histogram.h"
+#include "server/agent_failure.h"
+#include "server/dataset_catalog.h"
+
+namespace isoscope::server {
+
+// An answer, and the agents that failed; there are some only if `result` is an error.
+template <typename T>
+struct QueryOutcome {
+  absl::StatusOr<T> result;
+  std::vector<AgentFailure> failures;
+};
+
+// Returns the histogram of the whole dataset: the sum of all agents' parts. Blocks. Errors as
+// DatasetService.GetHistogram.
+QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
+                                                 const rpc::HistogramQuery& query,
+                                                 const base::Cancellation& cancellation);
+
+// Returns the cells of the box around the blocks that are active for any of some isovalues; not set
+// if there are none. Asks the first agent, because every one knows all ranges. Blocks. UNAVAILABLE,
+// FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dataset,
+                                                         const volume::BlockLayout& layout,
+                                                         const std::vector<double>& isovalues,
+                                                         const base::Cancellation& cancellation);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_AGENT_QUERIES_H_

@@ -1,0 +1,157 @@
+#include "core/rpc/histogram_convert.h"
+
+#include <functional>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::rpc {
+namespace {
+
+namespace internal = isoscope::internal::v1;
+namespace v1 = isoscope::v1;
+using ::isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
+
+constexpr std::int64_t kHuge = std::numeric_limits<std::int64_t>::max();
+
+volume::HistogramPart Example() {
+  const volume::HistogramBins bins{.exponent = -2, .first = -8, .count = 5};
+  return {.groups = {.bins = bins, .begin = 1, .size = 2, .count = 2},
+          .active_block_counts = {3, 4},
+          .active_block_bytes = {3000, 4000},
+          .estimated_triangle_counts = {540, 720},
+          .samples = volume::SampleHistogram{bins, {1, 2, 3, 4, 5}, 6, 7, 8}};
+}
+
+TEST(HistogramQueryTest, DefaultsAndValuesAreTaken) {
+  v1::GetHistogramRequest request;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(HistogramQuery query, HistogramQueryFromProto(request));
+  EXPECT_EQ(query.max_bin_count, 256);
+  EXPECT_FALSE(query.value_range.has_value());
+  request.set_max_bin_count(4096);
+  request.mutable_value_range()->set_min(-1);
+  request.mutable_value_range()->set_max(-1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(query, HistogramQueryFromProto(request));
+  EXPECT_EQ(query.max_bin_count, 4096);
+  EXPECT_EQ(*query.value_range, (volume::ScalarSpan{-1, -1}));
+}
+
+TEST(HistogramQueryTest, EveryHostileValueIsNamed) {
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (const int count :
+       {-1, 4097, std::numeric_limits<int>::max(), std::numeric_limits<int>::min()}) {
+    v1::GetHistogramRequest request;
+    request.set_max_bin_count(count);
+    EXPECT_THAT(HistogramQueryFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr("max_bin_count is " + std::to_string(count))));
+  }
+  for (const auto& [min, max] : {std::pair(nan, 1.0), std::pair(0.0, nan), std::pair(-kInf, 1.0),
+                                 std::pair(0.0, kInf), std::pair(2.0, 1.0)}) {
+    v1::GetHistogramRequest request;
+    request.mutable_value_range()->set_min(min);
+    request.mutable_value_range()->set_max(max);
+    EXPECT_THAT(HistogramQueryFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("value_range")));
+    internal::GetShardHistogramRequest of_shards;
+    *of_shards.mutable_value_range() = request.value_range();
+    EXPECT_FALSE(HistogramQueryFromProto(of_shards).ok());
+  }
+}
+
+TEST(HistogramPartTest, ComesBackFromTheWire) {
+  volume::HistogramPart part = Example();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::HistogramPart back,
+                                HistogramPartFromProto(ToProto(part)));
+  EXPECT_EQ(back.groups, part.groups);
+  EXPECT_EQ(back.active_block_counts, part.active_block_counts);
+  EXPECT_EQ(back.active_block_bytes, part.active_block_bytes);
+  EXPECT_EQ(back.estimated_triangle_counts, part.estimated_triangle_counts);
+  EXPECT_EQ(back.samples, part.samples);
+  part.samples.reset();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::HistogramPart without,
+                                HistogramPartFromProto(ToProto(part)));
+  EXPECT_FALSE(without.samples.has_value());
+}
+
+TEST(HistogramPartTest, WhatNoAgentOfOursSendsIsRefused) {
+  using Proto = internal::GetShardHistogramResponse;
+  const std::vector<std::function<void(Proto*)>> spoil = {
+      [](Proto* p) { p->set_bin_exponent(-1001); },
+      [](Proto* p) { p->set_bin_exponent(1015); },
+      [](Proto* p) { p->set_first_bin(kHuge); },
+      [](Proto* p) { p->set_first_bin(-kHuge); },
+      [](Proto* p) { p->set_stored_bin_count(-1); },
+      [](Proto* p) { p->set_stored_bin_count(4097); },
+      [](Proto* p) { p->set_stored_bin_count(3); },  // fewer than the groups need
+      [](Proto* p) { p->set_group_begin(-1); },
+      [](Proto* p) { p->set_group_begin(6); },
+      [](Proto* p) { p->set_bins_per_group_count(0); },
+      [](Proto* p) { p->set_bins_per_group_count(-2); },
+      [](Proto* p) { p->set_bins_per_group_count(std::numeric_limits<int>::max()); },
+      [](Proto* p) { p->add_active_block_counts(1); },
+      [](Proto* p) { p->set_active_block_counts(0, -1); },
+      [](Proto* p) { p->add_active_block_bytes(1); },
+      [](Proto* p) { p->set_active_block_bytes(0, kHuge); },
+      [](Proto* p) { p->clear_estimated_triangle_counts(); },
+      [](Proto* p) { p->mutable_samples()->add_counts(1); },
+      [](Proto* p) { p->mutable_samples()->set_counts(2, -5); },
+      [](Proto* p) { p->mutable_samples()->set_counts(2, kHuge); },
+      [](Proto* p) { p->mutable_samples()->set_nan_count(-1); },
+      [](Proto* p) { p->mutable_samples()->set_positive_infinity_count(kHuge); },
+      [](Proto* p) { p->mutable_samples()->set_negative_infinity_count(std::int64_t{1} << 46); }};
+  for (std::size_t i = 0; i < spoil.size(); ++i) {
+    Proto proto = ToProto(Example());
+    spoil[i](&proto);
+    EXPECT_THAT(HistogramPartFromProto(proto), StatusIs(absl::StatusCode::kInvalidArgument)) << i;
+  }
+}
+
+TEST(HistogramResponseTest, BinsHaveTheirEdgesAndSums) {
+  const v1::GetHistogramResponse response =
+      ToProto(Example(), {{.method = volume::SuggestionMethod::kOnePercent,
+                           .isovalue = 2.5,
+                           .inside_fraction = 0.01}});
+  ASSERT_EQ(response.bins_size(), 2);
+  EXPECT_EQ(response.bins(0).min(), -1.75);
+  EXPECT_EQ(response.bins(0).max(), -1.25);
+  EXPECT_EQ(response.bins(1).max(), -0.75);
+  EXPECT_EQ(response.bins(0).sample_count(), 2 + 3);
+  EXPECT_EQ(response.bins(1).sample_count(), 4 + 5);
+  EXPECT_EQ(response.bins(1).active_block_count(), 4);
+  EXPECT_EQ(response.bins(1).active_block_bytes(), 4000);
+  EXPECT_EQ(response.bins(1).estimated_triangle_count(), 720);
+  EXPECT_TRUE(response.has_sample_counts());
+  EXPECT_EQ(response.nan_count(), 6);
+  EXPECT_EQ(response.negative_infinity_count(), 7);
+  EXPECT_EQ(response.positive_infinity_count(), 8);
+  ASSERT_EQ(response.suggestions_size(), 1);
+  EXPECT_EQ(response.suggestions(0).method(), v1::IsovalueSuggestion::METHOD_ONE_PERCENT);
+  EXPECT_EQ(response.suggestions(0).isovalue(), 2.5);
+}
+
+TEST(ActiveBoxTest, ComesBackAndOnesOutsideTheVolumeAreRefused) {
+  const volume::BlockLayout layout = volume::BlockLayout::Make({9, 9, 9}, {4, 4, 4}).value();
+  const math::IndexBox cells{{0, 4, 0}, {4, 8, 8}};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto box, ActiveBoxFromProto(ToProto(3, cells), layout));
+  EXPECT_EQ(*box, cells);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto none, ActiveBoxFromProto(ToProto(0, {}), layout));
+  EXPECT_FALSE(none.has_value());
+  for (const math::IndexBox& hostile :
+       {math::IndexBox{{-1, 0, 0}, {4, 4, 4}}, math::IndexBox{{0, 0, 0}, {4, 4, 9}},
+        math::IndexBox{{4, 0, 0}, {4, 4, 4}}, math::IndexBox{{0, 0, 0}, {4, kHuge, 4}}}) {
+    EXPECT_THAT(ActiveBoxFromProto(ToProto(3, hostile), layout),
+                StatusIs(absl::StatusCode::kInvalidArgument));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::rpc

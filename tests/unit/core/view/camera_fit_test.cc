@@ -1,0 +1,129 @@
+#include "core/view/camera_fit.h"
+
+#include <cmath>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::view {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
+using volume::PatientFrame;
+
+math::Box3d Box(const math::Vec3d& min, const math::Vec3d& max) {
+  math::Box3d box;
+  box.Add(min);
+  box.Add(max);
+  return box;
+}
+
+const math::Box3d kVolume = Box({-1, -2, -3}, {5, 4, 9});
+
+void ExpectNear(const math::Vec3d& a, const math::Vec3d& b) {
+  EXPECT_NEAR(math::Length(a - b), 0, 1e-9) << a.x << " " << a.y << " " << a.z;
+}
+
+TEST(NamedCameraTest, FrontIsTheDefaultCameraBitForBit) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Camera front,
+                                MakeNamedCamera(NamedView::kFront, kVolume, std::nullopt));
+  EXPECT_EQ(front, MakeDefaultCamera(kVolume));
+}
+
+TEST(NamedCameraTest, EverySideLooksAtTheCentreFromOneDistance) {
+  struct Row {
+    NamedView name;
+    math::Vec3d to_eye;
+    math::Vec3d up;
+  };
+  const Row world[] = {
+      {NamedView::kFront, {0, 0, 1}, {0, 1, 0}}, {NamedView::kBack, {0, 0, -1}, {0, 1, 0}},
+      {NamedView::kLeft, {-1, 0, 0}, {0, 1, 0}}, {NamedView::kRight, {1, 0, 0}, {0, 1, 0}},
+      {NamedView::kTop, {0, 1, 0}, {0, 0, -1}},  {NamedView::kBottom, {0, -1, 0}, {0, 0, 1}}};
+  // Of LPS: x to the left, y to the back, z up.
+  const Row patient[] = {{NamedView::kFront, {0, 0, 1}, {0, 1, 0}},
+                         {NamedView::kTop, {0, 1, 0}, {0, 0, -1}},
+                         {NamedView::kAnterior, {0, -1, 0}, {0, 0, 1}},
+                         {NamedView::kPosterior, {0, 1, 0}, {0, 0, 1}},
+                         {NamedView::kLeft, {1, 0, 0}, {0, 0, 1}},
+                         {NamedView::kRight, {-1, 0, 0}, {0, 0, 1}},
+                         {NamedView::kSuperior, {0, 0, 1}, {0, -1, 0}},
+                         {NamedView::kInferior, {0, 0, -1}, {0, -1, 0}}};
+  const Camera standard = MakeDefaultCamera(kVolume);
+  const double distance = math::Length(standard.eye - standard.target);
+  const auto expect = [&](const Row& row, const std::optional<PatientFrame>& frame) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Camera camera, MakeNamedCamera(row.name, kVolume, frame));
+    ISOSCOPE_EXPECT_OK(Validate(camera));
+    EXPECT_EQ(camera.target, kVolume.Center());
+    ExpectNear(camera.eye, camera.target + row.to_eye * distance);
+    EXPECT_EQ(camera.up, row.up);
+    EXPECT_EQ(camera.fov_y_radians, standard.fov_y_radians);
+  };
+  for (const Row& row : world) {
+    expect(row, std::nullopt);
+  }
+  for (const Row& row : patient) {
+    expect(row, PatientFrame());
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const PatientFrame ras, PatientFrame::FromName("RAS"));
+  expect({NamedView::kAnterior, {0, 1, 0}, {0, 0, 1}}, ras);
+  expect({NamedView::kLeft, {-1, 0, 0}, {0, 0, 1}}, ras);
+}
+
+TEST(NamedCameraTest, ASideOfAPatientNeedsAPatient) {
+  for (const NamedView name :
+       {NamedView::kAnterior, NamedView::kPosterior, NamedView::kSuperior, NamedView::kInferior}) {
+    EXPECT_THAT(MakeNamedCamera(name, kVolume, std::nullopt),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no patient frame")));
+  }
+}
+
+TEST(MoveToBoxTest, TheDefaultCameraOfOneBoxBecomesThatOfTheOther) {
+  const math::Box3d surface = Box({1, 1, 2}, {2, 3, 2.5});
+  const Camera moved = MoveToBox(MakeDefaultCamera(kVolume), kVolume, surface);
+  const Camera expected = MakeDefaultCamera(surface);
+  ExpectNear(moved.eye, expected.eye);
+  ExpectNear(moved.target, expected.target);
+  EXPECT_EQ(moved.up, expected.up);
+  EXPECT_EQ(moved.fov_y_radians, expected.fov_y_radians);
+  EXPECT_NEAR(moved.view_height, expected.view_height, 1e-12);
+}
+
+TEST(MoveToBoxTest, DirectionUpAngleAndFramingStay) {
+  Camera camera = MakeDefaultCamera(kVolume);
+  Azimuth(0.7, &camera);
+  Elevation(-0.4, &camera);
+  OrthogonalizeUp(&camera);
+  Zoom(1.8, &camera);
+  camera.target = camera.target + math::Vec3d{0.3, 0.2, -0.1};
+  const math::Box3d surface = Box({4, -2, 0}, {5, -1, 1});
+  const Camera moved = MoveToBox(camera, kVolume, surface);
+  ExpectNear(math::Normalized(moved.target - moved.eye),
+             math::Normalized(camera.target - camera.eye));
+  EXPECT_EQ(moved.up, camera.up);
+  EXPECT_EQ(moved.fov_y_radians, camera.fov_y_radians);
+  EXPECT_NEAR(math::Length(moved.eye - surface.Center()) / surface.Radius(),
+              math::Length(camera.eye - kVolume.Center()) / kVolume.Radius(), 1e-9);
+  ExpectNear((moved.target - surface.Center()) * (1 / surface.Radius()),
+             (camera.target - kVolume.Center()) * (1 / kVolume.Radius()));
+}
+
+TEST(BoundsOfCellsTest, AllCellsAreTheVolumeAndSomeAreTheirCorners) {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {5, 6, 7};
+  geometry.spacing = {0.5, 2, 3};
+  geometry.origin = {10, 20, 30};
+  geometry.direction.columns = {math::Vec3d{0, 1, 0}, math::Vec3d{-1, 0, 0}, math::Vec3d{0, 0, 1}};
+  const math::Box3d all = BoundsOfCells(geometry, {{0, 0, 0}, {4, 5, 6}});
+  EXPECT_EQ(all.min, geometry.Bounds().min);
+  EXPECT_EQ(all.max, geometry.Bounds().max);
+  const math::Box3d some = BoundsOfCells(geometry, {{1, 2, 3}, {2, 4, 5}});
+  ExpectNear(some.min, {10 - 8, 20.5, 39});
+  ExpectNear(some.max, {10 - 4, 21, 45});
+}
+
+}  // namespace
+}  // namespace isoscope::view
