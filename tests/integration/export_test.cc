@@ -1,5 +1,6 @@
 // `isoscope export` as its users type it: formats, islands, simplification.
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <string>
