@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <memory>
@@ -33,6 +34,7 @@ constexpr double kMinTextPx = 11;
 constexpr char kFontFamily[] = "DejaVu Sans";
 constexpr double kOutlineShare = 0.22;  // of the text's size
 constexpr double kLineSpacing = 1.3;
+constexpr std::ptrdiff_t kPixelBytes = 4;  // of Cairo's ARGB32
 
 struct Ink {
   double red = 1;
@@ -90,7 +92,7 @@ class Sheet {
   }
 
   // Text whose baseline begins at (x, y).
-  void DrawText(double x, double y, const std::string& text, const Ink& ink) {
+  void DrawText(double x, double y, const std::string& text, const Ink& ink) const {
     cairo_move_to(cr(), x, y);
     cairo_text_path(cr(), text.c_str());
     Outline(kOutlineShare * text_px_);
@@ -99,7 +101,7 @@ class Sheet {
   }
 
   // A line as thick as `width`.
-  void DrawLine(double x0, double y0, double x1, double y1, double width, const Ink& ink) {
+  void DrawLine(double x0, double y0, double x1, double y1, double width, const Ink& ink) const {
     cairo_move_to(cr(), x0, y0);
     cairo_line_to(cr(), x1, y1);
     Outline(width + kOutlineShare * text_px_);
@@ -110,7 +112,7 @@ class Sheet {
 
   // Fills the rectangles of the path as one shape. Its edges are exact; they may lie between
   // pixels.
-  void FillPath() {
+  void FillPath() const {
     Outline(kOutlineShare * text_px_);
     SetInk(ink_, 1);
     cairo_fill(cr());
@@ -130,7 +132,8 @@ class Sheet {
     for (int y = std::max(0, -y_); y < cairo_image_surface_get_height(surface_.get()); ++y) {
       for (int x = std::max(0, -x_); x < cairo_image_surface_get_width(surface_.get()); ++x) {
         std::uint32_t argb = 0;
-        std::memcpy(&argb, data + static_cast<std::ptrdiff_t>(y) * stride + 4 * x, sizeof(argb));
+        std::memcpy(&argb, data + std::ptrdiff_t{y} * stride + std::ptrdiff_t{x} * kPixelBytes,
+                    sizeof(argb));
         const int to_x = x_ + x;
         const int to_y = y_ + y;
         if (argb >> 24 == 0 || to_x >= picture->width || to_y >= picture->height) {
@@ -152,12 +155,12 @@ class Sheet {
   }
 
  private:
-  void SetInk(const Ink& ink, double alpha) {
+  void SetInk(const Ink& ink, double alpha) const {
     cairo_set_source_rgba(cr(), ink.red, ink.green, ink.blue, alpha);
   }
 
   // Strokes the current path in the opposite lightness, and keeps it.
-  void Outline(double width) {
+  void Outline(double width) const {
     SetInk(outline_, 0.7);
     cairo_set_line_width(cr(), width);
     cairo_stroke_preserve(cr());

@@ -167,6 +167,7 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_dataset();
   deciding.clear_culling();
   deciding.clear_ray_seed();
+  deciding.clear_output();
   return deciding;
 }
 

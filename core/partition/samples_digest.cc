@@ -36,7 +36,7 @@ struct SamplesDigest::Hash {
   Hash(const Hash&) = delete;
   Hash& operator=(const Hash&) = delete;
 
-  Sha256 Of(absl::string_view head, absl::string_view body) {
+  [[nodiscard]] Sha256 Of(absl::string_view head, absl::string_view body) const {
     Sha256 digest;
     ISOSCOPE_CHECK(EVP_DigestInit_ex(context, algorithm, nullptr) == 1 &&
                    EVP_DigestUpdate(context, head.data(), head.size()) == 1 &&

@@ -50,6 +50,7 @@ class PictureTest : public ::testing::Test {
                        {.environment = {"XDG_CACHE_HOME=" + Path("cache")}});
   }
   // Renders a small picture to `name` and returns the file.
+  // NOLINTNEXTLINE(modernize-use-nodiscard): the file may be all that is wanted
   std::string MustRender(const std::string& name, const std::vector<std::string>& arguments) const {
     const CommandResult result = Render(Join({"--output", Path(name)}, arguments));
     EXPECT_EQ(result.exit_code, 0) << result.err;

@@ -99,7 +99,11 @@ TEST(AnnotationsTest, DrawnBarHasItsLengthToAPartOfAPixel) {
     for (int y = 0; y < 400; ++y) {
       double sum = 0;
       for (int x = 0; x < 600; ++x) {
-        sum += annotated.picture.pixels[static_cast<std::size_t>(600 * y + x)].g / 255.0;
+        sum += annotated.picture
+                   .pixels[std::size_t{600} * static_cast<std::size_t>(y) +
+                           static_cast<std::size_t>(x)]
+                   .g /
+               255.0;
       }
       brightest = std::max(brightest, sum);
     }
@@ -134,7 +138,7 @@ TEST(AnnotationsTest, PixelsOutsideTheBoxesKeepTheirBitsAlsoTranslucentOnes) {
   int changed = 0;
   for (int y = 0; y < 240; ++y) {
     for (int x = 0; x < 320; ++x) {
-      const auto i = static_cast<std::size_t>(320 * y + x);
+      const auto i = std::size_t{320} * static_cast<std::size_t>(y) + static_cast<std::size_t>(x);
       if (annotated.picture.pixels[i] != picture.pixels[i]) {
         ++changed;
         EXPECT_TRUE(IsInside(annotated.boxes, x, y)) << x << " " << y;

@@ -49,8 +49,8 @@ TEST(MeshComponentsTest, RandomMeshesAreAsByBruteForce) {
   for (int round = 0; round < 40; ++round) {
     const auto vertex_count = static_cast<std::uint32_t>(5 + random() % 60);
     MeshPiece piece;
-    piece.positions.resize(3 * vertex_count);
-    piece.normals.resize(3 * vertex_count);
+    piece.positions.resize(std::size_t{3} * vertex_count);
+    piece.normals.resize(std::size_t{3} * vertex_count);
     const std::size_t triangle_count = random() % 40;
     for (std::size_t i = 0; i < 3 * triangle_count; ++i) {
       piece.triangles.push_back(static_cast<std::uint32_t>(random() % vertex_count));
@@ -75,9 +75,9 @@ TEST(MeshComponentsTest, RandomMeshesAreAsByBruteForce) {
     }
     const int min = 1 + static_cast<int>(random() % 6);
     std::vector<std::uint32_t> expected;
-    for (std::size_t i = 0; i < piece.triangles.size(); ++i) {
-      if (sizes[label[piece.triangles[i]]] >= min) {
-        expected.push_back(piece.triangles[i]);
+    for (const std::uint32_t vertex : piece.triangles) {
+      if (sizes[label[vertex]] >= min) {
+        expected.push_back(vertex);
       }
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mesh, MeshStore::Create(folder.path()));

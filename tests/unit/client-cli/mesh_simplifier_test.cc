@@ -74,7 +74,7 @@ TEST(MeshSimplifierTest, PartsLeaveNoCracksAndComeNearTheShare) {
 }
 
 TEST(MeshSimplifierTest, ErrorBoundsHowFarTheSurfaceMoves) {
-  std::int64_t last_count = 8 * 1024;
+  std::int64_t last_count = 8192;
   for (const double bound : {0.05, 0.5, 2.0}) {
     SCOPED_TRACE(bound);
     for (const std::int64_t part : {std::int64_t{1} << 20, std::int64_t{1000}}) {

@@ -177,7 +177,7 @@ std::size_t NumberAfter(const std::string& text, std::size_t from, const std::st
 
 ReadMesh ReadVtp(const std::string& bytes) {
   ReadMesh mesh;
-  const std::size_t mark = bytes.find("_", bytes.find("<AppendedData encoding=\"raw\">"));
+  const std::size_t mark = bytes.find('_', bytes.find("<AppendedData encoding=\"raw\">"));
   const std::string xml = bytes.substr(0, mark);
   const std::size_t vertex_count = NumberAfter(xml, 0, "NumberOfPoints");
   const std::size_t triangle_count = NumberAfter(xml, 0, "NumberOfPolys");

@@ -17,7 +17,6 @@ namespace {
 
 using ::isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
-using ::testing::Not;
 using Json = nlohmann::ordered_json;
 namespace v1 = isoscope::v1;
 
