@@ -90,7 +90,7 @@ std::string DrawBars(const Bars& bars, const PlotOptions& options) {
     std::string line = absl::StrFormat("%7s |", label);
     for (const double height : bars.heights) {
       double share = ShareOf(height, bars.largest(), options.is_logarithmic);
-      // What is there shows, if only just.
+      // A bar that is not empty shows, if only just.
       share = height > 0 ? std::max(share, 1.0 / (8 * kPlotRows)) : share;
       const double eighths = share * 8 * kPlotRows - 8.0 * row;
       line += kEighths[static_cast<std::size_t>(std::clamp(std::lround(eighths), 0L, 8L))];

@@ -1,4 +1,4 @@
-// What an agent's shards know about isovalues: their samples by value, and the cost of surfaces by
+// The knowledge of an agent's shards about isovalues: samples by value, and the cost of surfaces by
 // the ranges of their blocks.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_SHARD_HISTOGRAM_H_

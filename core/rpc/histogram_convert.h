@@ -18,7 +18,7 @@
 
 namespace isoscope::rpc {
 
-// What a request asks for.
+// The wishes of a request.
 struct HistogramQuery {
   std::int64_t max_bin_count = 256;               // 1 to kMaxHistogramBins
   std::optional<volume::ScalarSpan> value_range;  // finite, min <= max

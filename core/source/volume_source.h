@@ -25,7 +25,7 @@ class VolumeSource {
 
   [[nodiscard]] virtual const volume::GridGeometry& geometry() const = 0;
   [[nodiscard]] virtual volume::ScalarType scalar_type() const = 0;
-  // What the world axes mean on the patient; not set if the file does not say.
+  // The meaning of the world axes on the patient; not set if the file does not say.
   [[nodiscard]] virtual std::optional<volume::PatientFrame> patient_frame() const {
     return std::nullopt;
   }

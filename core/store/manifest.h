@@ -49,7 +49,7 @@ struct Manifest {
   std::uint64_t seed = 0;
   std::uint32_t range_table_crc32c = 0;  // of the whole range table file
   std::vector<ShardSummary> shards;      // by shard index
-  // What the world axes mean on the patient, if the source says so.
+  // The meaning of the world axes on the patient, if the source tells it.
   std::optional<volume::PatientFrame> patient_frame = std::nullopt;
 
   friend bool operator==(const Manifest&, const Manifest&) = default;

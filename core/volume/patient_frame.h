@@ -1,4 +1,4 @@
-// What the world axes mean on a patient.
+// The meaning of the world axes on a patient.
 
 #ifndef ISOSCOPE_CORE_VOLUME_PATIENT_FRAME_H_
 #define ISOSCOPE_CORE_VOLUME_PATIENT_FRAME_H_

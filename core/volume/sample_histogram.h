@@ -100,7 +100,7 @@ struct BinGroups {
 absl::StatusOr<BinGroups> GroupBins(const HistogramBins& bins, std::int64_t max_count,
                                     const std::optional<ScalarSpan>& range);
 
-// What a part of the blocks knows about isovalues. The parts of all shards add up to that of the
+// The knowledge of some blocks about isovalues. The parts of all shards add up to that of the
 // volume.
 struct HistogramPart {
   BinGroups groups;

@@ -19,7 +19,7 @@ using volume::ScalarType;
 
 constexpr math::Index3 kDims{11, 9, 13};
 
-// What one loop over all samples counts.
+// The counts of one loop over all samples.
 volume::SampleHistogram BruteForce(ScalarType type, const std::string& samples) {
   volume::SampleHistogram histogram;
   volume::VisitScalarType(type, [&]<typename T>() {

@@ -841,9 +841,11 @@ TEST_F(PartitionerTest, RealVolumesMatchWhatTheirReadMeSays) {
     math::Index3 dims;
     ScalarType type;
     volume::ScalarSpan values;
-  } volumes[] = {{"ironprot", {68, 68, 68}, ScalarType::kUint8, {0, 255}},
-                 {"headsq_quarter", {64, 64, 93}, ScalarType::kUint16, {0, 3926}},
-                 {"ct_pitch", {175, 248, 58}, ScalarType::kUint8, {0, 255}}};
+    double isovalue;
+    std::int64_t triangle_count;  // there, counted block by block
+  } volumes[] = {{"ironprot", {68, 68, 68}, ScalarType::kUint8, {0, 255}, 60, 27180},
+                 {"headsq_quarter", {64, 64, 93}, ScalarType::kUint16, {0, 3926}, 1150, 78476},
+                 {"ct_pitch", {175, 248, 58}, ScalarType::kUint8, {0, 255}, 80, 498826}};
   for (const auto& real : volumes) {
     const std::string path = absl::StrCat(DataDirectory(), "/", real.name, ".nrrd");
     if (!io::PathExists(path)) {
@@ -857,6 +859,23 @@ TEST_F(PartitionerTest, RealVolumesMatchWhatTheirReadMeSays) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto manifest, Partition(*source, options, never_));
     EXPECT_EQ(manifest.value_range, real.values);
     EXPECT_EQ(manifest.source, absl::StrCat(real.name, ".nrrd"));
+
+    const volume::SampleHistogram histogram = HistogramOf(options.output_directory, 4);
+    EXPECT_EQ(histogram.TotalCount(), math::Volume(real.dims));
+    EXPECT_GT(histogram.counts.front(), 0);
+    EXPECT_GT(histogram.counts.back(), 0);
+    PartitionOptions whole = Options(absl::StrCat(real.name, "-1"));
+    ISOSCOPE_ASSERT_OK(Partition(*source, whole, never_).status());
+    EXPECT_EQ(HistogramOf(whole.output_directory, 1), histogram) << real.name;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto dataset, store::OpenDataset(whole.output_directory));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout,
+                                  volume::BlockLayout::Make(real.dims, manifest.block_cells));
+    std::int64_t estimate = 0;
+    for (const volume::BlockId id : dataset.ranges.ActiveBlocks(real.isovalue).Ids()) {
+      estimate += volume::EstimateTriangles(layout.CellsOf(id).dims());
+    }
+    EXPECT_LT(estimate, 2 * real.triangle_count) << real.name;
+    EXPECT_GT(2 * estimate, real.triangle_count) << real.name;
   }
 }
 
