@@ -37,7 +37,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised when the same source and parameters no longer give the same dataset.
-constexpr absl::string_view kKeyVersion = "isoscope-cache-3";
+constexpr absl::string_view kKeyVersion = "isoscope-cache-4";
 constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
 constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
 constexpr std::int64_t kDefaultShareOfFileSystem = 10;  // one tenth
