@@ -58,10 +58,12 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
       {"visibility_culling", Rounded(Milliseconds(durations.visibility_culling_duration()))},
       {"composite", Rounded(Milliseconds(durations.composite_duration()))},
       {"encode", Rounded(Milliseconds(durations.encode_duration()))}};
-  json["surfaces"] = nlohmann::ordered_json::array();
-  for (const v1::SurfaceStatistics& surface : statistics.surfaces()) {
-    json["surfaces"].push_back({{"triangle_count", surface.triangle_count()},
-                                {"unique_vertex_count", surface.unique_vertex_count()}});
+  // Of one surface they are the sums above.
+  if (statistics.surfaces_size() > 1) {
+    for (const v1::SurfaceStatistics& surface : statistics.surfaces()) {
+      json["surfaces"].push_back({{"triangle_count", surface.triangle_count()},
+                                  {"unique_vertex_count", surface.unique_vertex_count()}});
+    }
   }
   json["agents"] = nlohmann::ordered_json::array();
   for (const v1::AgentStatistics& agent : statistics.agents()) {

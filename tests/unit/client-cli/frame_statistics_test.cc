@@ -87,6 +87,18 @@ TEST(FrameStatisticsTest, JsonHasEveryValueInItsPlace) {
                 "address": "host:1"}]})"));
 }
 
+TEST(FrameStatisticsTest, SeveralSurfacesAreListed) {
+  FrameRecord frame = SampleFrame();
+  for (int i = 1; i <= 2; ++i) {
+    isoscope::v1::SurfaceStatistics* const surface = frame.statistics.add_surfaces();
+    surface->set_triangle_count(100 * i);
+    surface->set_unique_vertex_count(10 * i);
+  }
+  EXPECT_EQ(StatisticsToJson({frame})["frames"][0]["surfaces"],
+            Json::parse(R"([{"triangle_count": 100, "unique_vertex_count": 10},
+                            {"triangle_count": 200, "unique_vertex_count": 20}])"));
+}
+
 TEST(FrameStatisticsTest, NoAgentsIsAnEmptyList) {
   EXPECT_EQ(StatisticsToJson({FrameRecord{}})["frames"][0]["agents"], Json::array());
 }

@@ -129,7 +129,7 @@ TEST(LikePictureTest, RevisionIsThatOfAReachableAgentOfTheDataset) {
 TEST(LikePictureTest, FlagsThatDecideAPixelAreRefused) {
   const auto check = [](std::vector<std::string> arguments) {
     CLI::App app;
-    RenderCommand().register_flags(&app);
+    const Action owner_of_values = RenderCommand().register_flags(&app);
     std::reverse(arguments.begin(), arguments.end());
     app.parse(arguments);
     return CheckOnlyFlagsBesideLike(app);
@@ -143,6 +143,13 @@ TEST(LikePictureTest, FlagsThatDecideAPixelAreRefused) {
                                              {"--background", "1,1,1,0"},
                                              {"--azimuth", "3"},
                                              {"--eye", "1,2,3"},
+                                             {"--surface", "3:1,0,0"},
+                                             {"--clip-plane", "1,0,0,3"},
+                                             {"--clip-box", "0,1,0,1,0,1"},
+                                             {"--region", "0,0,3,3"},
+                                             {"--view", "left"},
+                                             {"--fit", "surface"},
+                                             {"--depth", "d.npy"},
                                              {"--repeat", "3"},
                                              {"--fps", "3"}}) {
     std::vector<std::string> arguments{"v.nrrd", "--like", "a.png"};

@@ -281,10 +281,15 @@ TEST(ProtoConvertTest, StatisticsOfAnAgentComeBack) {
     const google::protobuf::FieldDescriptor* const field = descriptor->field(i);
     if (field->type() == google::protobuf::FieldDescriptor::TYPE_INT64) {
       proto.GetReflection()->SetInt64(&proto, field, 100 + i);
-    } else if (field->type() == google::protobuf::FieldDescriptor::TYPE_MESSAGE) {
+    } else if (field->type() == google::protobuf::FieldDescriptor::TYPE_MESSAGE &&
+               !field->is_repeated()) {
       static_cast<google::protobuf::Duration*>(proto.GetReflection()->MutableMessage(&proto, field))
           ->set_nanos(200 + i);
     }
+  }
+  for (int i = 1; i <= 2; ++i) {
+    proto.add_surfaces()->set_triangle_count(300 + i);
+    proto.mutable_surfaces(i - 1)->set_unique_vertex_count(400 + i);
   }
   EXPECT_EQ(ToProto(AgentStatisticsFromProto(proto)).SerializeAsString(),
             proto.SerializeAsString());
