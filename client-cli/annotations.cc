@@ -18,7 +18,9 @@
 #include <numeric>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include <CLI/CLI.hpp>
@@ -246,12 +248,18 @@ absl::Status DrawScaleBar(const AnnotationScene& scene, Annotated* annotated) {
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
 }
 
+std::string IsovalueText(const AnnotationScene& scene) {
+  return absl::StrJoin(scene.isovalues, ", ", [](std::string* out, double isovalue) {
+    absl::StrAppend(out, absl::StrFormat("%.9g", isovalue));
+  });
+}
+
 // The top left corner; lines that are too long for the picture make all of them smaller.
 absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scene,
                          Annotated* annotated) {
   const image::RgbaImage& picture = annotated->picture;
-  const std::string replaced = absl::StrReplaceAll(
-      caption, {{"{isovalue}", absl::StrFormat("%.9g", scene.isovalue)}, {"\\n", "\n"}});
+  const std::string replaced =
+      absl::StrReplaceAll(caption, {{"{isovalue}", IsovalueText(scene)}, {"\\n", "\n"}});
   const std::vector<std::string> lines = absl::StrSplit(replaced, '\n');
   double text = TextPx(picture);
   const int height = Ceil((kLineSpacing * static_cast<double>(lines.size()) + 1) * text);

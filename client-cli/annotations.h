@@ -26,7 +26,8 @@ namespace isoscope::cli {
 struct AnnotationFlags {
   bool has_axes = false;
   bool has_scale_bar = false;
-  // "{isovalue}" in it becomes the frame's; "\n" (two letters) begins a new line.
+  // "{isovalue}" in it becomes the frame's, several with commas between; "\n" (two letters) begins
+  // a new line.
   std::optional<std::string> caption = std::nullopt;
 
   [[nodiscard]] bool any() const { return has_axes || has_scale_bar || caption; }
@@ -38,8 +39,8 @@ void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags);
 // What a frame tells its annotations.
 struct AnnotationScene {
   view::Camera camera;
-  int viewport_height_px = 0;  // that the camera's angle or height spans
-  double isovalue = 0;
+  int viewport_height_px = 0;        // that the camera's angle or height spans
+  std::vector<double> isovalues;     // of the surfaces, in their order
   bool is_background_light = false;  // dark ink on it
   std::array<std::string, 3> axis_names{"X", "Y", "Z"};
 };

@@ -38,7 +38,12 @@ absl::Status AnnotatePng(const AnnotationFlags& flags,
                          AnnotatedPicture* annotated) {
   AnnotationScene scene;
   scene.viewport_height_px = request.viewport().height_px();
-  scene.isovalue = request.isovalue();
+  for (const isoscope::v1::Surface& surface : request.surfaces()) {
+    scene.isovalues.push_back(surface.isovalue());
+  }
+  if (scene.isovalues.empty()) {
+    scene.isovalues.push_back(request.isovalue());
+  }
   scene.is_background_light = IsBackgroundLight(request);
   ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, rpc::CameraFromProto(camera, "camera"));
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));

@@ -38,7 +38,7 @@ AnnotationScene Orthographic(double view_height, int viewport_height_px) {
                   .projection = view::Projection::kOrthographic,
                   .view_height = view_height};
   scene.viewport_height_px = viewport_height_px;
-  scene.isovalue = 62.5;
+  scene.isovalues = {62.5};
   return scene;
 }
 
@@ -161,7 +161,7 @@ TEST(AnnotationsTest, SameCallsGiveTheSamePixelsAndTheIsovalueShows) {
       const Annotated typed,
       Annotate({.has_axes = true, .caption = "at 62.5"}, scene, Plain(320, 240)));
   EXPECT_EQ(a.picture, typed.picture);
-  scene.isovalue = 63;
+  scene.isovalues = {63};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated other, Annotate(flags, scene, Plain(320, 240)));
   EXPECT_NE(a.picture, other.picture);
 }
