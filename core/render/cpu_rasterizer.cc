@@ -43,6 +43,18 @@ view::PixelRect BoundsOf(const image::PixelMask& mask) {
           (mask.begin_row + mask.rows) << mask.shift};
 }
 
+Projection ProjectionOf(const view::View& view) {
+  return {.clip_from_index = view.clip_from_index().m,
+          .width_px = static_cast<double>(view.viewport().width_px),
+          .height_px = static_cast<double>(view.viewport().height_px),
+          .origin_x = view.region().x,
+          .origin_y = view.region().y,
+          .guard_band_px =
+              std::max(view.viewport().width_px, view.viewport().height_px) <= view::kMaxViewportPx
+                  ? kGuardBandPx
+                  : kWideGuardBandPx};
+}
+
 }  // namespace
 
 CpuRasterizer::ClipVertex CpuRasterizer::ToClip(const math::Vec3f& position) const {
@@ -277,15 +289,7 @@ void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& v
   if (rect_.empty() || mesh.triangles.empty()) {
     return;
   }
-  projection_ = {.clip_from_index = view.clip_from_index().m,
-                 .width_px = static_cast<double>(view.viewport().width_px),
-                 .height_px = static_cast<double>(view.viewport().height_px),
-                 .origin_x = view.region().x,
-                 .origin_y = view.region().y,
-                 .guard_band_px = std::max(view.viewport().width_px, view.viewport().height_px) <=
-                                          view::kMaxViewportPx
-                                      ? kGuardBandPx
-                                      : kWideGuardBandPx};
+  projection_ = ProjectionOf(view);
   nearest_depth_ = footprint.nearest_depth;
   open_ = open;
   visit_ = &visit;

@@ -130,22 +130,8 @@ class CpuPass final : public RenderPass {
         must_shade = IsFull();
       }
       for (std::size_t i = 0; i < meshes.size(); ++i) {
-        const mesh::CompactMesh& drawn = *meshes[i].mesh;
-        const view::Footprint& footprint = scratch.footprints[i];
-        if (drawn.triangles.empty() || footprint.rect.empty()) {
-          continue;
-        }
-        const view::Clipper::Side side = clipper_.empty()
-                                             ? view::Clipper::Side::kInside
-                                             : clipper_.SideOf(layout_, drawn.block_id);
-        if (side == view::Clipper::Side::kOutside) {
-          continue;
-        }
-        scratch.rasterizer.Rasterize(
-            drawn, view_, footprint, meshes[i].open,
-            side == view::Clipper::Side::kCut ? clipper_.half_spaces()
-                                              : std::span<const view::HalfSpace>(),
-            [&](const FragmentBatch& batch) { Merge(batch, scratch.first_primitive_ids[i]); });
+        DrawMesh(meshes[i], scratch.footprints[i], scratch.first_primitive_ids[i],
+                 &scratch.rasterizer);
       }
     }
     if (must_shade) {
@@ -181,6 +167,24 @@ class CpuPass final : public RenderPass {
     std::uint32_t touched = 0;  // in: the image tiles that may have fragments
     std::uint32_t drawn = 0;    // out: those that do
   };
+
+  // Puts the fragments of a mesh into the picture. Keep has been called for it.
+  void DrawMesh(const MeshToDraw& item, const view::Footprint& footprint,
+                std::uint32_t first_primitive_id, CpuRasterizer* rasterizer) {
+    const mesh::CompactMesh& mesh = *item.mesh;
+    if (mesh.triangles.empty() || footprint.rect.empty()) {
+      return;
+    }
+    const view::Clipper::Side side =
+        clipper_.empty() ? view::Clipper::Side::kInside : clipper_.SideOf(layout_, mesh.block_id);
+    if (side == view::Clipper::Side::kOutside) {
+      return;
+    }
+    rasterizer->Rasterize(mesh, view_, footprint, item.open,
+                          side == view::Clipper::Side::kCut ? clipper_.half_spaces()
+                                                            : std::span<const view::HalfSpace>(),
+                          [&](const FragmentBatch& batch) { Merge(batch, first_primitive_id); });
+  }
 
   [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
     const std::size_t tie_bytes = tie_count_.load(std::memory_order_relaxed) * sizeof(TiedFragment);
