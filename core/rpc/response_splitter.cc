@@ -10,24 +10,34 @@ using isoscope::v1::RenderIsosurfaceResponse;
 
 // Every `bytes` field of the response; the test compares this with its descriptor.
 struct BytesField {
-  const std::string& (RenderIsosurfaceResponse::*get)() const;
-  std::string* (RenderIsosurfaceResponse::*mutable_bytes)();
+  const std::string& (*get)(const RenderIsosurfaceResponse& response);
+  std::string* (*mutable_bytes)(RenderIsosurfaceResponse* response);
 };
+
+template <auto kGet, auto kMutable>
+constexpr BytesField FieldOf() {
+  return {[](const RenderIsosurfaceResponse& response) -> const std::string& {
+            return (response.*kGet)();
+          },
+          [](RenderIsosurfaceResponse* response) { return (response->*kMutable)(); }};
+}
+
 constexpr BytesField kBytesFields[] = {
-    {&RenderIsosurfaceResponse::png, &RenderIsosurfaceResponse::mutable_png},
-    {&RenderIsosurfaceResponse::jpeg, &RenderIsosurfaceResponse::mutable_jpeg},
-    {&RenderIsosurfaceResponse::rgba8, &RenderIsosurfaceResponse::mutable_rgba8},
-    {&RenderIsosurfaceResponse::depth, &RenderIsosurfaceResponse::mutable_depth},
-    {&RenderIsosurfaceResponse::surface_index, &RenderIsosurfaceResponse::mutable_surface_index},
-    {&RenderIsosurfaceResponse::position, &RenderIsosurfaceResponse::mutable_position},
-    {&RenderIsosurfaceResponse::normal, &RenderIsosurfaceResponse::mutable_normal},
+    FieldOf<&RenderIsosurfaceResponse::png, &RenderIsosurfaceResponse::mutable_png>(),
+    FieldOf<&RenderIsosurfaceResponse::jpeg, &RenderIsosurfaceResponse::mutable_jpeg>(),
+    FieldOf<&RenderIsosurfaceResponse::rgba8, &RenderIsosurfaceResponse::mutable_rgba8>(),
+    FieldOf<&RenderIsosurfaceResponse::depth, &RenderIsosurfaceResponse::mutable_depth>(),
+    FieldOf<&RenderIsosurfaceResponse::surface_index,
+            &RenderIsosurfaceResponse::mutable_surface_index>(),
+    FieldOf<&RenderIsosurfaceResponse::position, &RenderIsosurfaceResponse::mutable_position>(),
+    FieldOf<&RenderIsosurfaceResponse::normal, &RenderIsosurfaceResponse::mutable_normal>(),
 };
 
 }  // namespace
 
 ResponseSplitter::ResponseSplitter(RenderIsosurfaceResponse response) {
   for (const BytesField& field : kBytesFields) {
-    std::string bytes = std::exchange(*(response.*field.mutable_bytes)(), std::string());
+    std::string bytes = std::exchange(*field.mutable_bytes(&response), std::string());
     planes_.push_back(std::move(bytes));
   }
   first_ = std::move(response);
@@ -49,17 +59,17 @@ bool ResponseSplitter::Next(RenderIsosurfaceResponse* part) {
     return false;
   }
   const std::size_t size = std::min(kMaxPartBytes, planes_[plane_].size() - offset_);
-  *(part->*kBytesFields[plane_].mutable_bytes)() = planes_[plane_].substr(offset_, size);
+  kBytesFields[plane_].mutable_bytes(part)->assign(planes_[plane_], offset_, size);
   offset_ += size;
   return true;
 }
 
 void AppendPart(RenderIsosurfaceResponse part, RenderIsosurfaceResponse* response) {
   for (const BytesField& field : kBytesFields) {
-    const std::string& piece = (part.*field.get)();
+    const std::string& piece = field.get(part);
     if (!piece.empty()) {
-      (response->*field.mutable_bytes)()->append(piece);
-      (part.*field.mutable_bytes)()->clear();
+      field.mutable_bytes(response)->append(piece);
+      field.mutable_bytes(&part)->clear();
     }
   }
   response->MergeFrom(part);
