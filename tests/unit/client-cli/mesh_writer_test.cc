@@ -42,7 +42,9 @@ template <typename T>
 std::vector<T> LoadArray(const std::string& bytes, std::size_t offset, std::size_t count) {
   std::vector<T> values(count);
   EXPECT_LE(offset + count * sizeof(T), bytes.size());
-  std::memcpy(values.data(), bytes.data() + offset, count * sizeof(T));
+  if (count > 0) {
+    std::memcpy(values.data(), bytes.data() + offset, count * sizeof(T));
+  }
   return values;
 }
 
