@@ -30,11 +30,10 @@ CLI::Option* AddFlag(CLI::App* app, const std::string& name, const std::string& 
   return option->type_name(type_name);
 }
 
-// Adds a flag that takes one or more values, apart by spaces or commas: "--shards 1 4" is
-// "--shards 1,4". `values` stays empty if the flag is not given; it must outlive the parsing.
+// The part that the two flags with several values have in common.
 template <typename T, typename Parser>
-CLI::Option* AddListFlag(CLI::App* app, const std::string& name, const std::string& type_name,
-                         std::vector<T>* values, Parser parse, const std::string& help) {
+CLI::Option* AddValuesFlag(CLI::App* app, const std::string& name, const std::string& type_name,
+                           std::vector<T>* values, Parser parse, const std::string& help) {
   CLI::Option* option = app->add_option_function<std::vector<std::string>>(
       name,
       [values, parse](const std::vector<std::string>& texts) {
@@ -47,7 +46,15 @@ CLI::Option* AddListFlag(CLI::App* app, const std::string& name, const std::stri
     const absl::StatusOr<T> parsed = parse(text);
     return absl::StrCat(parsed.status().message());
   });
-  return option->delimiter(',')->type_name(type_name);
+  return option->type_name(type_name);
+}
+
+// Adds a flag that takes one or more values, apart by spaces or commas: "--shards 1 4" is
+// "--shards 1,4". `values` stays empty if the flag is not given; it must outlive the parsing.
+template <typename T, typename Parser>
+CLI::Option* AddListFlag(CLI::App* app, const std::string& name, const std::string& type_name,
+                         std::vector<T>* values, Parser parse, const std::string& help) {
+  return AddValuesFlag(app, name, type_name, values, parse, help)->delimiter(',');
 }
 
 // Adds a flag that may be given several times, with one value each. `values` stays empty if it is
@@ -55,19 +62,7 @@ CLI::Option* AddListFlag(CLI::App* app, const std::string& name, const std::stri
 template <typename T, typename Parser>
 CLI::Option* AddRepeatableFlag(CLI::App* app, const std::string& name, const std::string& type_name,
                                std::vector<T>* values, Parser parse, const std::string& help) {
-  CLI::Option* option = app->add_option_function<std::vector<std::string>>(
-      name,
-      [values, parse](const std::vector<std::string>& texts) {
-        for (const std::string& text : texts) {
-          values->push_back(*parse(text));
-        }
-      },
-      help);
-  option->check([parse](const std::string& text) {
-    const absl::StatusOr<T> parsed = parse(text);
-    return absl::StrCat(parsed.status().message());
-  });
-  return option->allow_extra_args(false)->type_name(type_name);
+  return AddValuesFlag(app, name, type_name, values, parse, help)->allow_extra_args(false);
 }
 
 // Any text that is not empty.

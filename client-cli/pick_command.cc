@@ -128,7 +128,9 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
       session->client().GetDataset(session->dataset_name(), session->timeout()));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
-  WarnIfNoSurface(dataset, flags.request.isovalue.value_or(0), context);
+  for (const double isovalue : flags.request.isovalues()) {
+    WarnIfNoSurface(dataset, isovalue, context);
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
                             ResolveCamera(flags.request.camera, geometry.Bounds()));
   v1::PickSurfaceRequest request;

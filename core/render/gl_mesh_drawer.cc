@@ -237,6 +237,13 @@ void WriteChunk(std::span<const DrawItem> items, const image::FragmentOrder& ord
   }
 }
 
+// Returns the point that positions are relative to in the shaders.
+math::Vec3d CenterOf(const view::View& view) {
+  const math::Index3& dims = view.geometry().sample_dims;
+  return {std::floor(static_cast<double>(dims.x) / 2), std::floor(static_cast<double>(dims.y) / 2),
+          std::floor(static_cast<double>(dims.z) / 2)};
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make(
@@ -294,13 +301,6 @@ GlMeshDrawer::~GlMeshDrawer() {
   glDeleteTextures(1, &blocks_texture_);
   glDeleteTextures(1, &masks_texture_);
   glDeleteVertexArrays(1, &vertex_array_);
-}
-
-// Returns the point that positions are relative to in the shaders.
-static math::Vec3d CenterOf(const view::View& view) {
-  const math::Index3& dims = view.geometry().sample_dims;
-  return {std::floor(static_cast<double>(dims.x) / 2), std::floor(static_cast<double>(dims.y) / 2),
-          std::floor(static_cast<double>(dims.z) / 2)};
 }
 
 absl::Status GlMeshDrawer::UseProgram(const view::Clipper& clipper, const view::View& view) {
