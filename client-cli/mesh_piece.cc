@@ -16,7 +16,10 @@ constexpr std::size_t kTriangleBytes = 3 * sizeof(std::int64_t);
 
 std::vector<float> Floats(absl::string_view bytes) {
   std::vector<float> values(bytes.size() / sizeof(float));
-  std::memcpy(values.data(), bytes.data(), values.size() * sizeof(float));
+  // A chunk may bring triangles alone; memcpy takes no null pointer even for 0 bytes.
+  if (!values.empty()) {
+    std::memcpy(values.data(), bytes.data(), values.size() * sizeof(float));
+  }
   return values;
 }
 

@@ -36,7 +36,9 @@ add_library(isoscope_sanitizers INTERFACE)
 add_library(isoscope::sanitizers ALIAS isoscope_sanitizers)
 if(ISOSCOPE_SANITIZE)
   target_compile_options(isoscope_sanitizers INTERFACE
-    -fsanitize=${ISOSCOPE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+    -fsanitize=${ISOSCOPE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer
+    # Lines are all that a report names; -O2 -g takes twice as long to compile.
+    -O1 -g1)
   target_link_options(isoscope_sanitizers INTERFACE -fsanitize=${ISOSCOPE_SANITIZE})
   # The kernels are one source for all instruction sets: some of them show what sanitizers can find,
   # and compile in a fraction of the time.
