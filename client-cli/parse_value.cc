@@ -240,17 +240,28 @@ absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text) {
 }
 
 absl::StatusOr<SurfaceValue> ParseSurface(absl::string_view text) {
-  const std::size_t colon = text.find(':');
-  const absl::StatusOr<double> isovalue = ParseNumber(text.substr(0, colon));
-  const absl::StatusOr<Color> color = colon == absl::string_view::npos
-                                          ? absl::StatusOr<Color>(Color())
-                                          : ParseColor(text.substr(colon + 1));
-  if (!isovalue.ok() || !color.ok()) {
-    return Malformed(text, "V or V:R,G,B, a level and three numbers from 0 to 1 between commas");
+  constexpr absl::string_view kExpected =
+      "V, V:R,G,B or V:R,G,B:OPACITY, a level, three numbers from 0 to 1 between commas, and a "
+      "number above 0, at most 1";
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  const absl::StatusOr<double> isovalue = ParseNumber(parts[0]);
+  if (!isovalue.ok() || parts.size() > 3) {
+    return Malformed(text, kExpected);
   }
   SurfaceValue surface{.isovalue = *isovalue, .color = std::nullopt};
-  if (colon != absl::string_view::npos) {
+  if (parts.size() > 1) {
+    const absl::StatusOr<Color> color = ParseColor(parts[1]);
+    if (!color.ok()) {
+      return Malformed(text, kExpected);
+    }
     surface.color = *color;
+  }
+  if (parts.size() > 2) {
+    const absl::StatusOr<double> opacity = ParseNumber(parts[2]);
+    if (!opacity.ok() || !(*opacity > 0) || *opacity > 1) {
+      return Malformed(text, kExpected);
+    }
+    surface.color->alpha = static_cast<float>(*opacity);
   }
   return surface;
 }

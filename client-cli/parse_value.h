@@ -61,7 +61,8 @@ absl::StatusOr<Color> ParseColor(absl::string_view text);
 // "R,G,B" or "R,G,B,A".
 absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text);
 
-// "V" or "V:R,G,B": a level, in field units, and its colour if it is given.
+// "V", "V:R,G,B" or "V:R,G,B:OPACITY": a level, in field units, and its colour if it is given; the
+// opacity, in (0, 1], is the colour's alpha.
 struct SurfaceValue {
   double isovalue = 0;
   std::optional<Color> color;

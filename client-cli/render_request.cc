@@ -24,6 +24,10 @@ absl::StatusOr<frame::Culling> ParseCulling(absl::string_view text) {
                                             {"none", frame::Culling::kNone}});
 }
 
+absl::StatusOr<std::int64_t> ParseLayers(absl::string_view text) {
+  return ParseInteger(text, 1, frame::kMaxLayers);
+}
+
 isoscope::v1::Color ToProto(const Color& color) {
   isoscope::v1::Color proto;
   proto.set_red(color.red);
@@ -37,9 +41,11 @@ isoscope::v1::Color ToProto(const Color& color) {
 
 void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
-  AddRepeatableFlag(app, "--surface", "V[:R,G,B]", &flags->surfaces, ParseSurface,
-                    "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
-                    "times");
+  AddRepeatableFlag(app, "--surface", "V[:R,G,B[:OPACITY]]", &flags->surfaces, ParseSurface,
+                    "a surface: its level, colour and opacity (below 1: translucent); instead of "
+                    "--isovalue and --color, up to 16 times");
+  AddFlag(app, "--max-layers", "N", &flags->max_layers, ParseLayers,
+          "translucent fragments that show in a pixel, the nearest ones, 1 to 16 (default: 8)");
   AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels, up to 65536 (default: 1024)");
   AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels, up to 65536 (default: 1024)");
   AddFlag(app, "--region", "X,Y,W,H", &flags->region, ParseRegion,
@@ -107,6 +113,7 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
       *proto->mutable_color() = ToProto(*surface.color);
     }
   }
+  request.set_max_layers(static_cast<std::int32_t>(flags.max_layers.value_or(0)));
   for (const PlaneValue& plane : flags.clip_planes) {
     isoscope::v1::HalfSpace* const proto = request.mutable_clip()->add_half_spaces();
     *proto->mutable_normal() = rpc::ToProto(plane.normal);

@@ -30,6 +30,7 @@ struct RequestFlags {
   std::optional<Color> base_color = std::nullopt;
   std::optional<Color> background_color = std::nullopt;
   std::vector<SurfaceValue> surfaces = {};
+  std::optional<std::int64_t> max_layers = std::nullopt;
   std::vector<PlaneValue> clip_planes = {};
   std::optional<math::Box3d> clip_box = std::nullopt;
 

@@ -16,6 +16,8 @@ namespace {
 // For a pixel, 12 bytes are for the image (key and colour), 8 for the fragment while a pass draws,
 // and 12 for bands while they are encoded and wait for the network.
 constexpr std::size_t kStepBytesPerPixel = 12 + 8 + 12;
+// For a translucent fragment of a pixel, 12 bytes are for key and colour, and 12 for its bands.
+constexpr std::size_t kLayerBytesPerPixel = 12 + 12;
 // The share of reads under way, and their maximum. More does not make a step faster.
 constexpr std::size_t kReadShare = 32;
 constexpr std::size_t kMaxReadBytes = 16 * base::kMiB;
@@ -25,7 +27,7 @@ static_assert(AgentMemory::kMinLimitBytes / kReadShare >=
 // The caches get half of the remainder. Allocators, stacks and messages take the other half.
 constexpr double kCacheShare = 0.5;
 // The share of the limit without steps and idle images.
-constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16;
+constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16 - 1.0 / 32;
 constexpr std::size_t kMinCacheBytes = 8 * base::kMiB;
 // The most memory that is touched at start: enough for some five million triangles. It takes
 // milliseconds.
@@ -42,7 +44,7 @@ std::size_t AgentMemory::DefaultLimitBytes() {
 }
 
 AgentMemory::AgentMemory(std::size_t limit_bytes)
-    : limit_bytes_(limit_bytes), steps_(limit_bytes / 4), cache_(0) {
+    : limit_bytes_(limit_bytes), steps_(limit_bytes / 4), cache_(0), layers_(unused_layer_bytes()) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
 }
 
@@ -52,7 +54,8 @@ std::size_t AgentMemory::read_bytes() const {
 
 absl::Status AgentMemory::Settle() {
   const std::size_t in_use = base::ResidentBytes();
-  const std::size_t for_frames = steps_.capacity_bytes() + unused_image_bytes();
+  const std::size_t for_frames =
+      steps_.capacity_bytes() + unused_image_bytes() + unused_layer_bytes();
   const std::size_t taken = in_use + for_frames;
   if (taken + kMinCacheBytes > limit_bytes_) {
     return absl::FailedPreconditionError(absl::StrFormat(
@@ -69,17 +72,20 @@ absl::Status AgentMemory::Settle() {
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(
-    const view::Viewport& viewport, const base::Cancellation& cancellation) {
+    const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers) {
   const std::size_t pixels =
       static_cast<std::size_t>(viewport.width_px) * static_cast<std::size_t>(viewport.height_px);
-  const std::size_t bytes = pixels * kStepBytesPerPixel + kept_mesh_bytes() + read_bytes();
+  const std::size_t layer_bytes =
+      max_layers == 0 ? 0 : static_cast<std::size_t>(max_layers + 1) * kLayerBytesPerPixel;
+  const std::size_t bytes =
+      pixels * (kStepBytesPerPixel + layer_bytes) + kept_mesh_bytes() + read_bytes();
   absl::StatusOr<base::MemoryBudget::Reservation> reservation = steps_.Reserve(bytes, cancellation);
   if (absl::IsResourceExhausted(reservation.status())) {
     return absl::ResourceExhaustedError(absl::StrFormat(
         "a viewport of %d x %d pixels needs %.0f MiB while it is drawn; with the memory limit of "
-        "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or raise --memory-limit",
+        "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport%s or raise --memory-limit",
         viewport.width_px, viewport.height_px, Mebibytes(bytes), Mebibytes(limit_bytes_),
-        Mebibytes(steps_.capacity_bytes())));
+        Mebibytes(steps_.capacity_bytes()), max_layers > 0 ? ", for fewer max_layers" : ""));
   }
   return reservation;
 }

@@ -11,6 +11,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
+#include "core/render/layer_pass.h"
 #include "core/view/camera.h"
 #include "partition-agent/block_cache.h"
 
@@ -30,8 +31,10 @@ class AgentMemory {
   // shards are open. FAILED_PRECONDITION if none is left; the message has the necessary limit.
   absl::Status Settle();
 
-  // Limits of a renderer: unused images and buffers, and meshes whose pixels are not shaded yet.
+  // Limits of a renderer: unused images and buffers, unused layers, and meshes whose pixels are not
+  // shaded yet.
   [[nodiscard]] std::size_t unused_image_bytes() const { return limit_bytes_ / 16; }
+  [[nodiscard]] std::size_t unused_layer_bytes() const { return limit_bytes_ / 32; }
   [[nodiscard]] std::size_t kept_mesh_bytes() const { return limit_bytes_ / 16; }
 
   // Returns the most bytes of reads under way of a step, or of a batch of an export: a 32nd of the
@@ -40,15 +43,19 @@ class AgentMemory {
 
   // Reserves the memory of one step, read_bytes() included. Waits for other steps.
   // RESOURCE_EXHAUSTED if the viewport is too large for the limit.
+  //
+  // max_layers: FrameSpec::max_layers of a frame with translucent surfaces; 0 for others
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(
-      const view::Viewport& viewport, const base::Cancellation& cancellation);
+      const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers = 0);
 
   [[nodiscard]] BlockCache* cache() { return &cache_; }
+  [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
 
  private:
   const std::size_t limit_bytes_;
   base::MemoryBudget steps_;
   BlockCache cache_;
+  render::LayerRenderer layers_;
 };
 
 }  // namespace isoscope::agent

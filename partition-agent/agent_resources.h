@@ -8,6 +8,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/io/read_queue.h"
+#include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
 #include "partition-agent/block_cache.h"
 
@@ -15,6 +16,7 @@ namespace isoscope::agent {
 
 struct AgentResources {
   render::Renderer* renderer = nullptr;  // of frames; exports draw nothing
+  render::LayerRenderer* layers = nullptr;  // of frames with translucent surfaces
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;
   std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way

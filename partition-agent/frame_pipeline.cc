@@ -6,6 +6,9 @@
 //   2     meshes of the occluding blocks, drawn       MeshSupply, render::RenderPass
 //   3     meshes of the other visible blocks, drawn   the same, within their open pixels
 //
+// Translucent surfaces occlude nothing: no ray looks for them, and step 3 draws them for all
+// blocks, within what the opaque occluders leave open (render::LayerPass).
+//
 // Steps 0 and 1 run side by side: rays need the range table of the whole volume only. With kNone
 // step 0 is followed by one pass over all blocks.
 
@@ -14,6 +17,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <iterator>
 #include <optional>
 #include <span>
 #include <utility>
@@ -58,6 +62,7 @@ class FramePipeline::Impl {
         view_(view),
         layout_(shards_.front()->reader->layout()),
         clipper_(task.spec.clip, view.geometry()),
+        has_layers_(frame::HasLayers(task.spec)),
         resources_(resources),
         cancellation_(*cancellation),
         cache_round_(resources.cache->BeginRound(task.frame_number)) {}
@@ -81,7 +86,11 @@ class FramePipeline::Impl {
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kRenderOccluders, Step::kRenderVisible);
     statistics_.occluding_block_count = static_cast<std::int64_t>(blocks.size());
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
+    ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
+    if (has_layers_) {
+      occluding_ = blocks;
+      std::erase_if(chosen, [this](const ChosenMesh& mesh) { return IsTranslucent(mesh); });
+    }
     return Draw(chosen, blocks.size());
   }
 
@@ -94,13 +103,24 @@ class FramePipeline::Impl {
       ISOSCOPE_ASSIGN_OR_RETURN(masks, visibility::DecodeOpenPixels(open_pixels, RectsOf(blocks)));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
+    std::size_t drawn_before = 0;
+    if (has_layers_) {
+      const auto was_drawn = [this](volume::BlockId id) {
+        return std::binary_search(occluding_.begin(), occluding_.end(), id);
+      };
+      std::erase_if(chosen, [&](const ChosenMesh& mesh) {
+        return !IsTranslucent(mesh) && was_drawn(mesh.block_id);
+      });
+      drawn_before =
+          static_cast<std::size_t>(std::count_if(blocks.begin(), blocks.end(), was_drawn));
+    }
     if (!masks.empty()) {
       for (ChosenMesh& mesh : chosen) {
         const auto found = std::lower_bound(blocks.begin(), blocks.end(), mesh.block_id);
         mesh.open = &masks[static_cast<std::size_t>(found - blocks.begin())];
       }
     }
-    return Draw(chosen, blocks.size());
+    return Draw(chosen, blocks.size() - drawn_before);
   }
 
   absl::StatusOr<image::FrameImage> RenderAll() {
@@ -112,8 +132,15 @@ class FramePipeline::Impl {
 
   std::vector<std::string> Encode(const image::FrameImage& image) {
     const base::ScopedTimer timer(&statistics_.busy_duration);
-    return resources_.arena->execute([&] { return composite::EncodePixels(image); });
+    return resources_.arena->execute([&] {
+      std::vector<std::string> bands = composite::EncodePixels(image);
+      std::vector<std::string> of_layers = composite::EncodeLayers(layers_);
+      std::move(of_layers.begin(), of_layers.end(), std::back_inserter(bands));
+      return bands;
+    });
   }
+
+  [[nodiscard]] const image::LayerStack& layers() const { return layers_; }
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
@@ -149,7 +176,9 @@ class FramePipeline::Impl {
     const volume::RangeTable& ranges = shards_.front()->reader->ranges();
     volume::BlockSet active(layout_.block_count());
     for (const frame::Surface& surface : task_.spec.surfaces) {
-      active.UnionWith(ranges.ActiveBlocks(surface.isovalue));
+      if (!surface.is_translucent()) {
+        active.UnionWith(ranges.ActiveBlocks(surface.isovalue));
+      }
     }
     clipper_.EraseOutside(layout_, &active);
     const visibility::RaySet rays(view_, layout_, task_.spec.ray_seed);
@@ -199,10 +228,14 @@ class FramePipeline::Impl {
     statistics_.visible_block_count += static_cast<std::int64_t>(block_count);
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
                               resources_.renderer->BeginPass(view_, layout_, task_.spec));
+    std::optional<render::LayerPass> layer_pass;
+    if (has_layers_) {
+      layer_pass.emplace(view_, layout_, task_.spec, resources_.layers);
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(
         const SupplyCost cost,
-        supply_->DeliverMeshes(chosen, [&pass](std::span<const render::MeshToDraw> meshes) {
-          return pass->Add(meshes);
+        supply_->DeliverMeshes(chosen, [&](std::span<const render::MeshToDraw> meshes) {
+          return layer_pass ? AddApart(meshes, pass.get(), &*layer_pass) : pass->Add(meshes);
         }));
     frame::AddTo(cost.surfaces, &statistics_.surfaces);
     for (const frame::SurfaceStatistics& surface : cost.surfaces) {
@@ -213,7 +246,25 @@ class FramePipeline::Impl {
     statistics_.extract_duration += cost.extract_duration;
     statistics_.render_duration += cost.deliver_duration;
     const base::ScopedTimer timer(&statistics_.render_duration);
+    layers_ = layer_pass ? layer_pass->Finish() : image::LayerStack();
     return pass->Finish(cancellation_);
+  }
+
+  [[nodiscard]] bool IsTranslucent(const ChosenMesh& mesh) const {
+    return task_.spec.surfaces[mesh.surface_index].is_translucent();
+  }
+
+  // Adds opaque meshes to `pass` and translucent ones to `layer_pass`.
+  absl::Status AddApart(std::span<const render::MeshToDraw> meshes, render::RenderPass* pass,
+                        render::LayerPass* layer_pass) const {
+    std::vector<render::MeshToDraw> sorted(meshes.begin(), meshes.end());
+    const auto translucent =
+        std::stable_partition(sorted.begin(), sorted.end(), [this](const render::MeshToDraw& mesh) {
+          return !task_.spec.surfaces[mesh.surface_index].is_translucent();
+        });
+    const auto opaque_count = static_cast<std::size_t>(translucent - sorted.begin());
+    ISOSCOPE_RETURN_IF_ERROR(pass->Add(std::span(sorted).first(opaque_count)));
+    return layer_pass->Add(std::span(sorted).subspan(opaque_count));
   }
 
   const std::vector<std::shared_ptr<const Shard>> shards_;
@@ -221,6 +272,7 @@ class FramePipeline::Impl {
   const view::View view_;
   const volume::BlockLayout layout_;
   const view::Clipper clipper_;
+  const bool has_layers_;
   const AgentResources resources_;
   const base::Cancellation& cancellation_;
   const std::uint64_t cache_round_;
@@ -228,7 +280,9 @@ class FramePipeline::Impl {
 
   std::unique_ptr<const SurfaceBlocks> blocks_;  // from step 0 on
   std::unique_ptr<MeshSupply> supply_;
-  std::vector<volume::BlockId> reported_;  // active blocks, if they were asked for
+  std::vector<volume::BlockId> reported_;   // active blocks, if they were asked for
+  std::vector<volume::BlockId> occluding_;  // the blocks of step 2, if the frame has layers
+  image::LayerStack layers_;                // of the last step
   frame::AgentStatistics statistics_;
 };
 
@@ -268,6 +322,7 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->Ren
 std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
   return impl_->Encode(image);
 }
+const image::LayerStack& FramePipeline::layers() const { return impl_->layers(); }
 const frame::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 
 }  // namespace isoscope::agent

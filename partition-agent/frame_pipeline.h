@@ -15,6 +15,7 @@
 #include "core/base/cancellation.h"
 #include "core/frame/agent_statistics.h"
 #include "core/image/frame_image.h"
+#include "core/image/layer_stack.h"
 #include "core/volume/block_layout.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/frame_task.h"
@@ -48,14 +49,19 @@ class FramePipeline {
   // them is not an active block of the agent.
   absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks);
   // Step 3: draws `blocks`, ascending: the agent's own other blocks that the occluders do not hide.
+  // If a surface is translucent, occluding blocks belong to them too: step 2 draws opaque surfaces
+  // alone.
   // `open_pixels`: visibility::EncodeOpenPixels of those they could win; empty: all.
   // INVALID_ARGUMENT as above; DATA_LOSS if open_pixels is damaged or does not fit the blocks.
   absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
                                                   absl::string_view open_pixels);
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
-  // Encodes the image of a step as bands (composite::EncodePixels). Call it after that step.
+  // Encodes the image of a step and its layers as bands (composite::EncodePixels, EncodeLayers).
+  // Call it after that step.
   std::vector<std::string> Encode(const image::FrameImage& image);
+  // Returns the translucent fragments that the last step drew.
+  [[nodiscard]] const image::LayerStack& layers() const;
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const;
 

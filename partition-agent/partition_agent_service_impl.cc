@@ -299,7 +299,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     const bool draws_whole =
         service_->renderer_->picture_revision().back_end == frame::BackEnd::kEgl;
     return service_->memory_->ReserveStep(
-        draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec), cancellation_);
+        draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec), cancellation_,
+        frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0);
   }
 
   // Sends the bands of an image, except the last ones. Those go into `last`, the message that ends
@@ -548,6 +549,7 @@ PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
 
 AgentResources PartitionAgentServiceImpl::Resources() const {
   return {.renderer = renderer_.get(),
+          .layers = memory_->layers(),
           .arena = arena_.get(),
           .cache = memory_->cache(),
           .max_read_bytes = memory_->read_bytes()};

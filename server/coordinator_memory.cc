@@ -16,6 +16,8 @@ namespace {
 // For a pixel: 12 bytes for the image (key and colour), 6 for the occlusion map, 8 for bands that
 // have arrived and are not composited yet.
 constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + 8;
+// For a translucent fragment of a pixel: 12 bytes for key and colour, 8 for bands as above.
+constexpr std::size_t kLayerBytesPerPixel = 12 + 8;
 // The picture of noise is as large as its pixels, and a little more.
 constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
 // A frame needs this much besides, however small: messages, lists of blocks.
@@ -49,7 +51,11 @@ std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
   const std::size_t copies = delivery == Delivery::kWhole ? response
                              : is_compressed              ? kPictureBytesPerPixel
                                                           : 0;
-  return pixels * (kFrameBytesPerPixel + response + copies) + kLeastFrameBytes;
+  const std::size_t layers =
+      frame::HasLayers(spec)
+          ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
+          : 0;
+  return pixels * (kFrameBytesPerPixel + layers + response + copies) + kLeastFrameBytes;
 }
 
 std::size_t CoordinatorMemory::DefaultLimitBytes() {

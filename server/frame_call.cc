@@ -9,6 +9,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/picture/layer_blending.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -132,6 +133,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
                             runner_->Run(frame_number, request_, drawn, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);
   image_ = std::move(result.image);
+  layers_ = std::move(result.layers);
   FrameOutput output;
   ISOSCOPE_RETURN_IF_ERROR(
       Encode(target, drawn.sends_normals, &output, response->mutable_statistics()));
@@ -141,7 +143,11 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
     ISOSCOPE_ASSIGN_OR_RETURN(result,
                               runner_->Run(frame_number, request_, drawn, target, cancellation_));
     image_ = std::move(result.image);
-    output.normal = runner_->arena()->execute([&] { return NormalPlane(image_); });
+    layers_ = std::move(result.layers);
+    output.normal = runner_->arena()->execute([&] {
+      picture::ShowNearest(layers_, &image_);
+      return NormalPlane(image_);
+    });
   }
   if (delivery_ == Delivery::kWhole) {
     ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
@@ -155,10 +161,13 @@ absl::Status FrameCall::Encode(const FrameTarget& target, bool carries_normals, 
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
+    if (!carries_normals) {
+      statistics->set_truncated_pixel_count(picture::BlendLayers(layers_, spec_, &image_));
+      ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
+    }
+    picture::ShowNearest(layers_, &image_);
     if (carries_normals) {
       output->normal = NormalPlane(image_);
-    } else {
-      ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
     }
     FillPlanes(image_, spec_, target.view, target.order, output);
     return absl::OkStatus();
@@ -203,6 +212,8 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
                             runner_->Run(frame_number, request_, spec_, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);
   image_ = std::move(result.image);
+  layers_ = std::move(result.layers);
+  runner_->arena()->execute([&] { picture::ShowNearest(layers_, &image_); });
   for (const rpc::PixelPosition& pixel : pixels_) {
     ISOSCOPE_RETURN_IF_ERROR(AddPoint(pixel, target, *result.active, response));
   }

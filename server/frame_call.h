@@ -35,6 +35,7 @@
 #include "core/base/memory_budget.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
+#include "core/image/layer_stack.h"
 #include "core/rpc/pick_convert.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/coordinator_memory.h"
@@ -69,7 +70,10 @@ class FrameCall {
   absl::Status Pick(isoscope::v1::PickSurfaceResponse* response);
 
   // Clears the image for its pool, once the client has its answer.
-  void ReleaseImage() { image_ = image::FrameImage(); }
+  void ReleaseImage() {
+    image_ = image::FrameImage();
+    layers_ = image::LayerStack();
+  }
 
  private:
   absl::Status TakePlace();
@@ -95,6 +99,7 @@ class FrameCall {
   std::optional<FrameRunner::Place> place_;
   std::string dataset_name_;
   image::FrameImage image_;
+  image::LayerStack layers_;  // of the image
   // Given back when gRPC is done with the response.
   std::optional<base::MemoryBudget::Reservation> memory_;
 };

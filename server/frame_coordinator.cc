@@ -137,9 +137,15 @@ class Frame {
         order_{.block_count = static_cast<std::uint32_t>(setup.layout->block_count()),
                .ties = setup.ties},
         clipper_(setup.spec->clip, setup.view->geometry()),
+        has_layers_(frame::HasLayers(*setup.spec)),
         start_(absl::Now()),
         row_locks_(setup.view->image_size().height_px) {
     result_.image = std::move(image);
+    if (has_layers_) {
+      result_.layers = image::LayerStack(result_.image.width, result_.image.height,
+                                         setup.spec->max_layers + 1,
+                                         {.block_count = order_.block_count}, setup.images);
+    }
   }
 
   FrameOutcome Run(const BeginAgentFrame& begin) {
@@ -256,8 +262,13 @@ class Frame {
   }
 
   void CompositeBand(std::size_t agent_index, absl::string_view band) {
-    const absl::Status status =
-        composite::DecodePixelsInto(band, order_, &result_.image, &row_locks_);
+    absl::Status status;
+    try {
+      status = composite::DecodePixelsInto(band, order_, &result_.image, &row_locks_,
+                                           has_layers_ ? &result_.layers : nullptr);
+    } catch (const std::bad_alloc&) {
+      status = absl::ResourceExhaustedError("the coordinator has no memory for more layers");
+    }
     if (!status.ok()) {
       const base::MutexLock lock(&damage_mutex_);
       if (damage_.ok()) {
@@ -410,8 +421,8 @@ class Frame {
     const std::vector<AgentPart> parts =
         SelectBlocks([&](std::size_t active_index, AgentPart* part) {
           const view::Footprint& footprint = footprints_[active_index];
-          if (occluding_.Contains(active.ids[active_index]) || footprint.rect.empty() ||
-              map.Hides(footprint)) {
+          const bool is_drawn = !has_layers_ && occluding_.Contains(active.ids[active_index]);
+          if (is_drawn || footprint.rect.empty() || map.Hides(footprint)) {
             return;
           }
           part->blocks.push_back(active.ids[active_index]);
@@ -485,6 +496,7 @@ class Frame {
   const base::Cancellation& cancellation_;
   const image::FragmentOrder order_;
   const view::Clipper clipper_;
+  const bool has_layers_;  // step 2 then draws only the opaque surfaces of a block
   const absl::Time start_;
   absl::Time phase_start_;
   absl::Time last_arrival_;

@@ -21,6 +21,7 @@
 #include "core/base/cancellation.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
+#include "core/image/layer_stack.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
 #include "server/active_blocks.h"
@@ -43,6 +44,8 @@ struct FrameSetup {
 
 struct FrameResult {
   image::FrameImage image;
+  // The translucent fragments, max_layers + 1 at most for a pixel; some may lie behind the image.
+  image::LayerStack layers;
   // Those of the setup, or those that the agents reported. Null with kNone.
   std::shared_ptr<const ActiveBlocks> active;
   std::int64_t ray_hit_block_count = 0;

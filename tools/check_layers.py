@@ -31,6 +31,7 @@ MODULES = {
     "core/composite": 4,
     "core/source": 4,
     "core/partition": 5,
+    "core/picture": 5,
     "core/visibility": 5,
     "core/render": 5,
     "core/rpc": 6,

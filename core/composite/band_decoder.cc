@@ -247,7 +247,9 @@ class BandDecoder {
 
 absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image) {
   ISOSCOPE_ASSIGN_OR_RETURN(const BandHeader header, ReadBandHeader(band, image));
-  return BandDecoder(band, header, image).Decode();
+  ISOSCOPE_ASSIGN_OR_RETURN(BandPixels pixels, BandDecoder(band, header, image).Decode());
+  pixels.is_layer = header.is_layer;
+  return pixels;
 }
 
 }  // namespace isoscope::composite

@@ -18,6 +18,7 @@ namespace isoscope::composite {
 
 // The covered pixels of a band, tile by tile, and row by row in a tile.
 struct BandPixels {
+  bool is_layer = false;        // BandHeader
   std::vector<TileArea> areas;  // of tiles with a covered pixel, in rows from the top
   std::vector<TileMask> masks;  // the covered pixels of each
   std::unique_ptr<std::uint64_t[]> keys;

@@ -151,8 +151,9 @@ void AppendBytes(const std::vector<T>& values, std::string* out) {
 
 class BandEncoder {
  public:
-  BandEncoder(const image::FrameImage& image, BandRows rows, std::span<const TileRow> tiles)
-      : image_(image), rows_(rows) {
+  BandEncoder(const image::FrameImage& image, BandRows rows, std::span<const TileRow> tiles,
+              bool is_layer)
+      : image_(image), rows_(rows), is_layer_(is_layer) {
     const std::size_t row_words = RowWords(image_.touched);
     side_.present.resize(row_words * tiles.size());
     for (std::size_t row = 0; row < tiles.size(); ++row) {
@@ -286,7 +287,8 @@ class BandEncoder {
     AppendNumbers(palette_numbers_, &side);
     const std::string frame = base::Compress(side);
 
-    std::string bytes = MakeBandHeader({.begin_row = rows_.begin,
+    std::string bytes = MakeBandHeader({.is_layer = is_layer_,
+                                        .begin_row = rows_.begin,
                                         .row_count = rows_.end - rows_.begin,
                                         .pixel_count = pixel_count_,
                                         .tile_count = areas_.size(),
@@ -313,6 +315,7 @@ class BandEncoder {
 
   const image::FrameImage& image_;
   const BandRows rows_;
+  const bool is_layer_;
   BandSideInfo side_;
   std::vector<TileArea> areas_;  // of tiles with a covered pixel
   std::size_t pixel_count_ = 0;
@@ -327,8 +330,8 @@ class BandEncoder {
 }  // namespace
 
 std::string EncodeBand(const image::FrameImage& image, BandRows rows,
-                       std::span<const TileRow> tiles) {
-  return BandEncoder(image, rows, tiles).Encode();
+                       std::span<const TileRow> tiles, bool is_layer) {
+  return BandEncoder(image, rows, tiles, is_layer).Encode();
 }
 
 }  // namespace isoscope::composite

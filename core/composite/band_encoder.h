@@ -28,9 +28,9 @@ struct BandRows {
 };
 
 // Encodes some rows of tiles of `image`. The first and the last of them have a covered pixel, and
-// `tiles` has an element for each row. O(pixels). Thread-safe.
+// `tiles` has an element for each row. is_layer: as BandHeader. O(pixels). Thread-safe.
 std::string EncodeBand(const image::FrameImage& image, BandRows rows,
-                       std::span<const TileRow> tiles);
+                       std::span<const TileRow> tiles, bool is_layer = false);
 
 }  // namespace isoscope::composite
 

@@ -17,6 +17,7 @@ constexpr char kMagic[] = "ISPX";
 constexpr std::size_t kMagicSize = 4;
 constexpr std::size_t kChecksummedOffset = 8;
 constexpr std::uint8_t kVersion = 2;
+constexpr std::uint8_t kLayerFlag = 1;
 
 // Whether the counts can be true together, and the band has the size that follows from them.
 absl::Status CheckCounts(const BandHeader& header, std::size_t band_size) {
@@ -47,7 +48,7 @@ std::string MakeBandHeader(const BandHeader& header, int width, int height) {
   bytes.append(kMagic, kMagicSize);
   base::AppendLittleEndian(std::uint32_t{0}, &bytes);  // checksum
   base::AppendLittleEndian(kVersion, &bytes);
-  base::AppendLittleEndian(std::uint8_t{0}, &bytes);
+  base::AppendLittleEndian(header.is_layer ? kLayerFlag : std::uint8_t{0}, &bytes);
   base::AppendLittleEndian(std::uint16_t{0}, &bytes);
   for (const std::size_t field :
        {static_cast<std::size_t>(width), static_cast<std::size_t>(height),
@@ -86,10 +87,10 @@ absl::StatusOr<BandHeader> ReadBandHeader(absl::string_view band, const image::F
   for (std::uint32_t& field : fields) {
     complete = complete && decoder.Read(&field);
   }
-  if (!complete || version != kVersion || flags != 0 || reserved != 0) {
+  if (!complete || version != kVersion || (flags & ~kLayerFlag) != 0 || reserved != 0) {
     return absl::DataLossError(
-        absl::StrFormat("pixel band: version %d, flags %d, reserved %d; expected %d, 0, 0", version,
-                        flags, reserved, kVersion));
+        absl::StrFormat("pixel band: version %d, flags %d, reserved %d; expected %d, 0 or %d, 0",
+                        version, flags, reserved, kVersion, kLayerFlag));
   }
   const auto [width, height, begin_row, row_count, pixels, tiles, entries, labels, colors, frame,
               extras] = fields;
@@ -105,6 +106,7 @@ absl::StatusOr<BandHeader> ReadBandHeader(absl::string_view band, const image::F
         "pixel band of tile rows [%d, +%d): the image has %d", begin_row, row_count, tile_rows));
   }
   BandHeader header;
+  header.is_layer = flags == kLayerFlag;
   header.begin_row = static_cast<int>(begin_row);
   header.row_count = static_cast<int>(row_count);
   header.pixel_count = pixels;

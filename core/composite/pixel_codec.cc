@@ -1,6 +1,8 @@
 #include "core/composite/pixel_codec.h"
 
 #include <algorithm>
+#include <bit>
+#include <iterator>
 #include <span>
 #include <utility>
 
@@ -97,9 +99,18 @@ void CompositeTile(const TileArea& area, const TileMask& mask, const std::uint64
   }
 }
 
-}  // namespace
+// Inserts the covered pixels of one tile of a level.
+void InsertTile(const TileArea& area, const TileMask& mask, const std::uint64_t* key,
+                const image::Rgba8* color, image::LayerStack* layers) {
+  for (std::size_t row = 0; row < mask.size(); ++row) {
+    for (std::uint32_t rest = mask[row]; rest != 0; rest &= rest - 1) {
+      layers->Insert(area.x + std::countr_zero(rest), area.y + static_cast<int>(row), *key++,
+                     *color++);
+    }
+  }
+}
 
-std::vector<std::string> EncodePixels(const image::FrameImage& image) {
+std::vector<std::string> Encode(const image::FrameImage& image, bool is_layer) {
   std::vector<TileRow> rows(static_cast<std::size_t>(image.touched.rows()));
   tbb::parallel_for(std::size_t{0}, rows.size(), [&](std::size_t row) {
     rows[row] = FindCovered(image, static_cast<int>(row));
@@ -109,8 +120,23 @@ std::vector<std::string> EncodePixels(const image::FrameImage& image) {
   tbb::parallel_for(std::size_t{0}, bands.size(), [&](std::size_t i) {
     const auto begin = static_cast<std::size_t>(cuts[i].begin);
     const auto count = static_cast<std::size_t>(cuts[i].end - cuts[i].begin);
-    bands[i] = EncodeBand(image, cuts[i], std::span(rows).subspan(begin, count));
+    bands[i] = EncodeBand(image, cuts[i], std::span(rows).subspan(begin, count), is_layer);
   });
+  return bands;
+}
+
+}  // namespace
+
+std::vector<std::string> EncodePixels(const image::FrameImage& image) {
+  return Encode(image, /*is_layer=*/false);
+}
+
+std::vector<std::string> EncodeLayers(const image::LayerStack& layers) {
+  std::vector<std::string> bands;
+  for (const image::FrameImage* level : layers.Levels()) {
+    std::vector<std::string> of_level = Encode(*level, /*is_layer=*/true);
+    std::move(of_level.begin(), of_level.end(), std::back_inserter(bands));
+  }
   return bands;
 }
 
@@ -119,8 +145,12 @@ RowLocks::RowLocks(int height_px)
           static_cast<std::size_t>((height_px + kTilePx - 1) / kTilePx))) {}
 
 absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
-                              image::FrameImage* into, RowLocks* locks) {
+                              image::FrameImage* into, RowLocks* locks,
+                              image::LayerStack* layers) {
   ISOSCOPE_ASSIGN_OR_RETURN(const BandPixels pixels, DecodeBand(band, *into));
+  if (pixels.is_layer && layers == nullptr) {
+    return absl::DataLossError("pixel band of translucent layers in a frame that has none");
+  }
   const std::uint64_t* key = pixels.keys.get();
   const image::Rgba8* color = pixels.colors.get();
   for (std::size_t tile = 0; tile < pixels.areas.size();) {
@@ -132,7 +162,11 @@ absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder
         PrefetchRows(into->colors, pixels.areas[later], pixels.masks[later], into->width);
       }
       const std::size_t count = PixelCount(pixels.masks[tile]);
-      CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, order, into);
+      if (pixels.is_layer) {
+        InsertTile(pixels.areas[tile], pixels.masks[tile], key, color, layers);
+      } else {
+        CompositeTile(pixels.areas[tile], pixels.masks[tile], key, color, order, into);
+      }
       key += count;
       color += count;
     }

@@ -17,6 +17,7 @@
 
 #include "core/base/mutex.h"
 #include "core/image/frame_image.h"
+#include "core/image/layer_stack.h"
 
 namespace isoscope::composite {
 
@@ -25,6 +26,8 @@ namespace isoscope::composite {
 // pixel. Works in parallel, inside the caller's TBB arena. O(pixels of touched tiles).
 // Thread-safe.
 std::vector<std::string> EncodePixels(const image::FrameImage& image);
+// Encodes the levels of a stack in the same way. Thread-safe.
+std::vector<std::string> EncodeLayers(const image::LayerStack& layers);
 inline constexpr std::int64_t kMaxBandBytes = std::int64_t{4} << 20;
 
 // A lock for each row of tiles, so that threads can composite into one image at the same time.
@@ -38,11 +41,13 @@ class RowLocks {
 };
 
 // Composites the pixels of one band into `into`, by the rule of CompositeInto, and inserts their
-// tiles into `into->touched`. DATA_LOSS if the bytes are damaged or don't fit the image; `into` is
-// then unchanged. Thread-safe if all callers pass the same locks, made for that image's height.
-// Without locks it is thread-compatible.
+// tiles into `into->touched`; those of a band of EncodeLayers go into `layers`, of the same size.
+// DATA_LOSS if the bytes are damaged or don't fit the image, or have layers and `layers` is null;
+// nothing is changed then. Thread-safe if all callers pass the same locks, made for that image's
+// height. Without locks it is thread-compatible.
 absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
-                              image::FrameImage* into, RowLocks* locks = nullptr);
+                              image::FrameImage* into, RowLocks* locks = nullptr,
+                              image::LayerStack* layers = nullptr);
 
 }  // namespace isoscope::composite
 

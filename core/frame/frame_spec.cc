@@ -1,8 +1,15 @@
 #include "core/frame/frame_spec.h"
 
+#include <algorithm>
+
 #include "absl/strings/str_format.h"
 
 namespace isoscope::frame {
+
+bool HasLayers(const FrameSpec& spec) {
+  return std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
+                     [](const Surface& surface) { return surface.is_translucent(); });
+}
 
 std::vector<double> IsovaluesOf(const FrameSpec& spec) {
   std::vector<double> isovalues;

@@ -24,12 +24,17 @@ namespace isoscope::frame {
 // One isosurface of a frame.
 struct Surface {
   double isovalue = 0;  // finite
-  Appearance appearance;
+  Appearance appearance = {};
+  float opacity = 1;  // in (0, 1]; below 1 the surface is translucent
+
+  [[nodiscard]] bool is_translucent() const { return opacity < 1; }
 
   friend bool operator==(const Surface&, const Surface&) = default;
 };
 
 inline constexpr std::size_t kMaxSurfaces = 16;
+inline constexpr int kMaxLayers = 16;
+inline constexpr int kDefaultLayers = 8;
 
 struct FrameSpec {
   // 1 to kMaxSurfaces. Of fragments of equal depth, the one of the earlier surface shows.
@@ -42,6 +47,8 @@ struct FrameSpec {
   Culling culling = Culling::kDepth;
   image::Rgba8 background_color{0, 0, 0, 255};
   view::ClipRegion clip;
+  // The most translucent fragments that show in a pixel, the nearest ones; 1 to kMaxLayers.
+  int max_layers = kDefaultLayers;
   std::uint64_t ray_seed = 0;
   // Only the coordinator looks at it.
   OutputSpec output;
@@ -56,6 +63,9 @@ struct FrameSpec {
 inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
   return view::ImageSizeOf(spec.viewport, spec.region);
 }
+
+// Returns true if a surface is translucent: then the frame has layers (image::LayerStack).
+bool HasLayers(const FrameSpec& spec);
 
 // Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);

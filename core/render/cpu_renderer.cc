@@ -51,6 +51,7 @@
 #include "core/render/cpu_rasterizer.h"
 #include "core/render/pass_resources.h"
 #include "core/render/shade_kernel.h"
+#include "core/render/surface_point.h"
 
 namespace isoscope::render {
 namespace {
@@ -524,9 +525,10 @@ class CpuPass final : public RenderPass {
       const std::uint32_t i = batch.inexact[k];
       const KeptMesh& mesh = *scratch->meshes[i];
       batch.step[i] =
-          ShadeStep(*mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
-                    static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
-                    static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
+          ShadeStepAt(view_, *mesh.mesh,
+                      PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
+                      static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
+                      static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
     }
     for (std::size_t i = 0; i < batch.count; ++i) {
       scratch->colors[i] = scratch->meshes[i]->shade_table[batch.step[i]];
@@ -546,9 +548,10 @@ class CpuPass final : public RenderPass {
       const KeptMesh& mesh = *scratch->meshes[i];
       const auto width = static_cast<std::uint32_t>(width_);
       const SurfacePoint point =
-          PointAtPixel(*mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
-                       static_cast<int>(scratch->pixels[i] % width),
-                       static_cast<int>(scratch->pixels[i] / width));
+          SurfacePointAt(view_, *mesh.mesh,
+                         PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
+                         static_cast<int>(scratch->pixels[i] % width),
+                         static_cast<int>(scratch->pixels[i] / width));
       scratch->colors[i] = image::EncodeNormal({point.normal.x, point.normal.y, point.normal.z});
     }
   }
@@ -556,46 +559,6 @@ class CpuPass final : public RenderPass {
   // meshes_mutex_ is held.
   [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t primitive_id) const {
     return buffers_->meshes[buffers_->mesh_of_unit[primitive_id / kPrimitiveUnit]];
-  }
-
-  // A point of a triangle: the normal of no particular length, and the position in index space.
-  struct SurfacePoint {
-    math::Vec3d normal;
-    math::Vec3d position;
-  };
-
-  [[nodiscard]] SurfacePoint PointAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
-                                          int x, int y) const {
-    const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view_, x, y);
-    math::Vec3d normal;
-    math::Vec3d position;
-    const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
-    for (std::size_t i = 0; i < 3; ++i) {
-      const mesh::CompactNormal& n = mesh.normals[corners[i]];
-      const math::Vec3f& p = mesh.positions[corners[i]];
-      normal = normal + math::Vec3d{static_cast<double>(n.x), static_cast<double>(n.y),
-                                    static_cast<double>(n.z)} *
-                            weights[i];
-      position = position + math::Vec3d{static_cast<double>(p.x), static_cast<double>(p.y),
-                                        static_cast<double>(p.z)} *
-                                weights[i];
-    }
-    return {normal, position};
-  }
-
-  // Computes in doubles the step that ComputeShadeSteps computes in floats.
-  [[nodiscard]] std::uint32_t ShadeStep(const mesh::CompactMesh& mesh, std::uint32_t triangle,
-                                        int x, int y) const {
-    const auto [normal, position] = PointAtPixel(mesh, triangle, x, y);
-    math::Vec3d to_eye = -view_.forward();
-    if (view_.camera().projection == view::Projection::kPerspective) {
-      to_eye = view_.camera().eye - math::TransformPoint(view_.world_from_index(), position);
-    }
-    const double scale = math::Dot(normal, normal) * math::Dot(to_eye, to_eye);
-    // Without a normal the surface is shaded as if it faced the eye.
-    const double cosine =
-        scale > 0 ? std::min(std::abs(math::Dot(normal, to_eye)) / std::sqrt(scale), 1.0) : 1.0;
-    return static_cast<std::uint32_t>(std::lround(cosine * kShadeSteps));
   }
 
   // Takes the fragments and meshes of an abandoned pass out of the buffers.

@@ -19,14 +19,18 @@ namespace {
 
 constexpr float kMaxShininess = 1000;
 
-absl::StatusOr<image::Rgba8> OpaqueColorFromProto(const isoscope::v1::Color& proto,
-                                                  absl::string_view path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const image::Rgba8 color, ColorFromProto(proto, path));
-  if (proto.alpha() != 1.0F) {
+absl::Status SetColor(const isoscope::v1::Color& proto, absl::string_view path,
+                      frame::Surface* surface) {
+  ISOSCOPE_ASSIGN_OR_RETURN(image::Rgba8 color, ColorFromProto(proto, path));
+  if (!(proto.alpha() > 0)) {
     return absl::InvalidArgumentError(
-        absl::StrCat(path, ".alpha is ", proto.alpha(), ": surfaces are opaque, must be 1"));
+        absl::StrCat(path, ".alpha is ", proto.alpha(),
+                     ": the opacity of a surface must lie in (0, 1]; 1 is opaque"));
   }
-  return color;
+  color.a = 255;
+  surface->appearance.base_color = color;
+  surface->opacity = proto.alpha();
+  return absl::OkStatus();
 }
 
 // Also refuses NaN.
@@ -66,8 +70,7 @@ absl::StatusOr<frame::Surface> SurfaceFromProto(const isoscope::v1::Surface& pro
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.isovalue(), absl::StrCat(path, ".isovalue")));
   surface.isovalue = proto.isovalue();
   if (proto.has_color()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(surface.appearance.base_color,
-                              OpaqueColorFromProto(proto.color(), absl::StrCat(path, ".color")));
+    ISOSCOPE_RETURN_IF_ERROR(SetColor(proto.color(), absl::StrCat(path, ".color"), &surface));
   }
   ISOSCOPE_RETURN_IF_ERROR(
       SetMaterial(proto.material(), absl::StrCat(path, ".material"), &surface.appearance));
@@ -81,8 +84,7 @@ absl::StatusOr<frame::Surface> OnlySurfaceFromProto(
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(request.isovalue(), "isovalue"));
   surface.isovalue = request.isovalue();
   if (request.has_base_color()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(surface.appearance.base_color,
-                              OpaqueColorFromProto(request.base_color(), "base_color"));
+    ISOSCOPE_RETURN_IF_ERROR(SetColor(request.base_color(), "base_color", &surface));
   }
   return surface;
 }
@@ -248,6 +250,12 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
                               ColorFromProto(request.background_color(), "background_color"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipFromProto(request.clip()));
+  if (request.max_layers() < 0 || request.max_layers() > frame::kMaxLayers) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_layers is ", request.max_layers(), ": must lie in [1, ",
+                     frame::kMaxLayers, "], or be 0 for the default, ", frame::kDefaultLayers));
+  }
+  spec.max_layers = request.max_layers() == 0 ? frame::kDefaultLayers : request.max_layers();
   spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
   ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
   if (spec.output.image_format == frame::ImageFormat::kJpeg && spec.background_color.a != 255) {

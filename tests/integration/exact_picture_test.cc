@@ -18,6 +18,7 @@
 
 #include "core/base/random.h"
 #include "core/partition/partitioner.h"
+#include "core/picture/layer_blending.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/volume_source.h"
 #include "tests/support/local_cluster.h"
@@ -624,12 +625,46 @@ view::ClipRegion RandomClip(std::uint64_t seed, const math::Box3d& bounds) {
   return clip;
 }
 
-TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomClipRegion) {
+// Makes some of the surfaces translucent; in one of four requests all of them.
+void MakeRandomlyTranslucent(std::uint64_t seed, frame::FrameSpec* spec) {
+  std::uint64_t counter = 0;
+  const auto random = [&] { return base::RandomUnit(seed, 800'000 + counter++); };
+  const bool all = random() < 0.25;
+  for (frame::Surface& surface : spec->surfaces) {
+    if (all || random() < 0.5) {
+      surface.opacity = static_cast<float>(0.05 + 0.9 * random());
+    }
+  }
+  constexpr int kMaxLayers[] = {1, 2, 3, 8, 16};
+  spec->max_layers = kMaxLayers[static_cast<std::size_t>(5 * random())];
+  if (random() < 0.5) {
+    spec->background_color = {20, 40, 80, static_cast<std::uint8_t>(255 * random())};
+  }
+}
+
+struct Picture {
+  image::FrameImage image;  // with the layers blended
+  std::int64_t truncated_pixel_count = 0;
+  std::int64_t layer_pixel_count = 0;
+};
+
+Picture PictureOf(const server::FrameResult& result, const frame::FrameSpec& spec) {
+  Picture picture{.image = result.image};
+  picture.truncated_pixel_count = picture::BlendLayers(result.layers, spec, &picture.image);
+  if (!result.layers.empty()) {
+    picture.layer_pixel_count = CoveredPixels(*result.layers.Levels().front());
+  }
+  return picture;
+}
+
+TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
   const bool is_egl = GetParam() == render::RendererKind::kEgl;
   const std::uint64_t view_count = static_cast<std::uint64_t>(kFieldViewCount) * (is_egl ? 1 : 5);
   for (const auto& [volume, step] : {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0)}) {
     Datasets datasets(volume, directories_.get(), renderer_.get());
     std::int64_t covered_pixel_count = 0;
+    std::int64_t layer_pixel_count = 0;
+    std::int64_t truncated_pixel_count = 0;
     std::int64_t smaller_count = 0;
     for (std::uint64_t seed = 1; seed <= view_count; ++seed) {
       SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed));
@@ -637,20 +672,26 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomClipRegion) {
       if (seed % 2 == 0) {
         spec.surfaces = ThreeSurfaces(volume.isovalue, step);
       }
+      if (seed % 4 > 1) {
+        MakeRandomlyTranslucent(seed, &spec);
+      }
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
                                     datasets.Get(8, 1, store::Distribution::kRandom));
       spec.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult whole, one->Render(spec));
       spec.clip = RandomClip(seed, volume.geometry.Bounds());
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
+      const Picture expected_picture = PictureOf(reference, spec);
       covered_pixel_count += CoveredPixels(reference.image);
+      layer_pixel_count += expected_picture.layer_pixel_count;
+      truncated_pixel_count += expected_picture.truncated_pixel_count;
       smaller_count += TriangleCount(reference) < TriangleCount(whole) ? 1 : 0;
 
       spec.culling = frame::Culling::kDepth;
-      image::FrameImage expected = reference.image;
+      image::FrameImage expected = expected_picture.image;
       if (seed % 3 == 0) {
         spec.region = RandomRegion(seed, spec.viewport);
-        expected = Crop(reference.image, *spec.region);
+        expected = Crop(expected_picture.image, *spec.region);
       }
       for (const auto& [edge, shard_count] : {std::pair(8, 1), std::pair(8, 3), std::pair(5, 2)}) {
         if (is_egl && edge != 8) {
@@ -660,9 +701,14 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomClipRegion) {
             LocalCluster* const cluster,
             datasets.Get(edge, shard_count, store::Distribution::kRandom));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(spec));
-        const Difference difference = Compare(expected, result.image);
+        const Picture picture = PictureOf(result, spec);
+        const Difference difference = Compare(expected, picture.image);
         EXPECT_EQ(difference.colors, 0) << "block edge " << edge << ", " << shard_count;
         EXPECT_EQ(difference.depths, 0) << "block edge " << edge << ", " << shard_count;
+        if (!spec.region) {
+          EXPECT_EQ(picture.truncated_pixel_count, expected_picture.truncated_pixel_count)
+              << "block edge " << edge << ", " << shard_count;
+        }
       }
       if (HasFailure()) {
         return;
@@ -671,6 +717,8 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomClipRegion) {
     EXPECT_GT(covered_pixel_count, static_cast<std::int64_t>(view_count) * 200);
     EXPECT_GE(smaller_count, static_cast<std::int64_t>(view_count) / 2)
         << "blocks outside the clip region are drawn";
+    EXPECT_GT(layer_pixel_count, static_cast<std::int64_t>(view_count) * 100);
+    EXPECT_GT(truncated_pixel_count, 0);
   }
 }
 

@@ -18,6 +18,7 @@
 #include "core/base/cancellation.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
+#include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/shard.h"
@@ -30,6 +31,7 @@ namespace isoscope::testing {
 class LocalCluster {
  public:
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
+  static constexpr std::size_t kUnusedLayerBytes = std::size_t{16} << 20;
 
   // Opens the dataset directory; one agent for each shard, and one cache for all of them.
   // `renderer` must outlive it.
@@ -60,6 +62,7 @@ class LocalCluster {
  private:
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
   render::Renderer* renderer_ = nullptr;
+  render::LayerRenderer layers_{kUnusedLayerBytes};
   std::unique_ptr<tbb::task_arena> arena_;
   std::unique_ptr<agent::BlockCache> cache_;
   std::unique_ptr<server::ActiveBlocksCache> active_blocks_;

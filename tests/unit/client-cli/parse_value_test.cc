@@ -106,7 +106,11 @@ TEST(ParseValueTest, SurfacesHaveALevelAndPerhapsAColour) {
   EXPECT_EQ(*ParseSurface("-7.5"), (SurfaceValue{.isovalue = -7.5, .color = {}}));
   EXPECT_EQ(*ParseSurface("30:1,0.5,0"),
             (SurfaceValue{.isovalue = 30, .color = Color{1, 0.5F, 0, 1}}));
-  ExpectRefused(ParseSurface, {"", ":1,0,0", "30:", "30:red", "30:1,0", "x:1,0,0", "nan"});
+  EXPECT_EQ(*ParseSurface("30:1,0.5,0:0.25"),
+            (SurfaceValue{.isovalue = 30, .color = Color{1, 0.5F, 0, 0.25F}}));
+  ExpectRefused(ParseSurface, {"", ":1,0,0", "30:", "30:red", "30:1,0", "x:1,0,0", "nan",
+                               "30:1,1,1:0", "30:1,1,1:1.5", "30:1,1,1:-1", "30:1,1,1:nan",
+                               "30:1,1,1:", "30:1,1,1:0.5:1", "30:0.5"});
 }
 
 TEST(ParseValueTest, PlanesAndBoxesAreListsOfNumbers) {

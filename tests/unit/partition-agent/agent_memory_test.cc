@@ -98,7 +98,7 @@ TEST(AgentMemoryTest, TooSmallALimitSaysWhatIsInUseAndWhatWouldDo) {
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kFailedPrecondition,
                                AllOf(HasSubstr("the memory limit of 96 MiB is too small"),
                                      HasSubstr(" MiB are in use with the shards open"),
-                                     HasSubstr("30 MiB are for frames"),
+                                     HasSubstr("33 MiB are for frames"),
                                      HasSubstr("raise --memory-limit"))));
   int in_use_mib = 0;
   int enough_mib = 0;

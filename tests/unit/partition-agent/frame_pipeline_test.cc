@@ -82,7 +82,10 @@ class FramePipelineTest : public ::testing::Test {
                                cancellation == nullptr ? &never_ : cancellation);
   }
   [[nodiscard]] AgentResources Resources() const {
-    return {.renderer = renderer_.get(), .arena = arena_.get(), .cache = cache_.get()};
+    return {.renderer = renderer_.get(),
+            .layers = &layers_,
+            .arena = arena_.get(),
+            .cache = cache_.get()};
   }
   void ForgetAll() { cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes); }
 
@@ -150,6 +153,7 @@ class FramePipelineTest : public ::testing::Test {
   }
 
   std::unique_ptr<render::Renderer> renderer_;
+  mutable render::LayerRenderer layers_{std::size_t{16} << 20};
   std::unique_ptr<tbb::task_arena> arena_ = std::make_unique<tbb::task_arena>(2);
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
   // Of no use; of some samples; of samples and one segment of meshes; of all.

@@ -372,6 +372,55 @@ TEST(PixelCodecTest, EveryLengthOfADifferenceOfDepthComesBack) {
   }
 }
 
+TEST(PixelCodecTest, LayersComeBackFromAnyAgentsInAnyOrder) {
+  constexpr image::FragmentOrder kLayerOrder{.block_count = 50};
+  const auto images = image::FrameImagePool::Make(1 << 20);
+  const auto make = [&] { return image::LayerStack(70, 40, 3, kLayerOrder, images.get()); };
+  std::vector<image::LayerStack> agents;
+  image::LayerStack expected = make();
+  for (std::uint64_t agent = 0; agent < 3; ++agent) {
+    agents.push_back(make());
+    for (std::uint64_t i = 0; i < 4000; ++i) {
+      const auto below = [&](std::uint64_t which, int end) {
+        return static_cast<int>(end * base::RandomUnit(agent, 4 * i + which));
+      };
+      const auto owner = static_cast<std::uint32_t>(below(0, 150));
+      const std::uint64_t key = image::FragmentKey(static_cast<float>(below(1, 40)) / 40, owner);
+      const image::Rgba8 color{static_cast<std::uint8_t>(below(2, 200)), 7, 9, 255};
+      const int x = static_cast<int>(i % 70);
+      const int y = below(3, 40);
+      agents.back().Insert(x, y, key, color);
+      expected.Insert(x, y, key, color);
+    }
+  }
+  image::LayerStack decoded = make();
+  image::FrameImage image(70, 40);
+  std::vector<std::string> bands;
+  for (const image::LayerStack& agent : agents) {
+    for (std::string& band : EncodeLayers(agent)) {
+      bands.insert(bands.begin() + static_cast<std::ptrdiff_t>(bands.size() / 2), band);
+      bands.push_back(std::move(band));  // twice
+    }
+  }
+  for (const std::string& band : bands) {
+    ISOSCOPE_ASSERT_OK(DecodePixelsInto(band, {}, &image, nullptr, &decoded));
+  }
+  EXPECT_TRUE(decoded == expected);
+  EXPECT_EQ(decoded.Levels().size(), 3U);
+  EXPECT_TRUE(image == image::FrameImage(70, 40)) << "layers are not opaque";
+  EXPECT_THAT(EncodeLayers(make()), IsEmpty());
+  EXPECT_THAT(EncodeLayers(image::LayerStack()), IsEmpty());
+}
+
+TEST(PixelCodecTest, LayersOfAFrameThatHasNoneAreDataLoss) {
+  const auto images = image::FrameImagePool::Make(1 << 20);
+  image::LayerStack layers(20, 20, 1, {}, images.get());
+  layers.Insert(3, 3, image::FragmentKey(0.5F, 0), {1, 2, 3, 255});
+  image::FrameImage image(20, 20);
+  EXPECT_THAT(DecodePixelsInto(EncodeLayers(layers).front(), {}, &image),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("translucent")));
+}
+
 TEST(PixelCodecTest, ABandOfAnotherImageSizeIsRefused) {
   const std::string band = EncodePixels(MakeSmooth(40, 30))[0];
   image::FrameImage into(30, 40);

@@ -69,8 +69,13 @@ TEST(FrameSpecFromProtoTest, WrongMembersAreNamedWithTheirValue) {
   request.clear_viewport();
   expect(request, "viewport is not set");
   request = MakeRequest();
-  request.mutable_base_color()->set_alpha(0.5F);
-  expect(request, "base_color.alpha is 0.5");
+  request.mutable_base_color()->set_red(0.5F);
+  expect(request, "base_color.alpha is 0");
+  for (const int count : {-1, 17}) {
+    request = MakeRequest();
+    request.set_max_layers(count);
+    expect(request, "max_layers is ");
+  }
   request = MakeRequest();
   request.mutable_camera()->mutable_eye()->set_x(1);
   expect(request, "camera");
@@ -128,6 +133,21 @@ TEST(FrameSpecFromProtoTest, TheClipRegionArrives) {
                                          .box = math::Box3d{{1, 2, 3}, {1, 5, 6}}}));
 }
 
+TEST(FrameSpecFromProtoTest, AlphaIsTheOpacityOfASurface) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_FALSE(frame::HasLayers(spec));
+  EXPECT_EQ(spec.max_layers, 8);
+  request.mutable_base_color()->set_green(1);
+  request.mutable_base_color()->set_alpha(0.25F);
+  request.set_max_layers(3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_TRUE(frame::HasLayers(spec));
+  EXPECT_EQ(spec.surfaces[0].opacity, 0.25F);
+  EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{0, 255, 0, 255}));
+  EXPECT_EQ(spec.max_layers, 3);
+}
+
 // Every number of the new messages, with values that a program may send by mistake.
 TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -153,7 +173,7 @@ TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
        {kNan, -0.01, 1.01, kInfinity}},
       {"surfaces[1].color.alpha",
        [&](Request* r, double v) { surface(r)->mutable_color()->set_alpha(static_cast<float>(v)); },
-       {kNan, 0, 0.5, 2}},
+       {kNan, 0, -0.5, 2}},
       {"surfaces[1].material.ambient",
        [&](Request* r, double v) { material(r)->set_ambient(static_cast<float>(v)); },
        {kNan, -1, 1.5, kInfinity}},

@@ -1,0 +1,80 @@
+#include "core/image/layer_stack.h"
+
+#include <utility>
+
+#include "core/base/check.h"
+
+namespace isoscope::image {
+
+LayerStack::LayerStack(int width, int height, int max_levels, const FragmentOrder& order,
+                       FrameImagePool* images)
+    : width_(width),
+      height_(height),
+      order_(order),
+      images_(images),
+      state_(std::make_unique<State>(static_cast<std::size_t>(max_levels))) {
+  ISOSCOPE_CHECK_GE(max_levels, 1);
+  ISOSCOPE_CHECK(order.ties == TieRule::kColor);
+}
+
+FrameImage* LayerStack::MakeLevel(std::size_t i) {
+  const base::MutexLock lock(&state_->mutex);
+  if (FrameImage* made = LevelAt(i); made != nullptr) {
+    return made;  // another thread was faster
+  }
+  state_->owned[i] = std::make_unique<FrameImage>(images_->Take(width_, height_));
+  state_->levels[i].store(state_->owned[i].get(), std::memory_order_release);
+  return state_->owned[i].get();
+}
+
+void LayerStack::Insert(int x, int y, std::uint64_t key, Rgba8 color) {
+  for (std::size_t i = 0; i < state_->levels.size(); ++i) {
+    FrameImage* level = LevelAt(i);
+    if (level == nullptr) {
+      level = MakeLevel(i);
+    }
+    const std::size_t pixel = level->IndexOf(x, y);
+    std::uint64_t& kept = level->keys[pixel];
+    if (kept == kBackgroundKey) {
+      level->Set(x, y, key, color);
+      return;
+    }
+    const bool is_before = order_.IsBefore(key, color, kept, level->colors[pixel]);
+    const bool is_same =
+        HaveEqualDepth(key, kept) &&
+        order_.SurfaceOf(image::OwnerOf(key)) == order_.SurfaceOf(image::OwnerOf(kept));
+    if (is_before) {
+      std::swap(key, kept);
+      std::swap(color, level->colors[pixel]);
+    }
+    if (is_same) {
+      return;  // one of the two stays
+    }
+  }
+}
+
+std::vector<const FrameImage*> LayerStack::Levels() const {
+  std::vector<const FrameImage*> levels;
+  if (state_ != nullptr) {
+    for (std::size_t i = 0; i < state_->levels.size() && LevelAt(i) != nullptr; ++i) {
+      levels.push_back(LevelAt(i));
+    }
+  }
+  return levels;
+}
+
+bool operator==(const LayerStack& a, const LayerStack& b) {
+  const std::vector<const FrameImage*> of_a = a.Levels();
+  const std::vector<const FrameImage*> of_b = b.Levels();
+  if (of_a.size() != of_b.size()) {
+    return false;
+  }
+  for (std::size_t i = 0; i < of_a.size(); ++i) {
+    if (!(*of_a[i] == *of_b[i])) {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace isoscope::image

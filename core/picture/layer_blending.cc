@@ -1,0 +1,133 @@
+// With T the light that passes all nearer layers (1 before the first), a layer of opacity a and
+// colour c adds T a c and leaves T (1 - a). The opaque fragment, or the background with its alpha,
+// gets what is left. All in float, in the order of the layers, so that the result depends on them
+// alone.
+//
+// Source: Porter, Duff 1984, "Compositing digital images" (over).
+
+#include "core/picture/layer_blending.h"
+
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include "core/base/check.h"
+#include "core/image/srgb.h"
+
+namespace isoscope::picture {
+namespace {
+
+constexpr int kTilePx = image::TileSet::kTilePx;
+
+// Light in linear values, each times its alpha.
+struct Light {
+  float r = 0;
+  float g = 0;
+  float b = 0;
+  float alpha = 0;
+
+  void Add(image::Rgba8 color, float share) {
+    r += share * image::LinearOf(color.r);
+    g += share * image::LinearOf(color.g);
+    b += share * image::LinearOf(color.b);
+    alpha += share;
+  }
+};
+
+// Straight alpha.
+image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
+  // The shares of an opaque pixel add up to 1, but for rounding.
+  const float alpha = is_opaque ? 1.0F : light.alpha;
+  if (!(alpha > 0)) {
+    return {};
+  }
+  return {image::SrgbOf(light.r / alpha), image::SrgbOf(light.g / alpha),
+          image::SrgbOf(light.b / alpha),
+          static_cast<std::uint8_t>(std::lround(std::fmin(alpha, 1.0F) * 255))};
+}
+
+// Calls fn(pixel index) for each pixel that has a layer, rows of tiles in parallel, and counts
+// these pixels as drawn on.
+template <typename Fn>
+void ForEachPixel(const image::FrameImage& first_level, image::FrameImage* image, const Fn& fn) {
+  ISOSCOPE_CHECK_EQ(first_level.width, image->width);
+  ISOSCOPE_CHECK_EQ(first_level.height, image->height);
+  tbb::parallel_for(0, first_level.touched.rows(), [&](int row) {
+    first_level.touched.ForEachInRow(row, [&](int column) {
+      const image::TileMask& mask = first_level.CoveredOf(column, row);
+      for (int y = 0; y < kTilePx; ++y) {
+        const std::size_t begin = image->IndexOf(column * kTilePx, row * kTilePx + y);
+        for (std::uint32_t rest = mask[static_cast<std::size_t>(y)]; rest != 0; rest &= rest - 1) {
+          fn(begin + static_cast<std::size_t>(std::countr_zero(rest)));
+        }
+      }
+      image->touched.Insert(column, row);
+      image::UniteInto(mask, &image->CoveredOf(column, row));
+    });
+  });
+}
+
+}  // namespace
+
+std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
+                         image::FrameImage* image) {
+  const std::vector<const image::FrameImage*> levels = layers.Levels();
+  if (levels.empty()) {
+    return 0;
+  }
+  const image::Rgba8 background = spec.background_color;
+  const float background_alpha = static_cast<float>(background.a) / 255.0F;
+  std::atomic<std::int64_t> truncated_count{0};
+  ForEachPixel(*levels.front(), image, [&](std::size_t pixel) {
+    const std::uint64_t opaque = image->keys[pixel];
+    Light light;
+    float left = 1;
+    int count = 0;
+    for (const image::FrameImage* level : levels) {
+      const std::uint64_t key = level->keys[pixel];
+      if (key == image::kBackgroundKey || !layers.IsBefore(key, opaque)) {
+        break;
+      }
+      if (count == spec.max_layers) {
+        truncated_count.fetch_add(1, std::memory_order_relaxed);
+        break;
+      }
+      ++count;
+      const float opacity =
+          spec.surfaces[layers.order().SurfaceOf(image::OwnerOf(key))].opacity;
+      light.Add(level->colors[pixel], left * opacity);
+      left *= 1 - opacity;
+    }
+    if (count == 0) {
+      return;
+    }
+    const bool is_opaque = opaque != image::kBackgroundKey || background.a == 255;
+    if (opaque != image::kBackgroundKey) {
+      light.Add(image->colors[pixel], left);
+    } else {
+      light.Add(background, left * background_alpha);
+    }
+    image->colors[pixel] = ColorOf(light, is_opaque);
+  });
+  return truncated_count.load();
+}
+
+void ShowNearest(const image::LayerStack& layers, image::FrameImage* image) {
+  const std::vector<const image::FrameImage*> levels = layers.Levels();
+  if (levels.empty()) {
+    return;
+  }
+  ForEachPixel(*levels.front(), image, [&](std::size_t pixel) {
+    const std::uint64_t key = levels.front()->keys[pixel];
+    if (layers.IsBefore(key, image->keys[pixel])) {
+      image->keys[pixel] = key;
+      image->colors[pixel] = levels.front()->colors[pixel];
+    }
+  });
+}
+
+}  // namespace isoscope::picture

@@ -1,0 +1,148 @@
+// A mesh is rasterised into the thread's buffer of 4096 fragments (cpu_rasterizer.h). A full buffer
+// is shaded 512 fragments at a time by the kernel of the opaque pass, and inserted into the layers
+// with the lock of each row of tiles that it meets. Nothing is kept of a mesh.
+//
+// Most fragments of a translucent surface show, so shading them before it is known which do costs
+// little.
+
+#include "core/render/layer_pass.h"
+
+#include <algorithm>
+#include <array>
+#include <new>
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/image/normal_code.h"
+#include "core/render/surface_point.h"
+
+namespace isoscope::render {
+namespace {
+
+constexpr int kTilePx = image::TileSet::kTilePx;
+
+int XOf(std::uint32_t pixel) { return static_cast<int>(pixel & 0xffff); }
+int YOf(std::uint32_t pixel) { return static_cast<int>(pixel >> 16); }
+
+}  // namespace
+
+LayerPass::LayerPass(const view::View& view, const volume::BlockLayout& layout,
+                     const frame::FrameSpec& spec, LayerRenderer* renderer)
+    : view_(view),
+      layout_(layout),
+      clipper_(spec.clip, view.geometry()),
+      sends_normals_(spec.sends_normals),
+      rays_(MakePixelRays(view)),
+      resources_(renderer->resources_),
+      layers_(view.image_size().width_px, view.image_size().height_px, spec.max_layers + 1,
+              {.block_count = static_cast<std::uint32_t>(layout.block_count())},
+              resources_.images()),
+      row_locks_(view.image_size().height_px) {
+  for (const frame::Surface& surface : spec.surfaces) {
+    shade_tables_.push_back(resources_.ShadeTableOf(surface.appearance));
+  }
+}
+
+absl::Status LayerPass::Add(std::span<const MeshToDraw> meshes) {
+  PassResources::Scratch& scratch = resources_.LocalScratch();
+  try {
+    for (const MeshToDraw& item : meshes) {
+      ISOSCOPE_CHECK_LT(std::int64_t{item.mesh->block_id}, layout_.block_count());
+      ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
+      Draw(item, &scratch);
+    }
+  } catch (const std::bad_alloc&) {
+    return NoMemoryFor(view_.image_size());
+  }
+  return absl::OkStatus();
+}
+
+void LayerPass::Draw(const MeshToDraw& item, PassResources::Scratch* scratch) {
+  const view::Footprint footprint = view_.FootprintOf(layout_, item.mesh->block_id);
+  if (item.mesh->triangles.empty() || footprint.rect.empty()) {
+    return;
+  }
+  const view::Clipper::Side side = clipper_.empty()
+                                       ? view::Clipper::Side::kInside
+                                       : clipper_.SideOf(layout_, item.mesh->block_id);
+  if (side == view::Clipper::Side::kOutside) {
+    return;
+  }
+  scratch->rasterizer.Rasterize(
+      *item.mesh, view_, footprint, item.open,
+      side == view::Clipper::Side::kCut ? clipper_.half_spaces()
+                                        : std::span<const view::HalfSpace>(),
+      [&](const FragmentBatch& batch) { Insert(batch, item, scratch); });
+}
+
+// Threads take the locks row by row, so that none wait for each other in a circle.
+void LayerPass::Insert(const FragmentBatch& batch, const MeshToDraw& item,
+                       PassResources::Scratch* scratch) {
+  const std::uint64_t owner = layers_.order().OwnerOf(item.surface_index, item.mesh->block_id);
+  const std::vector<image::Rgba8>& shade_table = *shade_tables_[item.surface_index];
+  for (std::size_t begin = 0; begin < batch.pixels.size(); begin += ShadeBatch::kCapacity) {
+    const std::size_t count = std::min(ShadeBatch::kCapacity, batch.pixels.size() - begin);
+    const auto pixels = batch.pixels.subspan(begin, count);
+    Shade(*item.mesh, shade_table, batch.triangles.subspan(begin, count), pixels, scratch);
+    const int first_row = batch.bounds.begin_y / kTilePx;
+    const int last_row = (batch.bounds.end_y - 1) / kTilePx;
+    for (int row = first_row; row <= last_row; ++row) {
+      row_locks_.OfTileRow(row).Lock();
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      layers_.Insert(XOf(pixels[i]), YOf(pixels[i]),
+                     std::uint64_t{batch.depths[begin + i]} << 32 | owner, scratch->colors[i]);
+    }
+    for (int row = first_row; row <= last_row; ++row) {
+      row_locks_.OfTileRow(row).Unlock();
+    }
+  }
+}
+
+// Fills scratch->colors with the colours of the fragments, or the codes of their normals.
+void LayerPass::Shade(const mesh::CompactMesh& mesh, const std::vector<image::Rgba8>& shade_table,
+                      std::span<const std::uint32_t> triangles,
+                      std::span<const std::uint32_t> pixels,
+                      PassResources::Scratch* scratch) const {
+  ShadeBatch& batch = scratch->batch;
+  batch.count = pixels.size();
+  for (std::size_t i = 0; i < batch.count; ++i) {
+    batch.x[i] = static_cast<float>(XOf(pixels[i]) + view_.region().x) + 0.5F;
+    batch.y[i] = static_cast<float>(YOf(pixels[i]) + view_.region().y) + 0.5F;
+    const std::array<std::uint32_t, 3> corners = mesh.triangles[triangles[i]];
+    for (std::size_t c = 0; c < 3; ++c) {
+      const math::Vec3f& position = mesh.positions[corners[c]];
+      const mesh::CompactNormal& normal = mesh.normals[corners[c]];
+      batch.position[3 * c][i] = position.x;
+      batch.position[3 * c + 1][i] = position.y;
+      batch.position[3 * c + 2][i] = position.z;
+      batch.normal[3 * c][i] = normal.x;
+      batch.normal[3 * c + 1][i] = normal.y;
+      batch.normal[3 * c + 2][i] = normal.z;
+    }
+  }
+  batch.keeps_normals = sends_normals_;
+  ComputeShadeSteps(rays_, &batch);
+  for (std::size_t i = 0; i < batch.count && sends_normals_; ++i) {
+    scratch->colors[i] = image::EncodeNormal({static_cast<double>(batch.mixed_normal[0][i]),
+                                              static_cast<double>(batch.mixed_normal[1][i]),
+                                              static_cast<double>(batch.mixed_normal[2][i])});
+  }
+  for (std::size_t k = 0; k < batch.inexact_count; ++k) {
+    const std::uint32_t i = batch.inexact[k];
+    const int x = XOf(pixels[i]);
+    const int y = YOf(pixels[i]);
+    if (sends_normals_) {
+      const math::Vec3d normal = SurfacePointAt(view_, mesh, triangles[i], x, y).normal;
+      scratch->colors[i] = image::EncodeNormal({normal.x, normal.y, normal.z});
+    } else {
+      batch.step[i] = ShadeStepAt(view_, mesh, triangles[i], x, y);
+    }
+  }
+  for (std::size_t i = 0; i < batch.count && !sends_normals_; ++i) {
+    scratch->colors[i] = shade_table[batch.step[i]];
+  }
+  batch.count = 0;
+}
+
+}  // namespace isoscope::render

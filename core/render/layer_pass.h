@@ -1,0 +1,78 @@
+// Draws translucent meshes, for every back end: the CPU rasterises and shades all fragments and
+// keeps the first few of each pixel. Colours then do not depend on an OpenGL driver, and a software
+// OpenGL is no faster (docs/experiments.md).
+
+#ifndef ISOSCOPE_CORE_RENDER_LAYER_PASS_H_
+#define ISOSCOPE_CORE_RENDER_LAYER_PASS_H_
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+
+#include "core/composite/pixel_codec.h"
+#include "core/frame/frame_spec.h"
+#include "core/image/layer_stack.h"
+#include "core/render/pass_resources.h"
+#include "core/render/renderer.h"
+#include "core/render/shade_kernel.h"
+#include "core/view/clip_region.h"
+#include "core/view/view.h"
+#include "core/volume/block_layout.h"
+
+namespace isoscope::render {
+
+// What the layer passes of a process share. Thread-safe; outlives its passes' layers.
+class LayerRenderer {
+ public:
+  // Bounds images that no pass uses.
+  explicit LayerRenderer(std::size_t max_unused_bytes) : resources_(max_unused_bytes) {}
+
+ private:
+  friend class LayerPass;
+  PassResources resources_;
+};
+
+// The layers of one picture in the making. What a fragment is, and which are dropped, is as
+// RenderPass says.
+class LayerPass {
+ public:
+  // Copies its arguments, but for the renderer. Keeps one fragment more than spec.max_layers of
+  // each pixel, so that the coordinator sees which pixels have more.
+  // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
+  LayerPass(const view::View& view, const volume::BlockLayout& layout,
+            const frame::FrameSpec& spec, LayerRenderer* renderer);
+
+  // Draws meshes of translucent surfaces, at once. RESOURCE_EXHAUSTED if memory runs out.
+  // Thread-safe.
+  absl::Status Add(std::span<const MeshToDraw> meshes);
+
+  // Returns the layers. Call it once, after every Add has returned.
+  image::LayerStack Finish() { return std::move(layers_); }
+
+ private:
+  void Draw(const MeshToDraw& item, PassResources::Scratch* scratch);
+  void Insert(const FragmentBatch& batch, const MeshToDraw& item,
+              PassResources::Scratch* scratch) ABSL_NO_THREAD_SAFETY_ANALYSIS;
+  void Shade(const mesh::CompactMesh& mesh, const std::vector<image::Rgba8>& shade_table,
+             std::span<const std::uint32_t> triangles, std::span<const std::uint32_t> pixels,
+             PassResources::Scratch* scratch) const;
+
+  const view::View view_;
+  const volume::BlockLayout layout_;
+  const view::Clipper clipper_;
+  const bool sends_normals_;
+  const PixelRays rays_;
+  PassResources& resources_;
+  std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
+  image::LayerStack layers_;
+  composite::RowLocks row_locks_;  // of the layers
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_LAYER_PASS_H_
