@@ -212,6 +212,24 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurf
   return response;
 }
 
+// Says if translucent layers were left out.
+void WarnIfTruncated(const std::vector<FrameRecord>& frames, const RenderFlags& flags,
+                     const Context& context) {
+  std::int64_t most = 0;
+  for (const FrameRecord& frame : frames) {
+    most = std::max(most, frame.statistics.truncated_pixel_count());
+  }
+  if (most > 0) {
+    const std::int64_t limit = flags.request.max_layers.value_or(frame::kDefaultLayers);
+    *context.err << "isoscope: " << FormatCount(most) << " pixels have more than " << limit
+                 << " translucent layers; the farthest do not show"
+                 << (limit < frame::kMaxLayers
+                         ? absl::StrCat(" (--max-layers allows up to ", frame::kMaxLayers, ")")
+                         : std::string())
+                 << std::endl;
+  }
+}
+
 // The stream for text: standard error if the statistics go to standard output.
 std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
   return flags.stats == "-" ? *context.err : *context.out;
@@ -341,6 +359,7 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
     ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
+  WarnIfTruncated(frames, flags, context);
   const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1) : "planes";
   TextOut(flags, context) << DescribeStatistics(frames) << "\n"
                           << name << ": " << flags.request.image_size().width_px << " x "

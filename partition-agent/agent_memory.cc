@@ -83,7 +83,8 @@ absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(
   if (absl::IsResourceExhausted(reservation.status())) {
     return absl::ResourceExhaustedError(absl::StrFormat(
         "a viewport of %d x %d pixels needs %.0f MiB while it is drawn; with the memory limit of "
-        "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport%s or raise --memory-limit",
+        "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport%s or raise "
+        "--memory-limit",
         viewport.width_px, viewport.height_px, Mebibytes(bytes), Mebibytes(limit_bytes_),
         Mebibytes(steps_.capacity_bytes()), max_layers > 0 ? ", for fewer max_layers" : ""));
   }

@@ -15,7 +15,7 @@
 namespace isoscope::agent {
 
 struct AgentResources {
-  render::Renderer* renderer = nullptr;  // of frames; exports draw nothing
+  render::Renderer* renderer = nullptr;     // of frames; exports draw nothing
   render::LayerRenderer* layers = nullptr;  // of frames with translucent surfaces
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;

@@ -52,9 +52,8 @@ std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
                              : is_compressed              ? kPictureBytesPerPixel
                                                           : 0;
   const std::size_t layers =
-      frame::HasLayers(spec)
-          ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
-          : 0;
+      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
+                             : 0;
   return pixels * (kFrameBytesPerPixel + layers + response + copies) + kLeastFrameBytes;
 }
 

@@ -142,9 +142,9 @@ class Frame {
         row_locks_(setup.view->image_size().height_px) {
     result_.image = std::move(image);
     if (has_layers_) {
-      result_.layers = image::LayerStack(result_.image.width, result_.image.height,
-                                         setup.spec->max_layers + 1,
-                                         {.block_count = order_.block_count}, setup.images);
+      result_.layers =
+          image::LayerStack(result_.image.width, result_.image.height, setup.spec->max_layers + 1,
+                            {.block_count = order_.block_count}, setup.images);
     }
   }
 

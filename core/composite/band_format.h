@@ -27,7 +27,7 @@ inline constexpr std::size_t kMaxPaletteSize = 2048;
 
 struct BandHeader {
   bool is_layer = false;  // pixels of an image::LayerStack, in place of opaque ones
-  int begin_row = 0;  // of tiles
+  int begin_row = 0;      // of tiles
   int row_count = 0;
   std::size_t pixel_count = 0;
   std::size_t tile_count = 0;

@@ -40,9 +40,8 @@ void LayerStack::Insert(int x, int y, std::uint64_t key, Rgba8 color) {
       return;
     }
     const bool is_before = order_.IsBefore(key, color, kept, level->colors[pixel]);
-    const bool is_same =
-        HaveEqualDepth(key, kept) &&
-        order_.SurfaceOf(image::OwnerOf(key)) == order_.SurfaceOf(image::OwnerOf(kept));
+    const bool is_same = HaveEqualDepth(key, kept) && order_.SurfaceOf(image::OwnerOf(key)) ==
+                                                          order_.SurfaceOf(image::OwnerOf(kept));
     if (is_before) {
       std::swap(key, kept);
       std::swap(color, level->colors[pixel]);

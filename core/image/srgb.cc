@@ -33,7 +33,7 @@ struct Tables {
   }
 
   std::array<float, 256> linear{};
-  std::array<float, 255> begins{};                // where value i + 1 begins
+  std::array<float, 255> begins{};               // where value i + 1 begins
   std::array<std::uint8_t, kSteps + 1> first{};  // the value at the beginning of each step
 };
 

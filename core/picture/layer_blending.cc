@@ -97,8 +97,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
         break;
       }
       ++count;
-      const float opacity =
-          spec.surfaces[layers.order().SurfaceOf(image::OwnerOf(key))].opacity;
+      const float opacity = spec.surfaces[layers.order().SurfaceOf(image::OwnerOf(key))].opacity;
       light.Add(level->colors[pixel], left * opacity);
       left *= 1 - opacity;
     }

@@ -524,11 +524,10 @@ class CpuPass final : public RenderPass {
     for (std::size_t k = 0; k < batch.inexact_count; ++k) {
       const std::uint32_t i = batch.inexact[k];
       const KeptMesh& mesh = *scratch->meshes[i];
-      batch.step[i] =
-          ShadeStepAt(view_, *mesh.mesh,
-                      PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
-                      static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
-                      static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
+      batch.step[i] = ShadeStepAt(
+          view_, *mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
+          static_cast<int>(scratch->pixels[i] % static_cast<std::uint32_t>(width_)),
+          static_cast<int>(scratch->pixels[i] / static_cast<std::uint32_t>(width_)));
     }
     for (std::size_t i = 0; i < batch.count; ++i) {
       scratch->colors[i] = scratch->meshes[i]->shade_table[batch.step[i]];
@@ -547,11 +546,10 @@ class CpuPass final : public RenderPass {
       const std::uint32_t i = batch.inexact[k];
       const KeptMesh& mesh = *scratch->meshes[i];
       const auto width = static_cast<std::uint32_t>(width_);
-      const SurfacePoint point =
-          SurfacePointAt(view_, *mesh.mesh,
-                         PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
-                         static_cast<int>(scratch->pixels[i] % width),
-                         static_cast<int>(scratch->pixels[i] / width));
+      const SurfacePoint point = SurfacePointAt(
+          view_, *mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
+          static_cast<int>(scratch->pixels[i] % width),
+          static_cast<int>(scratch->pixels[i] / width));
       scratch->colors[i] = image::EncodeNormal({point.normal.x, point.normal.y, point.normal.z});
     }
   }

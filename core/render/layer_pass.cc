@@ -62,17 +62,16 @@ void LayerPass::Draw(const MeshToDraw& item, PassResources::Scratch* scratch) {
   if (item.mesh->triangles.empty() || footprint.rect.empty()) {
     return;
   }
-  const view::Clipper::Side side = clipper_.empty()
-                                       ? view::Clipper::Side::kInside
-                                       : clipper_.SideOf(layout_, item.mesh->block_id);
+  const view::Clipper::Side side = clipper_.empty() ? view::Clipper::Side::kInside
+                                                    : clipper_.SideOf(layout_, item.mesh->block_id);
   if (side == view::Clipper::Side::kOutside) {
     return;
   }
-  scratch->rasterizer.Rasterize(
-      *item.mesh, view_, footprint, item.open,
-      side == view::Clipper::Side::kCut ? clipper_.half_spaces()
-                                        : std::span<const view::HalfSpace>(),
-      [&](const FragmentBatch& batch) { Insert(batch, item, scratch); });
+  scratch->rasterizer.Rasterize(*item.mesh, view_, footprint, item.open,
+                                side == view::Clipper::Side::kCut
+                                    ? clipper_.half_spaces()
+                                    : std::span<const view::HalfSpace>(),
+                                [&](const FragmentBatch& batch) { Insert(batch, item, scratch); });
 }
 
 // Threads take the locks row by row, so that none wait for each other in a circle.

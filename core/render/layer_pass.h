@@ -44,8 +44,8 @@ class LayerPass {
   // Copies its arguments, but for the renderer. Keeps one fragment more than spec.max_layers of
   // each pixel, so that the coordinator sees which pixels have more.
   // REQUIRES: frame::CheckOwners is OK for the surfaces and the layout.
-  LayerPass(const view::View& view, const volume::BlockLayout& layout,
-            const frame::FrameSpec& spec, LayerRenderer* renderer);
+  LayerPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
+            LayerRenderer* renderer);
 
   // Draws meshes of translucent surfaces, at once. RESOURCE_EXHAUSTED if memory runs out.
   // Thread-safe.

@@ -23,9 +23,9 @@ SurfacePoint SurfacePointAt(const view::View& view, const mesh::CompactMesh& mes
                                               static_cast<double>(n.z)} *
                                       weights[i];
     point.position =
-        point.position + math::Vec3d{static_cast<double>(p.x), static_cast<double>(p.y),
-                                     static_cast<double>(p.z)} *
-                             weights[i];
+        point.position +
+        math::Vec3d{static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)} *
+            weights[i];
   }
   return point;
 }

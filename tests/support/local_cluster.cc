@@ -171,10 +171,7 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
     own.agent_count = setup.agent_count;
     own.report_active_blocks = setup.active == nullptr;
     const agent::AgentResources resources{
-        .renderer = renderer_,
-        .layers = &layers_,
-        .arena = arena_.get(),
-        .cache = cache_.get()};
+        .renderer = renderer_, .layers = &layers_, .arena = arena_.get(), .cache = cache_.get()};
     return std::make_unique<LocalAgentLink>(shards_[static_cast<std::size_t>(agent_index)], own,
                                             resources, cancellation.deadline(), listener);
   };

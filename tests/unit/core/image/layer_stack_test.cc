@@ -27,14 +27,15 @@ std::vector<Layer> RandomLayers(std::uint64_t seed, int count) {
   std::vector<Layer> layers;
   for (int i = 0; i < count; ++i) {
     const auto below = [&](std::uint64_t which, int end) {
-      return static_cast<int>(
-          end * base::RandomUnit(seed, 8 * static_cast<std::uint64_t>(i) + which));
+      return static_cast<int>(end *
+                              base::RandomUnit(seed, 8 * static_cast<std::uint64_t>(i) + which));
     };
     const auto surface = static_cast<std::uint32_t>(below(2, 3));
     const auto block = static_cast<std::uint32_t>(below(3, 5));
-    layers.push_back({below(0, 20), below(1, 20),
-                      FragmentKey(static_cast<float>(below(4, 6)) / 6, kOrder.OwnerOf(surface, block)),
-                      Rgba8{static_cast<std::uint8_t>(below(5, 3)), 0, 0, 255}});
+    layers.push_back(
+        {below(0, 20), below(1, 20),
+         FragmentKey(static_cast<float>(below(4, 6)) / 6, kOrder.OwnerOf(surface, block)),
+         Rgba8{static_cast<std::uint8_t>(below(5, 3)), 0, 0, 255}});
   }
   return layers;
 }
@@ -53,12 +54,14 @@ TEST(LayerStackTest, KeepsTheFirstFragmentsOfEachPixelAsASortedListWould) {
   for (const int max_levels : {1, 3, 16}) {
     const LayerStack stack = StackOf(layers, max_levels, images.get());
     // By pixel: the winner for each (depth bits, surface).
-    std::map<std::pair<int, int>, std::map<std::pair<std::uint64_t, std::uint32_t>, Layer>> expected;
+    std::map<std::pair<int, int>, std::map<std::pair<std::uint64_t, std::uint32_t>, Layer>>
+        expected;
     for (const Layer& layer : layers) {
       auto& of_pixel = expected[{layer.y, layer.x}];
-      const auto [kept, is_new] = of_pixel.try_emplace(
-          {layer.key >> 32, kOrder.SurfaceOf(OwnerOf(layer.key))}, layer);
-      if (!is_new && kOrder.IsBefore(layer.key, layer.color, kept->second.key, kept->second.color)) {
+      const auto [kept, is_new] =
+          of_pixel.try_emplace({layer.key >> 32, kOrder.SurfaceOf(OwnerOf(layer.key))}, layer);
+      if (!is_new &&
+          kOrder.IsBefore(layer.key, layer.color, kept->second.key, kept->second.color)) {
         kept->second = layer;
       }
     }
@@ -71,8 +74,8 @@ TEST(LayerStackTest, KeepsTheFirstFragmentsOfEachPixelAsASortedListWould) {
         for (const FrameImage* level : levels) {
           const std::size_t i = level->IndexOf(x, y);
           const bool is_covered =
-              (level->CoveredOf(x / 16, y / 16)[static_cast<std::size_t>(y % 16)] >> (x % 16) & 1) !=
-              0;
+              (level->CoveredOf(x / 16, y / 16)[static_cast<std::size_t>(y % 16)] >> (x % 16) &
+               1) != 0;
           ASSERT_EQ(is_covered, next != of_pixel.end());
           ASSERT_EQ(level->keys[i], is_covered ? next->second.key : kBackgroundKey);
           ASSERT_EQ(level->colors[i], is_covered ? next->second.color : Rgba8{});

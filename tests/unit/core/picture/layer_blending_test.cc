@@ -24,8 +24,8 @@ std::uint64_t Key(float depth, std::uint32_t surface) {
 class LayerBlendingTest : public ::testing::Test {
  protected:
   LayerBlendingTest() {
-    spec_.surfaces = {{.isovalue = 1}, {.isovalue = 2, .opacity = 0.5F},
-                      {.isovalue = 3, .opacity = 0.25F}};
+    spec_.surfaces = {
+        {.isovalue = 1}, {.isovalue = 2, .opacity = 0.5F}, {.isovalue = 3, .opacity = 0.25F}};
     spec_.max_layers = 2;
     spec_.background_color = {0, 0, 0, 255};
   }
@@ -44,7 +44,8 @@ TEST_F(LayerBlendingTest, TwoLayersOverAnOpaqueFragmentMixInLinearLight) {
   layers.Insert(4, 5, Key(0.5F, 1), kRed);
   EXPECT_EQ(BlendLayers(layers, spec_, &image_), 0);
   // 0.5 red, 0.5 * 0.25 green, and blue gets the 0.375 that are left.
-  EXPECT_EQ(At(4, 5), (Rgba8{image::SrgbOf(0.5F), image::SrgbOf(0.125F), image::SrgbOf(0.375F), 255}));
+  EXPECT_EQ(At(4, 5),
+            (Rgba8{image::SrgbOf(0.5F), image::SrgbOf(0.125F), image::SrgbOf(0.375F), 255}));
   EXPECT_EQ(image_.keys[image_.IndexOf(4, 5)], Key(0.9F, 0));
 }
 
