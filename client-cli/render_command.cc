@@ -1,6 +1,7 @@
 // isoscope render INPUT | DIR | --server HOST:PORT --isovalue V --output FILE.png
 // isoscope render INPUT | DIR | --server HOST:PORT --like FILE.png --output FILE.png
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>

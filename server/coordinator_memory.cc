@@ -22,8 +22,8 @@ constexpr std::size_t kLayerBytesPerPixel = 12 + 8;
 constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
 // A frame needs this much besides, however small: messages, lists of blocks.
 constexpr std::size_t kLeastFrameBytes = base::kMiB;
-// Four images of 2048 x 2048 pixels.
-constexpr std::size_t kMaxUnusedImageBytes = 192 * base::kMiB;
+// Eight images of 2048 x 2048 pixels, or two frames of 1024 x 1024 with all their layers.
+constexpr std::size_t kMaxUnusedImageBytes = 384 * base::kMiB;
 // 4 bytes a block.
 constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
 // Shares of the limit; the rest is for the process itself and for gRPC.

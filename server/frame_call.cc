@@ -165,7 +165,9 @@ absl::Status FrameCall::Encode(const FrameTarget& target, bool carries_normals, 
       statistics->set_truncated_pixel_count(picture::BlendLayers(layers_, spec_, &image_));
       ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
     }
-    picture::ShowNearest(layers_, &image_);
+    if (spec_.output.any_plane()) {
+      picture::ShowNearest(layers_, &image_);
+    }
     if (carries_normals) {
       output->normal = NormalPlane(image_);
     }

@@ -19,6 +19,8 @@ struct OutputSpec {
   bool position = false;
   bool normal = false;
 
+  [[nodiscard]] bool any_plane() const { return depth || surface_index || position || normal; }
+
   friend bool operator==(const OutputSpec&, const OutputSpec&) = default;
 };
 

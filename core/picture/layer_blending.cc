@@ -25,17 +25,20 @@ constexpr int kTilePx = image::TileSet::kTilePx;
 
 // Light in linear values, each times its alpha.
 struct Light {
+  explicit Light(const image::SrgbTable& of_table) : table(of_table) {}
+
+  void Add(image::Rgba8 color, float share) {
+    r += share * table.LinearOf(color.r);
+    g += share * table.LinearOf(color.g);
+    b += share * table.LinearOf(color.b);
+    alpha += share;
+  }
+
+  const image::SrgbTable& table;
   float r = 0;
   float g = 0;
   float b = 0;
   float alpha = 0;
-
-  void Add(image::Rgba8 color, float share) {
-    r += share * image::LinearOf(color.r);
-    g += share * image::LinearOf(color.g);
-    b += share * image::LinearOf(color.b);
-    alpha += share;
-  }
 };
 
 // Straight alpha.
@@ -45,8 +48,8 @@ image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
   if (!(alpha > 0)) {
     return {};
   }
-  return {image::SrgbOf(light.r / alpha), image::SrgbOf(light.g / alpha),
-          image::SrgbOf(light.b / alpha),
+  return {light.table.SrgbOf(light.r / alpha), light.table.SrgbOf(light.g / alpha),
+          light.table.SrgbOf(light.b / alpha),
           static_cast<std::uint8_t>(std::lround(std::fmin(alpha, 1.0F) * 255))};
 }
 
@@ -79,12 +82,13 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
   if (levels.empty()) {
     return 0;
   }
+  const image::SrgbTable& table = image::SrgbTable::Get();
   const image::Rgba8 background = spec.background_color;
   const float background_alpha = static_cast<float>(background.a) / 255.0F;
   std::atomic<std::int64_t> truncated_count{0};
   ForEachPixel(*levels.front(), image, [&](std::size_t pixel) {
     const std::uint64_t opaque = image->keys[pixel];
-    Light light;
+    Light light(table);
     float left = 1;
     int count = 0;
     for (const image::FrameImage* level : levels) {

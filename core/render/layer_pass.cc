@@ -36,7 +36,7 @@ LayerPass::LayerPass(const view::View& view, const volume::BlockLayout& layout,
       resources_(renderer->resources_),
       layers_(view.image_size().width_px, view.image_size().height_px, spec.max_layers + 1,
               {.block_count = static_cast<std::uint32_t>(layout.block_count())},
-              resources_.images()),
+              renderer->images_.get()),
       row_locks_(view.image_size().height_px) {
   for (const frame::Surface& surface : spec.surfaces) {
     shade_tables_.push_back(resources_.ShadeTableOf(surface.appearance));

@@ -30,11 +30,13 @@ namespace isoscope::render {
 class LayerRenderer {
  public:
   // Bounds images that no pass uses.
-  explicit LayerRenderer(std::size_t max_unused_bytes) : resources_(max_unused_bytes) {}
+  explicit LayerRenderer(std::size_t max_unused_bytes)
+      : images_(image::FrameImagePool::Make(max_unused_bytes)), resources_(0) {}
 
  private:
   friend class LayerPass;
-  PassResources resources_;
+  const std::shared_ptr<image::FrameImagePool> images_;
+  PassResources resources_;  // scratch and shade tables
 };
 
 // The layers of one picture in the making. What a fragment is, and which are dropped, is as

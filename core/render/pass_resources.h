@@ -144,7 +144,6 @@ class PassResources {
   // state is that between passes.
   void GiveBack(std::unique_ptr<PassBuffers> buffers);
   image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
-  [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
   // Adds unused buffers and an unused image, and touches their pages. Does nothing if they are too
   // large to keep.
   void Prepare(int width, int height);

@@ -9,6 +9,9 @@
 namespace isoscope::image {
 namespace {
 
+float LinearOf(std::uint8_t srgb) { return SrgbTable::Get().LinearOf(srgb); }
+std::uint8_t SrgbOf(float linear) { return SrgbTable::Get().SrgbOf(linear); }
+
 TEST(SrgbTest, KnownValues) {
   EXPECT_EQ(LinearOf(0), 0.0F);
   EXPECT_EQ(LinearOf(255), 1.0F);

@@ -16,6 +16,8 @@ constexpr Rgba8 kRed{255, 0, 0, 255};
 constexpr Rgba8 kGreen{0, 255, 0, 255};
 constexpr Rgba8 kBlue{0, 0, 255, 255};
 
+std::uint8_t Srgb(float linear) { return image::SrgbTable::Get().SrgbOf(linear); }
+
 std::uint64_t Key(float depth, std::uint32_t surface) {
   return image::FragmentKey(depth, kOrder.OwnerOf(surface, 3));
 }
@@ -45,7 +47,7 @@ TEST_F(LayerBlendingTest, TwoLayersOverAnOpaqueFragmentMixInLinearLight) {
   EXPECT_EQ(BlendLayers(layers, spec_, &image_), 0);
   // 0.5 red, 0.5 * 0.25 green, and blue gets the 0.375 that are left.
   EXPECT_EQ(At(4, 5),
-            (Rgba8{image::SrgbOf(0.5F), image::SrgbOf(0.125F), image::SrgbOf(0.375F), 255}));
+            (Rgba8{Srgb(0.5F), Srgb(0.125F), Srgb(0.375F), 255}));
   EXPECT_EQ(image_.keys[image_.IndexOf(4, 5)], Key(0.9F, 0));
 }
 
@@ -80,7 +82,7 @@ TEST_F(LayerBlendingTest, ATranslucentBackgroundAddsItsShare) {
   layers.Insert(3, 3, Key(0.5F, 1), kRed);
   BlendLayers(layers, spec_, &image_);
   // 0.5 red and 0.5 * 0.2 blue: alpha 0.6.
-  EXPECT_EQ(At(3, 3), (Rgba8{image::SrgbOf(0.5F / 0.6F), 0, image::SrgbOf(0.1F / 0.6F), 153}));
+  EXPECT_EQ(At(3, 3), (Rgba8{Srgb(0.5F / 0.6F), 0, Srgb(0.1F / 0.6F), 153}));
 }
 
 TEST_F(LayerBlendingTest, TheNearestLayersShowAndPixelsWithMoreAreCounted) {
@@ -92,7 +94,7 @@ TEST_F(LayerBlendingTest, TheNearestLayersShowAndPixelsWithMoreAreCounted) {
   layers.Insert(7, 1, Key(0.9F, 1), kGreen);
   EXPECT_EQ(BlendLayers(layers, spec_, &image_), 1);
   EXPECT_EQ(At(2, 1), At(7, 1));
-  EXPECT_EQ(At(2, 1), (Rgba8{image::SrgbOf(0.75F), 0, 0, 255}));
+  EXPECT_EQ(At(2, 1), (Rgba8{Srgb(0.75F), 0, 0, 255}));
 }
 
 TEST_F(LayerBlendingTest, ALayerTooManyThatTheOpaqueFragmentHidesIsNotCounted) {

@@ -1,0 +1,42 @@
+#!/usr/bin/env bash
+# Makes the pictures of docs/gallery.md again, by the commands that stand there.
+set -euo pipefail
+
+usage() {
+  cat <<'USAGE'
+Usage: tools/render_gallery.sh VOLUMES [PROGRAM]
+
+  VOLUMES  folder with the volumes that docs/gallery.md names
+  PROGRAM  isoscope (default: build/release/bin/isoscope)
+
+The pictures go to docs/gallery/.
+USAGE
+}
+
+case "${1:-}" in
+  -h | --help)
+    usage
+    exit 0
+    ;;
+  '')
+    usage >&2
+    exit 2
+    ;;
+esac
+repository="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+volumes="$(cd "$1" && pwd)"
+program="$(realpath "${2:-$repository/build/release/bin/isoscope}")"
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+ln -s "$volumes"/* /usr/share/mricron/templates/ch2.nii.gz "$work/" 2>/dev/null || true
+mkdir "$work/bin"
+ln -s "$program" "$work/bin/isoscope"
+cd "$work"
+# A command ends with its line; a backslash goes on.
+sed -e ':next' -e '/\\$/{N;s/\\\n *//;b next' -e '}' "$repository/docs/gallery.md" |
+  sed -n 's/^ *\(isoscope render .*\)$/\1/p' |
+  while IFS= read -r command; do
+    echo "$command"
+    PATH="$work/bin:$PATH" bash -c "$command" </dev/null >/dev/null
+  done
+mv ./*.png "$repository/docs/gallery/"
