@@ -390,6 +390,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
                                  {"active_blocks", statistics.active_block_count},
                                  {"visible_blocks", statistics.visible_block_count},
                                  {"triangles", statistics.triangle_count}});
+    // Its layers serve the next frame, which may come before this call is gone.
+    pipeline_.reset();
     return absl::OkStatus();
   }
 

@@ -28,25 +28,32 @@ FrameImage* LayerStack::MakeLevel(std::size_t i) {
 }
 
 void LayerStack::Insert(int x, int y, std::uint64_t key, Rgba8 color) {
+  const std::size_t pixel =
+      static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x);
   for (std::size_t i = 0; i < state_->levels.size(); ++i) {
     FrameImage* level = LevelAt(i);
-    if (level == nullptr) {
+    if (level == nullptr) [[unlikely]] {
       level = MakeLevel(i);
     }
-    const std::size_t pixel = level->IndexOf(x, y);
     std::uint64_t& kept = level->keys[pixel];
     if (kept == kBackgroundKey) {
       level->Set(x, y, key, color);
       return;
     }
-    const bool is_before = order_.IsBefore(key, color, kept, level->colors[pixel]);
-    const bool is_same = HaveEqualDepth(key, kept) && order_.SurfaceOf(image::OwnerOf(key)) ==
-                                                          order_.SurfaceOf(image::OwnerOf(kept));
-    if (is_before) {
+    if (!HaveEqualDepth(key, kept)) [[likely]] {
+      if (key < kept) {
+        std::swap(key, kept);
+        std::swap(color, level->colors[pixel]);
+      }
+      continue;
+    }
+    const bool is_same_surface =
+        order_.SurfaceOf(image::OwnerOf(key)) == order_.SurfaceOf(image::OwnerOf(kept));
+    if (order_.IsBefore(key, color, kept, level->colors[pixel])) {
       std::swap(key, kept);
       std::swap(color, level->colors[pixel]);
     }
-    if (is_same) {
+    if (is_same_surface) {
       return;  // one of the two stays
     }
   }
