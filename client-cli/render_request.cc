@@ -24,6 +24,8 @@ absl::StatusOr<frame::Culling> ParseCulling(absl::string_view text) {
                                             {"none", frame::Culling::kNone}});
 }
 
+}  // namespace
+
 isoscope::v1::Color ToProto(const Color& color) {
   isoscope::v1::Color proto;
   proto.set_red(color.red);
@@ -32,8 +34,6 @@ isoscope::v1::Color ToProto(const Color& color) {
   proto.set_alpha(color.alpha);
   return proto;
 }
-
-}  // namespace
 
 void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
