@@ -38,7 +38,7 @@ bool NeedsRegions(const view::Viewport& viewport) {
          std::int64_t{viewport.width_px} * viewport.height_px > kMaxSinglePixels;
 }
 
-view::Viewport RegionSizeOf(const view::Viewport& viewport) {
+view::Viewport RegionSizeOf(const view::Viewport& viewport, int max_side_px) {
   const int stripe_rows = image::PngRowWriter::RowsPerStripe(viewport.width_px);
   const std::int64_t row_bytes = std::int64_t{viewport.width_px} * 4;  // RGBA
   const auto most_rows = static_cast<int>(std::min<std::int64_t>(
@@ -46,15 +46,15 @@ view::Viewport RegionSizeOf(const view::Viewport& viewport) {
   // Whole stripes of the PNG, so that the bytes do not show where strips end.
   const int rows = std::max(most_rows / stripe_rows * stripe_rows, stripe_rows);
   const auto columns = static_cast<int>(kRegionPixels / std::min(rows, viewport.height_px));
-  return {std::min({columns, viewport.width_px, view::kMaxViewportPx}), rows};
+  return {std::min({columns, viewport.width_px, max_side_px}), rows};
 }
 
 absl::StatusOr<std::int64_t> WritePoster(
-    const view::Viewport& viewport, bool is_opaque, const std::string& path,
+    const view::Viewport& viewport, const view::Viewport& region_size, bool is_opaque,
+    const std::string& path,
     absl::FunctionRef<absl::StatusOr<image::RgbaImage>(const view::Region& region)> render,
     absl::FunctionRef<void(absl::string_view)> progress) {
   const absl::Time start = absl::Now();
-  const view::Viewport region_size = RegionSizeOf(viewport);
   const std::int64_t region_count =
       std::int64_t{DivideUp(viewport.width_px, region_size.width_px)} *
       DivideUp(viewport.height_px, region_size.height_px);

@@ -18,6 +18,7 @@
 #include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
+#include "client-cli/effect_flags.h"
 #include "client-cli/flags.h"
 #include "client-cli/frame_statistics.h"
 #include "client-cli/like_picture.h"
@@ -33,6 +34,7 @@
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
 #include "core/base/status_macros.h"
+#include "core/frame/drawn_window.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -50,6 +52,7 @@ struct RenderFlags {
   RequestFlags request;
   SweepFlags sweep;
   PlaneFlags planes;
+  EffectFlags effects;
   ViewFlags view;
   std::optional<std::string> output;
   std::optional<std::string> stats;
@@ -60,7 +63,15 @@ struct RenderFlags {
 
 // Whether the picture is drawn region by region.
 bool IsPoster(const RenderFlags& flags) {
-  return !flags.request.region && NeedsRegions(flags.request.viewport());
+  const view::Viewport viewport = flags.request.viewport();
+  const view::Viewport drawn = flags.effects.drawn_size(viewport);
+  return !flags.request.region &&
+         (NeedsRegions(viewport) ||
+          std::max(drawn.width_px, drawn.height_px) > view::kMaxViewportPx);
+}
+
+view::Viewport PosterRegionSize(const RenderFlags& flags) {
+  return RegionSizeOf(flags.request.viewport(), flags.effects.max_region_side_px());
 }
 
 bool IsJpeg(const RenderFlags& flags) {
@@ -273,9 +284,9 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
   std::int64_t size_bytes = 0;
   {
     ProgressLine line(context.err, context.err_is_terminal);
-    ISOSCOPE_ASSIGN_OR_RETURN(size_bytes,
-                              WritePoster(viewport, is_opaque, path, render,
-                                          [&](absl::string_view text) { line.Update(text); }));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        size_bytes, WritePoster(viewport, PosterRegionSize(flags), is_opaque, path, render,
+                                [&](absl::string_view text) { line.Update(text); }));
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, regions, context));
   TextOut(flags, context) << path << ": " << viewport.width_px << " x " << viewport.height_px
@@ -314,6 +325,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   if (flags.view.fit) {
     request.set_camera_fit(*flags.view.fit);
   }
+  SetEffects(flags.effects, &request);
   if (!flags.output || IsJpeg(flags) || flags.planes.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -396,6 +408,12 @@ absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded, Sess
   return absl::OkStatus();
 }
 
+// The size of the frames that agents will draw.
+view::Viewport ExpectedSize(const RenderFlags& flags) {
+  return flags.effects.drawn_size(IsPoster(flags) ? PosterRegionSize(flags)
+                                                  : flags.request.image_size());
+}
+
 absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, app));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
@@ -404,15 +422,13 @@ absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& c
     ISOSCOPE_ASSIGN_OR_RETURN(const RecordedPng recorded, ReadRecordedPng(*flags.like));
     ISOSCOPE_ASSIGN_OR_RETURN(const frame::FrameSpec spec,
                               rpc::FrameSpecFromProto(recorded.record.request));
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                              Session::Open(flags.session, frame::ImageSizeOf(spec), context));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<Session> session,
+        Session::Open(flags.session, frame::DrawnWindowOf(spec).image_size(), context));
     return RunLike(flags, recorded, session.get(), context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
-                            Session::Open(flags.session,
-                                          IsPoster(flags) ? RegionSizeOf(flags.request.viewport())
-                                                          : flags.request.image_size(),
-                                          context));
+                            Session::Open(flags.session, ExpectedSize(flags), context));
   return RunFrames(flags, session.get(), context);
 }
 
@@ -427,6 +443,7 @@ Action RegisterFlags(CLI::App* app) {
   AddRequestFlags(app, &flags->request);
   AddSweepFlags(app, &flags->sweep, &flags->request);
   AddPlaneFlags(app, &flags->planes);
+  AddEffectFlags(app, &flags->effects);
   AddViewFlags(app, &flags->view);
   AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");

@@ -28,6 +28,8 @@ absl::StatusOr<std::int64_t> ParseLayers(absl::string_view text) {
   return ParseInteger(text, 1, frame::kMaxLayers);
 }
 
+}  // namespace
+
 isoscope::v1::Color ToProto(const Color& color) {
   isoscope::v1::Color proto;
   proto.set_red(color.red);
@@ -36,8 +38,6 @@ isoscope::v1::Color ToProto(const Color& color) {
   proto.set_alpha(color.alpha);
   return proto;
 }
-
-}  // namespace
 
 void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");

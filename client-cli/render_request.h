@@ -56,6 +56,8 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
 
+isoscope::v1::Color ToProto(const Color& color);
+
 // `pattern` with its first "%d" or "{}" replaced by the frame index; unchanged if it has none.
 std::string FrameFileName(absl::string_view pattern, int frame_index);
 

@@ -9,6 +9,7 @@
 #include "core/base/check.h"
 #include "core/base/memory_info.h"
 #include "core/base/units.h"
+#include "core/frame/drawn_window.h"
 
 namespace isoscope::server {
 namespace {
@@ -18,6 +19,9 @@ namespace {
 constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + 8;
 // For a translucent fragment of a pixel: 12 bytes for key and colour, 8 for bands as above.
 constexpr std::size_t kLayerBytesPerPixel = 12 + 8;
+// A picture that is not what was drawn, pixel for pixel, has an image of its own (key and colour).
+// It is made when occlusion map and bands are gone, in whose bytes its effects work.
+constexpr std::size_t kPictureImageBytesPerPixel = 12;
 // The picture of noise is as large as its pixels, and a little more.
 constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
 // A frame needs this much besides, however small: messages, lists of blocks.
@@ -31,6 +35,10 @@ constexpr std::size_t kFrameShare = 8;        // 5 of 8
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
 
+std::size_t PixelsOf(const view::Viewport& size) {
+  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
+}
+
 double Mebibytes(std::size_t bytes) {
   return static_cast<double>(bytes) / static_cast<double>(base::kMiB);
 }
@@ -38,9 +46,13 @@ double Mebibytes(std::size_t bytes) {
 }  // namespace
 
 std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
-  const view::Viewport size = frame::ImageSizeOf(spec);
-  const std::size_t pixels =
-      static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
+  const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
+  const std::size_t pixels = PixelsOf(frame::ImageSizeOf(spec));
+  const std::size_t layers =
+      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
+                             : 0;
+  const std::size_t drawn = PixelsOf(window.image_size()) * (kFrameBytesPerPixel + layers) +
+                            (window.is_picture_of(spec) ? 0 : pixels * kPictureImageBytesPerPixel);
   const frame::OutputSpec& output = spec.output;
   const bool is_compressed = output.image_format == frame::ImageFormat::kPng ||
                              output.image_format == frame::ImageFormat::kJpeg;
@@ -51,10 +63,7 @@ std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
   const std::size_t copies = delivery == Delivery::kWhole ? response
                              : is_compressed              ? kPictureBytesPerPixel
                                                           : 0;
-  const std::size_t layers =
-      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
-                             : 0;
-  return pixels * (kFrameBytesPerPixel + layers + response + copies) + kLeastFrameBytes;
+  return drawn + pixels * (response + copies) + kLeastFrameBytes;
 }
 
 std::size_t CoordinatorMemory::DefaultLimitBytes() {
@@ -80,13 +89,14 @@ absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery
     return absl::OkStatus();
   }
   const view::Viewport size = frame::ImageSizeOf(spec);
+  const int samples = spec.effects.samples();
   return absl::ResourceExhaustedError(absl::StrFormat(
-      "a picture of %d x %d pixels needs %.0f MiB in the coordinator; with its memory limit of "
-      "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of it%s, "
-      "or "
-      "raise the coordinator's --memory-limit",
-      size.width_px, size.height_px, Mebibytes(bytes), Mebibytes(limit_bytes_),
-      Mebibytes(frames_.capacity_bytes()),
+      "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator; with its memory limit of "
+      "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of it%s%s, "
+      "or raise the coordinator's --memory-limit",
+      size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
+      Mebibytes(bytes), Mebibytes(limit_bytes_), Mebibytes(frames_.capacity_bytes()),
+      samples > 1 ? ", or for fewer samples" : "",
       frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : ""));
 }
 

@@ -20,8 +20,9 @@ enum class Delivery {
   kParts,  // as a stream
 };
 
-// Returns the bytes that a frame takes in the coordinator: image, occlusion map, bands on their
-// way, planes, the picture at its largest, and the response until it is sent.
+// Returns the bytes that a frame takes in the coordinator: the drawn image with its samples and its
+// margin, occlusion map, bands on their way, planes, the picture at its largest, and the response
+// until it is sent.
 std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
 
 // Thread-safe. Outlives its reservations.

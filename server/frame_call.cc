@@ -13,6 +13,7 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "server/picture_finish.h"
 #include "server/render_statistics.h"
 
 namespace isoscope::server {
@@ -45,6 +46,13 @@ absl::Status CheckMessageBytes(std::size_t bytes) {
   return absl::InvalidArgumentError(absl::StrCat(
       "output: picture and planes have ", bytes, " bytes and one message holds at most ",
       rpc::kMaxMessageBytes, ": ask RenderIsosurfaceStream, or for a region or fewer planes"));
+}
+
+// Whether planes were asked for that `output` does not have yet.
+bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
+  return (wanted.depth && output.depth.empty()) ||
+         (wanted.surface_index && output.surface_index.empty()) ||
+         (wanted.position && output.position.empty()) || (wanted.normal && output.normal.empty());
 }
 
 // Returns the index of the agent that has an active block; none if no agent has it.
@@ -125,29 +133,15 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
 
-  // A frame whose pixels carry normals has the same depths and surfaces.
-  frame::FrameSpec drawn = spec_;
-  drawn.sends_normals =
-      spec_.output.normal && spec_.output.image_format == frame::ImageFormat::kNone;
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                            runner_->Run(frame_number, request_, drawn, target, cancellation_));
-  *response->mutable_statistics() = StatisticsOf(result);
-  image_ = std::move(result.image);
-  layers_ = std::move(result.layers);
   FrameOutput output;
-  ISOSCOPE_RETURN_IF_ERROR(
-      Encode(target, drawn.sends_normals, &output, response->mutable_statistics()));
-  if (spec_.output.normal && !drawn.sends_normals) {
-    image_ = image::FrameImage();
-    drawn.sends_normals = true;
-    ISOSCOPE_ASSIGN_OR_RETURN(result,
-                              runner_->Run(frame_number, request_, drawn, target, cancellation_));
-    image_ = std::move(result.image);
-    layers_ = std::move(result.layers);
-    output.normal = runner_->arena()->execute([&] {
-      picture::ShowNearest(layers_, &image_);
-      return NormalPlane(image_);
-    });
+  if (spec_.output.image_format != frame::ImageFormat::kNone) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        RenderPicture(frame_number, target, &output, response->mutable_statistics()));
+  }
+  if (NeedsPlanes(spec_.output, output)) {
+    ReleaseImages();
+    ISOSCOPE_RETURN_IF_ERROR(
+        RenderPlanes(frame_number, target, &output, response->mutable_statistics()));
   }
   if (delivery_ == Delivery::kWhole) {
     ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
@@ -156,22 +150,39 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   return absl::OkStatus();
 }
 
-absl::Status FrameCall::Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
-                               v1::RenderStatistics* statistics) {
+// Draws the picture, and fills the planes that its pixels give: all but normals, with one sample.
+absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarget& target,
+                                      FrameOutput* output, v1::RenderStatistics* statistics) {
+  const frame::DrawnWindow window = frame::DrawnWindowOf(spec_);
+  std::optional<FrameTarget> larger;
+  if (!window.is_picture_of(spec_)) {
+    larger = target;
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        larger->view,
+        view::View::Make(*spec_.camera, window.viewport, target.view.geometry(), window.region));
+  }
+  const FrameTarget& drawn = larger.has_value() ? *larger : target;
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                            Draw(frame_number, drawn, window, /*sends_normals=*/false));
+  *statistics = StatisticsOf(result);
+  drawn_ = std::move(result.image);
+  layers_ = std::move(result.layers);
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
-    if (!carries_normals) {
-      statistics->set_truncated_pixel_count(picture::BlendLayers(layers_, spec_, &image_));
-      ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
+    FinishedPicture finished = FinishPicture({.spec = &spec_,
+                                              .window = &window,
+                                              .drawn_view = &drawn.view,
+                                              .order = target.order,
+                                              .layers = &layers_,
+                                              .images = runner_->images()},
+                                             &drawn_);
+    image_ = std::move(finished.image);
+    statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
+    ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
+    if (spec_.effects.samples_per_side == 1) {
+      FillPlanes(image_, spec_, target.view, target.order, output);
     }
-    if (spec_.output.any_plane()) {
-      picture::ShowNearest(layers_, &image_);
-    }
-    if (carries_normals) {
-      output->normal = NormalPlane(image_);
-    }
-    FillPlanes(image_, spec_, target.view, target.order, output);
     return absl::OkStatus();
   }));
   if (spec_.output.image_format == frame::ImageFormat::kPng) {
@@ -180,6 +191,56 @@ absl::Status FrameCall::Encode(const FrameTarget& target, bool carries_normals, 
   *statistics->mutable_durations()->mutable_encode_duration() =
       rpc::ToProto(absl::Now() - encode_start);
   return absl::OkStatus();
+}
+
+// Draws the planes that are still missing, with one sample. A frame whose pixels carry normals has
+// the same depths and surfaces as one with colours.
+absl::Status FrameCall::RenderPlanes(std::int64_t frame_number, const FrameTarget& target,
+                                     FrameOutput* output, v1::RenderStatistics* statistics) {
+  const frame::DrawnWindow plain{.viewport = spec_.viewport, .region = spec_.region};
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                            Draw(frame_number, target, plain, spec_.output.normal));
+  const bool is_first = spec_.output.image_format == frame::ImageFormat::kNone;
+  if (is_first) {
+    *statistics = StatisticsOf(result);
+  }
+  image_ = std::move(result.image);
+  layers_ = std::move(result.layers);
+  const absl::Time encode_start = absl::Now();
+  ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  runner_->arena()->execute([&] {
+    picture::ShowNearest(layers_, &image_);
+    if (spec_.output.normal) {
+      output->normal = NormalPlane(image_);
+    }
+    if (is_first || spec_.effects.samples_per_side > 1) {
+      FillPlanes(image_, spec_, target.view, target.order, output);
+    }
+  });
+  if (is_first) {
+    *statistics->mutable_durations()->mutable_encode_duration() =
+        rpc::ToProto(absl::Now() - encode_start);
+  }
+  return absl::OkStatus();
+}
+
+// Lets the agents draw a window. To them it is a frame of its own, without samples and effects.
+absl::StatusOr<FrameResult> FrameCall::Draw(std::int64_t frame_number, const FrameTarget& target,
+                                            const frame::DrawnWindow& window, bool sends_normals) {
+  frame::FrameSpec spec = spec_;
+  spec.viewport = window.viewport;
+  spec.region = window.region;
+  spec.effects = {};
+  spec.sends_normals = sends_normals;
+  v1::RenderIsosurfaceRequest request = request_;
+  *request.mutable_viewport() = rpc::ToProto(window.viewport);
+  if (window.region.has_value()) {
+    *request.mutable_region() = rpc::ToProto(*window.region);
+  }
+  request.clear_samples();
+  request.clear_ambient_occlusion();
+  request.clear_silhouette();
+  return runner_->Run(frame_number, request, spec, target, cancellation_);
 }
 
 void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* response) const {

@@ -12,7 +12,10 @@
 //    the client gets the answer, so that the client's next request finds it free. Its memory is
 //    given back when gRPC is done with the response.
 //
-// Normals travel in place of colours. A frame with a picture and normals is drawn twice.
+// A picture with several samples, or with effects that look around, is drawn in a larger window
+// (core/frame/drawn_window) and finished by picture_finish. Planes are those of one sample, so a
+// frame with samples and planes is drawn twice. Normals travel in place of colours: a frame with a
+// picture and normals is drawn twice, too.
 //
 // A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
 // its own, so that the block of a pixel tells its shard.
@@ -33,6 +36,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
+#include "core/frame/drawn_window.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
@@ -69,9 +73,10 @@ class FrameCall {
   absl::Status Render(isoscope::v1::RenderIsosurfaceResponse* response);
   absl::Status Pick(isoscope::v1::PickSurfaceResponse* response);
 
-  // Clears the image for its pool, once the client has its answer.
-  void ReleaseImage() {
+  // Clears the images for their pool, once the client has its answer.
+  void ReleaseImages() {
     image_ = image::FrameImage();
+    drawn_ = image::FrameImage();
     layers_ = image::LayerStack();
   }
 
@@ -83,8 +88,12 @@ class FrameCall {
   absl::Status TryPick(std::int64_t frame_number, isoscope::v1::PickSurfaceResponse* response);
   absl::Status AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
                         const ActiveBlocks& active, isoscope::v1::PickSurfaceResponse* response);
-  absl::Status Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
-                      isoscope::v1::RenderStatistics* statistics);
+  absl::Status RenderPicture(std::int64_t frame_number, const FrameTarget& target,
+                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+  absl::Status RenderPlanes(std::int64_t frame_number, const FrameTarget& target,
+                            FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+  absl::StatusOr<FrameResult> Draw(std::int64_t frame_number, const FrameTarget& target,
+                                   const frame::DrawnWindow& window, bool sends_normals);
   void MoveInto(FrameOutput output, isoscope::v1::RenderIsosurfaceResponse* response) const;
   void Log(std::int64_t frame_number, const absl::Status& status,
            const isoscope::v1::RenderStatistics& statistics) const;
@@ -99,7 +108,8 @@ class FrameCall {
   std::optional<FrameRunner::Place> place_;
   std::string dataset_name_;
   image::FrameImage image_;
-  image::LayerStack layers_;  // of the image
+  image::FrameImage drawn_;   // if the picture is another one
+  image::LayerStack layers_;  // of what was drawn
   // Given back when gRPC is done with the response.
   std::optional<base::MemoryBudget::Reservation> memory_;
 };

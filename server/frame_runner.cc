@@ -8,6 +8,7 @@
 #include "core/base/check.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/frame/drawn_window.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera_fit.h"
@@ -44,10 +45,15 @@ absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& data
         "output.normal is true: the agents draw with OpenGL, which gives no normals; start them "
         "with --renderer cpu, or leave it out");
   }
-  if (std::max(spec.viewport.width_px, spec.viewport.height_px) > view::kMaxViewportPx) {
+  const view::Viewport drawn = frame::DrawnWindowOf(spec).viewport;
+  if (std::max(drawn.width_px, drawn.height_px) > view::kMaxViewportPx) {
     return absl::FailedPreconditionError(absl::StrCat(
-        "viewport of ", spec.viewport.width_px, " x ", spec.viewport.height_px,
-        " pixels: the agents draw with OpenGL, which takes at most ", view::kMaxViewportPx,
+        "viewport of ", spec.viewport.width_px, " x ", spec.viewport.height_px, " pixels",
+        spec.effects.samples() > 1
+            ? absl::StrCat(" with samples ", spec.effects.samples(), " is drawn with ",
+                           drawn.width_px, " x ", drawn.height_px)
+            : "",
+        ": the agents draw with OpenGL, which takes at most ", view::kMaxViewportPx,
         " a side, also for a region; start them with --renderer cpu"));
   }
   return absl::OkStatus();

@@ -91,6 +91,7 @@ class FrameRunner {
 
   std::int64_t NextFrameNumber() { return next_frame_number_.fetch_add(1); }
   [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
+  [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
   // Finds the dataset of a frame and checks that its agents can draw it. Resolves the camera in
   // both `request` and `spec`. If `is_each_shard_apart`, each shard becomes an agent of its own.

@@ -62,7 +62,7 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
     }
     call->frame_->Schedule([call, work, response] {
       call->Finish(rpc::ToGrpcStatus((call->frame_.get()->*work)(response)));
-      call->frame_->ReleaseImage();
+      call->frame_->ReleaseImages();
     });
     return call.get();
   }
@@ -115,7 +115,7 @@ class IsosurfaceServiceImpl::StreamCall final
     }
     splitter_.emplace(std::move(response));
     WriteNext();
-    frame_->ReleaseImage();
+    frame_->ReleaseImages();
   }
 
   void WriteNext() {

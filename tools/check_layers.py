@@ -91,11 +91,13 @@ UNTESTED_HEADERS = {
     "core/render/shade_kernel.h": "inside of renderer_test",
     "core/store/json_fields.h": "inside of manifest_test",
     "core/store/sealed_json.h": "inside of manifest_test",
+    "core/picture/ambient_occlusion_kernel.h": "inside of ambient_occlusion_test",
     "core/visibility/ray_kernel.h": "inside of occluder_selection_test",
     "core/view/footprint_kernel.h": "inside of view_test",
     "core/store/shard_format.h": "constants; inside of shard_reader_test",
     "core/frame/agent_statistics.h": "plain data",
     "core/frame/culling.h": "an enumeration",
+    "core/frame/picture_effects.h": "plain data",
     "core/volume/block_samples.h": "plain data",
 }
 

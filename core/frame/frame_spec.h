@@ -15,6 +15,7 @@
 #include "core/frame/appearance.h"
 #include "core/frame/culling.h"
 #include "core/frame/output_spec.h"
+#include "core/frame/picture_effects.h"
 #include "core/image/fragment.h"
 #include "core/view/camera.h"
 #include "core/view/clip_region.h"
@@ -50,8 +51,9 @@ struct FrameSpec {
   // The most translucent fragments that show in a pixel, the nearest ones; 1 to kMaxLayers.
   int max_layers = kDefaultLayers;
   std::uint64_t ray_seed = 0;
-  // Only the coordinator looks at it.
+  // Only the coordinator looks at these two.
   OutputSpec output;
+  PictureEffects effects;
   // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
   // request: the coordinator tells the agents.
   bool sends_normals = false;

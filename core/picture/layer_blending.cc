@@ -7,16 +7,16 @@
 
 #include "core/picture/layer_blending.h"
 
+#include <algorithm>
 #include <atomic>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 #include <vector>
 
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
-#include "core/image/srgb.h"
+#include "core/picture/linear_light.h"
 
 namespace isoscope::picture {
 namespace {
@@ -25,16 +25,16 @@ constexpr int kTilePx = image::TileSet::kTilePx;
 
 // Light in linear values, each times its alpha.
 struct Light {
-  explicit Light(const image::SrgbTable& of_table) : table(of_table) {}
+  explicit Light(const LinearLightTables& of_tables) : tables(of_tables) {}
 
   void Add(image::Rgba8 color, float share) {
-    r += share * table.LinearOf(color.r);
-    g += share * table.LinearOf(color.g);
-    b += share * table.LinearOf(color.b);
+    r += share * static_cast<float>(tables.light[color.r]);
+    g += share * static_cast<float>(tables.light[color.g]);
+    b += share * static_cast<float>(tables.light[color.b]);
     alpha += share;
   }
 
-  const image::SrgbTable& table;
+  const LinearLightTables& tables;
   float r = 0;
   float g = 0;
   float b = 0;
@@ -48,9 +48,12 @@ image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
   if (!(alpha > 0)) {
     return {};
   }
-  return {light.table.SrgbOf(light.r / alpha), light.table.SrgbOf(light.g / alpha),
-          light.table.SrgbOf(light.b / alpha),
-          static_cast<std::uint8_t>(std::lround(std::fmin(alpha, 1.0F) * 255))};
+  const auto value = [&](float sum) {
+    const auto mean = static_cast<std::uint32_t>(sum / alpha + 0.5F);
+    return light.tables.srgb[std::min(mean, kFullLight)];
+  };
+  return {value(light.r), value(light.g), value(light.b),
+          static_cast<std::uint8_t>(std::min(alpha, 1.0F) * 255 + 0.5F)};
 }
 
 // Calls fn(pixel index) for each pixel that has a layer, rows of tiles in parallel, and counts
@@ -82,13 +85,13 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
   if (levels.empty()) {
     return 0;
   }
-  const image::SrgbTable& table = image::SrgbTable::Get();
+  const LinearLightTables& tables = LinearLight();
   const image::Rgba8 background = spec.background_color;
   const float background_alpha = static_cast<float>(background.a) / 255.0F;
   std::atomic<std::int64_t> truncated_count{0};
   ForEachPixel(*levels.front(), image, [&](std::size_t pixel) {
     const std::uint64_t opaque = image->keys[pixel];
-    Light light(table);
+    Light light(tables);
     float left = 1;
     int count = 0;
     for (const image::FrameImage* level : levels) {
@@ -120,17 +123,26 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
 }
 
 void ShowNearest(const image::LayerStack& layers, image::FrameImage* image) {
-  const std::vector<const image::FrameImage*> levels = layers.Levels();
-  if (levels.empty()) {
-    return;
+  if (!layers.empty()) {
+    const image::FrameImage& first = *layers.Levels().front();
+    ForEachPixel(first, image, [&](std::size_t pixel) {
+      if (layers.IsBefore(first.keys[pixel], image->keys[pixel])) {
+        image->keys[pixel] = first.keys[pixel];
+        image->colors[pixel] = first.colors[pixel];
+      }
+    });
   }
-  ForEachPixel(*levels.front(), image, [&](std::size_t pixel) {
-    const std::uint64_t key = levels.front()->keys[pixel];
-    if (layers.IsBefore(key, image->keys[pixel])) {
-      image->keys[pixel] = key;
-      image->colors[pixel] = levels.front()->colors[pixel];
-    }
-  });
+}
+
+void ShowNearestKeys(const image::LayerStack& layers, image::FrameImage* image) {
+  if (!layers.empty()) {
+    const image::FrameImage& first = *layers.Levels().front();
+    ForEachPixel(first, image, [&](std::size_t pixel) {
+      if (layers.IsBefore(first.keys[pixel], image->keys[pixel])) {
+        image->keys[pixel] = first.keys[pixel];
+      }
+    });
+  }
 }
 
 }  // namespace isoscope::picture

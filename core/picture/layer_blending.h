@@ -24,6 +24,8 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
 // Replaces key and colour of each pixel by those of its first layer, where that lies before the
 // opaque fragment: planes and picks tell what is nearest, however translucent.
 void ShowNearest(const image::LayerStack& layers, image::FrameImage* image);
+// The same for keys alone: colours stay.
+void ShowNearestKeys(const image::LayerStack& layers, image::FrameImage* image);
 
 }  // namespace isoscope::picture
 

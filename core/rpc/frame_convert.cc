@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/base/status_macros.h"
+#include "core/frame/drawn_window.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera.h"
@@ -218,6 +219,66 @@ absl::StatusOr<frame::OutputSpec> OutputFromProto(const isoscope::v1::OutputOpti
   return output;
 }
 
+absl::StatusOr<frame::AmbientOcclusion> AmbientOcclusionFromProto(
+    const isoscope::v1::AmbientOcclusion& proto) {
+  frame::AmbientOcclusion occlusion;
+  if (proto.radius_px() != 0) {
+    if (proto.radius_px() < occlusion.kMinRadiusPx || proto.radius_px() > occlusion.kMaxRadiusPx) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("ambient_occlusion.radius_px is ", proto.radius_px(), ": must be in [",
+                       occlusion.kMinRadiusPx, ", ", occlusion.kMaxRadiusPx,
+                       "], or 0 for the default, ", occlusion.radius_px));
+    }
+    occlusion.radius_px = proto.radius_px();
+  }
+  if (proto.has_strength()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(proto.strength(), 0, 1, "ambient_occlusion.strength"));
+    occlusion.strength = proto.strength();
+  }
+  return occlusion;
+}
+
+absl::StatusOr<frame::Silhouette> SilhouetteFromProto(const isoscope::v1::Silhouette& proto) {
+  frame::Silhouette silhouette;
+  if (proto.width_px() < 0 || proto.width_px() > silhouette.kMaxWidthPx) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("silhouette.width_px is ", proto.width_px(), ": must be in [1, ",
+                     silhouette.kMaxWidthPx, "], or 0 for the default, ", silhouette.width_px));
+  }
+  if (proto.width_px() != 0) {
+    silhouette.width_px = proto.width_px();
+  }
+  if (proto.has_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(silhouette.color, ColorFromProto(proto.color(), "silhouette.color"));
+    if (proto.color().alpha() != 1.0F) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "silhouette.color.alpha is ", proto.color().alpha(), ": lines are opaque, must be 1"));
+    }
+  }
+  return silhouette;
+}
+
+absl::StatusOr<frame::PictureEffects> EffectsFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request) {
+  frame::PictureEffects effects;
+  for (effects.samples_per_side = 1; effects.samples() < request.samples() &&
+                                     effects.samples_per_side < effects.kMaxSamplesPerSide;) {
+    ++effects.samples_per_side;
+  }
+  if (request.samples() != 0 && effects.samples() != request.samples()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "samples is ", request.samples(), ": must be 1, 4, 9 or 16, or 0 for the default, 1"));
+  }
+  if (request.has_ambient_occlusion()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(effects.ambient_occlusion,
+                              AmbientOcclusionFromProto(request.ambient_occlusion()));
+  }
+  if (request.has_silhouette()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(effects.silhouette, SilhouetteFromProto(request.silhouette()));
+  }
+  return effects;
+}
+
 }  // namespace
 
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
@@ -258,6 +319,8 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
   spec.max_layers = request.max_layers() == 0 ? frame::kDefaultLayers : request.max_layers();
   spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
   ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.effects, EffectsFromProto(request));
+  ISOSCOPE_RETURN_IF_ERROR(frame::CheckDrawnWindow(spec));
   if (spec.output.image_format == frame::ImageFormat::kJpeg && spec.background_color.a != 255) {
     return absl::InvalidArgumentError(
         absl::StrCat("background_color.alpha is ", request.background_color().alpha(),

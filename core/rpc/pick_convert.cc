@@ -70,6 +70,10 @@ absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceReques
   // Checked before it is replaced, so that no wrong value goes unnoticed.
   ISOSCOPE_RETURN_IF_ERROR(CullingFromProto(proto.frame().culling(), "frame.culling").status());
   ISOSCOPE_ASSIGN_OR_RETURN(spec.frame, FrameSpecFromProto(spec.request));
+  spec.request.clear_samples();
+  spec.request.clear_ambient_occlusion();
+  spec.request.clear_silhouette();
+  spec.frame.effects = {};
   return spec;
 }
 

@@ -1,5 +1,6 @@
 #include "tests/support/process_cluster.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -111,8 +112,10 @@ absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::st
 absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
                                          const std::string& listen_address,
                                          const std::vector<std::string>& flags) {
-  std::vector<std::string> argv{kAgent,      "--listen", listen_address, "--renderer", "cpu",
-                                "--threads", "1"};
+  std::vector<std::string> argv{kAgent, "--listen", listen_address, "--threads", "1"};
+  if (std::find(flags.begin(), flags.end(), "--renderer") == flags.end()) {
+    Append({"--renderer", "cpu"}, &argv);
+  }
   for (const std::string& directory : directories) {
     Append({"--shard", directory}, &argv);
   }

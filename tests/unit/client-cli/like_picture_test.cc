@@ -150,6 +150,9 @@ TEST(LikePictureTest, FlagsThatDecideAPixelAreRefused) {
                                              {"--view", "left"},
                                              {"--fit", "surface"},
                                              {"--depth", "d.npy"},
+                                             {"--samples", "4"},
+                                             {"--ambient-occlusion"},
+                                             {"--silhouette", "3"},
                                              {"--repeat", "3"},
                                              {"--fps", "3"}}) {
     std::vector<std::string> arguments{"v.nrrd", "--like", "a.png"};

@@ -60,6 +60,11 @@ TEST(PosterTest, AStripOfTilesIsBoundedAndATileIsOfACommonSize) {
   }
 }
 
+TEST(PosterTest, TilesKeepToTheSideThatTheirSamplesAllow) {
+  EXPECT_EQ(RegionSizeOf({32768, 4}, 4000).width_px, 4000);
+  EXPECT_EQ(RegionSizeOf({3000, 4}, 4000).width_px, 3000);
+}
+
 TEST(PosterTest, TilesMakeTheFileOfTheWholePicture) {
   const TempDir folder;
   for (const bool opaque : {true, false}) {
@@ -72,8 +77,8 @@ TEST(PosterTest, TilesMakeTheFileOfTheWholePicture) {
       return ImageOf(region, opaque);
     };
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const std::int64_t size,
-        WritePoster(viewport, opaque, path, render, [&](absl::string_view) { ++progress; }));
+        const std::int64_t size, WritePoster(viewport, RegionSizeOf(viewport), opaque, path, render,
+                                             [&](absl::string_view) { ++progress; }));
     EXPECT_GT(regions, 4);
     EXPECT_EQ(progress, regions);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string file, io::ReadWholeFile(path, kMaxFileBytes));
@@ -92,13 +97,14 @@ TEST(PosterTest, AnErrorOrAWrongTileLeavesNoFile) {
     }
     return ImageOf(region, true);
   };
-  EXPECT_THAT(
-      WritePoster({2500, 2100}, true, folder.Sub("p.png"), fail_late, [](absl::string_view) {}),
-      StatusIs(absl::StatusCode::kUnavailable, "gone"));
+  EXPECT_THAT(WritePoster({2500, 2100}, RegionSizeOf({2500, 2100}), true, folder.Sub("p.png"),
+                          fail_late, [](absl::string_view) {}),
+              StatusIs(absl::StatusCode::kUnavailable, "gone"));
   const auto whole = [](const view::Region&) -> absl::StatusOr<image::RgbaImage> {
     return ImageOf({0, 0, 10, 10}, true);
   };
-  EXPECT_THAT(WritePoster({2500, 2100}, true, folder.Sub("p.png"), whole, [](absl::string_view) {}),
+  EXPECT_THAT(WritePoster({2500, 2100}, RegionSizeOf({2500, 2100}), true, folder.Sub("p.png"),
+                          whole, [](absl::string_view) {}),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("10 x 10")));
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
 }

@@ -40,6 +40,24 @@ TEST(CoordinatorMemoryTest, AFramesBytesGrowWithPixelsAndWhatIsAskedFor) {
   EXPECT_EQ(FrameBytes(spec, Delivery::kParts), 28 * kMiB);
 }
 
+TEST(CoordinatorMemoryTest, SamplesAndMarginsCountAsTheyAreDrawn) {
+  frame::FrameSpec spec = SpecOf(1024, 1024);
+  spec.effects.samples_per_side = 2;
+  // 4 times 26 bytes a pixel, the picture's image of 12, and 8 as before.
+  EXPECT_EQ(FrameBytes(spec, Delivery::kWhole), (4 * 26 + 12 + 8 + 1) * kMiB);
+  spec = SpecOf(4096, 4096);
+  spec.region = view::Region{512, 512, 1024, 1024};
+  spec.effects.silhouette = {.width_px = 14, .color = {}};
+  EXPECT_EQ(FrameBytes(spec, Delivery::kWhole),
+            std::size_t{1056} * 1056 * 26 + (12 + 8 + 1) * kMiB);
+  spec = SpecOf(4096, 4096);
+  spec.effects.samples_per_side = 4;
+  EXPECT_THAT(
+      CoordinatorMemory(256 * kMiB).CheckFits(spec, Delivery::kWhole),
+      StatusIs(absl::StatusCode::kResourceExhausted,
+               AllOf(HasSubstr("4096 x 4096 pixels of 16 samples"), HasSubstr("fewer samples"))));
+}
+
 TEST(CoordinatorMemoryTest, TheSmallestLimitTakesACommonFrame) {
   const CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
   ISOSCOPE_EXPECT_OK(memory.CheckFits(SpecOf(1024, 1024), Delivery::kWhole));

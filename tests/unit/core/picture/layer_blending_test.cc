@@ -4,7 +4,7 @@
 
 #include "gtest/gtest.h"
 
-#include "core/image/srgb.h"
+#include "core/picture/linear_light.h"
 
 namespace isoscope::picture {
 namespace {
@@ -16,7 +16,9 @@ constexpr Rgba8 kRed{255, 0, 0, 255};
 constexpr Rgba8 kGreen{0, 255, 0, 255};
 constexpr Rgba8 kBlue{0, 0, 255, 255};
 
-std::uint8_t Srgb(float linear) { return image::SrgbTable::Get().SrgbOf(linear); }
+std::uint8_t Srgb(float linear) {
+  return LinearLight().srgb[static_cast<std::size_t>(linear * kFullLight + 0.5F)];
+}
 
 std::uint64_t Key(float depth, std::uint32_t surface) {
   return image::FragmentKey(depth, kOrder.OwnerOf(surface, 3));
@@ -46,8 +48,7 @@ TEST_F(LayerBlendingTest, TwoLayersOverAnOpaqueFragmentMixInLinearLight) {
   layers.Insert(4, 5, Key(0.5F, 1), kRed);
   EXPECT_EQ(BlendLayers(layers, spec_, &image_), 0);
   // 0.5 red, 0.5 * 0.25 green, and blue gets the 0.375 that are left.
-  EXPECT_EQ(At(4, 5),
-            (Rgba8{Srgb(0.5F), Srgb(0.125F), Srgb(0.375F), 255}));
+  EXPECT_EQ(At(4, 5), (Rgba8{Srgb(0.5F), Srgb(0.125F), Srgb(0.375F), 255}));
   EXPECT_EQ(image_.keys[image_.IndexOf(4, 5)], Key(0.9F, 0));
 }
 

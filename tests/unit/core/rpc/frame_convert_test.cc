@@ -1,9 +1,12 @@
 #include "core/rpc/frame_convert.h"
 
+#include <cstdint>
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -239,6 +242,106 @@ TEST(FrameSpecFromProtoTest, OnlyTheViewportOfARegionMayBeLargerThanAPicture) {
   EXPECT_THAT(FrameSpecFromProto(request),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        AllOf(HasSubstr("region.width_px is 2"), HasSubstr("[1, 1]"))));
+}
+
+TEST(FrameSpecFromProtoTest, SamplesAreASquareOfAtMost16) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  for (const auto& [samples, side] : {std::pair(0, 1), {1, 1}, {4, 2}, {9, 3}, {16, 4}}) {
+    request.set_samples(samples);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+    EXPECT_EQ(spec.effects.samples_per_side, side);
+  }
+  for (const int samples : {-1, 2, 3, 5, 8, 10, 15, 17, 25, 1 << 30, INT32_MIN}) {
+    request.set_samples(samples);
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         HasSubstr(absl::StrCat("samples is ", samples, ": must be 1, 4, 9"))));
+  }
+}
+
+TEST(FrameSpecFromProtoTest, EffectsArriveWithTheirDefaults) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.effects, frame::PictureEffects());
+  request.mutable_ambient_occlusion();
+  request.mutable_silhouette();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.effects.ambient_occlusion, frame::AmbientOcclusion());
+  EXPECT_EQ(spec.effects.silhouette, frame::Silhouette());
+  request.mutable_ambient_occlusion()->set_radius_px(56);
+  request.mutable_ambient_occlusion()->set_strength(0);
+  request.mutable_silhouette()->set_width_px(16);
+  *request.mutable_silhouette()->mutable_color() = ToProto(image::Rgba8{9, 8, 7, 255});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.effects.ambient_occlusion,
+            (frame::AmbientOcclusion{.radius_px = 56, .strength = 0}));
+  EXPECT_EQ(spec.effects.silhouette, (frame::Silhouette{.width_px = 16, .color = {9, 8, 7, 255}}));
+}
+
+TEST(FrameSpecFromProtoTest, HostileEffectsAreNamed) {
+  using Request = isoscope::v1::RenderIsosurfaceRequest;
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  struct Case {
+    const char* path;
+    std::function<void(Request*, double)> set;
+    std::vector<double> values;
+  };
+  const std::vector<Case> cases{
+      {"ambient_occlusion.radius_px",
+       [](Request* r, double v) {
+         r->mutable_ambient_occlusion()->set_radius_px(static_cast<int>(v));
+       },
+       {-1, 1, 3, 57, 2147483647, -2147483648.0}},
+      {"ambient_occlusion.strength",
+       [](Request* r, double v) {
+         r->mutable_ambient_occlusion()->set_strength(static_cast<float>(v));
+       },
+       {kNan, -0.001, 1.001, kInfinity, -kInfinity}},
+      {"silhouette.width_px",
+       [](Request* r, double v) { r->mutable_silhouette()->set_width_px(static_cast<int>(v)); },
+       {-1, 17, 2147483647, -2147483648.0}},
+      {"silhouette.color.green",
+       [](Request* r, double v) {
+         r->mutable_silhouette()->mutable_color()->set_alpha(1);
+         r->mutable_silhouette()->mutable_color()->set_green(static_cast<float>(v));
+       },
+       {kNan, -1, 2, kInfinity}},
+      {"silhouette.color.alpha",
+       [](Request* r, double v) {
+         r->mutable_silhouette()->mutable_color()->set_alpha(static_cast<float>(v));
+       },
+       {kNan, 0, 0.5, 2}},
+  };
+  for (const Case& wrong : cases) {
+    for (const double value : wrong.values) {
+      Request request = MakeRequest();
+      wrong.set(&request, value);
+      EXPECT_THAT(FrameSpecFromProto(request),
+                  StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(wrong.path)))
+          << value;
+    }
+  }
+}
+
+TEST(FrameSpecFromProtoTest, SamplesOfALargeViewportAreRefusedWithBothNumbers) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_viewport()->set_width_px(8192);
+  request.set_samples(4);
+  EXPECT_THAT(FrameSpecFromProto(request), IsOk());
+  request.set_samples(9);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("samples is 9"), HasSubstr("viewport of 8192 x"),
+                             HasSubstr("16384"))));
+  // A region takes it, up to the largest whole.
+  *request.mutable_region() = ToProto(view::Region{0, 0, 1000, 20});
+  EXPECT_THAT(FrameSpecFromProto(request), IsOk());
+  request.mutable_viewport()->set_width_px(32768);
+  EXPECT_THAT(FrameSpecFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       AllOf(HasSubstr("samples is 9"), HasSubstr("viewport of 32768 x"),
+                             HasSubstr("65536"))));
 }
 
 TEST(ResolveCameraTest, AgentsReadTheSameBitsFromTheMessage) {

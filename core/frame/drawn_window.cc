@@ -1,0 +1,77 @@
+#include "core/frame/drawn_window.h"
+
+#include <algorithm>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace isoscope::frame {
+namespace {
+
+static_assert(AmbientOcclusion::kMaxRadiusPx + AmbientOcclusion::kBorderPx <= kMaxMarginPx);
+static_assert(Silhouette::kMaxWidthPx + Silhouette::kBorderPx <= kMaxMarginPx);
+
+int LongerSide(const view::Viewport& size) { return std::max(size.width_px, size.height_px); }
+
+std::string SizeText(const view::Viewport& size) {
+  return absl::StrCat(size.width_px, " x ", size.height_px);
+}
+
+}  // namespace
+
+int MarginOf(const PictureEffects& effects) {
+  int margin = 0;
+  if (effects.ambient_occlusion.has_value()) {
+    margin = effects.ambient_occlusion->radius_px + AmbientOcclusion::kBorderPx;
+  }
+  if (effects.silhouette.has_value()) {
+    margin = std::max(margin, effects.silhouette->width_px + Silhouette::kBorderPx);
+  }
+  return margin;
+}
+
+DrawnWindow DrawnWindowOf(const FrameSpec& spec) {
+  const int scale = spec.effects.samples_per_side;
+  DrawnWindow window;
+  window.viewport = {spec.viewport.width_px * scale, spec.viewport.height_px * scale};
+  if (!spec.region.has_value()) {
+    return window;
+  }
+  const view::Region& region = *spec.region;
+  const int margin = MarginOf(spec.effects);
+  const int begin_x = std::max(region.x - margin, 0);
+  const int begin_y = std::max(region.y - margin, 0);
+  const int end_x = std::min(region.x + region.width_px + margin, spec.viewport.width_px);
+  const int end_y = std::min(region.y + region.height_px + margin, spec.viewport.height_px);
+  window.region = view::Region{begin_x * scale, begin_y * scale, (end_x - begin_x) * scale,
+                               (end_y - begin_y) * scale};
+  window.begin_x = (region.x - begin_x) * scale;
+  window.begin_y = (region.y - begin_y) * scale;
+  return window;
+}
+
+absl::Status CheckDrawnWindow(const FrameSpec& spec) {
+  const DrawnWindow window = DrawnWindowOf(spec);
+  const int scale = spec.effects.samples_per_side;
+  if (window.region.has_value() && LongerSide(window.viewport) > view::kMaxWholeViewportPx) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "samples is %d with a viewport of %s pixels: its sides times %d must be at most %d; ask "
+        "for fewer samples",
+        spec.effects.samples(), SizeText(spec.viewport), scale, view::kMaxWholeViewportPx));
+  }
+  if (LongerSide(window.image_size()) > view::kMaxViewportPx) {
+    const int margin = spec.region.has_value() ? MarginOf(spec.effects) : 0;
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "samples is %d with a %s of %s pixels%s: its sides times %d must be at most %d; ask for "
+        "%s",
+        spec.effects.samples(), spec.region.has_value() ? "region" : "viewport",
+        SizeText(ImageSizeOf(spec)),
+        margin > 0 ? absl::StrCat(" and a margin of ", margin, " for effects") : "", scale,
+        view::kMaxViewportPx,
+        spec.region.has_value() ? "a smaller region" : "regions of it, or for fewer samples"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::frame

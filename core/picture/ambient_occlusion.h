@@ -1,0 +1,28 @@
+// Screen-space ambient occlusion: what lies in hollows gets less light. From depths alone, after
+// compositing.
+
+#ifndef ISOSCOPE_CORE_PICTURE_AMBIENT_OCCLUSION_H_
+#define ISOSCOPE_CORE_PICTURE_AMBIENT_OCCLUSION_H_
+
+#include "core/frame/picture_effects.h"
+#include "core/image/frame_image.h"
+#include "core/view/view.h"
+
+namespace isoscope::picture {
+
+// Darkens the colours of `image` in linear light.
+//
+// view:             of the image
+// samples_per_side: pixels of the image to a pixel of the final picture, on each axis, whose pixels
+//                   the radius counts
+//
+// A pixel depends on the depths of pixels that are at most radius + AmbientOcclusion::kBorderPx
+// pixels of the final picture away, and on its place in the whole viewport; pixels outside that are
+// background. Takes 5 bytes for each pixel of the image. Works in parallel, in the tbb::task_arena
+// of the caller; neither threads nor instruction sets can show.
+void ShadeAmbientOcclusion(const frame::AmbientOcclusion& occlusion, const view::View& view,
+                           int samples_per_side, image::FrameImage* image);
+
+}  // namespace isoscope::picture
+
+#endif  // ISOSCOPE_CORE_PICTURE_AMBIENT_OCCLUSION_H_
