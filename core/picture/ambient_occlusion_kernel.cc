@@ -32,8 +32,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 using F32 = hn::CappedTag<float, CellPlanes::kMaxLanes>;
 using Lanes = hn::Vec<F32>;
 
-constexpr float kBias = 0.1F;
-constexpr float kGain = 7.0F;
+constexpr float kBias = 0.22F;
+constexpr float kGain = 8.0F;
 constexpr float kLeastPixel = 1e-12F;
 
 struct Vector {

@@ -75,6 +75,7 @@ class Rows {
   }
 
   [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] std::size_t size() const { return surfaces_.size(); }
   [[nodiscard]] int begin_y() const { return begin_y_; }
   [[nodiscard]] int end_y() const { return end_y_; }
   [[nodiscard]] bool has_surface(std::uint8_t surface) const { return seen_[surface]; }
@@ -141,13 +142,6 @@ bool IsEdge(const Rows& rows, const JumpRule& jumps, int x, int y) {
           EndsTowards(rows, jumps, x, y, 0, 1) || EndsTowards(rows, jumps, x, y, 0, -1));
 }
 
-struct Edge {
-  int x = 0;
-  int y = 0;
-  std::uint8_t surface = 0;
-  float farthest = 0;  // what it paints
-};
-
 // The pixels of a disc around its centre, row by row: half its width, from the row radius - 1
 // above.
 std::vector<int> DiscOf(int radius) {
@@ -166,22 +160,23 @@ std::vector<int> DiscOf(int radius) {
 class Band {
  public:
   Band(const Rows& rows, const JumpRule& jumps, int radius, int begin_y, int end_y)
-      : rows_(rows), disc_(DiscOf(radius)), radius_(radius), begin_y_(begin_y), end_y_(end_y) {
-    for (int y = std::max(begin_y - radius + 1, rows.begin_y());
-         y < std::min(end_y + radius - 1, rows.end_y()); ++y) {
+      : rows_(rows),
+        jumps_(jumps),
+        disc_(DiscOf(radius)),
+        radius_(radius),
+        begin_y_(begin_y),
+        end_y_(end_y),
+        first_edge_y_(std::max(begin_y - radius + 1, rows.begin_y())),
+        last_edge_y_(std::min(end_y + radius - 1, rows.end_y())) {
+    is_edge_.reserve(rows.size());
+    for (int y = first_edge_y_; y < last_edge_y_; ++y) {
       for (int x = 0; x < rows.width(); ++x) {
-        if (IsEdge(rows, jumps, x, y)) {
-          const float distance = rows.DistanceAt(x, y);
-          edges_.push_back({x, y, rows.SurfaceAt(x, y), distance + jumps.At(distance)});
-        }
+        is_edge_.push_back(IsEdge(rows, jumps, x, y) ? 1 : 0);
       }
     }
   }
 
   void Paint(image::Rgba8 color, image::FrameImage* image) {
-    if (edges_.empty()) {
-      return;
-    }
     for (std::uint8_t surface = 0; surface < frame::kMaxSurfaces; ++surface) {
       if (rows_.has_surface(surface)) {
         PaintSurface(surface, color, image);
@@ -193,9 +188,13 @@ class Band {
   void PaintSurface(std::uint8_t surface, image::Rgba8 color, image::FrameImage* image) {
     const auto width = static_cast<std::size_t>(rows_.width());
     farthest_.assign(width * static_cast<std::size_t>(end_y_ - begin_y_), kNothing);
-    for (const Edge& edge : edges_) {
-      if (edge.surface == surface) {
-        Raise(edge);
+    std::size_t edge = 0;
+    for (int y = first_edge_y_; y < last_edge_y_; ++y) {
+      for (int x = 0; x < rows_.width(); ++x, ++edge) {
+        if (is_edge_[edge] != 0 && rows_.SurfaceAt(x, y) == surface) {
+          const float distance = rows_.DistanceAt(x, y);
+          Raise(x, y, distance + jumps_.At(distance));
+        }
       }
     }
     std::size_t i = 0;
@@ -209,27 +208,32 @@ class Band {
     }
   }
 
-  void Raise(const Edge& edge) {
-    const int begin = std::max(edge.y - radius_ + 1, begin_y_);
-    const int end = std::min(edge.y + radius_, end_y_);
+  // Lets the edge at (x, y) paint what is not behind `farthest`.
+  void Raise(int edge_x, int edge_y, float farthest) {
+    const int begin = std::max(edge_y - radius_ + 1, begin_y_);
+    const int end = std::min(edge_y + radius_, end_y_);
     for (int y = begin; y < end; ++y) {
-      const int half = disc_[static_cast<std::size_t>(y - edge.y + radius_ - 1)];
+      const int half = disc_[static_cast<std::size_t>(y - edge_y + radius_ - 1)];
       float* const row = farthest_.data() + static_cast<std::size_t>(y - begin_y_) *
                                                 static_cast<std::size_t>(rows_.width());
-      const int last = std::min(edge.x + half, rows_.width() - 1);
-      for (int x = std::max(edge.x - half, 0); x <= last; ++x) {
-        row[x] = row[x] < edge.farthest ? edge.farthest : row[x];
+      const int last = std::min(edge_x + half, rows_.width() - 1);
+      for (int x = std::max(edge_x - half, 0); x <= last; ++x) {
+        row[x] = row[x] < farthest ? farthest : row[x];
       }
     }
   }
 
   const Rows& rows_;
+  const JumpRule& jumps_;
   const std::vector<int> disc_;
   const int radius_;
   const int begin_y_;
   const int end_y_;
-  std::vector<Edge> edges_;
-  std::vector<float> farthest_;
+  // The rows whose edges paint the band.
+  const int first_edge_y_;
+  const int last_edge_y_;
+  std::vector<std::uint8_t> is_edge_;  // of these rows
+  std::vector<float> farthest_;        // of the band, for one surface
 };
 
 }  // namespace
