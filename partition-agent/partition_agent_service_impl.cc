@@ -485,11 +485,13 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
   absl::Status Extract() {
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                              rpc::ClipRegionFromProto(request_.clip(), "clip"));
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
-                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(),
+                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(), clip,
                                                       service_->Resources(), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
@@ -602,11 +604,14 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
         for (const double isovalue : request->isovalues()) {
           ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(isovalue, "isovalues"));
         }
+        ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                                  rpc::ClipRegionFromProto(request->clip(), "clip"));
         ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> shard,
                                   FindAnyShard(request->dataset_id()));
         const ActiveBox box =
             ActiveBoxOf(shard->reader->layout(), shard->reader->ranges(),
-                        {request->isovalues().begin(), request->isovalues().end()});
+                        {request->isovalues().begin(), request->isovalues().end()},
+                        view::Clipper(clip, shard->reader->manifest().geometry));
         *response = rpc::ToProto(box.block_count, box.cells);
         return absl::OkStatus();
       });

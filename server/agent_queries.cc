@@ -144,12 +144,14 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
 QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dataset,
                                                          const volume::BlockLayout& layout,
                                                          const std::vector<double>& isovalues,
+                                                         const isoscope::v1::ClipRegion& clip,
                                                          const base::Cancellation& cancellation) {
   Calls<v1::GetActiveBoxRequest, v1::GetActiveBoxResponse> calls(1);
   calls[0].request.set_dataset_id(dataset.dataset.dataset_id());
   for (const double isovalue : isovalues) {
     calls[0].request.add_isovalues(isovalue);
   }
+  *calls[0].request.mutable_clip() = clip;
   RunCalls(dataset, cancellation, &calls, [](auto* call, auto on_done) {
     call->stub->async()->GetActiveBox(&call->context, &call->request, &call->response,
                                       std::move(on_done));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <memory>
 #include <string>
 #include <thread>
@@ -583,6 +584,36 @@ TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
   EXPECT_TRUE(blocks == expected) << blocks.size() << " and " << expected.size() << " blocks";
 }
 
+// Blocks of 8 cells: a plane at x = 12 leaves out the first of each row.
+TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndOthersComeWhole) {
+  const auto blocks_of = [&](const v1::ExtractSurfaceRequest& request) {
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, request);
+    std::map<std::int64_t, std::string> blocks;
+    v1::ExtractSurfaceResponse message;
+    while (reader->Read(&message)) {
+      for (const v1::BlockSurface& block : message.blocks()) {
+        blocks[block.block_id()] = block.SerializeAsString();
+      }
+    }
+    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+    return blocks;
+  };
+  v1::ExtractSurfaceRequest request = SurfaceOf(dataset_, {0, 1});
+  std::map<std::int64_t, std::string> expected = blocks_of(request);
+  const std::size_t all_count = expected.size();
+  std::erase_if(expected, [&](const auto& block) {
+    return dataset_.layout().CellsOf(static_cast<volume::BlockId>(block.first)).begin.x == 0;
+  });
+  isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_x(1);
+  half_space->set_offset(12);
+  EXPECT_EQ(blocks_of(request), expected);
+  EXPECT_LT(expected.size(), all_count);
+  half_space->set_offset(1000);
+  EXPECT_TRUE(blocks_of(request).empty());
+}
+
 TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
   std::vector<std::pair<v1::ExtractSurfaceRequest, std::string>> cases;
   cases.emplace_back(SurfaceOf(dataset_, {0}), "INVALID_ARGUMENT");
@@ -590,6 +621,8 @@ TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
   cases.emplace_back(SurfaceOf(dataset_, {0}), "FAILED_PRECONDITION");
   cases.back().first.set_dataset_id("other");
   cases.emplace_back(SurfaceOf(dataset_, {1, 0}), "INVALID_ARGUMENT");
+  cases.emplace_back(SurfaceOf(dataset_, {0}), "INVALID_ARGUMENT");
+  cases.back().first.mutable_clip()->add_half_spaces();
   for (const auto& [request, code] : cases) {
     grpc::ClientContext context;
     const auto reader = stub_->ExtractSurface(&context, request);
