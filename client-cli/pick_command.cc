@@ -93,6 +93,9 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
       if (point.has_normal()) {
         out["normal"] = ToJson(point.normal());
       }
+      if (point.has_gradient()) {
+        out["gradient"] = ToJson(point.gradient());
+      }
       out["block_id"] = point.block_id();
       if (point.has_shard_index()) {
         out["shard_index"] = point.shard_index();
@@ -105,19 +108,20 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
 
 std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
                             const v1::PickSurfaceResponse& response) {
-  Table table({"pixel", "position", "depth", "surface", "normal", "block", "shard"});
+  Table table({"pixel", "position", "depth", "surface", "normal", "gradient", "block", "shard"});
   for (int i = 0; i < response.points_size(); ++i) {
     const v1::PickedPoint& point = response.points(i);
     const std::string pixel = absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y());
     if (!point.is_hit()) {
-      table.AddRow({pixel, "-", "-", "-", "-", "-", "-"});
+      table.AddRow({pixel, "-", "-", "-", "-", "-", "-", "-"});
       continue;
     }
-    table.AddRow({pixel, ToText(point.position()),
-                  absl::StrFormat("%.7g", static_cast<double>(point.depth())),
-                  absl::StrCat(point.surface_index()),
-                  point.has_normal() ? ToText(point.normal()) : "-", absl::StrCat(point.block_id()),
-                  point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
+    table.AddRow(
+        {pixel, ToText(point.position()),
+         absl::StrFormat("%.7g", static_cast<double>(point.depth())),
+         absl::StrCat(point.surface_index()), point.has_normal() ? ToText(point.normal()) : "-",
+         point.has_gradient() ? ToText(point.gradient()) : "-", absl::StrCat(point.block_id()),
+         point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
   }
   return table.ToString();
 }
@@ -184,7 +188,8 @@ Action RegisterFlags(CLI::App* app) {
 Command PickCommand() {
   return {
       .name = "pick",
-      .summary = "Tells what pixels of a picture show: point, surface, normal, block, shard",
+      .summary =
+          "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
       .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
       .examples =
           "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"

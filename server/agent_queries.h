@@ -43,6 +43,13 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
                                                          const isoscope::v1::ClipRegion& clip,
                                                          const base::Cancellation& cancellation);
 
+// Returns the gradient of the field at each of some points of world space, at most
+// rpc::kMaxPickedPixels; not set where it is not finite. Each agent answers for the points in its
+// shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
+    const DatasetState& dataset, const std::vector<math::Vec3d>& points,
+    const base::Cancellation& cancellation);
+
 }  // namespace isoscope::server
 
 #endif  // ISOSCOPE_SERVER_AGENT_QUERIES_H_

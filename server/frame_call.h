@@ -81,6 +81,9 @@ class FrameCall {
                         const ActiveBlocks& active, isoscope::v1::PickSurfaceResponse* response);
   absl::Status Encode(const FrameTarget& target, bool carries_normals, FrameOutput* output,
                       isoscope::v1::RenderStatistics* statistics);
+  // Adds the gradients at all points that were hit.
+  absl::Status AddGradients(const FrameTarget& target,
+                            isoscope::v1::PickSurfaceResponse* response) const;
   void MoveInto(FrameOutput output, isoscope::v1::RenderIsosurfaceResponse* response) const;
   void Log(std::int64_t frame_number, const absl::Status& status,
            const isoscope::v1::RenderStatistics& statistics) const;

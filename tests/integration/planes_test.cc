@@ -27,6 +27,7 @@
 #include "core/base/random.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
+#include "core/math/vec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
@@ -245,6 +246,7 @@ TEST_F(PlanesTest, PlanesDescribeTheSurface) {
 }
 
 TEST_F(PlanesTest, PicksAreThePlanesInTenThousandPixels) {
+  std::vector<v1::Vec3> gradients;  // of all hits, with one agent
   for (const int shard_count : kShardCounts) {
     SCOPED_TRACE(shard_count);
     ASSERT_NO_FATAL_FAILURE(StartCluster(shard_count));
@@ -292,6 +294,17 @@ TEST_F(PlanesTest, PicksAreThePlanesInTenThousandPixels) {
         same = same && point.has_normal() &&
                static_cast<float>(point.normal().x()) == FloatAt(planes.normal(), 3 * at) &&
                static_cast<float>(point.normal().z()) == FloatAt(planes.normal(), 3 * at + 2);
+        // The normal is interpolated over a triangle, the gradient over a cell.
+        const math::Vec3d gradient{point.gradient().x(), point.gradient().y(),
+                                   point.gradient().z()};
+        const math::Vec3d normal{point.normal().x(), point.normal().y(), point.normal().z()};
+        same = same && math::Dot(gradient, normal) < -0.9 * math::Length(gradient);
+        if (shard_count == 1) {
+          gradients.push_back(point.gradient());
+        } else {
+          same = same && google::protobuf::util::MessageDifferencer::Equals(
+                             point.gradient(), gradients.at(static_cast<std::size_t>(hits - 1)));
+        }
         same = same && point.has_shard_index() && point.shard_index() >= 0 &&
                point.shard_index() < shard_count && point.block_id() >= 0;
         differences += same ? 0 : 1;
