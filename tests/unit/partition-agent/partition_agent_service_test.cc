@@ -632,6 +632,45 @@ TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
   }
 }
 
+TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRefused) {
+  v1::GetGradientsRequest request;
+  request.set_dataset_id(dataset_.manifest().dataset_id);
+  for (int i = 0; i < 100; ++i) {
+    request.add_points()->set_x(0.4 * i);
+  }
+  const auto ask = [&](const v1::GetGradientsRequest& asked, v1::GetGradientsResponse* response) {
+    grpc::ClientContext context;
+    return CodeOf(stub_->GetGradients(&context, asked, response));
+  };
+  int count = 0;
+  for (const int shard : {0, 1}) {
+    request.clear_shard_indices();
+    request.add_shard_indices(shard);
+    v1::GetGradientsResponse response;
+    EXPECT_EQ(ask(request, &response), "OK");
+    for (const v1::PointGradient& gradient : response.gradients()) {
+      ++count;
+      EXPECT_GE(gradient.point_index(), 0);
+      EXPECT_LT(gradient.point_index(), 100);
+    }
+  }
+  EXPECT_EQ(count, 100);
+
+  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(5, {request, ""});
+  cases[0].first.set_dataset_id("other");
+  cases[0].second = "FAILED_PRECONDITION";
+  cases[1].first.clear_shard_indices();
+  cases[2].first.mutable_points(7)->set_z(std::numeric_limits<double>::quiet_NaN());
+  for (int i = 0; i < 901; ++i) {
+    cases[3].first.add_points();
+  }
+  cases[4].first.GetReflection()->MutableUnknownFields(&cases[4].first)->AddVarint(90, 1);
+  for (const auto& [bad, code] : cases) {
+    v1::GetGradientsResponse response;
+    EXPECT_EQ(ask(bad, &response), code.empty() ? "INVALID_ARGUMENT" : code);
+  }
+}
+
 TEST_F(PartitionAgentServiceTest, SlowReaderHoldsTheAgentBackAndCancellingEndsIt) {
   // More surface than the agent queues: it waits for its reader.
   const SmallDataset large(1, {177, 177, 177});
