@@ -1,4 +1,9 @@
 // isoscope bench frame INPUT | DIR --isovalue V...
+//
+// Flags become a FrameBenchPlan: a volume is partitioned once for each number of shards, into a
+// folder that goes away at the end; a dataset folder is taken as it is, and then flags that cut
+// volumes are wrong usage. The peer gets the samples as a raw file, and of the camera only what is
+// not the default.
 
 #include <algorithm>
 #include <cstdint>

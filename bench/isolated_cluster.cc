@@ -1,3 +1,16 @@
+// A frame, with agents 0 and 1, all on the calling thread:
+//
+//   coordinator  asks agent 0 | asks agent 1 |  reduces  | orders 0 | orders 1 | ...
+//   agents            works        works                   works      works
+//
+// server::RunFrame is the coordinator, IsolatedLink an agent: it does each step before the call
+// that asks for it returns, and its answer waits in the coordinator's queue. What is left of the
+// frame's wall time without the agents' busy times is the coordinator's own work, other_ms.
+//
+// Agents that take turns at each step find the processor's caches full of the others' data. So each
+// agent's share is then repeated without a break, with the coordinator's messages (AgentOrders) and
+// an empty block cache, and busy_ms is that of the repetition.
+
 #include "bench/isolated_cluster.h"
 
 #include <algorithm>
@@ -323,8 +336,8 @@ absl::StatusOr<std::vector<std::int64_t>> IsolatedCluster::TriangleCounts(
   agent::BlockCache no_cache(0);
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<agent::SurfaceExtraction> extraction,
-      agent::SurfaceExtraction::Make(shards_, isovalue, {.arena = &arena_, .cache = &no_cache},
-                                     &cancellation));
+      agent::SurfaceExtraction::Make(shards_, isovalue, /*clip=*/{},
+                                     {.arena = &arena_, .cache = &no_cache}, &cancellation));
   std::vector<std::int64_t> counts;
   while (true) {
     ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<mesh::BlockMesh> meshes, extraction->NextBatch());

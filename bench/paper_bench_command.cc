@@ -1,4 +1,9 @@
 // isoscope bench paper INPUT --output DIR
+//
+// Tables, plots, pictures and report.md are written to a folder beside the output, which is renamed
+// when all is there. Datasets lie in a temporary folder: that of one shard stays to the end, any
+// other goes when the next is made, so the disk holds two. report.md names the command line that
+// repeats the evaluation, with every default written out.
 
 #include <algorithm>
 #include <cstdint>

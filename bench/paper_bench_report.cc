@@ -1,3 +1,7 @@
+// Two outputs of the same rows: one CSV file for each table, which the plots read;
+// and report.md, a section for each figure, with what a reader compares first: the middle and the
+// worst of ratios, shares in per cent.
+
 #include "bench/paper_bench_report.h"
 
 #include <algorithm>

@@ -1,3 +1,14 @@
+// How the lock and the removal meet (process A uses the entry, B removes it):
+//
+//   A opens .cache-entry, waits for the shared lock     B holds the exclusive lock
+//                                                       B renames the entry away, unlocks
+//   A has the lock, of a file that is at its path no
+//   more: opens again, and finds nothing
+//
+// and the other way round B's lock fails at once (LOCK_NB): the entry is in use and stays. Locks of
+// flock end with their process, so a crash leaves none behind. Whatever keeps .cache-entry from
+// being locked (a full disk, a file system without locks) never keeps an entry from being used.
+
 #include "client-cli/cache_entry.h"
 
 #include <fcntl.h>

@@ -1,3 +1,12 @@
+// From the arguments to an exit code:
+//
+// 1. Dispatch finds the command: one word or two ("bench frame"); `help X` is `X --help`.
+// 2. Run reads its flags with CLI11. What is left over is an error, which names the nearest flag.
+// 3. The action works. Its error is printed in one line, and decides the exit code: 2 for wrong
+//    usage, else 1.
+//
+// Only CLI11 throws, and only from parse; it is caught there.
+
 #include "client-cli/command.h"
 
 #include <algorithm>

@@ -1,3 +1,20 @@
+// A dataset on its way into the cache:
+//
+// 1. The entry is there and `verify` accepts it: it is locked and used.
+// 2. Else it is made in a work folder, locked there, and renamed into place: others see it only
+//    whole and in use.
+// 3. If another process was faster, its entry is used. One that can't be opened is moved into the
+//    work folder, and goes away with it.
+//
+// The key of an entry is SHA-256 over text, so that a changed source is another entry:
+//
+//   /data/head.nii.gz            the source's path; then of each file it is read from:
+//   /data/head.nii.gz            its path,
+//   7654321                      its size in bytes
+//   1700000000.123456789         and its time of change
+//   isoscope-cache-4             the version of this scheme
+//   ...                          the parameters of the partitioning
+
 #include "client-cli/dataset_cache.h"
 
 #include <fcntl.h>

@@ -1,3 +1,6 @@
+// JSON is made first, from messages, sources or folders; the text for people is made from the JSON.
+// So both say the same, and a member that text needs is there for scripts, too.
+
 #include "client-cli/dataset_json.h"
 
 #include <cstddef>

@@ -1,16 +1,20 @@
 // isoscope export INPUT | DIR | --server HOST:PORT --isovalue V --output FILE
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <ostream>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/clip_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/mesh_components.h"
@@ -24,6 +28,7 @@
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/frame/frame_spec.h"
 
 namespace isoscope::cli {
 namespace {
@@ -31,6 +36,8 @@ namespace {
 struct ExportFlags {
   SessionFlags session;
   std::optional<double> isovalue;
+  std::vector<SurfaceValue> surfaces;
+  ClipFlags clip;
   std::optional<std::string> output;
   std::optional<MeshFormat> format;
   std::optional<Color> color;
@@ -41,6 +48,17 @@ struct ExportFlags {
   // True if the whole mesh must be seen before it is written.
   [[nodiscard]] bool has_filter() const {
     return min_component || simplify_share || simplify_error;
+  }
+  // REQUIRES: CheckUsage is OK.
+  [[nodiscard]] std::vector<MeshSurface> mesh_surfaces() const {
+    if (surfaces.empty()) {
+      return {{.isovalue = *isovalue, .color = color}};
+    }
+    std::vector<MeshSurface> list;
+    for (const SurfaceValue& surface : surfaces) {
+      list.push_back({.isovalue = surface.isovalue, .color = surface.color});
+    }
+    return list;
   }
 };
 
@@ -53,67 +71,157 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
   return share;
 }
 
-absl::StatusOr<MeshFileOptions> FileOptions(const ExportFlags& flags) {
+absl::Status CheckUsage(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
-  if (!flags.isovalue) {
+  if (!flags.isovalue && flags.surfaces.empty()) {
     return UsageError("--isovalue V is missing: the level of the surface, in field units");
+  }
+  if (!flags.surfaces.empty() && (flags.isovalue || flags.color)) {
+    return UsageError(
+        absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
+                     " exclude each other: write --surface V:R,G,B for each surface"));
+  }
+  if (flags.surfaces.size() > frame::kMaxSurfaces) {
+    return UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(), " times: at most ",
+                                   frame::kMaxSurfaces, " are allowed"));
   }
   if (!flags.output) {
     return UsageError("--output FILE is missing: the mesh to write");
   }
-  MeshFileOptions options{.path = *flags.output, .color = flags.color};
+  return CheckUsage(flags.clip);
+}
+
+absl::StatusOr<MeshFileOptions> FileOptions(const ExportFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  MeshFileOptions options{.path = *flags.output, .surfaces = flags.mesh_surfaces()};
   ISOSCOPE_ASSIGN_OR_RETURN(options.format, MeshFormatOf(*flags.output, flags.format));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(options));
   return options;
 }
 
-// Gives the stream of the isosurface to `sink`.
-absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
-                     MeshSink* sink, const Context& context) {
+isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
+                                                  const std::string& dataset) {
   isoscope::v1::ExportIsosurfaceRequest request;
   request.set_dataset(dataset);
-  request.set_isovalue(*flags.isovalue);
-  std::int64_t vertex_count = 0;
-  std::int64_t triangle_count = 0;
-  ProgressLine line(context.err, context.err_is_terminal);
-  const auto add_chunk = [&](const isoscope::v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
-    line.Update(absl::StrCat("exporting  ", FormatCount(vertex_count), " vertices, ",
-                             FormatCount(triangle_count), " triangles"));
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const MeshPiece piece,
-        DecodeMeshPiece(chunk.positions(), chunk.normals(), chunk.triangles(), vertex_count));
-    vertex_count += piece.vertex_count();
-    triangle_count += piece.triangle_count();
-    return sink->Add(piece);
-  };
-  return session->client().ExportIsosurface(request, session->timeout(), add_chunk);
+  request.set_isovalue(flags.isovalue.value_or(0));
+  for (const SurfaceValue& surface : flags.surfaces) {
+    request.add_surfaces()->set_isovalue(surface.isovalue);
+  }
+  if (!flags.clip.empty()) {
+    *request.mutable_clip() = ToProto(flags.clip);
+  }
+  return request;
 }
 
-// Drops islands and simplifies, and tells what it did.
-absl::Status Filter(const ExportFlags& flags, MeshStore* mesh, const Context& context) {
-  const std::int64_t all_count = mesh->triangle_count();
-  if (flags.min_component) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const DroppedComponents dropped,
-                              DropSmallComponents(*flags.min_component, mesh));
-    *context.out << "dropped " << FormatCount(dropped.dropped_count) << " of "
-                 << FormatCount(dropped.component_count) << " components, "
-                 << FormatCount(dropped.dropped_triangle_count) << " of " << FormatCount(all_count)
-                 << " triangles\n";
+// Keeps each surface in a store of its own, so that what looks at a whole mesh looks at one
+// surface.
+class SurfaceStores : public MeshSink {
+ public:
+  explicit SurfaceStores(std::string folder) : folder_(std::move(folder)) {}
+
+  absl::Status Add(const MeshPiece& piece) override {
+    while (stores_.size() <= static_cast<std::size_t>(piece.surface_index)) {
+      first_vertex_ = vertex_count_;
+      ISOSCOPE_ASSIGN_OR_RETURN(stores_.emplace_back(), MeshStore::Create(folder_));
+    }
+    vertex_count_ += piece.vertex_count();
+    if (first_vertex_ == 0) {
+      return stores_.back()->Add(piece);
+    }
+    MeshPiece own = piece;
+    for (std::uint32_t& vertex : own.triangles) {
+      vertex -= static_cast<std::uint32_t>(first_vertex_);
+    }
+    return stores_.back()->Add(own);
   }
-  if (flags.simplify_share || flags.simplify_error) {
-    const std::int64_t count = mesh->triangle_count();
-    ProgressLine line(context.err, context.err_is_terminal);
+  absl::Status Finish() override { return absl::OkStatus(); }
+
+  [[nodiscard]] const std::vector<std::unique_ptr<MeshStore>>& stores() const { return stores_; }
+
+  absl::Status Emit(MeshWriter* writer) const {
+    for (std::size_t i = 0; i < stores_.size(); ++i) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          stores_[i]->Emit(writer, writer->vertex_count(), static_cast<int>(i)));
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const std::string folder_;
+  std::vector<std::unique_ptr<MeshStore>> stores_;  // by surface index
+  std::int64_t first_vertex_ = 0;                   // of the last surface
+  std::int64_t vertex_count_ = 0;
+};
+
+// Gives the stream of the isosurfaces to `sink`.
+absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
+                     MeshSink* sink, const Context& context) {
+  MeshDecoder decoder(static_cast<int>(flags.mesh_surfaces().size()));
+  ProgressLine line(context.err, context.err_is_terminal);
+  const auto add_chunk = [&](const isoscope::v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
+    line.Update(absl::StrCat("exporting  ", FormatCount(decoder.vertex_count()), " vertices, ",
+                             FormatCount(decoder.triangle_count()), " triangles"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const MeshPiece piece,
+                              decoder.Decode(chunk.surface_index(), chunk.positions(),
+                                             chunk.normals(), chunk.triangles()));
+    return sink->Add(piece);
+  };
+  return session->client().ExportIsosurface(MakeRequest(flags, dataset), session->timeout(),
+                                            add_chunk);
+}
+
+absl::Status DropIslands(std::int64_t min_triangles, const SurfaceStores& surfaces,
+                         const Context& context) {
+  std::int64_t triangle_count = 0;
+  DroppedComponents sum;
+  for (const std::unique_ptr<MeshStore>& mesh : surfaces.stores()) {
+    triangle_count += mesh->triangle_count();
+    ISOSCOPE_ASSIGN_OR_RETURN(const DroppedComponents dropped,
+                              DropSmallComponents(min_triangles, mesh.get()));
+    sum.component_count += dropped.component_count;
+    sum.dropped_count += dropped.dropped_count;
+    sum.dropped_triangle_count += dropped.dropped_triangle_count;
+  }
+  *context.out << "dropped " << FormatCount(sum.dropped_count) << " of "
+               << FormatCount(sum.component_count) << " components, "
+               << FormatCount(sum.dropped_triangle_count) << " of " << FormatCount(triangle_count)
+               << " triangles\n";
+  return absl::OkStatus();
+}
+
+absl::Status Simplify(const ExportFlags& flags, const SurfaceStores& surfaces,
+                      const Context& context) {
+  ProgressLine line(context.err, context.err_is_terminal);
+  std::int64_t count = 0;
+  SimplifyResult sum;
+  for (std::size_t i = 0; i < surfaces.stores().size(); ++i) {
+    MeshStore* const mesh = surfaces.stores()[i].get();
+    count += mesh->triangle_count();
     SimplifyOptions options{.share = flags.simplify_share, .max_error = flags.simplify_error};
     options.progress = [&](double done) {
-      line.Update(absl::StrFormat("simplifying  %.0f %%", 100 * done));
+      line.Update(absl::StrFormat(
+          "simplifying  %.0f %%",
+          100 * (static_cast<double>(i) + done) / static_cast<double>(surfaces.stores().size())));
       return context.interrupt->cancellation().Check();
     };
     ISOSCOPE_ASSIGN_OR_RETURN(const SimplifyResult result, SimplifyMesh(options, mesh));
-    *context.out << "simplified " << FormatCount(count) << " triangles to "
-                 << FormatCount(result.triangle_count)
-                 << absl::StrFormat(", estimated error %.3g world units\n", result.error);
+    sum.triangle_count += result.triangle_count;
+    sum.error = std::max(sum.error, result.error);
   }
+  *context.out << "simplified " << FormatCount(count) << " triangles to "
+               << FormatCount(sum.triangle_count)
+               << absl::StrFormat(", estimated error %.3g world units\n", sum.error);
   return absl::OkStatus();
+}
+
+// Drops islands and simplifies, each surface by itself, and tells what it did.
+absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
+                    const Context& context) {
+  if (flags.min_component) {
+    ISOSCOPE_RETURN_IF_ERROR(DropIslands(*flags.min_component, surfaces, context));
+  }
+  return flags.simplify_share || flags.simplify_error ? Simplify(flags, surfaces, context)
+                                                      : absl::OkStatus();
 }
 
 absl::Status Run(const ExportFlags& flags, const Context& context) {
@@ -124,17 +232,18 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(
       const isoscope::v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->timeout()));
-  WarnIfNoSurface(dataset, *flags.isovalue, context);
+  for (const MeshSurface& surface : file_options.surfaces) {
+    WarnIfNoSurface(dataset, surface.isovalue, context);
+  }
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<MeshWriter> writer,
                             MeshWriter::Create(file_options));
   if (flags.has_filter()) {
     const std::string folder = std::filesystem::path(*flags.output).parent_path().string();
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<MeshStore> mesh,
-                              MeshStore::Create(folder.empty() ? "." : folder));
-    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), mesh.get(), context));
-    ISOSCOPE_RETURN_IF_ERROR(Filter(flags, mesh.get(), context));
-    ISOSCOPE_RETURN_IF_ERROR(mesh->Emit(writer.get()));
+    SurfaceStores surfaces(folder.empty() ? "." : folder);
+    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), &surfaces, context));
+    ISOSCOPE_RETURN_IF_ERROR(Filter(flags, surfaces, context));
+    ISOSCOPE_RETURN_IF_ERROR(surfaces.Emit(writer.get()));
   } else {
     ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), writer.get(), context));
   }
@@ -150,6 +259,11 @@ Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<ExportFlags>();
   AddSessionFlags(app, &flags->session);
   AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  AddRepeatableFlag(app, "--surface", "V[:R,G,B]", &flags->surfaces, ParseSurface,
+                    "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
+                    "times. All go into one file: as primitives with materials in GLB, as objects "
+                    "in OBJ, with a surface index of vertices in PLY and VTP");
+  AddClipFlags(app, &flags->clip, "export");
   AddFlag(app, "--output", "FILE", &flags->output, ParseText,
           "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
           "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
@@ -163,9 +277,9 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(
       app, "--min-component", "N", &flags->min_component,
       [](absl::string_view text) { return ParseInteger(text, 1, INT64_MAX); },
-      "leave out islands of fewer than N triangles");
+      "leave out islands of fewer than N triangles, as they are once clipped");
   AddFlag(app, "--simplify", "SHARE", &flags->simplify_share, ParseShare,
-          "keep this share of the triangles, above 0 and below 1, without cracks");
+          "keep this share of the triangles of each surface, above 0 and below 1, without cracks");
   AddFlag(app, "--simplify-error", "E", &flags->simplify_error, ParsePositiveNumber,
           "remove triangles while the surface moves by no more than E world units, as "
           "libmeshoptimizer estimates it; with --simplify, whichever is first");
@@ -176,12 +290,14 @@ Action RegisterFlags(CLI::App* app) {
 
 Command ExportCommand() {
   return {.name = "export",
-          .summary = "Writes a whole isosurface as one welded mesh: PLY, STL, OBJ, GLB or VTP",
+          .summary = "Writes whole isosurfaces as one welded mesh: PLY, STL, OBJ, GLB or VTP",
           .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --output FILE [OPTIONS]",
           .examples =
               "  isoscope export head.nii.gz --isovalue 60 --output head.ply\n"
               "  isoscope export head.nii.gz --isovalue 60 --min-component 1000 --simplify 0.1 \\\n"
               "    --color 0.9,0.85,0.8 --output head.glb\n"
+              "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
+              "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
               "  isoscope export --server localhost:50051 --isovalue 60 --output head.stl\n",
           .register_flags = RegisterFlags};
 }

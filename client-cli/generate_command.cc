@@ -1,4 +1,7 @@
 // isoscope generate FIELD --dims X,Y,Z --output FILE
+//
+// kFields has a row for each field; the flags of a field are in GenerateFlags, and which flags
+// belong to which field is checked, so that a flag without effect is wrong usage.
 
 #include <array>
 #include <cstdint>

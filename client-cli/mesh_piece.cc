@@ -7,6 +7,7 @@
 
 #include "client-cli/output.h"
 #include "core/base/coding.h"
+#include "core/base/status_macros.h"
 
 namespace isoscope::cli {
 namespace {
@@ -26,7 +27,8 @@ std::vector<float> Floats(absl::string_view bytes) {
 }  // namespace
 
 absl::StatusOr<MeshPiece> DecodeMeshPiece(absl::string_view positions, absl::string_view normals,
-                                          absl::string_view triangles, std::int64_t vertex_count) {
+                                          absl::string_view triangles, std::int64_t vertex_count,
+                                          std::int64_t first_vertex) {
   if (positions.size() % kVectorBytes != 0 || normals.size() != positions.size() ||
       triangles.size() % kTriangleBytes != 0) {
     return absl::DataLossError(absl::StrCat(
@@ -40,18 +42,41 @@ absl::StatusOr<MeshPiece> DecodeMeshPiece(absl::string_view positions, absl::str
                                               FormatCount(kMaxVertexCount),
                                               " vertices, the most that a mesh file can hold"));
   }
-  MeshPiece piece{.positions = Floats(positions), .normals = Floats(normals), .triangles = {}};
+  MeshPiece piece;
+  piece.positions = Floats(positions);
+  piece.normals = Floats(normals);
   piece.triangles.resize(triangles.size() / sizeof(std::int64_t));
   for (std::size_t i = 0; i < piece.triangles.size(); ++i) {
     const auto vertex =
         base::LoadLittleEndian<std::int64_t>(triangles.data() + i * sizeof(std::int64_t));
-    if (vertex < 0 || vertex >= vertex_count + new_count) {
-      return absl::DataLossError(absl::StrCat("malformed chunk of a mesh: triangle ", i / 3,
-                                              " of it has vertex ", vertex, "; there are ",
-                                              vertex_count + new_count, " so far"));
+    if (vertex < first_vertex || vertex >= vertex_count + new_count) {
+      return absl::DataLossError(
+          absl::StrCat("malformed chunk of a mesh: triangle ", i / 3, " of it has vertex ", vertex,
+                       "; there are ", vertex_count + new_count,
+                       " so far, of this surface those from ", first_vertex, " on"));
     }
     piece.triangles[i] = static_cast<std::uint32_t>(vertex);
   }
+  return piece;
+}
+
+absl::StatusOr<MeshPiece> MeshDecoder::Decode(int surface_index, absl::string_view positions,
+                                              absl::string_view normals,
+                                              absl::string_view triangles) {
+  if (surface_index < surface_index_ || surface_index >= surface_count_) {
+    return absl::DataLossError(absl::StrCat("malformed chunk of a mesh: it is of surface ",
+                                            surface_index, ", after surface ", surface_index_,
+                                            " of ", surface_count_));
+  }
+  if (surface_index > surface_index_) {
+    surface_index_ = surface_index;
+    first_vertex_ = vertex_count_;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(MeshPiece piece, DecodeMeshPiece(positions, normals, triangles,
+                                                             vertex_count_, first_vertex_));
+  piece.surface_index = surface_index;
+  vertex_count_ += piece.vertex_count();
+  triangle_count_ += piece.triangle_count();
   return piece;
 }
 

@@ -34,7 +34,7 @@ absl::Status MeshStore::Add(const MeshPiece& piece) {
   return triangles_.Append(piece.triangles);
 }
 
-absl::Status MeshStore::Emit(MeshSink* sink) const {
+absl::Status MeshStore::Emit(MeshSink* sink, std::int64_t first_vertex, int surface_index) const {
   const std::span<const float> positions = positions_.values();
   const std::span<const float> normals = normals_.values();
   const std::span<const std::uint32_t> triangles = triangles_.values();
@@ -47,7 +47,7 @@ absl::Status MeshStore::Emit(MeshSink* sink) const {
     new_index.data()[vertex] = 1;
   }
   std::uint32_t used_count = 0;
-  MeshPiece piece;
+  MeshPiece piece{.surface_index = surface_index};
   for (std::size_t i = 0; i < vertex_count; ++i) {
     if (new_index.data()[i] != 0) {
       new_index.data()[i] = ++used_count;
@@ -56,15 +56,16 @@ absl::Status MeshStore::Emit(MeshSink* sink) const {
     }
     if (piece.positions.size() >= 3 * kPieceSize) {
       ISOSCOPE_RETURN_IF_ERROR(sink->Add(piece));
-      piece = {};
+      piece = {.surface_index = surface_index};
     }
   }
   ISOSCOPE_RETURN_IF_ERROR(sink->Add(piece));
   for (std::size_t begin = 0; begin < triangles.size(); begin += 3 * kPieceSize) {
     const std::size_t end = std::min(triangles.size(), begin + 3 * kPieceSize);
-    piece = {};
+    piece = {.surface_index = surface_index};
     for (std::size_t i = begin; i < end; ++i) {
-      piece.triangles.push_back(new_index.data()[triangles[i]] - 1);
+      piece.triangles.push_back(static_cast<std::uint32_t>(first_vertex) +
+                                new_index.data()[triangles[i]] - 1);
     }
     ISOSCOPE_RETURN_IF_ERROR(sink->Add(piece));
   }

@@ -1,4 +1,4 @@
-// A whole mesh on disk, mapped into memory, for work that looks at all of it.
+// A whole surface on disk, mapped into memory, for work that looks at all of it.
 
 #ifndef ISOSCOPE_CLIENT_CLI_MESH_STORE_H_
 #define ISOSCOPE_CLIENT_CLI_MESH_STORE_H_
@@ -28,7 +28,9 @@ class MeshStore : public MeshSink {
 
   // Gives the mesh on to `sink`, all vertices first, without those that no triangle has; does not
   // call its Finish. The order stays.
-  absl::Status Emit(MeshSink* sink) const;
+  //
+  // first_vertex: vertices that the sink has of earlier surfaces
+  absl::Status Emit(MeshSink* sink, std::int64_t first_vertex = 0, int surface_index = 0) const;
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
   [[nodiscard]] FileArray<float>& positions() { return positions_; }

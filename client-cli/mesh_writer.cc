@@ -16,6 +16,7 @@
 #include "client-cli/vtp_writer.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/frame/appearance.h"
 
 namespace isoscope::cli {
 namespace {
@@ -67,9 +68,25 @@ absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
   return format ? *format : *of_name;
 }
 
+bool MeshFileOptions::has_colors() const {
+  return std::any_of(surfaces.begin(), surfaces.end(),
+                     [](const MeshSurface& surface) { return surface.color.has_value(); });
+}
+
+Color MeshFileOptions::ColorOf(int surface_index) const {
+  const image::Rgba8 clay = frame::Appearance().base_color;
+  constexpr float kMax = 255;
+  return surfaces[static_cast<std::size_t>(surface_index)].color.value_or(
+      Color{.red = static_cast<float>(clay.r) / kMax,
+            .green = static_cast<float>(clay.g) / kMax,
+            .blue = static_cast<float>(clay.b) / kMax});
+}
+
 absl::Status CheckUsage(const MeshFileOptions& options) {
-  if (options.format == MeshFormat::kStl && options.color) {
-    return UsageError("--color can't be used with STL, which has no colours");
+  if (options.format == MeshFormat::kStl && options.has_colors()) {
+    return UsageError(
+        "colours can't be written to STL, which has none: leave out --color, and the "
+        "R,G,B of --surface");
   }
   return absl::OkStatus();
 }

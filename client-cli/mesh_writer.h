@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -29,11 +30,23 @@ absl::string_view NameOf(MeshFormat format);
 absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
                                         const std::optional<MeshFormat>& format);
 
+// A surface of a mesh file.
+struct MeshSurface {
+  double isovalue = 0;
+  std::optional<Color> color = std::nullopt;
+};
+
 struct MeshFileOptions {
   std::string path;
   MeshFormat format = MeshFormat::kPly;
-  // Of the surface. Null: the file has no colours.
-  std::optional<Color> color = std::nullopt;
+  // At least one, by surface index. A file of several surfaces tells them apart where its format
+  // can: by a surface index of vertices (PLY, VTP), objects (OBJ) or primitives (GLB).
+  std::vector<MeshSurface> surfaces = std::vector<MeshSurface>(1);
+
+  // If no surface has a colour, the file has none.
+  [[nodiscard]] bool has_colors() const;
+  // The colour of a surface in a file with colours: its own, or the default one of frames.
+  [[nodiscard]] Color ColorOf(int surface_index) const;
 };
 
 // UsageError if the format can't hold what is asked for: STL has no colours.

@@ -35,25 +35,22 @@ void AppendVector(absl::string_view word, const float* v, absl::string_view rest
 
 class ObjWriter : public MeshWriter {
  public:
-  explicit ObjWriter(const MeshFileOptions& options) {
-    if (options.color) {
-      const std::array<float, 3> rgb{options.color->red, options.color->green, options.color->blue};
-      AppendVector("", rgb.data(), "", &color_);
-    }
-    color_ += "\n";
-  }
+  explicit ObjWriter(const MeshFileOptions& options) : options_(options) {}
 
-  absl::Status Open(const std::string& path) {
-    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(path, sizeof(kHeader) - 1, 1));
+  absl::Status Open() {
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(options_.path, sizeof(kHeader) - 1, 1));
     return absl::OkStatus();
   }
 
   // A line may name any vertex before it, so one pass is enough.
   absl::Status AddPiece(const MeshPiece& piece) override {
     std::string text;
+    if (piece.surface_index != surface_index_ && !piece.positions.empty()) {
+      BeginSurface(piece.surface_index, &text);
+    }
     text.reserve((2 * piece.positions.size() / 3 + piece.triangles.size() / 3) * kTypicalLineBytes);
     for (std::size_t i = 0; i < piece.positions.size(); i += 3) {
-      AppendVector("v", &piece.positions[i], color_, &text);
+      AppendVector("v", &piece.positions[i], line_end_, &text);
       AppendVector("vn", &piece.normals[i], "\n", &text);
     }
     for (std::size_t i = 0; i < piece.triangles.size(); ++i) {
@@ -73,7 +70,27 @@ class ObjWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  std::string color_;  // the end of a line of a vertex
+  // An object for each of several surfaces. A triangle may name vertices of other objects, but has
+  // none here.
+  void BeginSurface(int surface_index, std::string* text) {
+    surface_index_ = surface_index;
+    line_end_.clear();
+    if (options_.has_colors()) {
+      const Color color = options_.ColorOf(surface_index);
+      const std::array<float, 3> rgb{color.red, color.green, color.blue};
+      AppendVector("", rgb.data(), "", &line_end_);
+    }
+    line_end_ += "\n";
+    if (options_.surfaces.size() > 1) {
+      absl::StrAppend(text, "o surface_", surface_index, "_isovalue_");
+      AppendNumber(options_.surfaces[static_cast<std::size_t>(surface_index)].isovalue, text);
+      *text += "\n";
+    }
+  }
+
+  const MeshFileOptions options_;
+  int surface_index_ = -1;  // of the last piece
+  std::string line_end_;    // of a vertex of that surface
   std::unique_ptr<SectionedFile> file_;
 };
 
@@ -81,7 +98,7 @@ class ObjWriter : public MeshWriter {
 
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateObj(const MeshFileOptions& options) {
   auto writer = std::make_unique<ObjWriter>(options);
-  ISOSCOPE_RETURN_IF_ERROR(writer->Open(options.path));
+  ISOSCOPE_RETURN_IF_ERROR(writer->Open());
   return writer;
 }
 

@@ -13,7 +13,7 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "client-cli/camera_flags.h"
+#include "client-cli/camera_file.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/no_surface.h"
@@ -21,6 +21,7 @@
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
+#include "client-cli/view_flags.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -33,6 +34,7 @@ namespace v1 = isoscope::v1;
 struct PickFlags {
   SessionFlags session;
   RequestFlags request;
+  ViewFlags view;
   std::vector<std::string> pixels;
   bool is_json = false;
 };
@@ -55,6 +57,7 @@ absl::StatusOr<rpc::PixelPosition> ParsePixel(absl::string_view text,
 absl::Status CheckUsage(const PickFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
   if (flags.request.region) {
     return UsageError("--region is for render; --pixel counts in the whole picture");
   }
@@ -90,6 +93,9 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
       if (point.has_normal()) {
         out["normal"] = ToJson(point.normal());
       }
+      if (point.has_gradient()) {
+        out["gradient"] = ToJson(point.gradient());
+      }
       out["block_id"] = point.block_id();
       if (point.has_shard_index()) {
         out["shard_index"] = point.shard_index();
@@ -102,39 +108,46 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
 
 std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
                             const v1::PickSurfaceResponse& response) {
-  Table table({"pixel", "position", "depth", "surface", "normal", "block", "shard"});
+  Table table({"pixel", "position", "depth", "surface", "normal", "gradient", "block", "shard"});
   for (int i = 0; i < response.points_size(); ++i) {
     const v1::PickedPoint& point = response.points(i);
     const std::string pixel = absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y());
     if (!point.is_hit()) {
-      table.AddRow({pixel, "-", "-", "-", "-", "-", "-"});
+      table.AddRow({pixel, "-", "-", "-", "-", "-", "-", "-"});
       continue;
     }
-    table.AddRow({pixel, ToText(point.position()),
-                  absl::StrFormat("%.7g", static_cast<double>(point.depth())),
-                  absl::StrCat(point.surface_index()),
-                  point.has_normal() ? ToText(point.normal()) : "-", absl::StrCat(point.block_id()),
-                  point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
+    table.AddRow(
+        {pixel, ToText(point.position()),
+         absl::StrFormat("%.7g", static_cast<double>(point.depth())),
+         absl::StrCat(point.surface_index()), point.has_normal() ? ToText(point.normal()) : "-",
+         point.has_gradient() ? ToText(point.gradient()) : "-", absl::StrCat(point.block_id()),
+         point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
   }
   return table.ToString();
 }
 
 absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->timeout()));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
-                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
   for (const double isovalue : flags.request.isovalues()) {
     WarnIfNoSurface(dataset, isovalue, context);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                            ResolveCamera(flags.request.camera, geometry.Bounds()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
+                            ResolveView(flags.view, flags.request.camera, dataset));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera converted, rpc::CameraFromProto(camera, "camera"));
   v1::PickSurfaceRequest request;
-  *request.mutable_frame() = MakeRequest(flags.request, dataset.name(), camera);
+  *request.mutable_frame() = MakeRequest(flags.request, dataset.name(), converted);
+  *request.mutable_frame()->mutable_camera() = camera;  // the very bits of a camera from a file
+  if (flags.view.fit) {
+    request.mutable_frame()->set_camera_fit(*flags.view.fit);
+  }
   for (const std::string& text : flags.pixels) {
     ISOSCOPE_ASSIGN_OR_RETURN(const rpc::PixelPosition pixel,
                               ParsePixel(text, flags.request.viewport()));
@@ -147,6 +160,10 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   if (response.points_size() != request.pixels_size()) {
     return absl::DataLossError(absl::StrCat("the server sent ", response.points_size(),
                                             " points for ", request.pixels_size(), " pixels"));
+  }
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
   }
   *context.out << (flags.is_json ? DescribeAsJson(request, response)
                                  : DescribeAsTable(request, response));
@@ -162,20 +179,24 @@ Action RegisterFlags(CLI::App* app) {
       ->type_name("X,Y");
   app->add_flag("--json", flags->is_json, "print JSON");
   AddRequestFlags(app, &flags->request);
+  AddViewFlags(app, &flags->view);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 
 }  // namespace
 
 Command PickCommand() {
-  return {.name = "pick",
-          .summary = "Tells what pixels of a picture show: point, surface, normal, block, shard",
-          .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
-          .examples =
-              "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
-              "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
-              "--json\n",
-          .register_flags = RegisterFlags};
+  return {
+      .name = "pick",
+      .summary =
+          "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
+      .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
+      .examples =
+          "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
+          "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface --pixel 9,8\n"
+          "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
+          "--json\n",
+      .register_flags = RegisterFlags};
 }
 
 }  // namespace isoscope::cli

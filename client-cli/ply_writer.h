@@ -1,5 +1,6 @@
 // Binary little-endian PLY: vertices with x y z nx ny nz (float) and, if wanted, red green blue
-// (uchar); faces with a list of three int vertex_indices.
+// (uchar), and of several surfaces surface_index (uchar); faces with a list of three int
+// vertex_indices.
 
 #ifndef ISOSCOPE_CLIENT_CLI_PLY_WRITER_H_
 #define ISOSCOPE_CLIENT_CLI_PLY_WRITER_H_
@@ -17,9 +18,9 @@ namespace isoscope::cli {
 // MeshWriter::Create for PLY.
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreatePly(const MeshFileOptions& options);
 
-// The header for these counts: its length depends on `has_colors` alone.
+// The header for these counts: its length does not depend on them.
 std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count,
-                          bool has_colors = false);
+                          bool has_colors = false, bool has_surface_indices = false);
 
 }  // namespace isoscope::cli
 

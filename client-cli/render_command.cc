@@ -268,13 +268,16 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
   const absl::Time start = absl::Now();
   const view::Viewport viewport = flags.request.viewport();
   std::vector<FrameRecord> regions;
+  v1::RenderIsosurfaceRequest of_region = whole;
+  of_region.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
   const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
-    v1::RenderIsosurfaceRequest request = whole;
-    *request.mutable_region() = rpc::ToProto(region);
-    request.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
+    *of_region.mutable_region() = rpc::ToProto(region);
     const absl::Time region_start = absl::Now();
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                              session->client().RenderIsosurface(request, session->timeout()));
+                              session->client().RenderIsosurface(of_region, session->timeout()));
+    // The server finds the camera once: the other regions have the one that it used.
+    *of_region.mutable_camera() = response.camera();
+    of_region.clear_camera_fit();
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - region_start),
                        .statistics = std::move(*response.mutable_statistics())});
     return ImageOfRaw(response);

@@ -7,6 +7,7 @@
 
 #include "client-cli/flags.h"
 #include "client-cli/usage.h"
+#include "core/base/status_macros.h"
 #include "core/frame/frame_spec.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/clip_region.h"
@@ -57,10 +58,7 @@ void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
           "colour of the surface, 0 to 1 each (default: a light clay)");
   AddFlag(app, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
           "colour behind it, 0 to 1 each (default: 0,0,0,1)");
-  AddRepeatableFlag(app, "--clip-plane", "NX,NY,NZ,D", &flags->clip_planes, ParsePlane,
-                    "show only the points p with N . p >= D, in world units; up to 6 times");
-  AddFlag(app, "--clip-box", "X0,X1,Y0,Y1,Z0,Z1", &flags->clip_box, ParseBox,
-          "show only what is in this box, in world units");
+  AddClipFlags(app, &flags->clip);
   AddCameraFlags(app, &flags->camera);
 }
 
@@ -88,10 +86,7 @@ absl::Status CheckUsage(const RequestFlags& flags) {
     return UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(), " times: at most ",
                                    frame::kMaxSurfaces, " are allowed"));
   }
-  if (flags.clip_planes.size() > view::kMaxHalfSpaces) {
-    return UsageError(absl::StrCat("--clip-plane is given ", flags.clip_planes.size(),
-                                   " times: at most ", view::kMaxHalfSpaces, " are allowed"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.clip));
   if (flags.region) {
     if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
       return UsageError(absl::StrCat("--region: ", status.message()));
@@ -114,15 +109,8 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
     }
   }
   request.set_max_layers(static_cast<std::int32_t>(flags.max_layers.value_or(0)));
-  for (const PlaneValue& plane : flags.clip_planes) {
-    isoscope::v1::HalfSpace* const proto = request.mutable_clip()->add_half_spaces();
-    *proto->mutable_normal() = rpc::ToProto(plane.normal);
-    proto->set_offset(plane.offset);
-  }
-  if (flags.clip_box) {
-    isoscope::v1::Box* const proto = request.mutable_clip()->mutable_box();
-    *proto->mutable_min() = rpc::ToProto(flags.clip_box->min);
-    *proto->mutable_max() = rpc::ToProto(flags.clip_box->max);
+  if (!flags.clip.empty()) {
+    *request.mutable_clip() = ToProto(flags.clip);
   }
   *request.mutable_camera() = rpc::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);

@@ -12,9 +12,9 @@
 #include "absl/strings/string_view.h"
 
 #include "client-cli/camera_flags.h"
+#include "client-cli/clip_flags.h"
 #include "client-cli/parse_value.h"
 #include "core/frame/culling.h"
-#include "core/math/box.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -31,8 +31,7 @@ struct RequestFlags {
   std::optional<Color> background_color = std::nullopt;
   std::vector<SurfaceValue> surfaces = {};
   std::optional<std::int64_t> max_layers = std::nullopt;
-  std::vector<PlaneValue> clip_planes = {};
-  std::optional<math::Box3d> clip_box = std::nullopt;
+  ClipFlags clip = {};
 
   // The levels of all surfaces.
   [[nodiscard]] std::vector<double> isovalues() const;

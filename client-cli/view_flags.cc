@@ -61,7 +61,7 @@ void AddViewFlags(CLI::App* app, ViewFlags* flags) {
               "--azimuth, --elevation, --zoom turn on from there"));
   add(AddFlag(app, "--fit", "volume|surface", &flags->fit, ParseFit,
               "what the picture frames: the whole volume (default), or the blocks that the surface "
-              "meets"));
+              "meets, where nothing clips them"));
   add(AddFlag(app, "--camera", "FILE.json", &flags->camera_file, ParseText,
               "the camera that --save-camera wrote; not with other flags of the camera"));
   add(AddFlag(app, "--save-camera", "FILE.json", &flags->save_camera_file, ParseText,

@@ -1,4 +1,4 @@
-// Cameras by name, by what they frame, and from files: flags of `render`.
+// Cameras by name, by what they frame, and from files: flags of `render` and `pick`.
 
 #ifndef ISOSCOPE_CLIENT_CLI_VIEW_FLAGS_H_
 #define ISOSCOPE_CLIENT_CLI_VIEW_FLAGS_H_

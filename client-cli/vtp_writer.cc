@@ -1,7 +1,8 @@
 // The file is an XML header of a fixed length, which declares the arrays with their offsets, and
 // behind its "_" the arrays, each with its size in bytes (uint64) before it:
 //
-//   Points, Normals, Colors (if wanted), connectivity (Int32), offsets (Int64)
+//   Points, Normals, Colors (if wanted), SurfaceIndex (of several surfaces), connectivity (Int32),
+//   offsets (Int64)
 //
 // Connectivity fits 32 bits because there are at most 2^31 - 1 vertices. The offsets 3, 6, 9, ...
 // are written at the end.
@@ -12,7 +13,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -43,26 +43,29 @@ absl::string_view BytesOf(const auto& values) {
 
 class VtpWriter : public MeshWriter {
  public:
-  explicit VtpWriter(const MeshFileOptions& options) {
-    if (options.color) {
-      color_ = ToBytes(*options.color);
-    }
-  }
+  explicit VtpWriter(const MeshFileOptions& options) : options_(options) {}
 
-  absl::Status Open(const std::string& path) {
-    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(path, kHeaderBytes, color_ ? 5 : 4));
+  absl::Status Open() {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        file_, SectionedFile::Create(options_.path, kHeaderBytes, connectivity() + 2));
     return absl::OkStatus();
   }
 
   absl::Status AddPiece(const MeshPiece& piece) override {
     ISOSCOPE_RETURN_IF_ERROR(file_->Append(0, BytesOf(piece.positions)));
     ISOSCOPE_RETURN_IF_ERROR(file_->Append(1, BytesOf(piece.normals)));
-    if (color_) {
+    if (has_colors()) {
+      const std::array<std::uint8_t, 3> color = ToBytes(options_.ColorOf(piece.surface_index));
       std::string colors;
       for (std::int64_t i = 0; i < piece.vertex_count(); ++i) {
-        absl::StrAppend(&colors, BytesOf(*color_));
+        absl::StrAppend(&colors, BytesOf(color));
       }
       ISOSCOPE_RETURN_IF_ERROR(file_->Append(2, colors));
+    }
+    if (has_indices()) {
+      ISOSCOPE_RETURN_IF_ERROR(file_->Append(
+          connectivity() - 1, std::string(static_cast<std::size_t>(piece.vertex_count()),
+                                          static_cast<char>(piece.surface_index))));
     }
     return file_->Append(connectivity(), BytesOf(piece.triangles));
   }
@@ -86,7 +89,12 @@ class VtpWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  [[nodiscard]] std::size_t connectivity() const { return color_ ? 3 : 2; }
+  [[nodiscard]] bool has_colors() const { return options_.has_colors(); }
+  [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
+  // The section of the connectivity; that of surface indices, if there are any, is before it.
+  [[nodiscard]] std::size_t connectivity() const {
+    return std::size_t{2} + (has_colors() ? 1 : 0) + (has_indices() ? 1 : 0);
+  }
 
   // The declaration of an array; the next one lies behind it.
   std::string Declare(std::size_t section, absl::string_view type, absl::string_view name,
@@ -102,8 +110,12 @@ class VtpWriter : public MeshWriter {
     std::int64_t offset = 0;
     const std::string points = Declare(0, "Float32", "Points", 3, &offset);
     std::string data = Declare(1, "Float32", "Normals", 3, &offset);
-    if (color_) {
+    if (has_colors()) {
       absl::StrAppend(&data, "\n        ", Declare(2, "UInt8", "Colors", 3, &offset));
+    }
+    if (has_indices()) {
+      absl::StrAppend(&data, "\n        ",
+                      Declare(connectivity() - 1, "UInt8", "SurfaceIndex", 1, &offset));
     }
     std::string cells = Declare(connectivity(), "Int32", "connectivity", 1, &offset);
     absl::StrAppend(&cells, "\n        ",
@@ -115,7 +127,10 @@ class VtpWriter : public MeshWriter {
         "  <PolyData>\n"
         "    <Piece NumberOfPoints=\"",
         vertex_count(), "\" NumberOfPolys=\"", triangle_count(),
-        "\">\n      <PointData Normals=\"Normals\"", color_ ? " Scalars=\"Colors\"" : "",
+        "\">\n      <PointData Normals=\"Normals\"",
+        has_colors()    ? " Scalars=\"Colors\""
+        : has_indices() ? " Scalars=\"SurfaceIndex\""
+                        : "",
         ">\n        ", data, "\n      </PointData>\n      <Points>\n        ", points,
         "\n      </Points>\n      <Polys>\n        ", cells,
         "\n      </Polys>\n    </Piece>\n  </PolyData>\n"
@@ -126,7 +141,7 @@ class VtpWriter : public MeshWriter {
     return absl::StrCat(head, padding, "_", SizePrefix(file_->section_bytes(0)));
   }
 
-  std::optional<std::array<std::uint8_t, 3>> color_;
+  const MeshFileOptions options_;
   std::unique_ptr<SectionedFile> file_;
 };
 
@@ -134,7 +149,7 @@ class VtpWriter : public MeshWriter {
 
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateVtp(const MeshFileOptions& options) {
   auto writer = std::make_unique<VtpWriter>(options);
-  ISOSCOPE_RETURN_IF_ERROR(writer->Open(options.path));
+  ISOSCOPE_RETURN_IF_ERROR(writer->Open());
   return writer;
 }
 

@@ -11,7 +11,8 @@
 
 namespace isoscope::cli {
 
-// MeshWriter::Create for VTP. Point data: "Normals", and "Colors" (uint8) if wanted.
+// MeshWriter::Create for VTP. Point data: "Normals", "Colors" (uint8) if wanted, and of
+// several surfaces "SurfaceIndex" (uint8).
 absl::StatusOr<std::unique_ptr<MeshWriter>> CreateVtp(const MeshFileOptions& options);
 
 }  // namespace isoscope::cli

@@ -44,11 +44,13 @@
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/histogram_convert.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
 #include "partition-agent/frame_pipeline.h"
 #include "partition-agent/frame_task.h"
+#include "partition-agent/point_gradients.h"
 #include "partition-agent/shard_histogram.h"
 #include "partition-agent/surface_extraction.h"
 
@@ -488,11 +490,13 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
   absl::Status Extract() {
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                              rpc::ClipRegionFromProto(request_.clip(), "clip"));
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
-                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(),
+                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(), clip,
                                                       service_->Resources(), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
@@ -606,12 +610,36 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
         for (const double isovalue : request->isovalues()) {
           ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(isovalue, "isovalues"));
         }
+        ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
+                                  rpc::ClipRegionFromProto(request->clip(), "clip"));
         ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Shard> shard,
                                   FindAnyShard(request->dataset_id()));
         const ActiveBox box =
             ActiveBoxOf(shard->reader->layout(), shard->reader->ranges(),
-                        {request->isovalues().begin(), request->isovalues().end()});
+                        {request->isovalues().begin(), request->isovalues().end()},
+                        view::Clipper(clip, shard->reader->manifest().geometry));
         *response = rpc::ToProto(box.block_count, box.cells);
+        return absl::OkStatus();
+      });
+}
+
+grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
+    grpc::CallbackServerContext* context, const v1::GetGradientsRequest* request,
+    v1::GetGradientsResponse* response) {
+  return rpc::UnaryTask::Start(
+      context, *request, &query_executor_, kMaxQueryDuration,
+      [this, request, response](const base::Cancellation& cancellation) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<math::Vec3d> points,
+                                  rpc::PickedPointsFromProto(*request));
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::shared_ptr<const Shard>> shards,
+                                  FindShards(request->dataset_id(), request->shard_indices()));
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointGradient> gradients,
+                                  GradientsAt(shards, points, cancellation));
+        for (const PointGradient& gradient : gradients) {
+          v1::PointGradient* const out = response->add_gradients();
+          out->set_point_index(static_cast<std::int32_t>(gradient.point_index));
+          *out->mutable_gradient() = rpc::ToProto(gradient.gradient);
+        }
         return absl::OkStatus();
       });
 }

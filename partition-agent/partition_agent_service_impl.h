@@ -69,6 +69,10 @@ class PartitionAgentServiceImpl final
       grpc::CallbackServerContext* context,
       const isoscope::internal::v1::GetActiveBoxRequest* request,
       isoscope::internal::v1::GetActiveBoxResponse* response) override;
+  grpc::ServerUnaryReactor* GetGradients(
+      grpc::CallbackServerContext* context,
+      const isoscope::internal::v1::GetGradientsRequest* request,
+      isoscope::internal::v1::GetGradientsResponse* response) override;
 
  private:
   class RenderFrameCall;

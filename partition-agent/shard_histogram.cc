@@ -137,11 +137,12 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
 }
 
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<double>& isovalues) {
+                      const std::vector<double>& isovalues, const view::Clipper& clipper) {
   volume::BlockSet active(layout.block_count());
   for (const double isovalue : isovalues) {
     active.UnionWith(ranges.ActiveBlocks(isovalue));
   }
+  clipper.EraseOutside(layout, &active);
   ActiveBox box;
   for (const volume::BlockId id : active.Ids()) {
     const math::IndexBox cells = layout.CellsOf(id);

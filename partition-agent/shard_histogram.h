@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/math/box.h"
+#include "core/view/clip_region.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
@@ -29,14 +30,14 @@ absl::StatusOr<volume::HistogramPart> HistogramOfShards(
     const std::vector<std::shared_ptr<const Shard>>& shards, std::int64_t max_bin_count,
     const std::optional<volume::ScalarSpan>& range);
 
-// The blocks of the volume that are active for any of some isovalues.
+// The blocks of the volume that are active for any of some isovalues, and not wholly clipped.
 struct ActiveBox {
   std::int64_t block_count = 0;
   math::IndexBox cells;  // of these blocks; empty if there are none
 };
 // O(blocks of the volume). REQUIRES: isovalues are finite.
 ActiveBox ActiveBoxOf(const volume::BlockLayout& layout, const volume::RangeTable& ranges,
-                      const std::vector<double>& isovalues);
+                      const std::vector<double>& isovalues, const view::Clipper& clipper = {});
 
 }  // namespace isoscope::agent
 

@@ -61,12 +61,13 @@ SurfaceExtraction::SurfaceExtraction(std::unique_ptr<Impl> impl) : impl_(std::mo
 SurfaceExtraction::~SurfaceExtraction() = default;
 
 absl::StatusOr<std::unique_ptr<SurfaceExtraction>> SurfaceExtraction::Make(
-    std::vector<std::shared_ptr<const Shard>> shards, double isovalue,
+    std::vector<std::shared_ptr<const Shard>> shards, double isovalue, const view::ClipRegion& clip,
     const AgentResources& resources, const base::Cancellation* cancellation) {
   IndexCost cost;
   ISOSCOPE_ASSIGN_OR_RETURN(
       SurfaceBlocks blocks,
       SurfaceBlocks::Find(std::move(shards), {isovalue}, resources.cache, *cancellation, &cost));
+  blocks.EraseOutside(view::Clipper(clip, blocks.shards().front()->reader->manifest().geometry));
   return std::unique_ptr<SurfaceExtraction>(
       new SurfaceExtraction(std::make_unique<Impl>(std::move(blocks), resources, cancellation)));
 }

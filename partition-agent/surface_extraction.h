@@ -12,6 +12,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/mesh/block_mesh.h"
+#include "core/view/clip_region.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 
@@ -25,10 +26,12 @@ namespace isoscope::agent {
 class SurfaceExtraction {
  public:
   // `shards`: of one dataset, at least one. Queries their trees; errors as IntervalTree::Query.
-  // REQUIRES: isovalue is finite.
+  // Blocks wholly outside of `clip` are left out; triangles are not cut. REQUIRES: isovalue is
+  // finite.
   static absl::StatusOr<std::unique_ptr<SurfaceExtraction>> Make(
       std::vector<std::shared_ptr<const Shard>> shards, double isovalue,
-      const AgentResources& resources, const base::Cancellation* cancellation);
+      const view::ClipRegion& clip, const AgentResources& resources,
+      const base::Cancellation* cancellation);
   ~SurfaceExtraction();
 
   // The meshes of the next blocks, with edge keys, ascending; blocks without triangles are left

@@ -309,16 +309,13 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
   return std::make_unique<GrpcAgentLink>(std::move(stream));
 }
 
-SurfaceStream::SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
-                             const volume::BlockLayout& layout, double isovalue,
-                             absl::Time deadline)
+SurfaceStream::SurfaceStream(const AgentAssignment& agent, const volume::BlockLayout& layout,
+                             v1::ExtractSurfaceRequest request, absl::Time deadline)
     : agent_(agent.identity()),
       layout_(layout),
       stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
   SetDeadline(deadline, &context_);
-  v1::ExtractSurfaceRequest request;
-  request.set_dataset_id(dataset_id);
-  request.set_isovalue(isovalue);
+  request.clear_shard_indices();
   for (const int index : agent.shard_indices) {
     request.add_shard_indices(index);
   }

@@ -52,8 +52,9 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
 // control stops the agent. Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public SurfaceSource {
  public:
-  SurfaceStream(const AgentAssignment& agent, const std::string& dataset_id,
-                const volume::BlockLayout& layout, double isovalue, absl::Time deadline);
+  // request: shard_indices is set to the agent's.
+  SurfaceStream(const AgentAssignment& agent, const volume::BlockLayout& layout,
+                isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline);
   // Cancels the call if it has not ended.
   ~SurfaceStream() override;
   SurfaceStream(const SurfaceStream&) = delete;

@@ -12,6 +12,8 @@
 #include <grpcpp/client_context.h>
 
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/pick_convert.h"
+#include "core/rpc/proto_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "server/agent_client.h"
 
@@ -144,12 +146,14 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
 QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dataset,
                                                          const volume::BlockLayout& layout,
                                                          const std::vector<double>& isovalues,
+                                                         const isoscope::v1::ClipRegion& clip,
                                                          const base::Cancellation& cancellation) {
   Calls<v1::GetActiveBoxRequest, v1::GetActiveBoxResponse> calls(1);
   calls[0].request.set_dataset_id(dataset.dataset.dataset_id());
   for (const double isovalue : isovalues) {
     calls[0].request.add_isovalues(isovalue);
   }
+  *calls[0].request.mutable_clip() = clip;
   RunCalls(dataset, cancellation, &calls, [](auto* call, auto on_done) {
     call->stub->async()->GetActiveBox(&call->context, &call->request, &call->response,
                                       std::move(on_done));
@@ -166,6 +170,40 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
     return {failure.ToStatus(), {failure}};
   }
   return {*std::move(box), {}};
+}
+
+QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
+    const DatasetState& dataset, const std::vector<math::Vec3d>& points,
+    const base::Cancellation& cancellation) {
+  Calls<v1::GetGradientsRequest, v1::GetGradientsResponse> calls(dataset.agents.size());
+  for (std::size_t i = 0; i < calls.size(); ++i) {
+    v1::GetGradientsRequest& request = calls[i].request;
+    request.set_dataset_id(dataset.dataset.dataset_id());
+    for (const int shard : dataset.agents[i].shard_indices) {
+      request.add_shard_indices(shard);
+    }
+    for (const math::Vec3d& point : points) {
+      *request.add_points() = rpc::ToProto(point);
+    }
+  }
+  RunCalls(dataset, cancellation, &calls, [](auto* call, auto on_done) {
+    call->stub->async()->GetGradients(&call->context, &call->request, &call->response,
+                                      std::move(on_done));
+  });
+  std::vector<AgentFailure> failures = FailuresOf(dataset, calls, cancellation);
+  if (!failures.empty()) {
+    absl::Status error = ErrorOf(failures, cancellation);
+    return {std::move(error), std::move(failures)};
+  }
+  std::vector<std::optional<math::Vec3d>> gradients(points.size());
+  for (std::size_t i = 0; i < calls.size(); ++i) {
+    const absl::Status status = rpc::AddGradients(calls[i].response, &gradients);
+    if (!status.ok()) {
+      AgentFailure failure = Malformed(dataset, i, status);
+      return {failure.ToStatus(), {failure}};
+    }
+  }
+  return {std::move(gradients), {}};
 }
 
 }  // namespace isoscope::server

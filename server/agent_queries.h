@@ -15,6 +15,7 @@
 #include "core/rpc/histogram_convert.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/sample_histogram.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 #include "server/agent_failure.h"
 #include "server/dataset_catalog.h"
 
@@ -33,13 +34,21 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
                                                  const rpc::HistogramQuery& query,
                                                  const base::Cancellation& cancellation);
 
-// Returns the cells of the box around the blocks that are active for any of some isovalues; not set
-// if there are none. Asks the first agent, because every one knows all ranges. Blocks. UNAVAILABLE,
-// FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+// Returns the cells of the box around the blocks that are active for any of some isovalues and not
+// wholly outside of `clip`; not set if there are none. Asks the first agent, because every one
+// knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dataset,
                                                          const volume::BlockLayout& layout,
                                                          const std::vector<double>& isovalues,
+                                                         const isoscope::v1::ClipRegion& clip,
                                                          const base::Cancellation& cancellation);
+
+// Returns the gradient of the field at each of some points of world space, at most
+// rpc::kMaxPickedPixels; not set where it is not finite. Each agent answers for the points in its
+// shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
+    const DatasetState& dataset, const std::vector<math::Vec3d>& points,
+    const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server
 

@@ -13,6 +13,7 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "server/agent_queries.h"
 #include "server/picture_finish.h"
 #include "server/render_statistics.h"
 
@@ -279,6 +280,33 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
   runner_->arena()->execute([&] { picture::ShowNearest(layers_, &image_); });
   for (const rpc::PixelPosition& pixel : pixels_) {
     ISOSCOPE_RETURN_IF_ERROR(AddPoint(pixel, target, *result.active, response));
+  }
+  return AddGradients(target, response);
+}
+
+absl::Status FrameCall::AddGradients(const FrameTarget& target,
+                                     v1::PickSurfaceResponse* response) const {
+  std::vector<math::Vec3d> points;
+  for (const v1::PickedPoint& point : response->points()) {
+    if (point.is_hit()) {
+      points.push_back({point.position().x(), point.position().y(), point.position().z()});
+    }
+  }
+  if (points.empty()) {
+    return absl::OkStatus();
+  }
+  const QueryOutcome<std::vector<std::optional<math::Vec3d>>> outcome =
+      AskGradients(target.dataset, points, cancellation_);
+  runner_->ReportFailures(/*frame_number=*/0, outcome.failures);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  std::size_t next = 0;
+  for (v1::PickedPoint& point : *response->mutable_points()) {
+    if (point.is_hit()) {
+      const std::optional<math::Vec3d>& gradient = (*outcome.result)[next++];
+      if (gradient.has_value()) {
+        *point.mutable_gradient() = rpc::ToProto(*gradient);
+      }
+    }
   }
   return absl::OkStatus();
 }

@@ -94,6 +94,9 @@ class FrameCall {
                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
   absl::StatusOr<FrameResult> Draw(std::int64_t frame_number, const FrameTarget& target,
                                    const frame::DrawnWindow& window, bool sends_normals);
+  // Adds the gradients at all points that were hit.
+  absl::Status AddGradients(const FrameTarget& target,
+                            isoscope::v1::PickSurfaceResponse* response) const;
   void MoveInto(FrameOutput output, isoscope::v1::RenderIsosurfaceResponse* response) const;
   void Log(std::int64_t frame_number, const absl::Status& status,
            const isoscope::v1::RenderStatistics& statistics) const;

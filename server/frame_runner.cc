@@ -142,11 +142,12 @@ absl::Status FrameRunner::PlaceCamera(const DatasetState& dataset,
   std::optional<math::Box3d> surface_bounds;
   if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
     const QueryOutcome<std::optional<math::IndexBox>> outcome =
-        AskActiveBox(dataset, layout, frame::IsovaluesOf(*spec), cancellation);
+        AskActiveBox(dataset, layout, frame::IsovaluesOf(*spec), request->clip(), cancellation);
     ReportFailures(/*frame_number=*/0, outcome.failures);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->has_value()) {
-      surface_bounds = view::BoundsOfCells(geometry, **outcome.result);
+      surface_bounds =
+          view::ClippedBounds(view::BoundsOfCells(geometry, **outcome.result), spec->clip);
     }
   }
   return rpc::ResolveCamera(geometry.Bounds(), request, spec, surface_bounds);

@@ -1,14 +1,15 @@
 // A frame or a pick is a FrameCall, which a reactor owns: UnaryCall for one response, StreamCall
 // for one in parts.
 //
-// An export (ExportCall) opens a stream to each agent and lets ExportSurface merge them, on an
-// export thread. Its chunks wait in outgoing_. When 4 MiB wait for a slow client, the merge waits,
-// and gRPC's flow control then stops the agents. OnCancel cancels the streams, which wakes the
-// merge.
+// An export (ExportCall) opens a stream to each agent, for one surface after the other, and lets
+// ExportSurface merge them, on an export thread. Its chunks wait in outgoing_. When 4 MiB wait for
+// a slow client, the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels
+// the streams, which wakes the merge.
 
 #include "server/isosurface_service_impl.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -25,6 +26,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
@@ -141,12 +143,12 @@ class IsosurfaceServiceImpl::ExportCall final
                            const isoscope::v1::ExportIsosurfaceRequest* request) {
     std::shared_ptr<ExportCall> call(new ExportCall(service, context, *request));
     call->self_ = call;
-    absl::Status status = rpc::CheckKnownFields(*request);
-    if (status.ok()) {
-      status = rpc::CheckFinite(request->isovalue(), "isovalue");
+    absl::StatusOr<rpc::ExportSpec> spec = rpc::ExportSpecFromProto(*request);
+    if (spec.ok()) {
+      call->spec_ = *std::move(spec);
     }
-    if (!status.ok()) {
-      call->outgoing_.Finish(status);
+    if (!spec.ok()) {
+      call->outgoing_.Finish(spec.status());
     } else if (!service->export_executor_.TrySchedule([call] { call->Run(); })) {
       call->outgoing_.Finish(absl::ResourceExhaustedError(
           absl::StrCat(kMaxConcurrentExports, " exports are in work and ", kMaxQueuedExports,
@@ -189,7 +191,7 @@ class IsosurfaceServiceImpl::ExportCall final
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok() ? "export_done" : "export_failed",
               {{"dataset", request_.dataset()},
-               {"isovalue", request_.isovalue()},
+               {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_},
                {"status", status}});
@@ -205,17 +207,36 @@ class IsosurfaceServiceImpl::ExportCall final
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
                               LayoutOf(dataset.dataset, geometry));
 
+    const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
+    std::int64_t vertex_count = 0;
+    for (std::size_t i = 0; i < spec_.isovalues.size(); ++i) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t added,
+                                ExportOne(dataset, volume, i, vertex_count));
+      vertex_count += added;
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<std::int64_t> ExportOne(const DatasetState& dataset, const ExportedVolume& volume,
+                                         std::size_t surface_index, std::int64_t first_vertex) {
+    isoscope::internal::v1::ExtractSurfaceRequest request;
+    request.set_dataset_id(dataset.dataset.dataset_id());
+    request.set_isovalue(spec_.isovalues[surface_index]);
+    if (request_.has_clip()) {
+      *request.mutable_clip() = request_.clip();
+    }
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
     for (const AgentAssignment& agent : dataset.agents) {
-      streams.push_back(std::make_unique<SurfaceStream>(agent, dataset.dataset.dataset_id(), layout,
-                                                        request_.isovalue(),
-                                                        cancellation_.deadline()));
+      streams.push_back(
+          std::make_unique<SurfaceStream>(agent, volume.layout, request, cancellation_.deadline()));
       sources.push_back(streams.back().get());
     }
     ShareStreams(streams);
-    absl::Status status = ExportSurface(
-        geometry, layout, sources, [this](SurfaceChunk chunk) { return Send(std::move(chunk)); });
+    absl::StatusOr<std::int64_t> vertex_count =
+        ExportSurface(volume, sources, first_vertex, [&](SurfaceChunk chunk) {
+          return Send(std::move(chunk), static_cast<std::int32_t>(surface_index));
+        });
     ShareStreams({});
     std::vector<AgentFailure> failures;
     for (std::size_t i = 0; i < streams.size(); ++i) {
@@ -227,7 +248,7 @@ class IsosurfaceServiceImpl::ExportCall final
       }
     }
     service_->runner_->ReportFailures(/*frame_number=*/0, failures);
-    return status;
+    return vertex_count;
   }
 
   // Lets OnCancel reach the streams while they live.
@@ -242,13 +263,14 @@ class IsosurfaceServiceImpl::ExportCall final
     }
   }
 
-  absl::Status Send(SurfaceChunk chunk) {
+  absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     sent_bytes_ += chunk.size_bytes();
     isoscope::v1::ExportIsosurfaceResponse message;
     message.set_positions(std::move(chunk.positions));
     message.set_normals(std::move(chunk.normals));
     message.set_triangles(std::move(chunk.triangles));
+    message.set_surface_index(surface_index);
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
@@ -258,6 +280,7 @@ class IsosurfaceServiceImpl::ExportCall final
 
   IsosurfaceServiceImpl* const service_;
   const isoscope::v1::ExportIsosurfaceRequest request_;
+  rpc::ExportSpec spec_;  // set before Run
   base::Cancellation cancellation_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::size_t sent_bytes_ = 0;
@@ -277,6 +300,7 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
                              .expected_viewport = options.expected_viewport})),
       export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
   rpc::PrepareKnownFields(isoscope::v1::RenderIsosurfaceRequest());
+  rpc::PrepareKnownFields(isoscope::v1::PickSurfaceRequest());
 }
 
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;

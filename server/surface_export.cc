@@ -2,16 +2,19 @@
 //
 // 1. A heap has the next block of each source, the smallest block id in front. A source sends its
 //    blocks in ascending order, so the front is the next block of the volume.
-// 2. The welder gives vertices their ids over the whole mesh. It recognises a vertex on a face
+// 2. The cutter takes away what the clip region leaves out (server/surface_cutter.h). Agents did
+// not
+//    send blocks that are wholly outside.
+// 3. The welder gives vertices their ids over the whole mesh. It recognises a vertex on a face
 //    between blocks by its edge key, so such a vertex is sent once (core/mesh/mesh_welder.h).
-// 3. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
+// 4. The chunker takes vertices to world space, turns the triangles of a mirrored grid, and cuts
 //    chunks of at most 1 MiB. A vertex takes 24 bytes and a triangle, too. In a block's part all
 //    vertices come before the triangles, so a triangle uses only vertices that were sent.
-// 4. The source of the block gives its next one.
+// 5. The source of the block gives its next one.
 //
 // The order of blocks is that of the volume, so mesh and chunks do not depend on how blocks are
 // spread over agents. Memory holds one block of each source, one chunk, and the welder's vertices
-// on faces between blocks.
+// on faces between blocks and on cuts.
 
 #include "server/surface_export.h"
 
@@ -26,6 +29,7 @@
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/mesh/mesh_welder.h"
+#include "server/surface_cutter.h"
 
 namespace isoscope::server {
 namespace {
@@ -43,10 +47,12 @@ void AppendVector(const math::Vec3f& vector, std::string* out) {
 // vertices that were sent.
 class Chunker {
  public:
-  Chunker(const volume::GridGeometry& geometry, absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
+  Chunker(const volume::GridGeometry& geometry, std::int64_t first_vertex,
+          absl::FunctionRef<absl::Status(SurfaceChunk)> emit)
       : world_from_index_(geometry.world_from_index()),
         // In a mirrored grid, counter-clockwise in index space is clockwise in the world.
         is_mirrored_(math::Determinant(geometry.direction) < 0),
+        first_vertex_(first_vertex),
         emit_(emit) {}
 
   absl::Status Add(const mesh::WeldedPart& part) {
@@ -63,9 +69,10 @@ class Chunker {
     }
     for (std::size_t i = 0; i + 2 < part.triangles.size(); i += 3) {
       ISOSCOPE_RETURN_IF_ERROR(MakeRoom(kTriangleBytes));
-      base::AppendLittleEndian(part.triangles[i], &chunk_.triangles);
-      base::AppendLittleEndian(part.triangles[is_mirrored_ ? i + 2 : i + 1], &chunk_.triangles);
-      base::AppendLittleEndian(part.triangles[is_mirrored_ ? i + 1 : i + 2], &chunk_.triangles);
+      for (const std::size_t corner :
+           {i, is_mirrored_ ? i + 2 : i + 1, is_mirrored_ ? i + 1 : i + 2}) {
+        base::AppendLittleEndian(first_vertex_ + part.triangles[corner], &chunk_.triangles);
+      }
     }
     return absl::OkStatus();
   }
@@ -84,6 +91,7 @@ class Chunker {
 
   const math::Mat4d world_from_index_;
   const bool is_mirrored_;
+  const std::int64_t first_vertex_;
   const absl::FunctionRef<absl::Status(SurfaceChunk)> emit_;
   SurfaceChunk chunk_;
 };
@@ -96,9 +104,10 @@ struct Head {
 
 }  // namespace
 
-absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
-                           const std::vector<SurfaceSource*>& sources,
-                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit) {
+absl::StatusOr<std::int64_t> ExportSurface(const ExportedVolume& volume,
+                                           const std::vector<SurfaceSource*>& sources,
+                                           std::int64_t first_vertex,
+                                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit) {
   const auto is_later = [](const Head& a, const Head& b) {
     return a.block.block_id > b.block.block_id;
   };
@@ -117,13 +126,14 @@ absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::B
     ISOSCOPE_RETURN_IF_ERROR(pull(i));
   }
 
-  mesh::MeshWelder welder(layout);
+  SurfaceCutter cutter(view::Clipper(volume.clip, volume.geometry), volume.layout);
+  mesh::MeshWelder welder(volume.layout);
   mesh::WeldedPart part;
-  Chunker chunker(geometry, emit);
+  Chunker chunker(volume.geometry, first_vertex, emit);
   std::int64_t previous_block = -1;
   while (!heads.empty()) {
     std::pop_heap(heads.begin(), heads.end(), is_later);
-    const Head head = std::move(heads.back());
+    Head head = std::move(heads.back());
     heads.pop_back();
     if (std::int64_t{head.block.block_id} <= previous_block) {
       return absl::InternalError(absl::StrCat("agents sent block ", head.block.block_id,
@@ -131,11 +141,13 @@ absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::B
                                               ": ids must ascend and be sent once"));
     }
     previous_block = head.block.block_id;
+    cutter.Cut(&head.block);
     welder.Add(head.block, &part);
     ISOSCOPE_RETURN_IF_ERROR(chunker.Add(part));
     ISOSCOPE_RETURN_IF_ERROR(pull(head.source_index));
   }
-  return chunker.Flush();
+  ISOSCOPE_RETURN_IF_ERROR(chunker.Flush());
+  return welder.vertex_count();
 }
 
 }  // namespace isoscope::server

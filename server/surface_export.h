@@ -1,10 +1,11 @@
-// Exports a whole isosurface: merges the agents' blocks by block id, welds them, and takes them to
-// world space. No gRPC types.
+// Exports a whole isosurface: merges the agents' blocks by block id, cuts them at the clip region,
+// welds them, and takes them to world space. No gRPC types.
 
 #ifndef ISOSCOPE_SERVER_SURFACE_EXPORT_H_
 #define ISOSCOPE_SERVER_SURFACE_EXPORT_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/mesh/block_mesh.h"
+#include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/grid_geometry.h"
 
@@ -39,12 +41,24 @@ struct SurfaceChunk {
 // The most bytes of a chunk.
 inline constexpr std::size_t kSurfaceChunkBytes = 1 << 20;
 
+// The grid of an export, and the region to export.
+struct ExportedVolume {
+  volume::GridGeometry geometry;
+  volume::BlockLayout layout;
+  view::ClipRegion clip = {};
+};
+
 // Pulls all sources to their ends, and gives the welded mesh to `emit` in chunks of at most
 // kSurfaceChunkBytes. The chunks do not depend on how blocks are spread over sources. Stops at the
 // first error of a source or of `emit`. INTERNAL if block ids do not ascend.
-absl::Status ExportSurface(const volume::GridGeometry& geometry, const volume::BlockLayout& layout,
-                           const std::vector<SurfaceSource*>& sources,
-                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit);
+//
+// first_vertex: of this surface; vertices of earlier surfaces come before it
+//
+// Returns the number of vertices of this surface.
+absl::StatusOr<std::int64_t> ExportSurface(const ExportedVolume& volume,
+                                           const std::vector<SurfaceSource*>& sources,
+                                           std::int64_t first_vertex,
+                                           absl::FunctionRef<absl::Status(SurfaceChunk)> emit);
 
 }  // namespace isoscope::server
 

@@ -1,6 +1,7 @@
 // A vertex is shared by blocks iff its edge lies on a face between them, which its key tells: key =
 // 3 * (linear index of the edge's lower sample) + axis, and blocks meet at multiples of
-// block_cells. Only those vertices are looked up in a table; all others are new.
+// block_cells. Only those vertices are looked up in a table; all others are new. Vertices of cuts
+// are looked up, too: there are few, and their keys do not tell where they lie.
 //
 // Example: blocks of 8 cells in a volume of 17 samples an axis. The x edge at sample (3, 8, 5) lies
 // on the face y = 8: its vertex is in two blocks. The y edge there is not shared: it goes from y =
@@ -15,6 +16,9 @@
 namespace isoscope::mesh {
 
 bool MeshWelder::IsShared(std::int64_t edge_key) const {
+  if (edge_key < 0) {
+    return true;
+  }
   const math::Index3& dims = layout_.sample_dims();
   const auto axis = static_cast<int>(edge_key % 3);
   const std::int64_t linear = edge_key / 3;

@@ -31,7 +31,8 @@ struct WeldedPart {
 };
 
 // Gives every vertex of the volume one vertex id, counting from 0. Remembers the vertices on faces
-// between blocks, and no others. Thread-compatible.
+// between blocks and those with negative keys, which cuts have made, and no others.
+// Thread-compatible.
 class MeshWelder {
  public:
   explicit MeshWelder(const volume::BlockLayout& layout) : layout_(layout) {}
@@ -45,7 +46,7 @@ class MeshWelder {
   [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
 
  private:
-  // Returns true if the edge lies on a face between blocks.
+  // Returns true if the edge lies on a face between blocks, or may do so, as that of a cut.
   [[nodiscard]] bool IsShared(std::int64_t edge_key) const;
 
   const volume::BlockLayout layout_;

@@ -150,24 +150,6 @@ absl::StatusOr<math::Box3d> BoxFromProto(const isoscope::v1::Box& proto, const s
   return box;
 }
 
-absl::StatusOr<view::ClipRegion> ClipFromProto(const isoscope::v1::ClipRegion& proto) {
-  view::ClipRegion clip;
-  if (static_cast<std::size_t>(proto.half_spaces_size()) > view::kMaxHalfSpaces) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("clip.half_spaces has ", proto.half_spaces_size(),
-                     " elements: must have at most ", view::kMaxHalfSpaces));
-  }
-  for (int i = 0; i < proto.half_spaces_size(); ++i) {
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        clip.half_spaces.emplace_back(),
-        HalfSpaceFromProto(proto.half_spaces(i), absl::StrCat("clip.half_spaces[", i, "]")));
-  }
-  if (proto.has_box()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(clip.box, BoxFromProto(proto.box(), "clip.box"));
-  }
-  return clip;
-}
-
 absl::StatusOr<frame::ImageFormat> ImageFormatFromProto(
     isoscope::v1::OutputOptions::ImageFormat proto, absl::string_view path) {
   using Proto = isoscope::v1::OutputOptions;
@@ -310,7 +292,7 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     ISOSCOPE_ASSIGN_OR_RETURN(spec.background_color,
                               ColorFromProto(request.background_color(), "background_color"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipFromProto(request.clip()));
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
   if (request.max_layers() < 0 || request.max_layers() > frame::kMaxLayers) {
     return absl::InvalidArgumentError(
         absl::StrCat("max_layers is ", request.max_layers(), ": must lie in [1, ",
@@ -326,6 +308,40 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
         absl::StrCat("background_color.alpha is ", request.background_color().alpha(),
                      ": must be 1 with output.image_format JPEG, which has no transparency"));
   }
+  return spec;
+}
+
+absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipRegion& proto,
+                                                     const std::string& path) {
+  view::ClipRegion clip;
+  if (static_cast<std::size_t>(proto.half_spaces_size()) > view::kMaxHalfSpaces) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".half_spaces has ", proto.half_spaces_size(),
+                     " elements: must have at most ", view::kMaxHalfSpaces));
+  }
+  for (int i = 0; i < proto.half_spaces_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        clip.half_spaces.emplace_back(),
+        HalfSpaceFromProto(proto.half_spaces(i), absl::StrCat(path, ".half_spaces[", i, "]")));
+  }
+  if (proto.has_box()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(clip.box, BoxFromProto(proto.box(), absl::StrCat(path, ".box")));
+  }
+  return clip;
+}
+
+absl::StatusOr<ExportSpec> ExportSpecFromProto(
+    const isoscope::v1::ExportIsosurfaceRequest& request) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
+  isoscope::v1::RenderIsosurfaceRequest frame;
+  frame.set_isovalue(request.isovalue());
+  *frame.mutable_surfaces() = request.surfaces();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<frame::Surface> surfaces, SurfacesFromProto(frame));
+  ExportSpec spec;
+  for (const frame::Surface& surface : surfaces) {
+    spec.isovalues.push_back(surface.isovalue);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
   return spec;
 }
 

@@ -5,6 +5,8 @@
 #define ISOSCOPE_CORE_RPC_FRAME_CONVERT_H_
 
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -13,6 +15,7 @@
 #include "core/frame/frame_spec.h"
 #include "core/frame/picture_revision.h"
 #include "core/math/box.h"
+#include "core/view/clip_region.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -23,6 +26,21 @@ namespace isoscope::rpc {
 // every machine. INVALID_ARGUMENT names the field, its value and the allowed values.
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request);
+
+// Converts a clip region. INVALID_ARGUMENT names the field below `path`, its value and the allowed
+// values.
+absl::StatusOr<view::ClipRegion> ClipRegionFromProto(const isoscope::v1::ClipRegion& proto,
+                                                     const std::string& path);
+
+// A request for a mesh, in core types.
+struct ExportSpec {
+  std::vector<double> isovalues;  // of the surfaces, 1 to frame::kMaxSurfaces
+  view::ClipRegion clip;
+};
+// Converts a request. Surfaces and clip region are checked as those of a frame, also for unknown
+// fields.
+absl::StatusOr<ExportSpec> ExportSpecFromProto(
+    const isoscope::v1::ExportIsosurfaceRequest& request);
 
 // Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
 // will read from the message, so all have the same bits. With `surface_bounds` (CAMERA_FIT_SURFACE)

@@ -1,6 +1,8 @@
 #include "core/rpc/pick_convert.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 
@@ -75,6 +77,38 @@ absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceReques
   spec.request.clear_silhouette();
   spec.frame.effects = {};
   return spec;
+}
+
+absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
+    const isoscope::internal::v1::GetGradientsRequest& proto) {
+  if (proto.points_size() > kMaxPickedPixels) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "points has ", proto.points_size(), " elements: must have at most ", kMaxPickedPixels));
+  }
+  std::vector<math::Vec3d> points;
+  for (int i = 0; i < proto.points_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(points.emplace_back(),
+                              VectorFromProto(proto.points(i), absl::StrCat("points[", i, "]")));
+  }
+  return points;
+}
+
+absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
+                          std::vector<std::optional<math::Vec3d>>* gradients) {
+  for (int i = 0; i < proto.gradients_size(); ++i) {
+    const isoscope::internal::v1::PointGradient& gradient = proto.gradients(i);
+    const std::string path = absl::StrCat("gradients[", i, "]");
+    if (gradient.point_index() < 0 ||
+        static_cast<std::size_t>(gradient.point_index()) >= gradients->size()) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".point_index is ",
+                                                     gradient.point_index(), ": must be in [0, ",
+                                                     gradients->size(), ")"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        (*gradients)[static_cast<std::size_t>(gradient.point_index())],
+        VectorFromProto(gradient.gradient(), absl::StrCat(path, ".gradient")));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace isoscope::rpc

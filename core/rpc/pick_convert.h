@@ -3,11 +3,15 @@
 #ifndef ISOSCOPE_CORE_RPC_PICK_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_PICK_CONVERT_H_
 
+#include <optional>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
 #include "core/frame/frame_spec.h"
+#include "core/math/vec.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::rpc {
@@ -32,6 +36,18 @@ struct PickSpec {
 // Checks everything that does not depend on the dataset, also for unknown fields. INVALID_ARGUMENT
 // names the field, its value and the allowed values.
 absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceRequest& proto);
+
+// Converts the points of a request to an agent. INVALID_ARGUMENT if there are more than
+// kMaxPickedPixels, or one is not finite.
+absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
+    const isoscope::internal::v1::GetGradientsRequest& proto);
+
+// Puts the gradients of one agent's answer to their points. INVALID_ARGUMENT if a point is none of
+// the request's, or a gradient is not finite.
+//
+// gradients: one for each point
+absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
+                          std::vector<std::optional<math::Vec3d>>* gradients);
 
 }  // namespace isoscope::rpc
 

@@ -1,5 +1,7 @@
 #include "core/view/camera_fit.h"
 
+#include <algorithm>
+
 #include "absl/status/status.h"
 
 #include "core/base/check.h"
@@ -79,6 +81,21 @@ math::Box3d BoundsOfCells(const volume::GridGeometry& geometry, const math::Inde
     bounds.Add(math::TransformPoint(to_world, corner));
   }
   return bounds;
+}
+
+math::Box3d ClippedBounds(const math::Box3d& bounds, const ClipRegion& clip) {
+  if (!clip.box) {
+    return bounds;
+  }
+  math::Box3d clipped;
+  for (int axis = 0; axis < 3; ++axis) {
+    clipped.min[axis] = std::max(bounds.min[axis], clip.box->min[axis]);
+    clipped.max[axis] = std::min(bounds.max[axis], clip.box->max[axis]);
+    if (clipped.min[axis] > clipped.max[axis]) {
+      return bounds;
+    }
+  }
+  return clipped.Radius() > 0 ? clipped : bounds;
 }
 
 Camera MoveToBox(const Camera& camera, const math::Box3d& from, const math::Box3d& to) {

@@ -9,6 +9,7 @@
 
 #include "core/math/box.h"
 #include "core/view/camera.h"
+#include "core/view/clip_region.h"
 #include "core/volume/grid_geometry.h"
 #include "core/volume/patient_frame.h"
 
@@ -16,6 +17,10 @@ namespace isoscope::view {
 
 // Returns the world box around the cells [begin, end) of a grid. REQUIRES: they are cells of it.
 math::Box3d BoundsOfCells(const volume::GridGeometry& geometry, const math::IndexBox& cells);
+
+// Returns the part of `bounds` inside of the region's box; `bounds` if there is no box, or if
+// nothing but a point would be left.
+math::Box3d ClippedBounds(const math::Box3d& bounds, const ClipRegion& clip);
 
 // Returns a camera for box `to` that frames it as `camera` frames box `from`: moved and scaled by
 // what takes the sphere around the one to the sphere around the other. Direction, up and angle

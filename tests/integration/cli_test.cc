@@ -1,8 +1,6 @@
 // The command line as its users type it: partition, info, serve, render, export, and what they
 // promise about each other.
 
-#include <png.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -26,11 +24,11 @@
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
+#include "tests/integration/cli_fixture.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/reference_extractor.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 
 namespace isoscope {
 namespace {
@@ -39,55 +37,12 @@ using nlohmann::json;
 using testing::CommandResult;
 using testing::RunIsoscope;
 
-constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
-// As --isovalue, and what the reference takes.
-constexpr char kIsovalue[] = "128";
-
-std::vector<std::string> Join(std::vector<std::string> a, const std::vector<std::string>& b) {
-  a.insert(a.end(), b.begin(), b.end());
-  return a;
-}
-
-std::string ReadFile(const std::string& path) {
-  absl::StatusOr<std::string> bytes = io::ReadWholeFile(path, kMaxFileBytes);
-  EXPECT_THAT(bytes, testing::IsOk());
-  return bytes.value_or("");
-}
-
-// Runs a command that must succeed and returns its standard output.
-std::string MustRun(const std::vector<std::string>& arguments,
-                    const testing::ProcessOptions& options = {}) {
-  const CommandResult result = RunIsoscope(arguments, options);
-  EXPECT_EQ(result.exit_code, 0) << result.err;
-  return result.out;
-}
-
-json ParseJson(const std::string& text) {
-  json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
-  EXPECT_FALSE(parsed.is_discarded()) << text;
-  return parsed;
-}
-
 std::set<std::string> KeysOf(const json& object) {
   std::set<std::string> keys;
   for (const auto& [key, value] : object.items()) {
     keys.insert(key);
   }
   return keys;
-}
-
-// Decodes a PNG that is wider than DecodePng takes.
-std::vector<image::Rgba8> ReadWide(const std::string& png, int width, int height) {
-  png_image image;
-  std::memset(&image, 0, sizeof(image));
-  image.version = PNG_IMAGE_VERSION;
-  EXPECT_NE(png_image_begin_read_from_memory(&image, png.data(), png.size()), 0) << image.message;
-  EXPECT_EQ(image.width, static_cast<unsigned>(width));
-  EXPECT_EQ(image.height, static_cast<unsigned>(height));
-  image.format = PNG_FORMAT_RGBA;
-  std::vector<image::Rgba8> pixels(std::size_t{image.width} * image.height);
-  EXPECT_NE(png_image_finish_read(&image, nullptr, pixels.data(), 0, nullptr), 0) << image.message;
-  return pixels;
 }
 
 // A mesh read back from a file of `isoscope export`.
@@ -156,44 +111,6 @@ std::vector<std::array<std::array<float, 3>, 3>> TrianglesOf(const PlyMesh& mesh
   std::sort(triangles.begin(), triangles.end());
   return triangles;
 }
-
-// Runs with a cache of its own, so that nothing is shared with the user's or another test.
-class CliTest : public ::testing::Test {
- protected:
-  [[nodiscard]] testing::ProcessOptions Options() const {
-    return {.environment = {"XDG_CACHE_HOME=" + directory_.Sub("cache")}};
-  }
-  [[nodiscard]] std::string Path(const std::string& name) const { return directory_.Sub(name); }
-
-  // Writes the volume and partitions it with the command line.
-  void Partition(const testing::TestVolume& volume, const std::string& name, int shard_count) {
-    const std::string raw = Path("volume.raw");
-    if (!io::PathExists(raw)) {
-      ISOSCOPE_ASSERT_OK(testing::WriteRawFile(volume, raw));
-    }
-    MustRun(Join({"partition", raw, "--output", Path(name), "--shards", absl::StrCat(shard_count),
-                  "--block-cells", "8"},
-                 testing::RawFlags(volume)));
-  }
-
-  // Renders and returns the PNG's bytes; the statistics go to `stats`.
-  std::string Render(const std::vector<std::string>& arguments, json* stats = nullptr) {
-    const std::string png = Path("picture.png");
-    const std::string stats_path = Path("stats.json");
-    MustRun(Join({"render", "--isovalue", kIsovalue, "--width", "160", "--height", "120",
-                  "--output", png, "--stats", stats_path},
-                 arguments),
-            Options());
-    if (stats != nullptr) {
-      *stats = ParseJson(ReadFile(stats_path));
-    }
-    return ReadFile(png);
-  }
-
-  testing::TempDir directory_;
-  // Blocks of 8 do not divide it, on any axis.
-  const testing::TestVolume gyroid_ = testing::GyroidVolume({43, 37, 29});
-};
 
 TEST_F(CliTest, RawFileWithHeaderAndBigEndianIsTheSameVolumeAsNrrd) {
   testing::TestVolume volume = gyroid_;
@@ -351,99 +268,6 @@ TEST_F(CliTest, UniqueVertexCountIsTheNumberOfCrossedGridEdges) {
   EXPECT_EQ(frame.at("triangle_count"), reference.triangles.size());
 }
 
-TEST_F(CliTest, PictureDoesNotDependOnCullingShardsOrWhereItIsMade) {
-  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "one", 1));
-  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
-  const std::vector<std::string> view{"--azimuth", "35", "--elevation", "20", "--zoom", "1.3"};
-  const std::vector<std::string> cpu{"--renderer", "cpu"};
-
-  json stats_of_one;
-  json stats_of_three;
-  const std::string png = Render(Join({Path("one")}, Join(view, cpu)), &stats_of_one);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage decoded, image::DecodePng(png));
-  EXPECT_EQ(decoded.width, 160);
-  EXPECT_EQ(decoded.height, 120);
-  // Defends the test: an empty picture never depends on anything.
-  const auto lit = std::count_if(decoded.pixels.begin(), decoded.pixels.end(),
-                                 [](const image::Rgba8& p) { return p.r + p.g + p.b > 0; });
-  EXPECT_GT(lit, 160 * 120 / 4);
-
-  EXPECT_EQ(Render(Join({Path("three")}, Join(view, cpu)), &stats_of_three), png);
-  EXPECT_EQ(stats_of_one.at("frames").at(0).at("triangle_count"),
-            stats_of_three.at("frames").at(0).at("triangle_count"));
-  EXPECT_EQ(Render(Join({Path("one"), "--culling", "none"}, Join(view, cpu))), png) << "culling";
-  EXPECT_EQ(Render(Join({Path("one"), "--threads", "1"}, Join(view, cpu))), png) << "threads";
-
-  const std::vector<std::string> source = Join({Path("volume.raw")}, testing::RawFlags(gyroid_));
-  EXPECT_EQ(Render(Join(source, Join(view, cpu))), png) << "straight from the volume";
-  EXPECT_EQ(Render(Join(source, Join(view, cpu))), png) << "from the cache";
-  EXPECT_EQ(Render(Join(source, Join({"--shards", "3"}, Join(view, cpu)))), png)
-      << "from the volume, in three shards";
-
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
-                                testing::ProcessCluster::Start(Path("three"), 3));
-  EXPECT_EQ(Render(Join({"--server", cluster->address()}, view)), png) << "from a cluster";
-}
-
-TEST_F(CliTest, ARegionAndAPosterHaveThePixelsOfTheWhole) {
-  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const image::RgbaImage whole,
-      image::DecodePng(Render({Path("three"), "--azimuth", "35", "--renderer", "cpu"})));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const image::RgbaImage part,
-      image::DecodePng(Render(
-          {Path("three"), "--azimuth", "35", "--renderer", "cpu", "--region", "50,20,70,61"})));
-  ASSERT_EQ(part.width, 70);
-  ASSERT_EQ(part.height, 61);
-  int lit = 0;
-  for (int y = 0; y < part.height; ++y) {
-    for (int x = 0; x < part.width; ++x) {
-      const image::Rgba8 pixel = part.pixels[static_cast<std::size_t>(y * part.width + x)];
-      ASSERT_EQ(pixel, whole.pixels[static_cast<std::size_t>((y + 20) * whole.width + x + 50)]);
-      lit += pixel.r > 0 ? 1 : 0;
-    }
-  }
-  EXPECT_GT(lit, 70 * 61 / 4);
-
-  // A picture that no frame can be: 17000 pixels wide. Tiles make it; one region shows one of them.
-  const auto render_wide = [&](const std::vector<std::string>& more) {
-    const std::string png = Path("wide.png");
-    const std::string out =
-        MustRun(Join({"render", Path("three"), "--isovalue", kIsovalue, "--renderer", "cpu",
-                      "--width", "17000", "--height", "60", "--output", png},
-                     more),
-                Options());
-    return std::pair(ReadFile(png), out);
-  };
-  const auto [poster, text] = render_wide({"--stats", Path("regions.json")});
-  EXPECT_TRUE(absl::StrContains(text, "17000 x 60 pixels in 2 regions")) << text;
-  EXPECT_EQ(ParseJson(ReadFile(Path("regions.json"))).at("frames").size(), 2U);
-  const auto [middle_png, middle_text] = render_wide({"--region", "8450,7,100,50"});
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage middle, image::DecodePng(middle_png));
-  const std::vector<image::Rgba8> pixels = ReadWide(poster, 17000, 60);
-  lit = 0;
-  for (int y = 0; y < 50; ++y) {
-    for (int x = 0; x < 100; ++x) {
-      const image::Rgba8 pixel = middle.pixels[static_cast<std::size_t>(y * 100 + x)];
-      ASSERT_EQ(pixel, pixels[static_cast<std::size_t>((y + 7) * 17000 + x + 8450)]);
-      lit += pixel.r > 0 ? 1 : 0;
-    }
-  }
-  EXPECT_GT(lit, 100);
-}
-
-TEST_F(CliTest, EglBackEndCullsWithoutTouchingThePicture) {
-  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "one", 1));
-  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "three", 3));
-  json stats;
-  json all_stats;
-  const std::string png = Render({Path("three"), "--renderer", "egl"}, &stats);
-  EXPECT_EQ(Render({Path("one"), "--renderer", "egl", "--culling", "none"}, &all_stats), png);
-  EXPECT_LE(stats.at("frames").at(0).at("triangle_count"),
-            all_stats.at("frames").at(0).at("triangle_count"));
-}
-
 TEST_F(CliTest, ServeAnswersUntilSigtermAndExitsWithZero) {
   ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
   const std::string png = Render({Path("d"), "--renderer", "cpu"});
@@ -492,53 +316,6 @@ TEST_F(CliTest, ALevelWithoutASurfaceIsSaidForEveryKindOfInput) {
       EXPECT_EQ(full.err, "") << command;
     }
   }
-}
-
-TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
-  ASSERT_NO_FATAL_FAILURE(Partition(gyroid_, "d", 2));
-  const std::vector<std::string> base{"render", Path("d"),  "--isovalue", kIsovalue,    "--width",
-                                      "80",     "--height", "80",         "--renderer", "cpu"};
-  const std::string out = MustRun(
-      Join(base, {"--output", Path("f%d.png"), "--repeat", "3", "--orbit", "30", "--stats", "-"}));
-  EXPECT_EQ(ParseJson(out).at("frames").size(), 3U);
-  std::set<std::string> pictures;
-  for (const int frame : {0, 1, 2}) {
-    const std::string picture = ReadFile(Path(absl::StrCat("f", frame, ".png")));
-    pictures.insert(picture);
-    MustRun(Join(base, {"--azimuth", absl::StrCat(30 * frame), "--output", Path("turned.png")}));
-    EXPECT_EQ(ReadFile(Path("turned.png")), picture) << "frame " << frame;
-  }
-  EXPECT_EQ(pictures.size(), 3U) << "the camera did not move";
-
-  // Without a place for the number only the last frame stays.
-  MustRun(Join(base, {"--output", Path("last.png"), "--repeat", "3", "--orbit", "30"}));
-  EXPECT_EQ(ReadFile(Path("last.png")), ReadFile(Path("f2.png")));
-}
-
-TEST_F(CliTest, DefaultCameraIsThatOfVtk) {
-  testing::TestVolume volume = gyroid_;
-  volume.geometry.spacing = {1, 2, 0.5};
-  volume.geometry.origin = {100, -50, 7};
-  ASSERT_NO_FATAL_FAILURE(Partition(volume, "d", 1));
-  const math::Vec3d size{42 * 1.0, 36 * 2.0, 28 * 0.5};
-  const math::Vec3d center = volume.geometry.origin + size * 0.5;
-  const double distance = 0.5 * math::Length(size) / std::sin(15 * std::acos(-1.0) / 180);
-  const auto triple = [](const math::Vec3d& v) {
-    return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z);
-  };
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage by_default,
-                                image::DecodePng(Render({Path("d"), "--renderer", "cpu"})));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const image::RgbaImage explicitly,
-      image::DecodePng(Render({Path("d"), "--renderer", "cpu", "--eye",
-                               triple(center + math::Vec3d{0, 0, distance}), "--target",
-                               triple(center), "--up", "0,1,0", "--fov-y", "30"})));
-  // The two eyes may differ in the last bit; a pixel on an edge may then fall to the other side.
-  int different = 0;
-  for (std::size_t i = 0; i < by_default.pixels.size(); ++i) {
-    different += by_default.pixels[i] == explicitly.pixels[i] ? 0 : 1;
-  }
-  EXPECT_LE(different, 20) << "of " << by_default.pixels.size();
 }
 
 TEST_F(CliTest, ExportIsOneWeldedClosedMeshThatDoesNotDependOnShards) {
@@ -725,85 +502,6 @@ TEST_F(CliTest, HistogramAndSuggestionsDoNotDependOnShardsOrWhereTheyAreMade) {
   EXPECT_TRUE(absl::StrContains(text, "suggested:")) << text;
   EXPECT_TRUE(absl::StrContains(text, "(logarithmic)")) << text;
   EXPECT_TRUE(absl::StartsWith(ReadFile(Path("h.svg")), "<svg "));
-}
-
-TEST_F(CliTest, FittedAndSavedCamerasAreTheSameForAnyShardsAndMakeThePictureAgain) {
-  const testing::TestVolume ball = testing::BallVolume({50, 46, 42}, 0.3);
-  ASSERT_NO_FATAL_FAILURE(Partition(ball, "one", 1));
-  ASSERT_NO_FATAL_FAILURE(Partition(ball, "three", 3));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
-                                testing::ProcessCluster::Start(Path("three"), 3));
-  const std::vector<std::vector<std::string>> inputs{{Path("one"), "--renderer", "cpu"},
-                                                     {Path("three"), "--renderer", "cpu"},
-                                                     {"--server", cluster->address()}};
-  const std::string whole = Render({Path("one"), "--renderer", "cpu"});
-  for (const std::vector<std::string>& flags : std::vector<std::vector<std::string>>{
-           {"--fit", "surface"},
-           {"--fit", "surface", "--view", "top", "--azimuth", "20", "--zoom", "1.2"},
-           {"--view", "left"}}) {
-    SCOPED_TRACE(::testing::PrintToString(flags));
-    std::string camera;
-    std::string png;
-    for (const std::vector<std::string>& input : inputs) {
-      const std::string made = Render(Join(Join(flags, {"--save-camera", Path("c.json")}), input));
-      const std::string saved = ReadFile(Path("c.json"));
-      if (png.empty()) {
-        png = made;
-        camera = saved;
-        EXPECT_NE(png, whole);
-      }
-      EXPECT_EQ(saved, camera) << input[0];
-      EXPECT_TRUE(made == png) << input[0];
-      EXPECT_TRUE(Render(Join({"--camera", Path("c.json")}, input)) == png) << input[0];
-      EXPECT_EQ(ReadFile(Path("c.json")), camera);
-    }
-  }
-  // The surface fills the picture: the eye is nearer by the ratio of the boxes.
-  const auto distance_of = [&](const std::vector<std::string>& flags) {
-    Render(Join(flags, {Path("one"), "--renderer", "cpu", "--save-camera", Path("c.json")}));
-    const json camera = ParseJson(ReadFile(Path("c.json")));
-    return camera.at("eye").at(2).get<double>() - camera.at("target").at(2).get<double>();
-  };
-  EXPECT_LT(distance_of({"--fit", "surface"}), 0.75 * distance_of({}));
-  EXPECT_EQ(distance_of({"--fit", "volume"}), distance_of({}));
-  // Nothing to fit to: the volume, as without.
-  const CommandResult empty = RunIsoscope(
-      {"render", Path("one"), "--isovalue", "300", "--fit", "surface", "--width", "160", "--height",
-       "120", "--renderer", "cpu", "--output", Path("e.png"), "--save-camera", Path("e.json")});
-  EXPECT_EQ(empty.exit_code, 0) << empty.err;
-  distance_of({});
-  EXPECT_EQ(ReadFile(Path("e.json")), ReadFile(Path("c.json")));
-}
-
-TEST_F(CliTest, ViewsOfAPatientFollowTheFrameOfTheFile) {
-  const testing::TestVolume ball = testing::BallVolume({30, 26, 22}, 0.8);
-  const auto write = [&](const std::string& name, const std::string& space) {
-    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(
-        Path(name), absl::StrCat("NRRD0004\ntype: uchar\ndimension: 3\n", space,
-                                 "\nsizes: 30 26 22\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
-                                 "space origin: (0,0,0)\nencoding: raw\n\n",
-                                 ball.samples)));
-  };
-  ASSERT_NO_FATAL_FAILURE(write("lps.nrrd", "space: left-posterior-superior"));
-  ASSERT_NO_FATAL_FAILURE(write("plain.nrrd", "space dimension: 3"));
-  const auto camera_of = [&](const std::string& name, const char* view) {
-    Render({Path(name), "--renderer", "cpu", "--view", view, "--save-camera", Path("c.json")});
-    return ParseJson(ReadFile(Path("c.json")));
-  };
-  const json info =
-      ParseJson(MustRun({"info", Path("lps.nrrd"), "--histogram", "--json"}, Options()));
-  EXPECT_EQ(info.at("datasets").at(0).at("patient_frame"), "LPS");
-  const json anterior = camera_of("lps.nrrd", "anterior");
-  EXPECT_LT(anterior.at("eye").at(1), anterior.at("target").at(1));
-  EXPECT_EQ(anterior.at("up"), json({0.0, 0.0, 1.0}));
-  EXPECT_GT(camera_of("lps.nrrd", "left").at("eye").at(0).get<double>(), 30);
-  EXPECT_LT(camera_of("plain.nrrd", "left").at("eye").at(0).get<double>(), 0);
-  EXPECT_EQ(camera_of("lps.nrrd", "front"), camera_of("plain.nrrd", "front"));
-  const CommandResult refused = RunIsoscope({"render", Path("plain.nrrd"), "--isovalue", "128",
-                                             "--view", "anterior", "--output", Path("p.png")},
-                                            Options());
-  EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_TRUE(absl::StrContains(refused.err, "no patient frame")) << refused.err;
 }
 
 TEST_F(CliTest, HelpAndVersionAreNoErrors) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -126,6 +127,103 @@ TEST_F(ExportTest, IslandsAreDroppedAndSaid) {
             all.triangles.size());
 }
 
+// Two surfaces of the ball, and half of each: the same bytes for one shard, three shards, and three
+// agents.
+TEST_F(ExportTest, ClippedSurfacesAreTheSameForAnyNumberOfShards) {
+  const std::vector<std::string> flags{"--surface",  "127.5:1,0.5,0",      "--surface",
+                                       "60",         "--clip-plane",       "1,0.2,0,20",
+                                       "--clip-box", "0,33.5,0,99,3.25,30"};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                testing::ProcessCluster::Start(Path("three"), 3));
+  for (const char* name : {"m.ply", "m.obj", "m.glb", "m.vtp"}) {
+    SCOPED_TRACE(name);
+    const auto run = [&](const std::vector<std::string>& from) {
+      const CommandResult result =
+          testing::RunIsoscope(Join(Join({"export", "--output", Path(name)}, from), flags));
+      EXPECT_EQ(result.exit_code, 0) << result.err;
+      return io::ReadWholeFile(Path(name), 64 * base::kMiB).value_or("");
+    };
+    const std::string one = run({Path("one")});
+    EXPECT_GT(one.size(), 10'000U);
+    EXPECT_TRUE(run({Path("three")}) == one);
+    EXPECT_TRUE(run({"--server", cluster->address()}) == one);
+  }
+}
+
+// Nothing lies outside, open edges lie on the borders alone, and the first surface is what it is
+// without the second.
+TEST_F(ExportTest, ClippedSurfaceIsOpenAtTheBordersAlone) {
+  const auto read = [&](const std::vector<std::string>& surfaces) {
+    const std::vector<std::string> all = Join(
+        {"export", Path("one"), "--output", Path("m.obj"), "--clip-plane", "0,0,1,12.5"}, surfaces);
+    const CommandResult result = testing::RunIsoscope(all);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return io::ReadWholeFile(Path("m.obj"), 64 * base::kMiB).value_or("");
+  };
+  const std::string one = read({"--isovalue", "127.5"});
+  std::vector<double> heights;
+  std::map<std::pair<std::size_t, std::size_t>, int> edges;
+  std::istringstream lines(one);
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream in(line);
+    std::string word;
+    in >> word;
+    if (word == "v") {
+      double x = 0;
+      double y = 0;
+      in >> x >> y >> heights.emplace_back();
+      EXPECT_GE(heights.back(), 12.5 - 1e-5);
+    } else if (word == "f") {
+      std::vector<std::size_t> corners;
+      for (std::string corner; in >> corner;) {
+        corners.push_back(std::stoul(corner) - 1);
+      }
+      for (std::size_t k = 0; k < 3; ++k) {
+        ++edges[std::minmax(corners[k], corners[(k + 1) % 3])];
+      }
+    }
+  }
+  int open_count = 0;
+  for (const auto& [edge, count] : edges) {
+    if (count == 1) {
+      ++open_count;
+      EXPECT_NEAR(heights[edge.first], 12.5, 1e-5);
+      EXPECT_NEAR(heights[edge.second], 12.5, 1e-5);
+    }
+  }
+  EXPECT_GT(open_count, 50);
+  const std::string two = read({"--surface", "127.5", "--surface", "60"});
+  const std::string head = "# isoscope\no surface_0_isovalue_127.5\n";
+  EXPECT_EQ(two.substr(0, head.size()), head);
+  EXPECT_TRUE(two.substr(head.size(), one.size() - 11) == one.substr(11));
+}
+
+TEST_F(ExportTest, IslandsAndSharesAreThoseOfEachSurface) {
+  const auto export_to = [&](const std::string& name, const std::vector<std::string>& flags) {
+    const CommandResult result =
+        testing::RunIsoscope(Join({"export", Path("one"), "--output", Path(name)}, flags));
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    out_ = result.out;
+    return io::ReadWholeFile(Path(name), 64 * base::kMiB).value_or("");
+  };
+  const std::vector<std::string> filters{"--min-component", "9", "--simplify", "0.3"};
+  std::vector<std::uint32_t> expected;
+  std::size_t vertex_count = 0;
+  for (const char* isovalue : {"127.5", "60"}) {
+    const PlyCounts alone =
+        ReadPly(export_to("a.ply", Join({"--isovalue", isovalue}, filters)), 24);
+    for (const std::uint32_t vertex : alone.triangles) {
+      expected.push_back(static_cast<std::uint32_t>(vertex_count) + vertex);
+    }
+    vertex_count += alone.vertex_count;
+  }
+  const PlyCounts both =
+      ReadPly(export_to("b.ply", Join({"--surface", "127.5", "--surface", "60"}, filters)), 25);
+  EXPECT_TRUE(absl::StrContains(out_, "dropped 4 of 6 components, 32 of ")) << out_;
+  EXPECT_EQ(both.vertex_count, vertex_count);
+  EXPECT_TRUE(both.triangles == expected);
+}
+
 TEST_F(ExportTest, SimplifiedSurfaceHasTheShareAndNoHole) {
   const PlyCounts all = ReadPly(MustExport("all.ply", {"--min-component", "9"}), 24);
   const PlyCounts few = ReadPly(
@@ -155,7 +253,10 @@ TEST_F(ExportTest, FlagsThatDoNotFitAreWrongUsageAndLeaveNoFile) {
   };
   for (const Case& c : std::vector<Case>{{"m.fbx", {}, ".ply, .stl, .obj, .glb, .vtp"},
                                          {"m.stl", {"--format", "ply"}, "--format ply"},
-                                         {"m.stl", {"--color", "1,1,1"}, "no colours"},
+                                         {"m.stl", {"--color", "1,1,1"}, "has none"},
+                                         {"m.ply", {"--surface", "1"}, "exclude each other"},
+                                         {"m.ply", {"--clip-plane", "0,0,0,1"}, "--clip-plane"},
+                                         {"m.ply", {"--clip-box", "1,0,0,1,0,1"}, "--clip-box"},
                                          {"m.ply", {"--format", "fbx"}, "none of: ply"},
                                          {"m.ply", {"--simplify", "1"}, "above 0 and below 1"},
                                          {"m.ply", {"--simplify", "0"}, "above 0 and below 1"},

@@ -21,10 +21,13 @@
 #include "google/protobuf/util/message_differencer.h"
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
+#include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
 #include "core/base/random.h"
 #include "core/image/png_codec.h"
+#include "core/io/file.h"
+#include "core/math/vec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
@@ -243,6 +246,7 @@ TEST_F(PlanesTest, PlanesDescribeTheSurface) {
 }
 
 TEST_F(PlanesTest, PicksAreThePlanesInTenThousandPixels) {
+  std::vector<v1::Vec3> gradients;  // of all hits, with one agent
   for (const int shard_count : kShardCounts) {
     SCOPED_TRACE(shard_count);
     ASSERT_NO_FATAL_FAILURE(StartCluster(shard_count));
@@ -290,6 +294,17 @@ TEST_F(PlanesTest, PicksAreThePlanesInTenThousandPixels) {
         same = same && point.has_normal() &&
                static_cast<float>(point.normal().x()) == FloatAt(planes.normal(), 3 * at) &&
                static_cast<float>(point.normal().z()) == FloatAt(planes.normal(), 3 * at + 2);
+        // The normal is interpolated over a triangle, the gradient over a cell.
+        const math::Vec3d gradient{point.gradient().x(), point.gradient().y(),
+                                   point.gradient().z()};
+        const math::Vec3d normal{point.normal().x(), point.normal().y(), point.normal().z()};
+        same = same && math::Dot(gradient, normal) < -0.9 * math::Length(gradient);
+        if (shard_count == 1) {
+          gradients.push_back(point.gradient());
+        } else {
+          same = same && google::protobuf::util::MessageDifferencer::Equals(
+                             point.gradient(), gradients.at(static_cast<std::size_t>(hits - 1)));
+        }
         same = same && point.has_shard_index() && point.shard_index() >= 0 &&
                point.shard_index() < shard_count && point.block_id() >= 0;
         differences += same ? 0 : 1;
@@ -481,6 +496,34 @@ TEST_F(PlanesTest, TheCommandLineWritesPlanesAndPicks) {
   EXPECT_EQ(picked.exit_code, 0) << picked.err;
   EXPECT_THAT(picked.out, ::testing::AllOf(HasSubstr("\"hit\": true"), HasSubstr("\"hit\": false"),
                                            HasSubstr("\"shard_index\"")));
+  // A named view, fitted to the surface: the depth of the plane of the same picture.
+  const std::vector<std::string> view{"--view", "top", "--fit", "surface", "--zoom", "1.5"};
+  std::vector<std::string> of_render{"--depth", folder.Sub("top.npy"), "--save-camera",
+                                     folder.Sub("c.json")};
+  of_render.insert(of_render.end(), view.begin(), view.end());
+  EXPECT_EQ(run(of_render).exit_code, 0);
+  std::string plane;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(plane, io::ReadWholeFile(folder.Sub("top.npy"), 1 << 20));
+  const auto depth = base::LoadLittleEndian<float>(plane.data() + 128 + 4 * (24 * 64 + 32));
+  for (const bool from_file : {false, true}) {
+    std::vector<std::string> of_pick{
+        "pick",   Dataset(3),   "--isovalue", "128",           "--width",
+        "64",     "--height",   "48",         "--pixel",       "32,24",
+        "--json", "--renderer", "cpu",        "--save-camera", folder.Sub("again.json")};
+    const std::vector<std::string> camera{"--camera", folder.Sub("c.json")};
+    of_pick.insert(of_pick.end(), from_file ? camera.begin() : view.begin(),
+                   from_file ? camera.end() : view.end());
+    const testing::CommandResult result = testing::RunIsoscope(of_pick);
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_EQ(nlohmann::json::parse(result.out).at("points").at(0).at("depth").get<float>(), depth);
+    EXPECT_EQ(io::ReadWholeFile(folder.Sub("again.json"), 10'000).value_or("1"),
+              io::ReadWholeFile(folder.Sub("c.json"), 10'000).value_or("2"));
+  }
+  const testing::CommandResult twice =
+      testing::RunIsoscope({"pick", Dataset(3), "--isovalue", "128", "--pixel", "1,1", "--view",
+                            "top", "--eye", "1,2,3"});
+  EXPECT_EQ(twice.exit_code, 2);
+
   const testing::CommandResult outside = testing::RunIsoscope(
       {"pick", Dataset(3), "--isovalue", "128", "--width", "64", "--pixel", "64,0"});
   EXPECT_EQ(outside.exit_code, 2);

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Exports one surface in every format and reads the files with VTK, which others have written.
+"""Exports surfaces in every format and reads the files with VTK, which others have written.
 
     read_meshes_with_vtk.py ISOSCOPE
 
@@ -24,6 +24,13 @@ except ImportError:
         os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
     print("skipped: no VTK (python3-vtk9)")
     sys.exit(SKIPPED)
+
+
+# The first surface is orange in all of them.
+SCENES = {
+    "whole": ["--isovalue", "0.5"],
+    "two clipped": ["--surface", "0.5:1,0.5,0", "--surface", "0.2:0,0,1", "--clip-plane", "1,2,0.5,60"],
+}
 
 
 def read(path):
@@ -63,28 +70,44 @@ def check(isoscope, folder):
     subprocess.run([isoscope, "generate", "shells", "--dims", "48,44,40", "--type", "float32", "--output", volume],
                    check=True, stdout=subprocess.DEVNULL)
     environment = dict(os.environ, XDG_CACHE_HOME=os.path.join(folder, "cache"))
+    for name, flags in SCENES.items():
+        complaints += check_scene(isoscope, volume, folder, environment, name, flags)
+    return complaints
+
+
+def check_scene(isoscope, volume, folder, environment, name, flags):
+    """All complaints about the files of one export."""
+    complaints = []
     expected = None
     for suffix in ("ply", "stl", "obj", "glb", "vtp"):
         path = os.path.join(folder, "mesh." + suffix)
-        command = [isoscope, "export", volume, "--isovalue", "0.5", "--output", path]
-        if suffix != "stl":
+        command = [isoscope, "export", volume, "--output", path]
+        for flag in flags:
+            # STL has no colours.
+            command.append(flag if suffix != "stl" else flag.split(":")[0])
+        if suffix != "stl" and "--isovalue" in flags:
             command += ["--color", "1,0.5,0"]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
         surface = read(path)
         facts = (surface.GetNumberOfPoints(), surface.GetNumberOfPolys(),
                  tuple(round(x, 4) for x in surface.GetBounds()), open_edge_count(surface))
-        print(suffix, *facts)
+        print(name, suffix, *facts)
         expected = expected or facts
         if facts != expected:
-            complaints.append(f"{suffix}: {facts}, but ply: {expected}")
+            complaints.append(f"{name}, {suffix}: {facts}, but ply: {expected}")
         if suffix in ("ply", "obj", "glb", "vtp") and surface.GetPointData().GetNormals() is None:
-            complaints.append(f"{suffix}: no normals")
+            complaints.append(f"{name}, {suffix}: no normals")
         if suffix in ("ply", "vtp"):
             colors = surface.GetPointData().GetScalars()
             if colors is None or colors.GetTuple3(0) != (255, 128, 0):
-                complaints.append(f"{suffix}: colours {colors and colors.GetTuple3(0)}")
+                complaints.append(f"{name}, {suffix}: colours {colors and colors.GetTuple3(0)}")
+            last = (0, 0, 255) if "--surface" in flags else (255, 128, 0)
+            if colors is not None and colors.GetTuple3(surface.GetNumberOfPoints() - 1) != last:
+                complaints.append(f"{name}, {suffix}: the last surface's colour is not {last}")
     if expected[1] < 1000:
-        complaints.append(f"only {expected[1]} triangles: the test tests nothing")
+        complaints.append(f"{name}: only {expected[1]} triangles: the test tests nothing")
+    if "--clip-plane" in flags and expected[3] == 0:
+        complaints.append(f"{name}: no open edges: nothing was cut")
     return complaints
 
 

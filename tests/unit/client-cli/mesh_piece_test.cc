@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -52,6 +53,26 @@ TEST(MeshPieceTest, MalformedChunksAreRefused) {
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("has vertex -1")));
   EXPECT_THAT(DecodeMeshPiece("", "", Bytes<std::int64_t>({0, std::int64_t{1} << 32, 0}), 3),
               StatusIs(absl::StatusCode::kDataLoss));
+}
+
+TEST(MeshDecoderTest, SurfacesFollowOneAnotherAndShareNoVertices) {
+  const std::string vertex = Bytes<float>({0, 0, 0});
+  MeshDecoder decoder(3);
+  ISOSCOPE_ASSERT_OK(decoder.Decode(0, vertex, vertex, Bytes<std::int64_t>({0, 0, 0})).status());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const MeshPiece piece,
+                                decoder.Decode(2, vertex, vertex, Bytes<std::int64_t>({1, 1, 1})));
+  EXPECT_EQ(piece.surface_index, 2);
+  EXPECT_THAT(piece.triangles, ElementsAre(1, 1, 1));
+  EXPECT_EQ(decoder.vertex_count(), 2);
+  EXPECT_EQ(decoder.triangle_count(), 2);
+  EXPECT_THAT(decoder.Decode(2, "", "", Bytes<std::int64_t>({1, 0, 1})),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("has vertex 0")));
+  for (const int surface : {1, 3, -1}) {
+    EXPECT_THAT(
+        decoder.Decode(surface, "", "", ""),
+        StatusIs(absl::StatusCode::kDataLoss,
+                 HasSubstr(absl::StrCat("of surface ", surface, ", after surface 2 of 3"))));
+  }
 }
 
 TEST(MeshPieceTest, OneVertexTooManyIsOutOfRange) {

@@ -52,7 +52,8 @@ struct ReadMesh {
   std::vector<float> positions;
   std::vector<float> normals;
   std::vector<std::uint32_t> triangles;
-  std::vector<double> color;  // of the first vertex, or of the material
+  std::vector<double> color;  // of the first vertex, or of all materials
+  std::vector<int> surfaces;  // where the format tells: of each corner of each triangle
 };
 
 // Facets have no common vertices: equal corners become one.
@@ -86,6 +87,7 @@ ReadMesh ReadStl(const std::string& bytes) {
 
 ReadMesh ReadObj(const std::string& text) {
   ReadMesh mesh;
+  int object = -1;
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {
     std::istringstream in(line);
@@ -112,6 +114,10 @@ ReadMesh ReadObj(const std::string& text) {
         EXPECT_LT(vertex, mesh.positions.size() / 3) << "used before it is there";
         mesh.triangles.push_back(static_cast<std::uint32_t>(vertex));
       }
+      mesh.surfaces.insert(mesh.surfaces.end(), 3, object);
+    } else if (word == "o") {
+      EXPECT_TRUE(absl::StrContains(line, "_isovalue_")) << line;
+      object = line[absl::string_view("o surface_").size()] - '0';
     } else {
       EXPECT_EQ(word, "#") << line;
     }
@@ -134,38 +140,48 @@ ReadMesh ReadGlb(const std::string& bytes) {
   if (!json.contains("meshes")) {
     return mesh;
   }
-  const nlohmann::json& primitive = json.at("meshes").at(0).at("primitives").at(0);
   const auto read = [&]<typename T>(const nlohmann::json& index, int components, T) {
     const nlohmann::json& accessor = json.at("accessors").at(index.get<std::size_t>());
     const nlohmann::json& view =
         json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
     const std::size_t count =
         accessor.at("count").get<std::size_t>() * static_cast<std::size_t>(components);
-    EXPECT_EQ(view.at("byteLength"), count * sizeof(T));
+    const std::size_t offset = accessor.value("byteOffset", std::size_t{0});
+    EXPECT_LE(offset + count * sizeof(T), view.at("byteLength").get<std::size_t>());
+    EXPECT_EQ(view.value("byteStride", 12), 12);
     const int type = std::is_same_v<T, float> ? 5126 : 5125;
     EXPECT_EQ(accessor.at("componentType"), type);
-    return LoadArray<T>(bytes, bin + 8 + view.at("byteOffset").get<std::size_t>(), count);
+    return LoadArray<T>(bytes, bin + 8 + view.at("byteOffset").get<std::size_t>() + offset, count);
   };
-  mesh.positions = read(primitive.at("attributes").at("POSITION"), 3, float{});
-  mesh.normals = read(primitive.at("attributes").at("NORMAL"), 3, float{});
-  mesh.triangles = read(primitive.at("indices"), 1, std::uint32_t{});
-  const nlohmann::json& positions = json.at("accessors").at(0);
-  for (std::size_t k = 0; k < 3; ++k) {
-    float min = mesh.positions[k];
-    float max = min;
-    for (std::size_t i = k; i < mesh.positions.size(); i += 3) {
-      min = std::min(min, mesh.positions[i]);
-      max = std::max(max, mesh.positions[i]);
+  for (const nlohmann::json& primitive : json.at("meshes").at(0).at("primitives")) {
+    const auto first = static_cast<std::uint32_t>(mesh.positions.size() / 3);
+    const nlohmann::json& attributes = primitive.at("attributes");
+    const std::vector<float> positions = read(attributes.at("POSITION"), 3, float{});
+    const nlohmann::json& accessor =
+        json.at("accessors").at(attributes.at("POSITION").get<std::size_t>());
+    for (std::size_t k = 0; k < 3; ++k) {
+      float min = positions[k];
+      float max = min;
+      for (std::size_t i = k; i < positions.size(); i += 3) {
+        min = std::min(min, positions[i]);
+        max = std::max(max, positions[i]);
+      }
+      EXPECT_EQ(accessor.at("min").at(k).get<float>(), min);
+      EXPECT_EQ(accessor.at("max").at(k).get<float>(), max);
     }
-    EXPECT_EQ(positions.at("min").at(k).get<float>(), min);
-    EXPECT_EQ(positions.at("max").at(k).get<float>(), max);
+    mesh.positions.insert(mesh.positions.end(), positions.begin(), positions.end());
+    const std::vector<float> normals = read(attributes.at("NORMAL"), 3, float{});
+    mesh.normals.insert(mesh.normals.end(), normals.begin(), normals.end());
+    for (const std::uint32_t index : read(primitive.at("indices"), 1, std::uint32_t{})) {
+      EXPECT_LT(index, positions.size() / 3);
+      mesh.triangles.push_back(first + index);
+      mesh.surfaces.push_back(primitive.value("material", 0));
+    }
   }
-  if (json.contains("materials")) {
-    mesh.color = json.at("materials")
-                     .at(0)
-                     .at("pbrMetallicRoughness")
-                     .at("baseColorFactor")
-                     .get<std::vector<double>>();
+  for (const nlohmann::json& material : json.value("materials", nlohmann::json::array())) {
+    for (const double factor : material.at("pbrMetallicRoughness").at("baseColorFactor")) {
+      mesh.color.push_back(factor);
+    }
   }
   return mesh;
 }
@@ -204,6 +220,12 @@ ReadMesh ReadVtp(const std::string& bytes) {
       mesh.color.push_back(channel);
     }
     mesh.color.resize(3);
+  }
+  if (xml.find("SurfaceIndex") != std::string::npos) {
+    const auto indices = read("SurfaceIndex", vertex_count, std::uint8_t{});
+    for (const std::uint32_t vertex : mesh.triangles) {
+      mesh.surfaces.push_back(indices[vertex]);
+    }
   }
   EXPECT_TRUE(absl::EndsWith(bytes, "\n  </AppendedData>\n</VTKFile>\n"));
   return mesh;
@@ -281,8 +303,8 @@ TEST(MeshWriterTest, ColorsAreThereWhereTheFormatHasThem) {
   const TempDir folder;
   const MeshPiece sphere = MakeSphere(1, {0, 0, 0}, 1);
   const auto color_of = [&](MeshFormat format) {
-    const absl::StatusOr<std::string> bytes =
-        Write(sphere, {.path = folder.Sub("mesh"), .format = format, .color = kOrange});
+    const absl::StatusOr<std::string> bytes = Write(
+        sphere, {.path = folder.Sub("mesh"), .format = format, .surfaces = {{.color = kOrange}}});
     EXPECT_THAT(bytes, testing::IsOk());
     return Read(format, *bytes).color;
   };
@@ -292,12 +314,78 @@ TEST(MeshWriterTest, ColorsAreThereWhereTheFormatHasThem) {
   EXPECT_EQ(linear[0], 1);
   EXPECT_NEAR(linear[1], 0.2140411, 1e-6) << "sRGB 0.5 is linear 0.214";
   EXPECT_EQ(linear[2], 0);
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const std::string obj,
-      Write(sphere, {.path = folder.Sub("m"), .format = MeshFormat::kObj, .color = kOrange}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string obj,
+                                Write(sphere, {.path = folder.Sub("m"),
+                                               .format = MeshFormat::kObj,
+                                               .surfaces = {{.color = kOrange}}}));
   EXPECT_THAT(obj, HasSubstr("v 1 0 0 1 0.5 0\n"));
-  EXPECT_TRUE(
-      IsUsageError(CheckUsage({.path = "a.stl", .format = MeshFormat::kStl, .color = kOrange})));
+  EXPECT_TRUE(IsUsageError(
+      CheckUsage({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}})));
+}
+
+// Three surfaces; the middle one has no triangle, and the first no colour of its own.
+TEST(MeshWriterTest, SeveralSurfacesStayApartInOneFile) {
+  const TempDir folder;
+  const MeshPiece small = MakeSphere(1, {0, 0, 0}, 1);
+  MeshPiece large = MakeSphere(2, {5, 5, 5}, 2, static_cast<std::uint32_t>(small.vertex_count()));
+  large.surface_index = 2;
+  for (const MeshFormat format : kParsed) {
+    SCOPED_TRACE(NameOf(format));
+    MeshFileOptions options{.path = folder.Sub("mesh"), .format = format};
+    options.surfaces = {{.isovalue = 30}, {.isovalue = 99}, {.isovalue = -7.5, .color = kOrange}};
+    if (format == MeshFormat::kStl) {
+      options.surfaces[2].color.reset();
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, MeshWriter::Create(options));
+    ISOSCOPE_ASSERT_OK(writer->Add(small));
+    ISOSCOPE_ASSERT_OK(writer->Add(large));
+    ISOSCOPE_ASSERT_OK(writer->Finish());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes,
+                                  io::ReadWholeFile(options.path, 1'000'000));
+    const ReadMesh mesh = Read(format, bytes);
+    EXPECT_EQ(mesh.triangles.size(), 3U * 8 * (4 + 16));
+    EXPECT_TRUE(IsClosed(mesh.triangles));
+    if (format == MeshFormat::kStl) {
+      continue;
+    }
+    // Of GLB the test reads the index of the material: surfaces without triangles have none.
+    std::vector<int> surfaces(small.triangles.size(), 0);
+    surfaces.resize(mesh.triangles.size(), format == MeshFormat::kGlb ? 1 : 2);
+    EXPECT_EQ(mesh.surfaces, surfaces);
+    if (format == MeshFormat::kGlb) {
+      ASSERT_EQ(mesh.color.size(), 8U);
+      EXPECT_NEAR(mesh.color[0], 0.7304607, 1e-6) << "the clay of frames, 222 of 255";
+      EXPECT_EQ(mesh.color[4], 1);
+      EXPECT_THAT(bytes, HasSubstr("surface 2, isovalue -7.5"));
+    } else if (format == MeshFormat::kObj) {
+      EXPECT_THAT(bytes, HasSubstr("\no surface_2_isovalue_-7.5\n"));
+      EXPECT_THAT(bytes, HasSubstr(" 1 0.5 0\nvn "));
+    } else {
+      EXPECT_THAT(mesh.color, ::testing::ElementsAre(222, 209, 190));
+    }
+  }
+}
+
+// 16 surfaces of the longest numbers: the room for the header is enough.
+TEST(MeshWriterTest, HeadersHaveRoomForAllSurfaces) {
+  const TempDir folder;
+  for (const MeshFormat format : kParsed) {
+    MeshFileOptions options{.path = folder.Sub("mesh"), .format = format};
+    options.surfaces.resize(16, {.isovalue = -1.2345678901234567e-300});
+    if (format != MeshFormat::kStl) {
+      options.surfaces[0].color = Color{.red = 0.123456F, .green = 0.0301F, .blue = 0.9F};
+      options.surfaces.assign(16, options.surfaces[0]);
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, MeshWriter::Create(options));
+    std::uint32_t first_vertex = 0;
+    for (int i = 0; i < 16; ++i) {
+      MeshPiece piece = MakeSphere(0, {-1.1e30, 3.3e-30, 0.1}, 1e-38, first_vertex);
+      piece.surface_index = i;
+      first_vertex += static_cast<std::uint32_t>(piece.vertex_count());
+      ISOSCOPE_ASSERT_OK(writer->Add(piece));
+    }
+    ISOSCOPE_ASSERT_OK(writer->Finish());
+  }
 }
 
 TEST(MeshWriterTest, EmptySurfaceIsAValidFileOfEveryFormat) {

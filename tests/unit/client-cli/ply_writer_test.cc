@@ -74,8 +74,8 @@ TEST(PlyWriterTest, TwoPiecesGiveExactlyTheseBytes) {
 TEST(PlyWriterTest, ColorsFollowEachNormal) {
   const TempDir folder;
   const std::string path = folder.Sub("mesh.ply");
-  ISOSCOPE_ASSERT_OK(
-      WriteTwoPieces({.path = path, .color = Color{.red = 1, .green = 0.5F, .blue = 0}}));
+  ISOSCOPE_ASSERT_OK(WriteTwoPieces(
+      {.path = path, .surfaces = {{.color = Color{.red = 1, .green = 0.5F, .blue = 0}}}}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 10'000));
   const std::string header = MakePlyHeader(4, 2, /*has_colors=*/true);
   EXPECT_NE(header.find("property uchar red\nproperty uchar green\nproperty uchar blue\n"),
@@ -98,6 +98,25 @@ TEST(PlyWriterTest, HeaderLengthDoesNotDependOnTheCounts) {
   const std::size_t size = MakePlyHeader(0, 0).size();
   EXPECT_EQ(MakePlyHeader(kMaxVertexCount, INT64_MAX).size(), size);
   EXPECT_EQ(MakePlyHeader(12, 345).size(), size);
+}
+
+TEST(PlyWriterTest, VerticesOfSeveralSurfacesSayWhichIsTheirs) {
+  const TempDir folder;
+  const std::string path = folder.Sub("mesh.ply");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto writer, CreatePly({.path = path, .surfaces = {{.isovalue = 1}, {.isovalue = 2}}}));
+  ISOSCOPE_ASSERT_OK(writer->Add({.positions = {0, 0, 0}, .normals = {0, 0, 1}, .triangles = {}}));
+  ISOSCOPE_ASSERT_OK(writer->Add(
+      {.positions = {1, 1, 1}, .normals = {0, 0, 1}, .triangles = {}, .surface_index = 1}));
+  ISOSCOPE_ASSERT_OK(writer->Finish());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string bytes, io::ReadWholeFile(path, 10'000));
+  const std::string header = MakePlyHeader(2, 0, false, true);
+  EXPECT_NE(header.find("float nz\nproperty uchar surface_index\nelement face 0"),
+            std::string::npos);
+  ASSERT_EQ(bytes.size(), header.size() + std::size_t{2 * 25});
+  EXPECT_EQ(bytes.substr(0, header.size()), header);
+  EXPECT_EQ(bytes[header.size() + 24], 0);
+  EXPECT_EQ(bytes[header.size() + 49], 1);
 }
 
 }  // namespace

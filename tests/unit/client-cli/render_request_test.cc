@@ -80,8 +80,8 @@ TEST(RenderRequestTest, FileNamesNumberTheFirstPlaceOnly) {
 TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   RequestFlags flags;
   flags.surfaces = {{.isovalue = 75, .color = {}}, {.isovalue = 30, .color = Color{1, 0, 0, 1}}};
-  flags.clip_planes = {{.normal = {1, 0, 0}, .offset = 12}};
-  flags.clip_box = math::Box3d{{0, 1, 2}, {3, 4, 5}};
+  flags.clip.planes = {{.normal = {1, 0, 0}, .offset = 12}};
+  flags.clip.box = math::Box3d{{0, 1, 2}, {3, 4, 5}};
   ISOSCOPE_EXPECT_OK(CheckUsage(flags));
   EXPECT_EQ(flags.isovalues(), (std::vector<double>{75, 30}));
   const isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, "head", SampleCamera());
@@ -103,7 +103,7 @@ TEST(RenderRequestTest, SurfacesExcludeTheFlagsOfASingleOne) {
   EXPECT_TRUE(IsUsageError(CheckUsage(many)));
   many.surfaces.resize(16);
   ISOSCOPE_EXPECT_OK(CheckUsage(many));
-  many.clip_planes.resize(7);
+  many.clip.planes.resize(7);
   EXPECT_TRUE(IsUsageError(CheckUsage(many)));
 }
 

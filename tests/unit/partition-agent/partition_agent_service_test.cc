@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <memory>
 #include <string>
 #include <thread>
@@ -583,6 +584,36 @@ TEST_F(PartitionAgentServiceTest, SurfacesOfAllShardsAreThoseOfAllBlocks) {
   EXPECT_TRUE(blocks == expected) << blocks.size() << " and " << expected.size() << " blocks";
 }
 
+// Blocks of 8 cells: a plane at x = 12 leaves out the first of each row.
+TEST_F(PartitionAgentServiceTest, BlocksOutsideOfTheRegionAreNotSentAndOthersComeWhole) {
+  const auto blocks_of = [&](const v1::ExtractSurfaceRequest& request) {
+    grpc::ClientContext context;
+    const auto reader = stub_->ExtractSurface(&context, request);
+    std::map<std::int64_t, std::string> blocks;
+    v1::ExtractSurfaceResponse message;
+    while (reader->Read(&message)) {
+      for (const v1::BlockSurface& block : message.blocks()) {
+        blocks[block.block_id()] = block.SerializeAsString();
+      }
+    }
+    EXPECT_EQ(CodeOf(reader->Finish()), "OK");
+    return blocks;
+  };
+  v1::ExtractSurfaceRequest request = SurfaceOf(dataset_, {0, 1});
+  std::map<std::int64_t, std::string> expected = blocks_of(request);
+  const std::size_t all_count = expected.size();
+  std::erase_if(expected, [&](const auto& block) {
+    return dataset_.layout().CellsOf(static_cast<volume::BlockId>(block.first)).begin.x == 0;
+  });
+  isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_x(1);
+  half_space->set_offset(12);
+  EXPECT_EQ(blocks_of(request), expected);
+  EXPECT_LT(expected.size(), all_count);
+  half_space->set_offset(1000);
+  EXPECT_TRUE(blocks_of(request).empty());
+}
+
 TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
   std::vector<std::pair<v1::ExtractSurfaceRequest, std::string>> cases;
   cases.emplace_back(SurfaceOf(dataset_, {0}), "INVALID_ARGUMENT");
@@ -590,12 +621,53 @@ TEST_F(PartitionAgentServiceTest, BadSurfaceRequestsAreRefused) {
   cases.emplace_back(SurfaceOf(dataset_, {0}), "FAILED_PRECONDITION");
   cases.back().first.set_dataset_id("other");
   cases.emplace_back(SurfaceOf(dataset_, {1, 0}), "INVALID_ARGUMENT");
+  cases.emplace_back(SurfaceOf(dataset_, {0}), "INVALID_ARGUMENT");
+  cases.back().first.mutable_clip()->add_half_spaces();
   for (const auto& [request, code] : cases) {
     grpc::ClientContext context;
     const auto reader = stub_->ExtractSurface(&context, request);
     v1::ExtractSurfaceResponse message;
     EXPECT_FALSE(reader->Read(&message));
     EXPECT_EQ(CodeOf(reader->Finish()), code) << request.ShortDebugString();
+  }
+}
+
+TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRefused) {
+  v1::GetGradientsRequest request;
+  request.set_dataset_id(dataset_.manifest().dataset_id);
+  for (int i = 0; i < 100; ++i) {
+    request.add_points()->set_x(0.4 * i);
+  }
+  const auto ask = [&](const v1::GetGradientsRequest& asked, v1::GetGradientsResponse* response) {
+    grpc::ClientContext context;
+    return CodeOf(stub_->GetGradients(&context, asked, response));
+  };
+  int count = 0;
+  for (const int shard : {0, 1}) {
+    request.clear_shard_indices();
+    request.add_shard_indices(shard);
+    v1::GetGradientsResponse response;
+    EXPECT_EQ(ask(request, &response), "OK");
+    for (const v1::PointGradient& gradient : response.gradients()) {
+      ++count;
+      EXPECT_GE(gradient.point_index(), 0);
+      EXPECT_LT(gradient.point_index(), 100);
+    }
+  }
+  EXPECT_EQ(count, 100);
+
+  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(5, {request, ""});
+  cases[0].first.set_dataset_id("other");
+  cases[0].second = "FAILED_PRECONDITION";
+  cases[1].first.clear_shard_indices();
+  cases[2].first.mutable_points(7)->set_z(std::numeric_limits<double>::quiet_NaN());
+  for (int i = 0; i < 901; ++i) {
+    cases[3].first.add_points();
+  }
+  cases[4].first.GetReflection()->MutableUnknownFields(&cases[4].first)->AddVarint(90, 1);
+  for (const auto& [bad, code] : cases) {
+    v1::GetGradientsResponse response;
+    EXPECT_EQ(ask(bad, &response), code.empty() ? "INVALID_ARGUMENT" : code);
   }
 }
 

@@ -146,5 +146,22 @@ TEST(ActiveBoxTest, IsTheUnionOfTheActiveBlocksOfAllIsovalues) {
   }
 }
 
+TEST(ActiveBoxTest, BlocksOutsideOfTheClipRegionAreLeftOut) {
+  const SmallDataset dataset(1);
+  const auto shards = dataset.OpenShards();
+  const volume::RangeTable& ranges = shards.front()->reader->ranges();
+  const ActiveBox all = ActiveBoxOf(dataset.layout(), ranges, {128});
+  const auto box_of = [&](const view::ClipRegion& clip) {
+    return ActiveBoxOf(dataset.layout(), ranges, {128}, view::Clipper(clip, dataset.geometry()));
+  };
+  // Blocks of 8 cells: those that reach x = 20 and z = 15.
+  const ActiveBox some =
+      box_of({.half_spaces = {{{1, 0, 0}, 20}}, .box = math::Box3d{{0, 0, 0}, {99, 99, 15}}});
+  EXPECT_EQ(some.cells.begin, (math::Index3{16, all.cells.begin.y, all.cells.begin.z}));
+  EXPECT_EQ(some.cells.end, (math::Index3{all.cells.end.x, all.cells.end.y, 16}));
+  EXPECT_LT(some.block_count, all.block_count / 2);
+  EXPECT_EQ(box_of({.half_spaces = {{{1, 0, 0}, 2000}}, .box = {}}).block_count, 0);
+}
+
 }  // namespace
 }  // namespace isoscope::agent

@@ -260,6 +260,24 @@ TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
   EXPECT_EQ(box_count_, 2);
 }
 
+TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
+  answer_.set_active_block_count(1);
+  answer_.mutable_begin_cell();
+  answer_.mutable_end_cell()->set_x(8);
+  answer_.mutable_end_cell()->set_y(8);
+  answer_.mutable_end_cell()->set_z(8);
+  StartCluster();
+  v1::RenderIsosurfaceRequest request = RequestThatFits();
+  v1::ClipRegion* const clip = request.mutable_clip();
+  clip->add_half_spaces()->mutable_normal()->set_x(1);
+  *clip->mutable_box()->mutable_min() = rpc::ToProto(math::Vec3d{2, 2, 2});
+  *clip->mutable_box()->mutable_max() = rpc::ToProto(math::Vec3d{6, 6, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, Render(request));
+  EXPECT_EQ(asked_.clip().SerializeAsString(), clip->SerializeAsString());
+  EXPECT_EQ(camera.SerializeAsString(),
+            rpc::ToProto(view::MakeDefaultCamera(BoxOf(2, 6))).SerializeAsString());
+}
+
 TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
   StartCluster();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, Render(RequestThatFits()));

@@ -14,6 +14,7 @@
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/coding.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/grpc_status.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
@@ -390,19 +391,23 @@ TEST_F(IsosurfaceServiceTest, ShutdownWithoutGraceCancelsFramesInWork) {
   client.join();
 }
 
+internal::ExtractSurfaceResponse OneTriangle() {
+  internal::ExtractSurfaceResponse message;
+  internal::BlockSurface* block = message.add_blocks();
+  block->set_block_id(0);
+  const std::vector<float> positions = {1, 1, 1.5F, 2, 1, 1.5F, 1, 2, 1.5F};
+  const std::vector<std::int64_t> keys = {3 * 91 + 2, 3 * 92 + 2, 3 * 100 + 2};
+  const std::vector<std::uint32_t> triangles = {0, 1, 2};
+  block->set_positions(positions.data(), positions.size() * sizeof(float));
+  block->set_normals(positions.data(), positions.size() * sizeof(float));
+  block->set_edge_keys(keys.data(), keys.size() * sizeof(std::int64_t));
+  block->set_triangles(triangles.data(), triangles.size() * sizeof(std::uint32_t));
+  return message;
+}
+
 TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
   first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-    internal::ExtractSurfaceResponse message;
-    internal::BlockSurface* block = message.add_blocks();
-    block->set_block_id(0);
-    const std::vector<float> positions = {1, 1, 1.5F, 2, 1, 1.5F, 1, 2, 1.5F};
-    const std::vector<std::int64_t> keys = {3 * 91 + 2, 3 * 92 + 2, 3 * 100 + 2};
-    const std::vector<std::uint32_t> triangles = {0, 1, 2};
-    block->set_positions(positions.data(), positions.size() * sizeof(float));
-    block->set_normals(positions.data(), positions.size() * sizeof(float));
-    block->set_edge_keys(keys.data(), keys.size() * sizeof(std::int64_t));
-    block->set_triangles(triangles.data(), triangles.size() * sizeof(std::uint32_t));
-    writer->Write(message);
+    writer->Write(OneTriangle());
     return grpc::Status::OK;
   };
   second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
@@ -419,6 +424,40 @@ TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
   EXPECT_EQ(chunk.triangles().size(), 3 * sizeof(std::int64_t));
   EXPECT_FALSE(reader->Read(&chunk));
   EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+}
+
+TEST_F(IsosurfaceServiceTest, SurfacesFollowOneAnotherAndWrongRequestsReachNoAgent) {
+  first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    writer->Write(OneTriangle());
+    return grpc::Status::OK;
+  };
+  second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.add_surfaces()->set_isovalue(100);
+  request.add_surfaces()->set_isovalue(50);
+  grpc::ClientContext context;
+  const auto reader = stub_->ExportIsosurface(&context, request);
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  for (int surface = 0; surface < 2; ++surface) {
+    ASSERT_TRUE(reader->Read(&chunk));
+    EXPECT_EQ(chunk.surface_index(), surface);
+    EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunk.triangles().data()), 3 * surface);
+  }
+  EXPECT_FALSE(reader->Read(&chunk));
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+
+  first_.on_surface = nullptr;  // to be asked would end the test
+  second_.on_surface = nullptr;
+  request.mutable_clip()->add_half_spaces();
+  grpc::ClientContext bad_context;
+  const auto refused = stub_->ExportIsosurface(&bad_context, request);
+  EXPECT_FALSE(refused->Read(&chunk));
+  EXPECT_THAT(
+      rpc::ToAbslStatus(refused->Finish()),
+      StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("clip.half_spaces[0].normal")));
 }
 
 TEST_F(IsosurfaceServiceTest, AMalformedSurfaceIsRefusedNamingTheAgent) {

@@ -70,7 +70,8 @@ mesh::BlockMesh Triangle(volume::BlockId id, std::size_t copies = 1) {
 }
 
 absl::StatusOr<std::vector<SurfaceChunk>> Export(
-    const volume::GridGeometry& geometry, const std::vector<std::vector<mesh::BlockMesh>>& agents) {
+    const volume::GridGeometry& geometry, const std::vector<std::vector<mesh::BlockMesh>>& agents,
+    const view::ClipRegion& clip = {}, std::int64_t first_vertex = 0) {
   std::vector<std::unique_ptr<ListSource>> owned;
   std::vector<SurfaceSource*> sources;
   for (const auto& blocks : agents) {
@@ -78,13 +79,18 @@ absl::StatusOr<std::vector<SurfaceChunk>> Export(
     sources.push_back(owned.back().get());
   }
   std::vector<SurfaceChunk> chunks;
-  const absl::Status status = ExportSurface(geometry, Layout(), sources, [&](SurfaceChunk chunk) {
-    chunks.push_back(std::move(chunk));
-    return absl::OkStatus();
-  });
-  if (!status.ok()) {
-    return status;
+  std::int64_t sent_count = 0;
+  const absl::StatusOr<std::int64_t> vertex_count =
+      ExportSurface({.geometry = geometry, .layout = Layout(), .clip = clip}, sources, first_vertex,
+                    [&](SurfaceChunk chunk) {
+                      sent_count += static_cast<std::int64_t>(chunk.positions.size() / 12);
+                      chunks.push_back(std::move(chunk));
+                      return absl::OkStatus();
+                    });
+  if (!vertex_count.ok()) {
+    return vertex_count.status();
   }
+  EXPECT_EQ(*vertex_count, sent_count);
   return chunks;
 }
 
@@ -111,6 +117,36 @@ TEST(SurfaceExportTest, PositionsAreInWorldUnitsAndTrianglesCountOverTheStream) 
   for (int i = 0; i < 6; ++i) {
     EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunks[0].triangles.data() + 8 * i), i);
   }
+}
+
+TEST(SurfaceExportTest, LaterSurfacesCountBehindEarlierOnes) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks,
+                                Export(Geometry(), {{Triangle(0)}}, {}, std::int64_t{1} << 40));
+  EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunks[0].triangles.data() + 8),
+            (std::int64_t{1} << 40) + 1);
+}
+
+// The borders are those of the world: spacing 2, origin 10.
+TEST(SurfaceExportTest, TrianglesAreCutAtTheBordersOfTheRegion) {
+  mesh::BlockMesh block = Triangle(0);
+  block.positions = {{0, 0, 1}, {4, 0, 1}, {0, 2, 1}};
+  const auto positions = [&](const view::ClipRegion& region) {
+    const auto chunks = Export(Geometry(), {{block}}, region);
+    EXPECT_THAT(chunks, IsOk());
+    std::vector<float> values;
+    for (std::size_t i = 0; i < chunks->front().positions.size(); i += sizeof(float)) {
+      values.push_back(base::LoadLittleEndian<float>(chunks->front().positions.data() + i));
+    }
+    return values;
+  };
+  EXPECT_EQ(positions({.half_spaces = {{{1, 0, 0}, 14}}, .box = {}}),
+            (std::vector<float>{18, 0, 1, 14, 0, 1, 14, 1, 1}));
+  EXPECT_EQ(positions({.half_spaces = {}, .box = math::Box3d{{0, 1, 0}, {99, 9, 9}}}),
+            (std::vector<float>{10, 2, 1, 14, 1, 1, 10, 1, 1}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto none,
+      Export(Geometry(), {{block}}, {.half_spaces = {{{1, 0, 0}, 19}}, .box = {}}));
+  EXPECT_TRUE(none.empty());
 }
 
 TEST(SurfaceExportTest, AMirroredGridTurnsTrianglesOver) {
@@ -158,12 +194,11 @@ TEST(SurfaceExportTest, BlocksSentTwiceOrOutOfOrderAreRefused) {
 TEST(SurfaceExportTest, ErrorsOfSourcesAndOfTheReceiverEndIt) {
   ListSource bad({Triangle(0)}, absl::DataLossError("block 1"));
   const auto ignore = [](SurfaceChunk) { return absl::OkStatus(); };
-  EXPECT_THAT(ExportSurface(Geometry(), Layout(), {&bad}, ignore),
-              StatusIs(absl::StatusCode::kDataLoss));
+  const ExportedVolume volume{.geometry = Geometry(), .layout = Layout()};
+  EXPECT_THAT(ExportSurface(volume, {&bad}, 0, ignore), StatusIs(absl::StatusCode::kDataLoss));
   ListSource good({Triangle(0)});
   const auto refuse = [](SurfaceChunk) { return absl::CancelledError("gone"); };
-  EXPECT_THAT(ExportSurface(Geometry(), Layout(), {&good}, refuse),
-              StatusIs(absl::StatusCode::kCancelled));
+  EXPECT_THAT(ExportSurface(volume, {&good}, 0, refuse), StatusIs(absl::StatusCode::kCancelled));
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -228,6 +229,73 @@ TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
   EXPECT_THAT(FrameSpecFromProto(request),
               StatusIs(absl::StatusCode::kInvalidArgument,
                        HasSubstr("clip.half_spaces has 7 elements: must have at most 6")));
+}
+
+TEST(ExportSpecFromProtoTest, SurfacesAndRegionArrive) {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(60);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec one, ExportSpecFromProto(request));
+  EXPECT_EQ(one.isovalues, (std::vector<double>{60}));
+  EXPECT_EQ(one.clip, view::ClipRegion());
+  request.set_isovalue(0);
+  request.add_surfaces()->set_isovalue(75);
+  request.add_surfaces()->set_isovalue(-3);
+  isoscope::v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_y(-2);
+  half_space->set_offset(3.5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ExportSpec several, ExportSpecFromProto(request));
+  EXPECT_EQ(several.isovalues, (std::vector<double>{75, -3}));
+  EXPECT_EQ(several.clip,
+            (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}}, .box = std::nullopt}));
+}
+
+TEST(ExportSpecFromProtoTest, HostileValuesAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  using Request = isoscope::v1::ExportIsosurfaceRequest;
+  const std::vector<std::pair<const char*, std::function<void(Request*)>>> cases{
+      {"isovalue is nan", [&](Request* r) { r->set_isovalue(kNan); }},
+      {"isovalue is set beside surfaces",
+       [](Request* r) {
+         r->set_isovalue(3);
+         r->add_surfaces();
+       }},
+      {"surfaces has 17 elements",
+       [](Request* r) {
+         for (int i = 0; i < 17; ++i) {
+           r->add_surfaces();
+         }
+       }},
+      {"surfaces[0].isovalue is nan", [&](Request* r) { r->add_surfaces()->set_isovalue(kNan); }},
+      {"surfaces[0].material.shininess",
+       [](Request* r) { r->add_surfaces()->mutable_material()->set_shininess(-1); }},
+      {"clip.half_spaces has 7 elements",
+       [](Request* r) {
+         for (int i = 0; i < 7; ++i) {
+           r->mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+         }
+       }},
+      {"clip.half_spaces[0].normal", [](Request* r) { r->mutable_clip()->add_half_spaces(); }},
+      {"clip.half_spaces[0].offset is inf",
+       [](Request* r) {
+         r->mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+         r->mutable_clip()->mutable_half_spaces(0)->set_offset(
+             std::numeric_limits<double>::infinity());
+       }},
+      {"clip.box.min is not set", [](Request* r) { r->mutable_clip()->mutable_box(); }},
+      {"clip.box.max.y is -1",
+       [](Request* r) {
+         r->mutable_clip()->mutable_box()->mutable_min();
+         r->mutable_clip()->mutable_box()->mutable_max()->set_y(-1);
+       }},
+      {"number 90",
+       [](Request* r) { r->GetReflection()->MutableUnknownFields(r)->AddVarint(90, 1); }},
+  };
+  for (const auto& [message, spoil] : cases) {
+    Request request;
+    spoil(&request);
+    EXPECT_THAT(ExportSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(message)));
+  }
 }
 
 TEST(FrameSpecFromProtoTest, OnlyTheViewportOfARegionMayBeLargerThanAPicture) {

@@ -1,6 +1,8 @@
 #include "core/rpc/pick_convert.h"
 
 #include <limits>
+#include <optional>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -79,6 +81,41 @@ TEST(PickSpecFromProtoTest, PixelsOfAPosterMustLieWithinOneRegion) {
                        HasSubstr("window of 20001 x 6 pixels: must lie in one of at most 16384")));
   pick.mutable_pixels(0)->set_x(20000);
   ISOSCOPE_EXPECT_OK(PickSpecFromProto(pick));
+}
+
+TEST(GradientsTest, PointsOfARequestAreCheckedAndAnswersFindTheirPoints) {
+  isoscope::internal::v1::GetGradientsRequest request;
+  request.add_points()->set_y(3);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::vector<math::Vec3d> points,
+                                PickedPointsFromProto(request));
+  EXPECT_THAT(points, ElementsAre(math::Vec3d{0, 3, 0}));
+  request.add_points()->set_x(std::numeric_limits<double>::infinity());
+  EXPECT_THAT(PickedPointsFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("points[1].x is inf")));
+  request.clear_points();
+  for (int i = 0; i <= kMaxPickedPixels; ++i) {
+    request.add_points();
+  }
+  EXPECT_THAT(PickedPointsFromProto(request),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("points has 1001 elements")));
+
+  std::vector<std::optional<math::Vec3d>> gradients(3);
+  isoscope::internal::v1::GetGradientsResponse response;
+  isoscope::internal::v1::PointGradient* const gradient = response.add_gradients();
+  gradient->set_point_index(1);
+  gradient->mutable_gradient()->set_z(-2);
+  ISOSCOPE_EXPECT_OK(AddGradients(response, &gradients));
+  EXPECT_THAT(gradients, ElementsAre(std::nullopt, math::Vec3d{0, 0, -2}, std::nullopt));
+  for (const int index : {-1, 3}) {
+    gradient->set_point_index(index);
+    EXPECT_THAT(
+        AddGradients(response, &gradients),
+        StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("gradients[0].point_index is ")));
+  }
+  gradient->set_point_index(0);
+  gradient->mutable_gradient()->set_z(std::numeric_limits<double>::quiet_NaN());
+  EXPECT_THAT(AddGradients(response, &gradients),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("gradients[0].gradient")));
 }
 
 }  // namespace

@@ -111,6 +111,21 @@ TEST(MoveToBoxTest, DirectionUpAngleAndFramingStay) {
              (camera.target - kVolume.Center()) * (1 / kVolume.Radius()));
 }
 
+TEST(ClippedBoundsTest, AreInsideOfTheBoxWhereSomethingIs) {
+  const auto clipped = [](const math::Vec3d& min, const math::Vec3d& max) {
+    ClipRegion clip;
+    clip.half_spaces.push_back({{1, 0, 0}, 4});  // planes do not count
+    clip.box = Box(min, max);
+    return ClippedBounds(kVolume, clip);
+  };
+  EXPECT_EQ(ClippedBounds(kVolume, {}), kVolume);
+  EXPECT_EQ(clipped({-9, -9, -9}, {9, 9, 9}), kVolume);
+  EXPECT_EQ(clipped({0, -9, 1}, {9, 3, 2}), Box({0, -2, 1}, {5, 3, 2}));
+  EXPECT_EQ(clipped({0, 1, 1}, {9, 1, 2}), Box({0, 1, 1}, {5, 1, 2})) << "a plane has a size";
+  EXPECT_EQ(clipped({6, 0, 0}, {9, 1, 1}), kVolume) << "beside it";
+  EXPECT_EQ(clipped({1, 1, 1}, {1, 1, 1}), kVolume) << "a camera can't frame a point";
+}
+
 TEST(BoundsOfCellsTest, AllCellsAreTheVolumeAndSomeAreTheirCorners) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {5, 6, 7};

@@ -134,8 +134,8 @@ TEST(ClipperTest, ABlockThatTouchesThePlaneIsNotCertain) {
 
 TEST(ClipperTest, AFragmentIsKeptByTheDistanceBetweenItsVertices) {
   EXPECT_TRUE(Clipper::IsKept({-1, 3, 0}, {0.5, 0.25, 0.25}));
-  EXPECT_FALSE(Clipper::IsKept({-1, 3, -1}, {0.5, 0.25, 0.25}) &&
-               Clipper::IsKept({-1, 1, -1}, {0.5, 0.25, 0.25}));
+  EXPECT_TRUE(Clipper::IsKept({-1, 3, -1}, {0.5, 0.25, 0.25})) << "a distance of 0";
+  EXPECT_FALSE(Clipper::IsKept({-1, 1, -1}, {0.5, 0.25, 0.25}));
   EXPECT_TRUE(Clipper::IsKept({0, -1, -1}, {1, 0, 0}));
   EXPECT_FALSE(Clipper::IsKept({1, -2, 0}, {0.5, 0.5, 0}));
 }

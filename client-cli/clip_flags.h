@@ -1,0 +1,39 @@
+// The flags of a clip region, for frames and for meshes.
+
+#ifndef ISOSCOPE_CLIENT_CLI_CLIP_FLAGS_H_
+#define ISOSCOPE_CLIENT_CLI_CLIP_FLAGS_H_
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+
+#include "client-cli/parse_value.h"
+#include "core/math/box.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace CLI {  // NOLINT(readability-identifier-naming): theirs
+class App;
+}  // namespace CLI
+
+namespace isoscope::cli {
+
+struct ClipFlags {
+  std::vector<PlaneValue> planes = {};
+  std::optional<math::Box3d> box = std::nullopt;
+
+  [[nodiscard]] bool empty() const { return planes.empty() && !box; }
+};
+
+// `flags` must outlive the parsing. verb: what is done with the part that is kept, for --help.
+void AddClipFlags(CLI::App* app, ClipFlags* flags, const std::string& verb = "show");
+
+// UsageError if there are too many planes.
+absl::Status CheckUsage(const ClipFlags& flags);
+
+isoscope::v1::ClipRegion ToProto(const ClipFlags& flags);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_CLIP_FLAGS_H_

@@ -1,0 +1,40 @@
+// Tells the gradient of the field at points, for picks.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_
+#define ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/math/vec.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::agent {
+
+// The gradient at one of the points asked for.
+struct PointGradient {
+  std::size_t point_index = 0;
+  math::Vec3d gradient;  // field units for each world unit, world space; finite
+
+  friend bool operator==(const PointGradient&, const PointGradient&) = default;
+};
+
+// Returns the gradients (volume::GradientAt) at those points whose cells these shards hold, and
+// where they are finite, in the order of the points. Of all shards of a dataset exactly one holds
+// the cell of a point. Reads each block once. O(blocks of the shards + points). Blocks.
+//
+// shards: of one dataset, at least one
+// points: in world space, finite
+//
+// DATA_LOSS as ShardReader::ReadDiskRun; CANCELLED, DEADLINE_EXCEEDED.
+absl::StatusOr<std::vector<PointGradient>> GradientsAt(
+    const std::vector<std::shared_ptr<const Shard>>& shards, const std::vector<math::Vec3d>& points,
+    const base::Cancellation& cancellation);
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_

@@ -1,0 +1,165 @@
+// Runs frames of one agent without a coordinator, for the tests of FramePipeline.
+
+#ifndef ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_FRAME_PIPELINE_FIXTURE_H_
+#define ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_FRAME_PIPELINE_FIXTURE_H_
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "gtest/gtest.h"
+#include <oneapi/tbb/task_arena.h>
+
+#include "core/base/cancellation.h"
+#include "core/composite/depth_composite.h"
+#include "core/image/frame_image.h"
+#include "core/render/layer_pass.h"
+#include "core/render/renderer_factory.h"
+#include "core/view/view.h"
+#include "core/visibility/occluder_selection.h"
+#include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
+#include "partition-agent/block_cache.h"
+#include "partition-agent/frame_pipeline.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/partition-agent/small_dataset.h"
+
+namespace isoscope::agent {
+
+inline constexpr image::FragmentOrder kOrder{.block_count = 1 << 20,
+                                             .ties = image::TieRule::kColor};
+
+using Shards = std::vector<std::shared_ptr<const Shard>>;
+
+// One whole frame of one agent: both images composited, and what it took.
+struct Frame {
+  RaySelection selection;
+  std::vector<volume::BlockId> occluding_blocks;
+  std::vector<volume::BlockId> visible_blocks;
+  image::FrameImage occluders;
+  image::FrameImage image;
+  frame::AgentStatistics after_selection;
+  frame::AgentStatistics statistics;
+};
+
+// What is the same however many threads work and whatever was kept.
+inline void ExpectSameWork(const Frame& frame, const Frame& expected) {
+  EXPECT_EQ(frame.selection.hits, expected.selection.hits);
+  EXPECT_EQ(frame.selection.active, expected.selection.active);
+  EXPECT_TRUE(frame.occluders == expected.occluders);
+  EXPECT_TRUE(frame.image == expected.image);
+  EXPECT_EQ(frame.statistics.active_block_count, expected.statistics.active_block_count);
+  EXPECT_EQ(frame.statistics.occluding_block_count, expected.statistics.occluding_block_count);
+  EXPECT_EQ(frame.statistics.visible_block_count, expected.statistics.visible_block_count);
+  EXPECT_EQ(frame.statistics.triangle_count, expected.statistics.triangle_count);
+  EXPECT_EQ(frame.statistics.unique_vertex_count, expected.statistics.unique_vertex_count);
+}
+
+class FramePipelineTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_,
+                                  render::MakeRenderer({.kind = render::RendererKind::kCpu}));
+  }
+
+  absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
+      const Shards& shards, const FrameTask& request,
+      const base::Cancellation* cancellation = nullptr) {
+    FrameTask numbered = request;
+    numbered.frame_number = frame_number_.fetch_add(1);
+    return FramePipeline::Make(shards, numbered, Resources(),
+                               cancellation == nullptr ? &never_ : cancellation);
+  }
+  [[nodiscard]] AgentResources Resources() const {
+    return {.renderer = renderer_.get(),
+            .layers = &layers_,
+            .arena = arena_.get(),
+            .cache = cache_.get()};
+  }
+  void ForgetAll() { cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes); }
+
+  // What a coordinator of this agent alone sends for step 3: the blocks, and their open pixels.
+  static std::pair<std::vector<volume::BlockId>, std::string> VisibleOf(
+      const Frame& frame, const FrameTask& request, const testing::SmallDataset& dataset) {
+    const view::View view =
+        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+    const volume::BlockLayout layout = dataset.layout();
+    const auto map =
+        visibility::OcclusionMap::FromImage(frame.occluders, visibility::MapKind::kDepth);
+    std::vector<volume::BlockId> blocks;
+    std::vector<image::PixelMask> masks;
+    for (const volume::BlockId id : frame.selection.active) {
+      const view::Footprint footprint = view.FootprintOf(layout, id);
+      if (!std::binary_search(frame.occluding_blocks.begin(), frame.occluding_blocks.end(), id) &&
+          !footprint.rect.empty() && !map.Hides(footprint)) {
+        blocks.push_back(id);
+        masks.push_back(map.OpenPixels(footprint));
+      }
+    }
+    return {blocks, visibility::EncodeOpenPixels(masks)};
+  }
+
+  void RunAlone(const Shards& shards, const FrameTask& request,
+                const testing::SmallDataset& dataset, Frame* frame) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pipeline, Make(shards, request));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->selection, pipeline->SelectOccluders());
+    frame->after_selection = pipeline->statistics();
+    const volume::BlockLayout layout = dataset.layout();
+    volume::BlockSet active(layout.block_count());
+    for (const volume::BlockId id : frame->selection.active) {
+      active.Insert(id);
+    }
+    // The coordinator sends those that are in the picture.
+    const view::View view =
+        *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
+    frame->occluding_blocks.clear();
+    for (const volume::BlockId id :
+         visibility::OccludingBlocks(frame->selection.hits, layout, active).Ids()) {
+      if (!view.FootprintOf(layout, id).rect.empty()) {
+        frame->occluding_blocks.push_back(id);
+      }
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->occluders,
+                                  pipeline->RenderOccluders(frame->occluding_blocks));
+    std::string open_pixels;
+    std::tie(frame->visible_blocks, open_pixels) = VisibleOf(*frame, request, dataset);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->image,
+                                  pipeline->RenderVisible(frame->visible_blocks, open_pixels));
+    composite::CompositeInto(frame->occluders, kOrder, &frame->image);
+    frame->statistics = pipeline->statistics();
+  }
+
+  image::FrameImage RenderAll(const Shards& shards, const FrameTask& request,
+                              frame::AgentStatistics* statistics = nullptr) {
+    const auto pipeline = Make(shards, request);
+    EXPECT_THAT(pipeline, testing::IsOk());
+    auto image = (*pipeline)->RenderAll();
+    EXPECT_THAT(image, testing::IsOk());
+    if (statistics != nullptr) {
+      *statistics = (*pipeline)->statistics();
+    }
+    return *std::move(image);
+  }
+
+  std::unique_ptr<render::Renderer> renderer_;
+  mutable render::LayerRenderer layers_{std::size_t{16} << 20};
+  std::unique_ptr<tbb::task_arena> arena_ = std::make_unique<tbb::task_arena>(2);
+  static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
+  // Of no use; of some samples; of samples and one segment of meshes; of all.
+  static constexpr std::size_t kCacheSizes[] = {std::size_t{1} << 16, std::size_t{1} << 20,
+                                                std::size_t{1} << 21, kAmpleCacheBytes};
+  std::unique_ptr<BlockCache> cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes);
+  const base::Cancellation never_;
+  std::atomic<std::int64_t> frame_number_{1};  // each pipeline is a frame of its own
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_FRAME_PIPELINE_FIXTURE_H_
