@@ -39,11 +39,6 @@ absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& data
   if (dataset.picture_revision.back_end == frame::BackEnd::kCpu) {
     return absl::OkStatus();
   }
-  if (spec.output.normal) {
-    return absl::FailedPreconditionError(
-        "output.normal is true: the agents draw with OpenGL, which gives no normals; start them "
-        "with --renderer cpu, or leave it out");
-  }
   if (std::max(spec.viewport.width_px, spec.viewport.height_px) > view::kMaxViewportPx) {
     return absl::FailedPreconditionError(absl::StrCat(
         "viewport of ", spec.viewport.width_px, " x ", spec.viewport.height_px,
