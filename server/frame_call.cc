@@ -9,6 +9,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/picture/deferred_shading.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -44,6 +45,29 @@ absl::Status CheckMessageBytes(std::size_t bytes) {
   return absl::InvalidArgumentError(absl::StrCat(
       "output: picture and planes have ", bytes, " bytes and one message holds at most ",
       rpc::kMaxMessageBytes, ": ask RenderIsosurfaceStream, or for a region or fewer planes"));
+}
+
+// Whether the picture is computed from normals.
+bool IsPictureDeferred(const frame::FrameSpec& spec) {
+  return spec.output.image_format != frame::ImageFormat::kNone &&
+         picture::NeedsDeferredShading(spec);
+}
+
+// Tells how the surfaces were coloured.
+void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geometry,
+                  v1::RenderIsosurfaceResponse* response) {
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    std::optional<frame::ColorBy> color_by = spec.surfaces[i].color_by;
+    if (!color_by.has_value()) {
+      continue;
+    }
+    if (color_by->quantity != frame::ColorBy::Quantity::kNormal) {
+      color_by->range = picture::ColorRangeOf(*color_by, geometry);
+    }
+    v1::SurfaceColoring* const coloring = response->add_colorings();
+    coloring->set_surface_index(static_cast<std::int32_t>(i));
+    *coloring->mutable_color_by() = rpc::ToProto(*color_by);
+  }
 }
 
 // Returns the index of the agent that has an active block; none if no agent has it.
@@ -123,11 +147,13 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
+  AddColorings(spec_, target.view.geometry(), response);
 
   // A frame whose pixels carry normals has the same depths and surfaces.
   frame::FrameSpec drawn = spec_;
   drawn.sends_normals =
-      spec_.output.normal && spec_.output.image_format == frame::ImageFormat::kNone;
+      IsPictureDeferred(spec_) ||
+      (spec_.output.normal && spec_.output.image_format == frame::ImageFormat::kNone);
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
                             runner_->Run(frame_number, request_, drawn, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);
@@ -155,9 +181,13 @@ absl::Status FrameCall::Encode(const FrameTarget& target, bool carries_normals, 
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
-    if (carries_normals) {
+    if (carries_normals && spec_.output.normal) {
       output->normal = NormalPlane(image_);
-    } else {
+    }
+    if (IsPictureDeferred(spec_)) {
+      picture::DeferredShader(spec_, target.view, target.order).ShadeImage(&image_);
+    }
+    if (spec_.output.image_format != frame::ImageFormat::kNone) {
       ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
     }
     FillPlanes(image_, spec_, target.view, target.order, output);
@@ -198,7 +228,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
       runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_));
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
-  spec_.sends_normals = target.dataset.picture_revision.back_end == frame::BackEnd::kCpu;
+  spec_.sends_normals = true;
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
                             runner_->Run(frame_number, request_, spec_, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);

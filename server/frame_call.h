@@ -12,7 +12,9 @@
 //    the client gets the answer, so that the client's next request finds it free. Its memory is
 //    given back when gRPC is done with the response.
 //
-// Normals travel in place of colours. A frame with a picture and normals is drawn twice.
+// Normals travel in place of colours. The picture of a frame with lights or a color_by is computed
+// from them (core/picture/deferred_shading). Another frame with a picture and normals is drawn
+// twice.
 //
 // A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
 // its own, so that the block of a pixel tells its shard.

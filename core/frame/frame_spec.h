@@ -25,6 +25,7 @@ namespace isoscope::frame {
 struct Surface {
   double isovalue = 0;  // finite
   Appearance appearance;
+  std::optional<ColorBy> color_by = std::nullopt;  // in place of the base colour
 
   friend bool operator==(const Surface&, const Surface&) = default;
 };
@@ -42,6 +43,7 @@ struct FrameSpec {
   Culling culling = Culling::kDepth;
   image::Rgba8 background_color{0, 0, 0, 255};
   view::ClipRegion clip;
+  std::vector<Light> lights;  // at most kMaxLights; none: the head light
   std::uint64_t ray_seed = 0;
   // Only the coordinator looks at it.
   OutputSpec output;
