@@ -38,6 +38,7 @@ constexpr char kFontFamily[] = "DejaVu Sans";
 constexpr double kOutlineShare = 0.22;  // of the text's size
 constexpr double kLineSpacing = 1.3;
 constexpr int kMaxLegendTicks = 8;
+constexpr double kLeastArm = 0.35;  // of an arm in the picture, for letters at both of its ends
 constexpr std::ptrdiff_t kPixelBytes = 4;  // of Cairo's ARGB32
 
 struct Ink {
@@ -227,9 +228,16 @@ absl::Status DrawAxes(const AnnotationScene& scene, Annotated* annotated) {
   };
   std::vector<Arm> arms;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    arms.push_back({axis, directions[axis], arm, &scene.axis_names[axis]});
-    if (!scene.opposite_names[axis].empty()) {
-      arms.push_back({axis, -directions[axis], 0.6 * arm, &scene.opposite_names[axis]});
+    const math::Vec3d& d = directions[axis];
+    const bool has_two = !scene.opposite_names[axis].empty();
+    // The letters of an axis along the view direction would lie on each other: the end shows that
+    // points to the eye.
+    const bool is_short = has_two && std::hypot(d.x, d.y) < kLeastArm;
+    if (!is_short || d.z < 0) {
+      arms.push_back({axis, d, arm, &scene.axis_names[axis]});
+    }
+    if (has_two && (!is_short || d.z >= 0)) {
+      arms.push_back({axis, -d, 0.6 * arm, &scene.opposite_names[axis]});
     }
   }
   std::stable_sort(arms.begin(), arms.end(),

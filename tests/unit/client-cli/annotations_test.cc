@@ -282,6 +282,27 @@ TEST(AnnotationsTest, LegendsOfAnySizeAndNumberAreDrawn) {
   }
 }
 
+// Seen along z, the patient's axes have one letter less than seen askew.
+TEST(AnnotationsTest, AnAxisAlongTheViewShowsTheEndThatPointsToTheEye) {
+  const auto blue_count = [](const math::Vec3d& eye, bool has_patient) {
+    AnnotationScene scene = Orthographic(500, 400);
+    scene.camera.eye = eye;
+    if (has_patient) {
+      NameAxes(volume::PatientFrame(), &scene);
+    }
+    const absl::StatusOr<Annotated> annotated =
+        Annotate({.has_axes = true}, scene, Plain(400, 400));
+    EXPECT_THAT(annotated, ::isoscope::testing::IsOk());
+    return std::count_if(
+        annotated->picture.pixels.begin(), annotated->picture.pixels.end(),
+        [](const image::Rgba8& pixel) { return pixel.b > 150 && pixel.b > 2 * pixel.r; });
+  };
+  const auto along = blue_count({0, 0, 10}, true);
+  EXPECT_GT(along, 5) << "S, which points to the eye, is missing";
+  EXPECT_GT(blue_count({10, 0, 0.1}, true), 3 * along) << "both arms and both letters show";
+  EXPECT_GT(blue_count({0, 0, 10}, false), 5);
+}
+
 TEST(AnnotationsTest, AxesOfAPatientHaveTheLettersOfItsSides) {
   AnnotationScene scene;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::PatientFrame frame,
