@@ -14,8 +14,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <memory>
-#include <numeric>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -27,6 +27,7 @@
 
 #include "client-cli/flags.h"
 #include "core/base/status_macros.h"
+#include "core/picture/color_map.h"
 
 namespace isoscope::cli {
 namespace {
@@ -36,6 +37,8 @@ constexpr double kMinTextPx = 11;
 constexpr char kFontFamily[] = "DejaVu Sans";
 constexpr double kOutlineShare = 0.22;  // of the text's size
 constexpr double kLineSpacing = 1.3;
+constexpr int kMaxLegendTicks = 8;
+constexpr double kLeastArm = 0.35;  // of an arm in the picture, for letters at both of its ends
 constexpr std::ptrdiff_t kPixelBytes = 4;  // of Cairo's ARGB32
 
 struct Ink {
@@ -198,6 +201,18 @@ double TextPx(const image::RgbaImage& picture) {
 
 int Ceil(double value) { return static_cast<int>(std::ceil(value)); }
 
+// An arm of the axes, from the centre, with its letter beyond the tip; of one that points at the
+// eye, beside it.
+void DrawArm(const Sheet& sheet, double center, double arm, double text, const math::Vec3d& d,
+             double thickness, const std::string& name, const Ink& ink) {
+  sheet.DrawLine(center, center, center + arm * d.x, center - arm * d.y, thickness, ink);
+  const double length = std::hypot(d.x, d.y);
+  const double beyond = arm * length + 0.9 * text;
+  const double x = center + (length > 1e-6 ? d.x / length : 0.7) * beyond;
+  const double y = center - (length > 1e-6 ? d.y / length : 0.7) * beyond;
+  sheet.DrawText(x - sheet.WidthOf(name) / 2, y + 0.36 * text, name, ink);
+}
+
 // The bottom left corner: arrows from a common point, the farthest first.
 absl::Status DrawAxes(const AnnotationScene& scene, Annotated* annotated) {
   const double text = TextPx(annotated->picture);
@@ -205,22 +220,32 @@ absl::Status DrawAxes(const AnnotationScene& scene, Annotated* annotated) {
   const int side = Ceil(2 * (arm + 2 * text));
   Sheet sheet(0, annotated->picture.height - side, side, side, text, scene.is_background_light);
   const std::array<math::Vec3d, 3> directions = AxisDirections(scene.camera);
-  std::array<std::size_t, 3> order{};
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return directions[a].z > directions[b].z; });
-  const double center = side / 2.0;
-  for (const std::size_t axis : order) {
+  struct Arm {
+    std::size_t axis = 0;
+    math::Vec3d direction;
+    double length_px = 0;
+    const std::string* name = nullptr;
+  };
+  std::vector<Arm> arms;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
     const math::Vec3d& d = directions[axis];
-    sheet.DrawLine(center, center, center + arm * d.x, center - arm * d.y, 0.22 * text,
-                   kAxisInks[axis]);
-    // The letter lies beyond the tip; of an axis that points at the eye, beside it.
-    const double length = std::hypot(d.x, d.y);
-    const double beyond = arm * length + 0.9 * text;
-    const double x = center + (length > 1e-6 ? d.x / length : 0.7) * beyond;
-    const double y = center - (length > 1e-6 ? d.y / length : 0.7) * beyond;
-    sheet.DrawText(x - sheet.WidthOf(scene.axis_names[axis]) / 2, y + 0.36 * text,
-                   scene.axis_names[axis], kAxisInks[axis]);
+    const bool has_two = !scene.opposite_names[axis].empty();
+    // The letters of an axis along the view direction would lie on each other: the end shows that
+    // points to the eye.
+    const bool is_short = has_two && std::hypot(d.x, d.y) < kLeastArm;
+    if (!is_short || d.z < 0) {
+      arms.push_back({axis, d, arm, &scene.axis_names[axis]});
+    }
+    if (has_two && (!is_short || d.z >= 0)) {
+      arms.push_back({axis, -d, 0.6 * arm, &scene.opposite_names[axis]});
+    }
+  }
+  std::stable_sort(arms.begin(), arms.end(),
+                   [](const Arm& a, const Arm& b) { return a.direction.z > b.direction.z; });
+  for (const Arm& drawn : arms) {
+    const bool is_opposite = drawn.name == &scene.opposite_names[drawn.axis];
+    DrawArm(sheet, side / 2.0, drawn.length_px, text, drawn.direction,
+            (is_opposite ? 0.1 : 0.22) * text, *drawn.name, kAxisInks[drawn.axis]);
   }
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
 }
@@ -246,6 +271,120 @@ absl::Status DrawScaleBar(const AnnotationScene& scene, Annotated* annotated) {
   sheet.FillPath();
   sheet.DrawText(right - sheet.WidthOf(bar.label), y - 0.7 * text, bar.label, sheet.ink());
   return sheet.LayOver(&annotated->picture, &annotated->boxes);
+}
+
+// One bar of the legend, or one line of text for normals, which have no map.
+struct LegendItem {
+  frame::ColorBy color_by;
+  std::string title;
+};
+
+// Surfaces that were coloured alike share an item.
+std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
+  std::vector<LegendItem> items;
+  std::vector<std::vector<std::string>> isovalues;
+  for (const SurfaceColoring& coloring : scene.colorings) {
+    std::size_t i = 0;
+    while (i < items.size() && !(items[i].color_by == coloring.color_by)) {
+      ++i;
+    }
+    if (i == items.size()) {
+      items.push_back({coloring.color_by, ""});
+      isovalues.emplace_back();
+    }
+    if (coloring.surface_index < scene.isovalues.size()) {
+      isovalues[i].push_back(absl::StrFormat("%.9g", scene.isovalues[coloring.surface_index]));
+    }
+  }
+  const std::array<const char*, 4> quantities = {"x", "y", "z", "normal: red x, green y, blue z"};
+  for (std::size_t i = 0; i < items.size(); ++i) {
+    const bool is_all = isovalues[i].size() == scene.isovalues.size();
+    items[i].title =
+        absl::StrCat(quantities[static_cast<std::size_t>(items[i].color_by.quantity)],
+                     is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", ")));
+  }
+  return items;
+}
+
+std::string TickLabel(double value, double step) {
+  return absl::StrFormat("%.9g", std::abs(value) < 1e-9 * step ? 0.0 : value);
+}
+
+// The colours of a map from bottom to top, with a frame and ticks, in [y, y + height).
+void DrawBar(const Sheet& sheet, double x, double y, double width, double height, double text,
+             const frame::ColorBy& color_by) {
+  const picture::ColorMapTable& table = picture::ColorMapTableOf(color_by.map);
+  cairo_t* const cr = sheet.cr();
+  cairo_rectangle(cr, x, y, width, height);
+  sheet.FillPath();
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    const auto edge = [&](std::size_t step) {
+      return std::round(y + height * (1 - static_cast<double>(step) / picture::kColorMapSteps));
+    };
+    cairo_set_source_rgb(cr, table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0);
+    cairo_rectangle(cr, x, edge(i + 1), width, edge(i) - edge(i + 1));
+    cairo_fill(cr);
+  }
+  const frame::ColorRange range = color_by.range.value_or(frame::ColorRange());
+  const int max_count = std::clamp(static_cast<int>(height / (2 * text)), 2, kMaxLegendTicks);
+  const std::vector<double> ticks = LegendTicks(range, max_count);
+  const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : range.max - range.min;
+  for (const double value : ticks) {
+    const double at = y + height * (1 - (value - range.min) / (range.max - range.min));
+    sheet.DrawLine(x + width, at, x + width + 0.35 * text, at, 0.1 * text, sheet.ink());
+    sheet.DrawText(x + width + 0.7 * text, at + 0.36 * text, TickLabel(value, step), sheet.ink());
+  }
+}
+
+// Draws a bar with its title so that it ends at column `right`; returns where it begins.
+absl::StatusOr<double> DrawBarItem(const AnnotationScene& scene, const LegendItem& item,
+                                   double right, double top, double bar_height,
+                                   Annotated* annotated) {
+  const double text = TextPx(annotated->picture);
+  const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);
+  const frame::ColorRange range = item.color_by.range.value_or(frame::ColorRange());
+  double labels = 0;
+  for (const double value : LegendTicks(range, kMaxLegendTicks)) {
+    labels = std::max(labels, ruler.WidthOf(TickLabel(value, range.max - range.min)));
+  }
+  const double item_width = std::max(ruler.WidthOf(item.title), 1.7 * text + labels) + text;
+  const int width = Ceil(item_width);
+  const double left = std::floor(right - width);
+  Sheet sheet(static_cast<int>(left), static_cast<int>(top), width, Ceil(bar_height + 4 * text),
+              text, scene.is_background_light);
+  sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
+  DrawBar(sheet, 0.5 * text, std::round(2.5 * text), std::round(text), bar_height, text,
+          item.color_by);
+  ISOSCOPE_RETURN_IF_ERROR(sheet.LayOver(&annotated->picture, &annotated->boxes));
+  return left;
+}
+
+// The right side: bars from right to left, and below them lines of text for normals.
+absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
+  if (scene.colorings.empty()) {
+    return absl::InvalidArgumentError(
+        "--legend: no surface shows a quantity; colour one, as with --color-by z");
+  }
+  const view::Viewport size{annotated->picture.width, annotated->picture.height};
+  const double text = TextPx(annotated->picture);
+  const double bar_height = std::round(0.45 * size.height_px);
+  const double top = std::floor((size.height_px - bar_height) / 2 - 2.5 * text);
+  double right = size.width_px - 0.5 * text;
+  double line_top = top + bar_height + 4 * text;
+  for (const LegendItem& item : LegendItemsOf(scene)) {
+    if (item.color_by.quantity != frame::ColorBy::Quantity::kNormal) {
+      ISOSCOPE_ASSIGN_OR_RETURN(right, DrawBarItem(scene, item, right, top, bar_height, annotated));
+      continue;
+    }
+    const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);
+    const int width = Ceil(ruler.WidthOf(item.title) + text);
+    Sheet sheet(size.width_px - width - Ceil(0.5 * text), static_cast<int>(line_top), width,
+                Ceil(2 * text), text, scene.is_background_light);
+    sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
+    ISOSCOPE_RETURN_IF_ERROR(sheet.LayOver(&annotated->picture, &annotated->boxes));
+    line_top += kLineSpacing * text;
+  }
+  return absl::OkStatus();
 }
 
 std::string IsovalueText(const AnnotationScene& scene) {
@@ -295,11 +434,16 @@ absl::Status CheckFont() {
 
 void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags) {
   const std::string group = "Annotations (drawn over the picture)";
-  app->add_flag("--axes", flags->has_axes, "orientation axes X, Y, Z in the bottom left corner")
+  app->add_flag("--axes", flags->has_axes,
+                "orientation axes in the bottom left corner: X, Y, Z, or the sides of the patient "
+                "(L R A P S I) where it is known")
       ->group(group);
   app->add_flag("--scale-bar", flags->has_scale_bar,
                 "a bar of a round number of world units in the bottom right corner; of a "
                 "perspective camera it holds at the target's distance")
+      ->group(group);
+  app->add_flag("--legend", flags->has_legend,
+                "the colour map of --color-by with its range, at the right side")
       ->group(group);
   AddFlag(app, "--caption", "TEXT", &flags->caption, ParseText,
           "text in the top left corner; {isovalue} becomes the frame's, \\n begins a line")
@@ -328,6 +472,38 @@ ScaleBar MakeScaleBar(const AnnotationScene& scene, double max_px) {
   return bar;
 }
 
+void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene) {
+  constexpr absl::string_view kSides = "LRPASI";
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t side = kSides.find(frame.name()[axis]);
+    scene->axis_names[axis] = std::string(1, kSides[side]);
+    scene->opposite_names[axis] = std::string(1, kSides[side ^ 1U]);
+  }
+}
+
+std::vector<double> LegendTicks(const frame::ColorRange& range, int max_count) {
+  const double length = range.max - range.min;
+  // A multiple of the step that rounding has moved off an end still counts.
+  const double slack = 1e-9 * length;
+  for (double power = std::max(std::pow(10, std::floor(std::log10(length / max_count))),
+                               std::numeric_limits<double>::min());
+       ; power *= 10) {
+    for (const double factor : {1.0, 2.0, 5.0}) {
+      const double step = factor * power;
+      const double first = std::ceil((range.min - slack) / step);
+      const double last = std::floor((range.max + slack) / step);
+      if (last - first + 1 > max_count) {
+        continue;
+      }
+      std::vector<double> ticks;
+      for (int i = 0; i <= last - first; ++i) {
+        ticks.push_back(std::clamp((first + i) * step, range.min, range.max));
+      }
+      return ticks;
+    }
+  }
+}
+
 std::array<math::Vec3d, 3> AxisDirections(const view::Camera& camera) {
   const math::Vec3d forward = math::Normalized(camera.target - camera.eye);
   const math::Vec3d right = math::Normalized(math::Cross(forward, camera.up));
@@ -345,6 +521,9 @@ absl::StatusOr<Annotated> Annotate(const AnnotationFlags& flags, const Annotatio
   }
   if (flags.has_scale_bar) {
     ISOSCOPE_RETURN_IF_ERROR(DrawScaleBar(scene, &annotated));
+  }
+  if (flags.has_legend) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawLegend(scene, &annotated));
   }
   if (flags.caption) {
     ISOSCOPE_RETURN_IF_ERROR(DrawCaption(*flags.caption, scene, &annotated));

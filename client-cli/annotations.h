@@ -1,10 +1,11 @@
-// Annotations: orientation axes, a scale bar and a caption, drawn by Cairo over a picture that has
-// come. The server's pictures never have any.
+// Annotations: orientation axes, a scale bar, a legend and a caption, drawn by Cairo over a picture
+// that has come. The server's pictures never have any.
 
 #ifndef ISOSCOPE_CLIENT_CLI_ANNOTATIONS_H_
 #define ISOSCOPE_CLIENT_CLI_ANNOTATIONS_H_
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -13,9 +14,11 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/frame/appearance.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"
 #include "core/view/view.h"
+#include "core/volume/patient_frame.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): theirs
 class App;
@@ -26,15 +29,22 @@ namespace isoscope::cli {
 struct AnnotationFlags {
   bool has_axes = false;
   bool has_scale_bar = false;
+  bool has_legend = false;
   // "{isovalue}" in it becomes the frame's, several with commas between; "\n" (two letters) begins
   // a new line.
   std::optional<std::string> caption = std::nullopt;
 
-  [[nodiscard]] bool any() const { return has_axes || has_scale_bar || caption; }
+  [[nodiscard]] bool any() const { return has_axes || has_scale_bar || has_legend || caption; }
 };
 
 // `flags` must outlive the parsing.
 void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags);
+
+// How a surface was coloured: a part of the legend.
+struct SurfaceColoring {
+  std::size_t surface_index = 0;
+  frame::ColorBy color_by;  // with its range, if it has a map
+};
 
 // What a frame tells its annotations.
 struct AnnotationScene {
@@ -43,7 +53,18 @@ struct AnnotationScene {
   std::vector<double> isovalues;     // of the surfaces, in their order
   bool is_background_light = false;  // dark ink on it
   std::array<std::string, 3> axis_names{"X", "Y", "Z"};
+  // Of the ends that point the other way; empty: these have no arm.
+  std::array<std::string, 3> opposite_names{};
+  std::vector<SurfaceColoring> colorings;  // ascending surfaces
 };
+
+// Names the axes by the sides of a patient.
+void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene);
+
+// Returns the multiples of a round number (1, 2 or 5 times a power of ten) that lie in the range,
+// ascending: of the least such number that gives at most `max_count` (>= 2) of them. They are at
+// least 1.
+std::vector<double> LegendTicks(const frame::ColorRange& range, int max_count);
 
 // A scale bar: a round number of world units and its length in the picture.
 struct ScaleBar {
@@ -67,7 +88,8 @@ struct Annotated {
 };
 
 // Draws over the picture. The same on one machine; another one may have another font.
-// INVALID_ARGUMENT if the caption is not UTF-8; FAILED_PRECONDITION if there is no font.
+// INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is asked for and no surface shows a
+// quantity; FAILED_PRECONDITION if there is no font.
 // Thread-safe.
 absl::StatusOr<Annotated> Annotate(const AnnotationFlags& flags, const AnnotationScene& scene,
                                    image::RgbaImage picture);

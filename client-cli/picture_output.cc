@@ -8,6 +8,7 @@
 #include "client-cli/render_request.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {
@@ -34,7 +35,8 @@ bool IsBackgroundLight(const isoscope::v1::RenderIsosurfaceRequest& request) {
 // Draws the annotations of a frame over `*png`, and tells what the record says of that.
 absl::Status AnnotatePng(const AnnotationFlags& flags,
                          const isoscope::v1::RenderIsosurfaceRequest& request,
-                         const isoscope::v1::Camera& camera, std::string* png,
+                         const isoscope::v1::RenderIsosurfaceResponse& response,
+                         const std::string& patient_frame, std::string* png,
                          AnnotatedPicture* annotated) {
   AnnotationScene scene;
   scene.viewport_height_px = request.viewport().height_px();
@@ -45,7 +47,18 @@ absl::Status AnnotatePng(const AnnotationFlags& flags,
     scene.isovalues.push_back(request.isovalue());
   }
   scene.is_background_light = IsBackgroundLight(request);
-  ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, rpc::CameraFromProto(camera, "camera"));
+  ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, rpc::CameraFromProto(response.camera(), "camera"));
+  if (!patient_frame.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::PatientFrame frame,
+                              volume::PatientFrame::FromName(patient_frame));
+    NameAxes(frame, &scene);
+  }
+  for (const isoscope::v1::SurfaceColoring& coloring : response.colorings()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const frame::ColorBy color_by,
+        rpc::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
+    scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by});
+  }
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
   ISOSCOPE_ASSIGN_OR_RETURN(Annotated drawn, Annotate(flags, scene, std::move(picture)));
   annotated->plain_png_sha256 = PictureSha256(*png);
@@ -79,8 +92,8 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   std::optional<AnnotatedPicture> annotated;
   if (options_.annotations.any()) {
     annotated.emplace();
-    ISOSCOPE_RETURN_IF_ERROR(
-        AnnotatePng(options_.annotations, request, response.camera(), &png, &*annotated));
+    ISOSCOPE_RETURN_IF_ERROR(AnnotatePng(options_.annotations, request, response,
+                                         options_.patient_frame, &png, &*annotated));
   }
   if (is_animation) {
     return AddToAnimation(request, png);

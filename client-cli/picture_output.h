@@ -24,6 +24,7 @@ struct PictureOutputOptions {
   double fps = 12;  // of an animation
   bool has_metadata = true;
   AnnotationFlags annotations = {};
+  std::string patient_frame = {};  // of the dataset; empty if it is not known
   // For the record of each picture.
   std::string picture_revision;
   std::string samples_digest;

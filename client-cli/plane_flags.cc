@@ -42,8 +42,7 @@ void AddPlaneFlags(CLI::App* app, PlaneFlags* flags) {
   AddFlag(app, "--position", "FILE.npy", &flags->position, ParseText,
           "write each pixel's point in world space; NaN for the background");
   AddFlag(app, "--normal", "FILE.npy", &flags->normal, ParseText,
-          "write each pixel's unit normal in world space; NaN for the background (needs the cpu "
-          "renderer)");
+          "write each pixel's unit normal in world space; NaN for the background");
 }
 
 bool IsJpegName(const std::string& path) {

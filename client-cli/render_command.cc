@@ -22,6 +22,7 @@
 #include "client-cli/flags.h"
 #include "client-cli/frame_statistics.h"
 #include "client-cli/like_picture.h"
+#include "client-cli/look_flags.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/picture_output.h"
@@ -54,6 +55,7 @@ struct RenderFlags {
   PlaneFlags planes;
   EffectFlags effects;
   ViewFlags view;
+  LookFlags look;
   std::optional<std::string> output;
   std::optional<std::string> stats;
   std::optional<std::string> like;
@@ -137,8 +139,12 @@ absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.isovalues().size()));
     if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
+    }
+    if (flags.annotations.has_legend && flags.look.color_by.empty()) {
+      return UsageError("--legend shows what the colours of --color-by mean: give that too");
     }
     ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
     return CheckUsage(flags.sweep, flags.output.value_or(""));
@@ -199,6 +205,7 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .fps = flags.sweep.fps(),
                         .has_metadata = !flags.has_no_metadata,
                         .annotations = flags.annotations,
+                        .patient_frame = subject.dataset.patient_frame(),
                         .picture_revision = subject.picture_revision,
                         .samples_digest = subject.dataset.samples_digest()});
 }
@@ -329,6 +336,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
     request.set_camera_fit(*flags.view.fit);
   }
   SetEffects(flags.effects, &request);
+  AddLook(flags.look, &request);
   if (!flags.output || IsJpeg(flags) || flags.planes.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -448,6 +456,7 @@ Action RegisterFlags(CLI::App* app) {
   AddPlaneFlags(app, &flags->planes);
   AddEffectFlags(app, &flags->effects);
   AddViewFlags(app, &flags->view);
+  AddLookFlags(app, &flags->look);
   AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");
   AddFlag(app, "--like", "FILE.png", &flags->like, ParseText,

@@ -9,6 +9,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
@@ -54,6 +55,23 @@ bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
   return (wanted.depth && output.depth.empty()) ||
          (wanted.surface_index && output.surface_index.empty()) ||
          (wanted.position && output.position.empty()) || (wanted.normal && output.normal.empty());
+}
+
+// Tells how the surfaces were coloured.
+void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geometry,
+                  v1::RenderIsosurfaceResponse* response) {
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    std::optional<frame::ColorBy> color_by = spec.surfaces[i].color_by;
+    if (!color_by.has_value()) {
+      continue;
+    }
+    if (color_by->quantity != frame::ColorBy::Quantity::kNormal) {
+      color_by->range = picture::ColorRangeOf(*color_by, geometry);
+    }
+    v1::SurfaceColoring* const coloring = response->add_colorings();
+    coloring->set_surface_index(static_cast<std::int32_t>(i));
+    *coloring->mutable_color_by() = rpc::ToProto(*color_by);
+  }
 }
 
 // Returns the index of the agent that has an active block; none if no agent has it.
@@ -133,6 +151,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
+  AddColorings(spec_, target.view.geometry(), response);
 
   FrameOutput output;
   if (spec_.output.image_format != frame::ImageFormat::kNone) {
@@ -163,8 +182,8 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
         view::View::Make(*spec_.camera, window.viewport, target.view.geometry(), window.region));
   }
   const FrameTarget& drawn = larger.has_value() ? *larger : target;
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                            Draw(frame_number, drawn, window, /*sends_normals=*/false));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      FrameResult result, Draw(frame_number, drawn, window, picture::NeedsDeferredShading(spec_)));
   *statistics = StatisticsOf(result);
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
@@ -271,7 +290,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
       runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_));
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
-  spec_.sends_normals = target.dataset.picture_revision.back_end == frame::BackEnd::kCpu;
+  spec_.sends_normals = true;
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
                             runner_->Run(frame_number, request_, spec_, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);

@@ -15,7 +15,8 @@
 // A picture with several samples, or with effects that look around, is drawn in a larger window
 // (core/frame/drawn_window) and finished by picture_finish. Planes are those of one sample, so a
 // frame with samples and planes is drawn twice. Normals travel in place of colours: a frame with a
-// picture and normals is drawn twice, too.
+// picture and normals is drawn twice, too. The picture of a frame with lights or a color_by is
+// computed from normals (core/picture/deferred_shading).
 //
 // A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
 // its own, so that the block of a pixel tells its shard.

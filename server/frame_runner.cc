@@ -40,11 +40,6 @@ absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& data
   if (dataset.picture_revision.back_end == frame::BackEnd::kCpu) {
     return absl::OkStatus();
   }
-  if (spec.output.normal) {
-    return absl::FailedPreconditionError(
-        "output.normal is true: the agents draw with OpenGL, which gives no normals; start them "
-        "with --renderer cpu, or leave it out");
-  }
   const view::Viewport drawn = frame::DrawnWindowOf(spec).viewport;
   if (std::max(drawn.width_px, drawn.height_px) > view::kMaxViewportPx) {
     return absl::FailedPreconditionError(absl::StrCat(

@@ -1,5 +1,6 @@
 // The stages, in this order:
 //
+//   0. Deferred shading turns normals into colours, if they came in place of them.
 //   1. Ambient occlusion darkens what was drawn, in all samples and in the margin.
 //   2. Silhouettes are drawn over that.
 //   3. Translucent layers are blended over it: they neither cast nor receive.
@@ -11,6 +12,7 @@
 
 #include "core/base/check.h"
 #include "core/picture/ambient_occlusion.h"
+#include "core/picture/deferred_shading.h"
 #include "core/picture/downsample.h"
 #include "core/picture/layer_blending.h"
 #include "core/picture/silhouette.h"
@@ -23,6 +25,13 @@ FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* draw
   ISOSCOPE_CHECK_EQ(drawn->width, window.image_size().width_px);
   ISOSCOPE_CHECK_EQ(drawn->height, window.image_size().height_px);
   const int samples_per_side = spec.effects.samples_per_side;
+  if (picture::NeedsDeferredShading(spec)) {
+    const picture::DeferredShader shader(spec, *setup.drawn_view, setup.order);
+    shader.ShadeImage(drawn);
+    for (image::FrameImage* level : setup.layers->MutableLevels()) {
+      shader.ShadeImage(level);
+    }
+  }
   if (spec.effects.ambient_occlusion.has_value()) {
     picture::ShadeAmbientOcclusion(*spec.effects.ambient_occlusion, *setup.drawn_view,
                                    samples_per_side, drawn);

@@ -21,7 +21,7 @@ struct PictureSetup {
   const frame::DrawnWindow* window = nullptr;  // the spec's
   const view::View* drawn_view = nullptr;      // of the window
   image::FragmentOrder order;
-  const image::LayerStack* layers = nullptr;  // of what was drawn
+  image::LayerStack* layers = nullptr;  // of what was drawn
   image::FrameImagePool* images = nullptr;
 };
 
@@ -37,8 +37,9 @@ struct FinishedPicture {
 // neither. Each stage computes a pixel from composited pixels of the whole viewport alone,
 // so neither agents, tiles nor regions can show.
 //
-// Works in parallel, in the tbb::task_arena of the caller. Changes `drawn`, and takes it if it is
-// the picture. REQUIRES: `drawn` carries colours, and has the window's size.
+// Works in parallel, in the tbb::task_arena of the caller. Changes `drawn` and the layers, and
+// takes `drawn` if it is the picture. REQUIRES: `drawn` has the window's size; it and the layers
+// carry normals if picture::NeedsDeferredShading, else colours.
 FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* drawn);
 
 }  // namespace isoscope::server

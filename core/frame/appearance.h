@@ -1,17 +1,56 @@
-// The look of a surface.
+// The look of a surface, and the lights on it.
 
 #ifndef ISOSCOPE_CORE_FRAME_APPEARANCE_H_
 #define ISOSCOPE_CORE_FRAME_APPEARANCE_H_
 
+#include <cstddef>
 #include <optional>
 
 #include "core/image/fragment.h"
+#include "core/math/vec.h"
 
 namespace isoscope::frame {
 
+// A directional light.
+struct Light {
+  // Of view space: x to the right of the picture, y up, z to the eye.
+  enum class Space { kView, kWorld };
+
+  math::Vec3d direction{0, 0, 1};  // from the scene to the light; a length neither 0 nor infinite
+  Space space = Space::kView;
+  float intensity = 1;  // [0, kMaxLightIntensity]
+  image::Rgba8 color{255, 255, 255, 255};
+
+  friend bool operator==(const Light&, const Light&) = default;
+};
+
+inline constexpr std::size_t kMaxLights = 4;
+inline constexpr float kMaxLightIntensity = 10;
+
+enum class ColorMap { kViridis, kMagma, kCividis, kTurbo, kCoolWarm, kGrey };
+
+// min < max, both finite.
+struct ColorRange {
+  double min = 0;
+  double max = 1;
+
+  friend bool operator==(const ColorRange&, const ColorRange&) = default;
+};
+
+// What the colour of a surface shows in place of its base colour.
+struct ColorBy {
+  enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal };
+
+  Quantity quantity = Quantity::kPositionX;
+  ColorMap map = ColorMap::kViridis;               // not of kNormal
+  std::optional<ColorRange> range = std::nullopt;  // not of kNormal; not set: the volume's box
+
+  friend bool operator==(const ColorBy&, const ColorBy&) = default;
+};
+
 // Two-sided smooth shading under a head light: with c = |n . v| (n the unit normal, v the unit
 // direction to the eye), colour = base * (ambient + diffuse * c) + specular * c^shininess, in sRGB
-// values, clamped.
+// values, clamped. core/picture/deferred_shading.h has the same with other lights.
 struct Appearance {
   image::Rgba8 base_color{222, 209, 190, 255};
   float ambient = 0.12F;

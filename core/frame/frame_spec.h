@@ -26,7 +26,8 @@ namespace isoscope::frame {
 struct Surface {
   double isovalue = 0;  // finite
   Appearance appearance = {};
-  float opacity = 1;  // in (0, 1]; below 1 the surface is translucent
+  std::optional<ColorBy> color_by = std::nullopt;  // in place of the base colour
+  float opacity = 1;                               // in (0, 1]; below 1 the surface is translucent
 
   [[nodiscard]] bool is_translucent() const { return opacity < 1; }
 
@@ -50,6 +51,7 @@ struct FrameSpec {
   view::ClipRegion clip;
   // The most translucent fragments that show in a pixel, the nearest ones; 1 to kMaxLayers.
   int max_layers = kDefaultLayers;
+  std::vector<Light> lights;  // at most kMaxLights; none: the head light
   std::uint64_t ray_seed = 0;
   // Only the coordinator looks at these two.
   OutputSpec output;

@@ -69,6 +69,14 @@ std::vector<const FrameImage*> LayerStack::Levels() const {
   return levels;
 }
 
+std::vector<FrameImage*> LayerStack::MutableLevels() {
+  std::vector<FrameImage*> levels;
+  for (std::size_t i = 0; i < Levels().size(); ++i) {
+    levels.push_back(LevelAt(i));
+  }
+  return levels;
+}
+
 bool operator==(const LayerStack& a, const LayerStack& b) {
   const std::vector<const FrameImage*> of_a = a.Levels();
   const std::vector<const FrameImage*> of_b = b.Levels();

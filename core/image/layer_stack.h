@@ -42,6 +42,8 @@ class LayerStack {
   // The levels that were made, level 0 first. A pixel without a fragment there is background, and
   // then is so in all levels after it.
   [[nodiscard]] std::vector<const FrameImage*> Levels() const;
+  // The same, to change the colours. No Insert after that.
+  [[nodiscard]] std::vector<FrameImage*> MutableLevels();
   [[nodiscard]] bool empty() const { return state_ == nullptr || LevelAt(0) == nullptr; }
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }

@@ -31,17 +31,19 @@ namespace {
 struct Batch {
   Batch(const view::View& batch_view, std::vector<frame::Surface> batch_surfaces,
         view::Clipper batch_clipper, const image::FragmentOrder& batch_order,
-        std::vector<DrawItem> batch_items)
+        bool batch_sends_normals, std::vector<DrawItem> batch_items)
       : view(batch_view),
         surfaces(std::move(batch_surfaces)),
         clipper(std::move(batch_clipper)),
         order(batch_order),
+        sends_normals(batch_sends_normals),
         items(std::move(batch_items)) {}
 
   const view::View view;
   const std::vector<frame::Surface> surfaces;
   const view::Clipper clipper;
   const image::FragmentOrder order;
+  const bool sends_normals;
   std::vector<DrawItem> items;  // taken by the GL thread
   std::atomic<bool> abandoned{false};
   // Written by the GL thread before is_drawn.
@@ -56,7 +58,7 @@ absl::StatusOr<image::FrameImage> TryDraw(GlMeshDrawer* drawer, Batch* batch,
                                           absl::FunctionRef<absl::Status()> poll) {
   try {
     return drawer->Draw(batch->view, batch->surfaces, batch->clipper, batch->order,
-                        std::move(batch->items), poll);
+                        batch->sends_normals, std::move(batch->items), poll);
   } catch (const std::bad_alloc&) {
     return NoMemoryFor(batch->view.viewport());
   }
@@ -73,6 +75,7 @@ class EglRenderPass : public RenderPass {
         clipper_(spec.clip, view.geometry()),
         order_{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                .ties = frame::TieRuleOf(frame::BackEnd::kEgl)},
+        sends_normals_(spec.sends_normals),
         batch_bytes_(batch_bytes),
         thread_(*thread),
         drawer_(*drawer) {}
@@ -164,7 +167,8 @@ class EglRenderPass : public RenderPass {
       items = std::exchange(collected_, {});
       collected_bytes_ = 0;
     }
-    in_flight_ = std::make_shared<Batch>(view_, surfaces_, clipper_, order_, std::move(items));
+    in_flight_ = std::make_shared<Batch>(view_, surfaces_, clipper_, order_, sends_normals_,
+                                         std::move(items));
     thread_.Submit([batch = in_flight_, &drawer = drawer_]() {
       const auto poll = [&batch]() {
         return batch->abandoned.load(std::memory_order_acquire)
@@ -210,6 +214,7 @@ class EglRenderPass : public RenderPass {
   const std::vector<frame::Surface> surfaces_;
   const view::Clipper clipper_;
   const image::FragmentOrder order_;
+  const bool sends_normals_;
   const std::size_t batch_bytes_;
   GlThread& thread_;
   GlMeshDrawer& drawer_;
@@ -277,7 +282,7 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
                 .surface_index = 0,
                 .footprint = view->FootprintOf({0, 0, 0}, {1, 1, 1}),
                 .open = std::nullopt};
-  Batch batch(*view, {frame::Surface()}, {}, {}, {std::move(item)});
+  Batch batch(*view, {frame::Surface()}, {}, {}, /*batch_sends_normals=*/false, {std::move(item)});
   absl::Notification done;
   thread_->Submit([&]() {
     TryDraw(drawer_.get(), &batch, []() { return absl::OkStatus(); }).IgnoreError();
@@ -295,10 +300,6 @@ EglRenderer::~EglRenderer() {
 
 absl::StatusOr<std::unique_ptr<RenderPass>> EglRenderer::BeginPass(
     const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec) {
-  if (spec.sends_normals) {
-    return absl::InvalidArgumentError(
-        "normals: OpenGL draws colours only; start the agents with --renderer cpu");
-  }
   const view::Viewport& whole = view.viewport();
   if (std::max(whole.width_px, whole.height_px) > view::kMaxViewportPx) {
     return absl::InvalidArgumentError(

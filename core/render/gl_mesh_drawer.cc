@@ -14,7 +14,7 @@
 //      masks      item     its open pixels, a bit a cell, in words of 32 bits
 //
 //    The fragment shader drops fragments outside the item's rectangle and open pixels, clamps the
-//    depth, and shades.
+//    depth, and shades; or it writes the code of the normal (image::EncodeNormal) as a colour.
 // 4. The planes are read back. The picture is drawn upside down, so that row 0 of the framebuffer
 //    is row 0 of the image.
 //
@@ -52,7 +52,8 @@ constexpr GLuint kPositionAttribute = 0;
 constexpr GLuint kNormalAttribute = 1;
 constexpr GLuint kSlotAttribute = 2;
 
-// Both shaders follow a head with the version, and CLIPS if the region clips something.
+// Both shaders follow a head with the version, CLIPS if the region clips something, and NORMALS if
+// colours are codes of normals.
 constexpr const char* kVertexShader = R"(
 layout(location = 0) in vec3 position;  // index space
 layout(location = 1) in vec3 normal;    // world space
@@ -84,12 +85,14 @@ flat in uint fragment_slot;
 uniform usamplerBuffer blocks;
 uniform usamplerBuffer masks;
 const uint kNoMask = 0xffffffffu;
+#ifndef NORMALS
 // The direction from the eye to the pixel at p is ray_origin + ray_x * p.x + ray_y * p.y.
 uniform vec3 ray_origin;
 uniform vec3 ray_x;
 uniform vec3 ray_y;
 uniform vec4 base_color;
 uniform vec4 shading;  // ambient, diffuse, specular, shininess
+#endif
 #ifdef CLIPS
 in vec3 fragment_position;
 uniform int half_space_count;
@@ -98,6 +101,21 @@ uniform vec4 half_spaces[12];  // normal and offset, relative to the centre
 uniform ivec2 region_origin;  // the picture's first pixel in the viewport
 layout(location = 0) out vec4 color;
 layout(location = 1) out uint owner;
+#ifdef NORMALS
+// As image::EncodeNormal, but for the rounding of floats.
+vec4 encode(vec3 v) {
+  float sum = abs(v.x) + abs(v.y) + abs(v.z);
+  if (!(dot(v, v) > 1e-12)) {
+    return vec4(128.0, 0.0, 128.0, 0.0) / 255.0;
+  }
+  vec2 p = v.xy / sum;
+  if (v.z < 0.0) {
+    p = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1.0 : 1.0, p.y < 0.0 ? -1.0 : 1.0);
+  }
+  uvec2 code = uvec2(ivec2(floor(clamp(p, -1.0, 1.0) * 32767.0 + 0.5))) & 0xffffu;
+  return vec4(code.x >> 8, code.x & 0xffu, code.y >> 8, code.y & 0xffu) / 255.0;
+}
+#endif
 void main() {
   uvec4 block = texelFetch(blocks, int(2u * fragment_slot));
   uvec4 mask = texelFetch(blocks, int(2u * fragment_slot + 1u));
@@ -129,6 +147,9 @@ void main() {
   }
   gl_FragDepth = clamp(gl_FragCoord.z, uintBitsToFloat(block.y), 1.0);
   owner = block.x;
+#ifdef NORMALS
+  color = encode(fragment_normal);
+#else
   vec3 ray = ray_origin + ray_x * gl_FragCoord.x + ray_y * gl_FragCoord.y;
   float normal_squared = dot(fragment_normal, fragment_normal);
   float facing = 1.0;
@@ -139,6 +160,7 @@ void main() {
   float diffuse = shading.x + shading.y * facing;
   float highlight = shading.z * pow(max(facing, 1e-6), shading.w);
   color = vec4(clamp(base_color.rgb * diffuse + highlight, 0.0, 1.0), base_color.a);
+#endif
 }
 )";
 
@@ -171,8 +193,9 @@ void SetVec3(GLint location, const math::Vec3d& v) {
   glUniform3f(location, static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z));
 }
 
-absl::StatusOr<std::unique_ptr<GlProgram>> MakeProgram(bool clips) {
-  const std::string head = absl::StrCat("#version 330 core\n", clips ? "#define CLIPS\n" : "");
+absl::StatusOr<std::unique_ptr<GlProgram>> MakeProgram(bool clips, bool sends_normals) {
+  const std::string head = absl::StrCat("#version 330 core\n", clips ? "#define CLIPS\n" : "",
+                                        sends_normals ? "#define NORMALS\n" : "");
   return GlProgram::Make(absl::StrCat(head, kVertexShader).c_str(),
                          absl::StrCat(head, kFragmentShader).c_str());
 }
@@ -250,7 +273,8 @@ absl::StatusOr<std::unique_ptr<GlMeshDrawer>> GlMeshDrawer::Make(
     std::shared_ptr<image::FrameImagePool> images) {
   std::unique_ptr<GlMeshDrawer> made(new GlMeshDrawer);
   made->images_ = std::move(images);
-  ISOSCOPE_ASSIGN_OR_RETURN(made->plain_program_, MakeProgram(/*clips=*/false));
+  ISOSCOPE_ASSIGN_OR_RETURN(made->programs_[0][0],
+                            MakeProgram(/*clips=*/false, /*sends_normals=*/false));
   made->positions_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
   made->normals_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
   made->slots_ = std::make_unique<GlStreamBuffer>(GL_ARRAY_BUFFER);
@@ -303,17 +327,17 @@ GlMeshDrawer::~GlMeshDrawer() {
   glDeleteVertexArrays(1, &vertex_array_);
 }
 
-absl::Status GlMeshDrawer::UseProgram(const view::Clipper& clipper, const view::View& view) {
+absl::Status GlMeshDrawer::UseProgram(const view::Clipper& clipper, bool sends_normals,
+                                      const view::View& view) {
+  std::unique_ptr<GlProgram>& program = programs_[clipper.empty() ? 0 : 1][sends_normals ? 1 : 0];
+  if (program == nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(program, MakeProgram(!clipper.empty(), sends_normals));
+  }
+  program_ = program.get();
+  glUseProgram(program_->name());
   if (clipper.empty()) {
-    program_ = plain_program_.get();
-    glUseProgram(program_->name());
     return absl::OkStatus();
   }
-  if (clipping_program_ == nullptr) {
-    ISOSCOPE_ASSIGN_OR_RETURN(clipping_program_, MakeProgram(/*clips=*/true));
-  }
-  program_ = clipping_program_.get();
-  glUseProgram(program_->name());
   const math::Vec3d center = CenterOf(view);
   std::vector<float> values;
   for (const view::HalfSpace& half_space : clipper.half_spaces()) {
@@ -328,7 +352,7 @@ absl::Status GlMeshDrawer::UseProgram(const view::Clipper& clipper, const view::
   return absl::OkStatus();
 }
 
-void GlMeshDrawer::SetView(const view::View& view) {
+void GlMeshDrawer::SetView(const view::View& view, bool sends_normals) {
   // Positions are relative to the volume's centre, near which cameras look. So the matrix has no
   // large translation that cancels in floats. The centre has whole coordinates, so the subtraction
   // is exact for all but the vertices near index 0.
@@ -342,6 +366,17 @@ void GlMeshDrawer::SetView(const view::View& view) {
   std::transform(clip_from_centered.m.begin(), clip_from_centered.m.end(), matrix.begin(),
                  [](double value) { return static_cast<float>(value); });
 
+  SetVec3(program_->Uniform("center"), center);
+  glUniformMatrix4fv(program_->Uniform("clip_from_centered"), 1, GL_FALSE, matrix.data());
+  glUniform2i(program_->Uniform("region_origin"), view.region().x, view.region().y);
+  glUniform1i(program_->Uniform("blocks"), 0);
+  glUniform1i(program_->Uniform("masks"), 1);
+  if (!sends_normals) {
+    SetRays(view);
+  }
+}
+
+void GlMeshDrawer::SetRays(const view::View& view) {
   const view::Camera& camera = view.camera();
   const double width = view.viewport().width_px;
   const double height = view.viewport().height_px;
@@ -351,15 +386,10 @@ void GlMeshDrawer::SetView(const view::View& view) {
                             : 0.0;
   const double half_x = half_y * width / height;
 
-  SetVec3(program_->Uniform("center"), center);
-  glUniformMatrix4fv(program_->Uniform("clip_from_centered"), 1, GL_FALSE, matrix.data());
   SetVec3(program_->Uniform("ray_origin"),
           view.forward() - view.right() * half_x + view.up() * half_y);
   SetVec3(program_->Uniform("ray_x"), view.right() * (2 * half_x / width));
   SetVec3(program_->Uniform("ray_y"), view.up() * (-2 * half_y / height));
-  glUniform2i(program_->Uniform("region_origin"), view.region().x, view.region().y);
-  glUniform1i(program_->Uniform("blocks"), 0);
-  glUniform1i(program_->Uniform("masks"), 1);
 }
 
 void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {
@@ -372,12 +402,10 @@ void GlMeshDrawer::SetAppearance(const frame::Appearance& appearance) {
               appearance.shininess);
 }
 
-absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
-                                                     std::span<const frame::Surface> surfaces,
-                                                     const view::Clipper& clipper,
-                                                     const image::FragmentOrder& order,
-                                                     std::vector<DrawItem> items,
-                                                     absl::FunctionRef<absl::Status()> poll) {
+absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(
+    const view::View& view, std::span<const frame::Surface> surfaces, const view::Clipper& clipper,
+    const image::FragmentOrder& order, bool sends_normals, std::vector<DrawItem> items,
+    absl::FunctionRef<absl::Status()> poll) {
   ISOSCOPE_RETURN_IF_ERROR(poll());
   std::sort(items.begin(), items.end(), [](const DrawItem& a, const DrawItem& b) {
     return std::pair(a.surface_index, a.mesh->block_id) >
@@ -391,14 +419,16 @@ absl::StatusOr<image::FrameImage> GlMeshDrawer::Draw(const view::View& view,
     ISOSCOPE_ASSIGN_OR_RETURN(framebuffer_, GlFramebuffer::Make(width, height));
   }
   framebuffer_->BindAndClear(view.region());
-  ISOSCOPE_RETURN_IF_ERROR(UseProgram(clipper, view));
-  SetView(view);
+  ISOSCOPE_RETURN_IF_ERROR(UseProgram(clipper, sends_normals, view));
+  SetView(view, sends_normals);
 
   std::size_t begin = 0;
   while (begin < items.size()) {
     ISOSCOPE_RETURN_IF_ERROR(poll());
     const std::uint32_t surface_index = items[begin].surface_index;
-    SetAppearance(surfaces[surface_index].appearance);
+    if (!sends_normals) {
+      SetAppearance(surfaces[surface_index].appearance);
+    }
     std::size_t end = begin;
     std::size_t vertices = 0;
     std::size_t indices = 0;

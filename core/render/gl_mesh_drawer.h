@@ -11,6 +11,7 @@
 #ifndef ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
 #define ISOSCOPE_CORE_RENDER_GL_MESH_DRAWER_H_
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -55,29 +56,31 @@ class GlMeshDrawer {
   //
   // surfaces: the surfaces of the frame; items have an index into them.
   // clipper: drops the fragments outside.
+  // sends_normals: the picture has image::EncodeNormal in place of colours.
   // poll: called between draws; its error ends the work and is returned.
   // RESOURCE_EXHAUSTED if the picture or a mask is too large for the driver, or memory runs out.
   absl::StatusOr<image::FrameImage> Draw(const view::View& view,
                                          std::span<const frame::Surface> surfaces,
                                          const view::Clipper& clipper,
-                                         const image::FragmentOrder& order,
+                                         const image::FragmentOrder& order, bool sends_normals,
                                          std::vector<DrawItem> items,
                                          absl::FunctionRef<absl::Status()> poll);
 
  private:
   GlMeshDrawer() = default;
 
-  absl::Status UseProgram(const view::Clipper& clipper, const view::View& view);
-  void SetView(const view::View& view);
+  absl::Status UseProgram(const view::Clipper& clipper, bool sends_normals, const view::View& view);
+  void SetView(const view::View& view, bool sends_normals);
+  void SetRays(const view::View& view);
   void SetAppearance(const frame::Appearance& appearance);
   // Uploads and draws items of one surface that fit the buffers together, in their order.
   absl::Status DrawChunk(std::span<const DrawItem> items, const image::FragmentOrder& order);
 
   std::shared_ptr<image::FrameImagePool> images_;
-  std::unique_ptr<GlProgram> plain_program_;
-  std::unique_ptr<GlProgram> clipping_program_;  // made when something is clipped
-  const GlProgram* program_ = nullptr;           // in use
-  std::unique_ptr<GlFramebuffer> framebuffer_;   // of the last size
+  // By whether they clip, then by whether they send normals; made when they are needed.
+  std::array<std::array<std::unique_ptr<GlProgram>, 2>, 2> programs_;
+  const GlProgram* program_ = nullptr;          // in use
+  std::unique_ptr<GlFramebuffer> framebuffer_;  // of the last size
   std::unique_ptr<GlStreamBuffer> positions_;
   std::unique_ptr<GlStreamBuffer> normals_;
   std::unique_ptr<GlStreamBuffer> slots_;

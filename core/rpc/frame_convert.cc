@@ -43,6 +43,16 @@ absl::Status CheckRange(float value, float min, float max, const std::string& pa
       absl::StrCat(path, " is ", value, ": must lie in [", min, ", ", max, "]"));
 }
 
+absl::Status CheckLength(const math::Vec3d& v, const std::string& path) {
+  const double length = math::Length(v);
+  if (length > 0 && std::isfinite(length)) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, " is (", v.x, ", ", v.y, ", ", v.z,
+                   "): must have a length that is neither 0 nor infinite"));
+}
+
 absl::Status SetMaterial(const isoscope::v1::Material& proto, const std::string& path,
                          frame::Appearance* appearance) {
   if (proto.has_ambient()) {
@@ -65,6 +75,110 @@ absl::Status SetMaterial(const isoscope::v1::Material& proto, const std::string&
   return absl::OkStatus();
 }
 
+absl::StatusOr<frame::ColorMap> ColorMapFromProto(isoscope::v1::ColorMap proto,
+                                                  const std::string& path) {
+  switch (proto) {
+    case isoscope::v1::COLOR_MAP_UNSPECIFIED:
+    case isoscope::v1::COLOR_MAP_VIRIDIS:
+      return frame::ColorMap::kViridis;
+    case isoscope::v1::COLOR_MAP_MAGMA:
+      return frame::ColorMap::kMagma;
+    case isoscope::v1::COLOR_MAP_CIVIDIS:
+      return frame::ColorMap::kCividis;
+    case isoscope::v1::COLOR_MAP_TURBO:
+      return frame::ColorMap::kTurbo;
+    case isoscope::v1::COLOR_MAP_COOL_WARM:
+      return frame::ColorMap::kCoolWarm;
+    case isoscope::v1::COLOR_MAP_GREY:
+      return frame::ColorMap::kGrey;
+    default:
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, " is ", static_cast<int>(proto),
+          ": must be 0 or 1 (viridis), 2 (magma), 3 (cividis), 4 (turbo), 5 (cool-warm) "
+          "or 6 (grey)"));
+  }
+}
+
+absl::StatusOr<frame::ColorBy::Quantity> QuantityFromProto(isoscope::v1::ColorBy::Quantity proto,
+                                                           const std::string& path) {
+  using Proto = isoscope::v1::ColorBy;
+  switch (proto) {
+    case Proto::QUANTITY_POSITION_X:
+      return frame::ColorBy::Quantity::kPositionX;
+    case Proto::QUANTITY_POSITION_Y:
+      return frame::ColorBy::Quantity::kPositionY;
+    case Proto::QUANTITY_POSITION_Z:
+      return frame::ColorBy::Quantity::kPositionZ;
+    case Proto::QUANTITY_NORMAL:
+      return frame::ColorBy::Quantity::kNormal;
+    default:
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, " is ", static_cast<int>(proto),
+                       ": must be 1 (position x), 2 (position y), 3 (position z) or 4 (normal)"));
+  }
+}
+
+absl::StatusOr<frame::ColorRange> ColorRangeFromProto(const isoscope::v1::ColorRange& proto,
+                                                      const std::string& path) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.min(), absl::StrCat(path, ".min")));
+  ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.max(), absl::StrCat(path, ".max")));
+  if (!(proto.max() > proto.min()) || !std::isfinite(proto.max() - proto.min())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".max is ", proto.max(), ": must be greater than ", path,
+                     ".min, which is ", proto.min(), ", by a number that is finite"));
+  }
+  return frame::ColorRange{.min = proto.min(), .max = proto.max()};
+}
+
+absl::StatusOr<frame::Light> LightFromProto(const isoscope::v1::Light& proto,
+                                            const std::string& path) {
+  frame::Light light;
+  const std::string direction_path = absl::StrCat(path, ".direction");
+  ISOSCOPE_ASSIGN_OR_RETURN(light.direction, VectorFromProto(proto.direction(), direction_path));
+  ISOSCOPE_RETURN_IF_ERROR(CheckLength(light.direction, direction_path));
+  switch (proto.space()) {
+    case isoscope::v1::Light::SPACE_UNSPECIFIED:
+    case isoscope::v1::Light::SPACE_VIEW:
+      light.space = frame::Light::Space::kView;
+      break;
+    case isoscope::v1::Light::SPACE_WORLD:
+      light.space = frame::Light::Space::kWorld;
+      break;
+    default:
+      return absl::InvalidArgumentError(absl::StrCat(path, ".space is ",
+                                                     static_cast<int>(proto.space()),
+                                                     ": must be 0 (view), 1 (view) or 2 (world)"));
+  }
+  if (proto.has_intensity()) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckRange(proto.intensity(), 0, frame::kMaxLightIntensity,
+                                        absl::StrCat(path, ".intensity")));
+    light.intensity = proto.intensity();
+  }
+  if (proto.has_color()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(light.color,
+                              ColorFromProto(proto.color(), absl::StrCat(path, ".color")));
+    if (proto.color().alpha() != 1.0F) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, ".color.alpha is ", proto.color().alpha(), ": lights have no opacity, must be 1"));
+    }
+  }
+  return light;
+}
+
+absl::StatusOr<std::vector<frame::Light>> LightsFromProto(
+    const isoscope::v1::RenderIsosurfaceRequest& request) {
+  if (static_cast<std::size_t>(request.lights_size()) > frame::kMaxLights) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "lights has ", request.lights_size(), " elements: must have at most ", frame::kMaxLights));
+  }
+  std::vector<frame::Light> lights;
+  for (int i = 0; i < request.lights_size(); ++i) {
+    ISOSCOPE_ASSIGN_OR_RETURN(lights.emplace_back(),
+                              LightFromProto(request.lights(i), absl::StrCat("lights[", i, "]")));
+  }
+  return lights;
+}
+
 absl::StatusOr<frame::Surface> SurfaceFromProto(const isoscope::v1::Surface& proto,
                                                 const std::string& path) {
   frame::Surface surface;
@@ -75,6 +189,10 @@ absl::StatusOr<frame::Surface> SurfaceFromProto(const isoscope::v1::Surface& pro
   }
   ISOSCOPE_RETURN_IF_ERROR(
       SetMaterial(proto.material(), absl::StrCat(path, ".material"), &surface.appearance));
+  if (proto.has_color_by()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(surface.color_by,
+                              ColorByFromProto(proto.color_by(), absl::StrCat(path, ".color_by")));
+  }
   return surface;
 }
 
@@ -120,12 +238,7 @@ absl::StatusOr<view::HalfSpace> HalfSpaceFromProto(const isoscope::v1::HalfSpace
   view::HalfSpace half_space;
   const std::string normal_path = absl::StrCat(path, ".normal");
   ISOSCOPE_ASSIGN_OR_RETURN(half_space.normal, VectorFromProto(proto.normal(), normal_path));
-  const double length = math::Length(half_space.normal);
-  if (!(length > 0) || !std::isfinite(length)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(normal_path, " is (", proto.normal().x(), ", ", proto.normal().y(), ", ",
-                     proto.normal().z(), "): must have a length that is neither 0 nor infinite"));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckLength(half_space.normal, normal_path));
   ISOSCOPE_RETURN_IF_ERROR(CheckFinite(proto.offset(), absl::StrCat(path, ".offset")));
   half_space.offset = proto.offset();
   return half_space;
@@ -263,6 +376,26 @@ absl::StatusOr<frame::PictureEffects> EffectsFromProto(
 
 }  // namespace
 
+absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& proto,
+                                                absl::string_view path) {
+  frame::ColorBy color_by;
+  ISOSCOPE_ASSIGN_OR_RETURN(color_by.quantity,
+                            QuantityFromProto(proto.quantity(), absl::StrCat(path, ".quantity")));
+  if (color_by.quantity == frame::ColorBy::Quantity::kNormal &&
+      (proto.color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED || proto.has_range())) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, proto.has_range() ? ".range" : ".color_map", " is set beside ", path,
+                     ".quantity 4 (normal), which has neither map nor range: must be unset"));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(color_by.map,
+                            ColorMapFromProto(proto.color_map(), absl::StrCat(path, ".color_map")));
+  if (proto.has_range()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(color_by.range,
+                              ColorRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
+  }
+  return color_by;
+}
+
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
@@ -299,6 +432,7 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
                      frame::kMaxLayers, "], or be 0 for the default, ", frame::kDefaultLayers));
   }
   spec.max_layers = request.max_layers() == 0 ? frame::kDefaultLayers : request.max_layers();
+  ISOSCOPE_ASSIGN_OR_RETURN(spec.lights, LightsFromProto(request));
   spec.ray_seed = static_cast<std::uint64_t>(request.ray_seed());
   ISOSCOPE_ASSIGN_OR_RETURN(spec.output, OutputFromProto(request.output(), "output"));
   ISOSCOPE_ASSIGN_OR_RETURN(spec.effects, EffectsFromProto(request));
@@ -343,6 +477,42 @@ absl::StatusOr<ExportSpec> ExportSpecFromProto(
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
   return spec;
+}
+
+isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by) {
+  using Proto = isoscope::v1::ColorBy;
+  Proto proto;
+  switch (color_by.quantity) {
+    case frame::ColorBy::Quantity::kPositionX:
+      proto.set_quantity(Proto::QUANTITY_POSITION_X);
+      break;
+    case frame::ColorBy::Quantity::kPositionY:
+      proto.set_quantity(Proto::QUANTITY_POSITION_Y);
+      break;
+    case frame::ColorBy::Quantity::kPositionZ:
+      proto.set_quantity(Proto::QUANTITY_POSITION_Z);
+      break;
+    case frame::ColorBy::Quantity::kNormal:
+      proto.set_quantity(Proto::QUANTITY_NORMAL);
+      return proto;
+  }
+  // The same order, after the unspecified one.
+  proto.set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(color_by.map) + 1));
+  if (color_by.range.has_value()) {
+    proto.mutable_range()->set_min(color_by.range->min);
+    proto.mutable_range()->set_max(color_by.range->max);
+  }
+  return proto;
+}
+
+isoscope::v1::Light ToProto(const frame::Light& light) {
+  isoscope::v1::Light proto;
+  *proto.mutable_direction() = ToProto(light.direction);
+  proto.set_space(light.space == frame::Light::Space::kView ? isoscope::v1::Light::SPACE_VIEW
+                                                            : isoscope::v1::Light::SPACE_WORLD);
+  proto.set_intensity(light.intensity);
+  *proto.mutable_color() = ToProto(light.color);
+  return proto;
 }
 
 absl::Status ResolveCamera(const math::Box3d& bounds,

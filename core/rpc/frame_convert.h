@@ -42,6 +42,13 @@ struct ExportSpec {
 absl::StatusOr<ExportSpec> ExportSpecFromProto(
     const isoscope::v1::ExportIsosurfaceRequest& request);
 
+// `path` is the field's name in messages. INVALID_ARGUMENT.
+absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& proto,
+                                                absl::string_view path);
+// FrameSpecFromProto gives the same back.
+isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
+isoscope::v1::Light ToProto(const frame::Light& light);
+
 // Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents
 // will read from the message, so all have the same bits. With `surface_bounds` (CAMERA_FIT_SURFACE)
 // the camera is then moved from the one box to the other; that done, camera_fit is cleared, because

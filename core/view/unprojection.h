@@ -27,6 +27,13 @@ class Unprojection {
   // Returns the point in world space that is seen at the centre of pixel (x, y) of the picture, at
   // `distance` from the eye along the view axis.
   [[nodiscard]] math::Vec3d PositionOf(int x, int y, float distance) const;
+  // Returns PositionOf(x, y, distance)[axis], bit for bit.
+  [[nodiscard]] double CoordinateOf(int axis, int x, int y, float distance) const {
+    const double offset = per_x_[axis] * (first_x_ + x) + per_y_[axis] * (first_y_ + y);
+    const auto d = static_cast<double>(distance);
+    return is_perspective_ ? eye_[axis] + (forward_[axis] + offset) * d
+                           : eye_[axis] + offset + forward_[axis] * d;
+  }
 
  private:
   bool is_perspective_ = true;

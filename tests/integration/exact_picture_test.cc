@@ -18,6 +18,7 @@
 
 #include "core/base/random.h"
 #include "core/partition/partitioner.h"
+#include "core/picture/deferred_shading.h"
 #include "core/picture/layer_blending.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/volume_source.h"
@@ -31,6 +32,7 @@
 namespace isoscope {
 namespace {
 
+using image::Rgba8;
 using testing::Compare;
 using testing::CoveredPixels;
 using testing::Difference;
@@ -719,6 +721,92 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
         << "blocks outside the clip region are drawn";
     EXPECT_GT(layer_pixel_count, static_cast<std::int64_t>(view_count) * 100);
     EXPECT_GT(truncated_pixel_count, 0);
+  }
+}
+
+// Up to four lights, and surfaces that are coloured by a random quantity.
+void AddRandomLook(std::uint64_t seed, frame::FrameSpec* spec) {
+  std::uint64_t counter = 0;
+  const auto random = [&] { return base::RandomUnit(seed, 800'000 + counter++); };
+  for (auto count = static_cast<int>(5 * random()); count > 0; --count) {
+    frame::Light& light = spec->lights.emplace_back();
+    light.direction = {random() - 0.5, random() - 0.5, random() - 0.4};
+    light.space = random() < 0.5 ? frame::Light::Space::kView : frame::Light::Space::kWorld;
+    light.intensity = static_cast<float>(1.5 * random());
+    light.color.g = static_cast<std::uint8_t>(256 * random());
+  }
+  for (frame::Surface& surface : spec->surfaces) {
+    if (spec->lights.empty() || random() < 0.7) {
+      frame::ColorBy& color_by = surface.color_by.emplace();
+      color_by.quantity = static_cast<frame::ColorBy::Quantity>(static_cast<int>(4 * random()));
+      color_by.map = static_cast<frame::ColorMap>(static_cast<int>(6 * random()));
+    }
+    surface.appearance.shininess = static_cast<float>(1 + 99 * random());
+  }
+  spec->sends_normals = true;
+}
+
+// Colours that the coordinator computes from normals: with lights, and of positions and normals.
+TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
+  const bool is_egl = GetParam() == render::RendererKind::kEgl;
+  const std::uint64_t view_count = static_cast<std::uint64_t>(kFieldViewCount) * (is_egl ? 1 : 3);
+  for (const auto& [volume, step] : {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0)}) {
+    Datasets datasets(volume, directories_.get(), renderer_.get());
+    std::set<std::uint32_t> colors_seen;
+    for (std::uint64_t seed = 1; seed <= view_count; ++seed) {
+      SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed));
+      frame::FrameSpec spec = RandomSpec(seed, volume.geometry.Bounds(), volume.isovalue);
+      if (seed % 2 == 0) {
+        spec.surfaces = ThreeSurfaces(volume.isovalue, step);
+      }
+      AddRandomLook(seed, &spec);
+      if (seed % 4 == 0) {
+        spec.clip = RandomClip(seed, volume.geometry.Bounds());
+      }
+      // Renders a frame and shades it, as the coordinator does.
+      const auto shaded = [&](std::int64_t edge,
+                              int shard_count) -> absl::StatusOr<image::FrameImage> {
+        absl::StatusOr<LocalCluster*> cluster =
+            datasets.Get(edge, shard_count, store::Distribution::kRandom);
+        if (!cluster.ok()) {
+          return cluster.status();
+        }
+        absl::StatusOr<server::FrameResult> result = (*cluster)->Render(spec);
+        absl::StatusOr<view::View> view =
+            view::View::Make(*spec.camera, spec.viewport, volume.geometry, spec.region);
+        if (!result.ok() || !view.ok()) {
+          return result.ok() ? view.status() : result.status();
+        }
+        const image::FragmentOrder order{.block_count =
+                                             static_cast<std::uint32_t>(datasets.BlockCount(edge))};
+        picture::DeferredShader(spec, *view, order).ShadeImage(&result->image);
+        return std::move(result->image);
+      };
+      spec.culling = frame::Culling::kNone;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(image::FrameImage expected, shaded(8, 1));
+      for (const Rgba8& color : expected.colors) {
+        colors_seen.insert(image::PackedColor(color));
+      }
+      spec.culling = frame::Culling::kDepth;
+      if (seed % 3 == 0) {
+        spec.region = RandomRegion(seed, spec.viewport);
+        expected = Crop(expected, *spec.region);
+      }
+      for (const auto& [edge, shard_count] :
+           {std::pair(8, 1), std::pair(8, 2), std::pair(8, 3), std::pair(5, 2)}) {
+        if (is_egl && edge != 8) {
+          continue;  // OpenGL's pictures depend on how the volume is cut
+        }
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, shaded(edge, shard_count));
+        const Difference difference = Compare(expected, image);
+        EXPECT_EQ(difference.colors, 0) << "block edge " << edge << ", " << shard_count;
+        EXPECT_EQ(difference.depths, 0) << "block edge " << edge << ", " << shard_count;
+      }
+      if (HasFailure()) {
+        return;
+      }
+    }
+    EXPECT_GT(colors_seen.size(), 2000U) << "the pictures show no lights";
   }
 }
 

@@ -10,6 +10,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/picture/color_map.h"
 #include "tests/support/status_matchers.h"
 
 // Fontconfig keeps what it has found until the process ends.
@@ -207,6 +208,111 @@ TEST(AnnotationsTest, SmallestAndOddestPicturesAreNoCrash) {
 TEST(AnnotationsTest, CaptionThatIsNotUtf8IsRefused) {
   EXPECT_THAT(Annotate({.caption = "\xff\xfe"}, Orthographic(100, 240), Plain(320, 240)).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("UTF-8")));
+}
+
+TEST(AnnotationsTest, LegendTicksAreRoundNumbersInTheRange) {
+  EXPECT_THAT(LegendTicks({0, 1}, 5), ::testing::ElementsAre(0, 0.5, 1));
+  EXPECT_THAT(LegendTicks({0, 1}, 6),
+              ::testing::Pointwise(::testing::DoubleNear(1e-12), {0.0, 0.2, 0.4, 0.6, 0.8, 1.0}));
+  EXPECT_THAT(LegendTicks({-7, 23}, 4), ::testing::ElementsAre(0, 10, 20));
+  EXPECT_THAT(LegendTicks({101, 104}, 8),
+              ::testing::Pointwise(::testing::DoubleNear(1e-9),
+                                   {101.0, 101.5, 102.0, 102.5, 103.0, 103.5, 104.0}));
+  for (const frame::ColorRange& range :
+       {frame::ColorRange{1e18, 1e18 + 1024}, frame::ColorRange{-1e-300, 1e-300},
+        frame::ColorRange{0, 5e-324}, frame::ColorRange{-8e307, 8e307},
+        frame::ColorRange{0.1, 0.1 + 1e-15}}) {
+    const std::vector<double> ticks = LegendTicks(range, 8);
+    EXPECT_LE(ticks.size(), 8U) << range.min;
+    for (const double value : ticks) {
+      EXPECT_GE(value, range.min);
+      EXPECT_LE(value, range.max);
+    }
+  }
+}
+
+// The bar is somewhere in the right half: its first and last colours are there, from bottom to top.
+TEST(AnnotationsTest, TheLegendShowsTheMapFromBottomToTop) {
+  AnnotationScene scene = Orthographic(500, 400);
+  scene.colorings = {{.surface_index = 0,
+                      .color_by = {.quantity = frame::ColorBy::Quantity::kPositionZ,
+                                   .map = frame::ColorMap::kTurbo,
+                                   .range = frame::ColorRange{0, 10}}}};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated,
+                                Annotate({.has_legend = true}, scene, Plain(600, 400)));
+  const image::RgbaImage& picture = annotated.picture;
+  const auto row_of = [&](const image::Rgba8& color) {
+    for (int y = 0; y < picture.height; ++y) {
+      for (int x = picture.width / 2; x < picture.width; ++x) {
+        if (picture.pixels[static_cast<std::size_t>(y * picture.width + x)] == color) {
+          EXPECT_TRUE(IsInside(annotated.boxes, x, y));
+          return y;
+        }
+      }
+    }
+    return -1;
+  };
+  const picture::ColorMapTable& table = picture::ColorMapTableOf(frame::ColorMap::kTurbo);
+  const int bottom = row_of(table.front());
+  const int middle = row_of(table[130]);
+  const int top = row_of(table.back());
+  ASSERT_GE(top, 0);
+  EXPECT_LT(top, middle);
+  EXPECT_LT(middle, bottom);
+  EXPECT_NEAR(bottom - top, 0.45 * 400, 6);
+}
+
+TEST(AnnotationsTest, ALegendNeedsASurfaceThatShowsAQuantity) {
+  EXPECT_THAT(Annotate({.has_legend = true}, Orthographic(500, 400), Plain(100, 100)),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("--color-by")));
+}
+
+TEST(AnnotationsTest, LegendsOfAnySizeAndNumberAreDrawn) {
+  AnnotationScene scene = Orthographic(500, 400);
+  scene.isovalues = {1, 2, 3, 4, 5};
+  for (std::size_t i = 0; i < 5; ++i) {
+    scene.colorings.push_back(
+        {.surface_index = i,
+         .color_by = {.quantity = static_cast<frame::ColorBy::Quantity>(i % 4),
+                      .map = frame::ColorMap::kGrey,
+                      .range = frame::ColorRange{-1e-30, 1e30 * static_cast<double>(i + 1)}}});
+  }
+  for (const int side : {1, 7, 60, 900}) {
+    ISOSCOPE_ASSERT_OK(Annotate({.has_legend = true}, scene, Plain(side, side)).status());
+  }
+}
+
+// Seen along z, the patient's axes have one letter less than seen askew.
+TEST(AnnotationsTest, AnAxisAlongTheViewShowsTheEndThatPointsToTheEye) {
+  const auto blue_count = [](const math::Vec3d& eye, bool has_patient) {
+    AnnotationScene scene = Orthographic(500, 400);
+    scene.camera.eye = eye;
+    if (has_patient) {
+      NameAxes(volume::PatientFrame(), &scene);
+    }
+    const absl::StatusOr<Annotated> annotated =
+        Annotate({.has_axes = true}, scene, Plain(400, 400));
+    EXPECT_THAT(annotated, ::isoscope::testing::IsOk());
+    return std::count_if(
+        annotated->picture.pixels.begin(), annotated->picture.pixels.end(),
+        [](const image::Rgba8& pixel) { return pixel.b > 150 && pixel.b > 2 * pixel.r; });
+  };
+  const auto along = blue_count({0, 0, 10}, true);
+  EXPECT_GT(along, 5) << "S, which points to the eye, is missing";
+  EXPECT_GT(blue_count({10, 0, 0.1}, true), 3 * along) << "both arms and both letters show";
+  EXPECT_GT(blue_count({0, 0, 10}, false), 5);
+}
+
+TEST(AnnotationsTest, AxesOfAPatientHaveTheLettersOfItsSides) {
+  AnnotationScene scene;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::PatientFrame frame,
+                                volume::PatientFrame::FromName("RAS"));
+  NameAxes(frame, &scene);
+  EXPECT_THAT(scene.axis_names, ::testing::ElementsAre("R", "A", "S"));
+  EXPECT_THAT(scene.opposite_names, ::testing::ElementsAre("L", "P", "I"));
+  NameAxes(volume::PatientFrame(), &scene);
+  EXPECT_THAT(scene.axis_names, ::testing::ElementsAre("L", "P", "S"));
+  EXPECT_THAT(scene.opposite_names, ::testing::ElementsAre("R", "A", "I"));
 }
 
 }  // namespace

@@ -46,7 +46,7 @@ Frame MakeFrame(const frame::PictureEffects& effects,
 
 FrameImage Finish(const Frame& frame) {
   FrameImage drawn = frame.drawn;
-  const image::LayerStack no_layers;
+  image::LayerStack no_layers;
   return FinishPicture({.spec = &frame.spec,
                         .window = &frame.window,
                         .drawn_view = &frame.view,

@@ -1,6 +1,7 @@
 #include "core/render/renderer.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -19,9 +20,11 @@
 #include "gtest/gtest.h"
 
 #include "core/composite/depth_composite.h"
+#include "core/image/normal_code.h"
 #include "core/render/cpu_renderer.h"
 #include "core/render/egl_renderer.h"
 #include "core/render/renderer_factory.h"
+#include "core/view/unprojection.h"
 #include "hwy/targets.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/core/render/test_scenes.h"
@@ -726,6 +729,43 @@ TEST_P(RendererTest, EqualDepthsAreDecidedAlikeInAnyBatch) {
 TEST_P(RendererTest, DescriptionNamesTheBackEnd) {
   EXPECT_THAT(renderer_->description(),
               ::testing::StartsWith(GetParam() == RendererKind::kCpu ? "cpu: " : "egl: "));
+}
+
+// Normals of both back ends are those of the sphere.
+TEST_P(RendererTest, NormalsTravelInPlaceOfColors) {
+  const Scene scene = MakeBumpySphere(64, 8, 26, 0);
+  const view::View view = MakeView(scene, 300, 240, 25, 15);
+  frame::FrameSpec spec = SpecOf();
+  spec.sends_normals = true;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer_->BeginPass(view, scene.layout, spec));
+  for (const MeshPtr& mesh : scene.meshes) {
+    ISOSCOPE_ASSERT_OK(pass->Add(mesh));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage image, pass->Finish(base::Cancellation()));
+  const FrameImage colors = Draw(view, scene.layout, scene.meshes);
+  EXPECT_EQ(image.covered, colors.covered);
+  const view::Unprojection unprojection(view);
+  const math::Vec3d center = scene.geometry.Bounds().Center();
+  int compared_count = 0;
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      const std::size_t i = PixelIndex(image, x, y);
+      ASSERT_EQ(image::DepthOf(image.keys[i]), image::DepthOf(colors.keys[i]));
+      if (image::OwnerOf(image.keys[i]) == kNoOwner) {
+        ASSERT_EQ(image.colors[i], Rgba8());
+        continue;
+      }
+      const math::Vec3d p =
+          unprojection.PositionOf(x, y, unprojection.DistanceOf(image::DepthOf(image.keys[i])));
+      const std::array<float, 3> normal = image::DecodeNormal(image.colors[i]);
+      const math::Vec3d n{static_cast<double>(normal[0]), static_cast<double>(normal[1]),
+                          static_cast<double>(normal[2])};
+      const double cosine = math::Dot(math::Normalized(p - center), n);
+      ASSERT_GT(std::abs(cosine), 0.995) << x << ", " << y;
+      ++compared_count;
+    }
+  }
+  EXPECT_GT(compared_count, 5000);
 }
 
 INSTANTIATE_TEST_SUITE_P(BackEnds, RendererTest,

@@ -152,6 +152,130 @@ TEST(FrameSpecFromProtoTest, AlphaIsTheOpacityOfASurface) {
   EXPECT_EQ(spec.max_layers, 3);
 }
 
+TEST(FrameSpecFromProtoTest, LightsAndColorByArriveAndGoBack) {
+  const frame::Light light{.direction = {1, -2, 3},
+                           .space = frame::Light::Space::kWorld,
+                           .intensity = 2.5F,
+                           .color = {255, 0, 128, 255}};
+  const frame::ColorBy by_z{.quantity = frame::ColorBy::Quantity::kPositionZ,
+                            .map = frame::ColorMap::kCoolWarm,
+                            .range = frame::ColorRange{-1, 4}};
+  const frame::ColorBy by_normal{.quantity = frame::ColorBy::Quantity::kNormal};
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  *request.add_lights() = ToProto(light);
+  request.add_lights()->mutable_direction()->set_z(1);
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_z);
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_normal);
+  request.add_surfaces()->mutable_color_by()->set_quantity(
+      isoscope::v1::ColorBy::QUANTITY_POSITION_X);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_EQ(spec.lights, (std::vector<frame::Light>{light, frame::Light()}));
+  EXPECT_EQ(spec.surfaces[0].color_by, by_z);
+  EXPECT_EQ(spec.surfaces[1].color_by, by_normal);
+  EXPECT_EQ(spec.surfaces[2].color_by, frame::ColorBy());
+}
+
+TEST(FrameSpecFromProtoTest, EveryColorMapIsKnown) {
+  for (int map = isoscope::v1::ColorMap_MIN + 1; map <= isoscope::v1::ColorMap_MAX; ++map) {
+    isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+    request.set_isovalue(0);
+    isoscope::v1::ColorBy* const color_by = request.add_surfaces()->mutable_color_by();
+    color_by->set_quantity(isoscope::v1::ColorBy::QUANTITY_POSITION_X);
+    color_by->set_color_map(static_cast<isoscope::v1::ColorMap>(map));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+    EXPECT_EQ(ToProto(*spec.surfaces[0].color_by).color_map(), color_by->color_map());
+  }
+}
+
+TEST(FrameSpecFromProtoTest, HostileLightsAndColorByAreNamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  using Request = isoscope::v1::RenderIsosurfaceRequest;
+  const auto light = [](Request* request) { return request->mutable_lights(0); };
+  const auto color_by = [](Request* request) {
+    return request->mutable_surfaces(0)->mutable_color_by();
+  };
+  struct Case {
+    const char* path;
+    std::function<void(Request*, double)> set;
+    std::vector<double> values;
+  };
+  const std::vector<Case> cases{
+      {"lights[0].direction",
+       [&](Request* r, double v) { light(r)->mutable_direction()->set_z(v); },
+       {kNan, 0, kInfinity, 1e300, 1e-300}},
+      {"lights[0].intensity",
+       [&](Request* r, double v) { light(r)->set_intensity(static_cast<float>(v)); },
+       {kNan, -0.1, 10.1, kInfinity}},
+      {"lights[0].space",
+       [&](Request* r, double v) {
+         light(r)->set_space(static_cast<isoscope::v1::Light::Space>(static_cast<int>(v)));
+       },
+       {-1, 3, 1e9}},
+      {"lights[0].color.green",
+       [&](Request* r, double v) {
+         light(r)->mutable_color()->set_alpha(1);
+         light(r)->mutable_color()->set_green(static_cast<float>(v));
+       },
+       {kNan, -0.01, 1.01}},
+      {"lights[0].color.alpha",
+       [&](Request* r, double v) { light(r)->mutable_color()->set_alpha(static_cast<float>(v)); },
+       {kNan, 0, 0.5}},
+      {"lights has 5 elements: must have at most 4",
+       [&](Request* r, double v) {
+         while (r->lights_size() < static_cast<int>(v)) {
+           *r->add_lights() = r->lights(0);
+         }
+       },
+       {5}},
+      {"surfaces[0].color_by.quantity",
+       [&](Request* r, double v) {
+         color_by(r)->set_quantity(
+             static_cast<isoscope::v1::ColorBy::Quantity>(static_cast<int>(v)));
+       },
+       {0, -1, 5}},
+      {"surfaces[0].color_by.color_map",
+       [&](Request* r, double v) {
+         color_by(r)->set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(v)));
+       },
+       {-1, 7, 1e9}},
+      {"surfaces[0].color_by.range.min",
+       [&](Request* r, double v) { color_by(r)->mutable_range()->set_min(v); },
+       {kNan, kInfinity, 1, 2}},
+      {"surfaces[0].color_by.range.max",
+       [&](Request* r, double v) { color_by(r)->mutable_range()->set_max(v); },
+       {kNan, -kInfinity, 0, -1}},
+      {"surfaces[0].color_by.range is set beside",
+       [&](Request* r, double) {
+         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
+       },
+       {0}},
+      {"surfaces[0].color_by.color_map is set beside",
+       [&](Request* r, double) {
+         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
+         color_by(r)->clear_range();
+         color_by(r)->set_color_map(isoscope::v1::COLOR_MAP_GREY);
+       },
+       {0}},
+  };
+  for (const Case& wrong : cases) {
+    for (const double value : wrong.values) {
+      Request request = MakeRequest();
+      request.set_isovalue(0);
+      request.add_surfaces();
+      color_by(&request)->set_quantity(isoscope::v1::ColorBy::QUANTITY_POSITION_Y);
+      color_by(&request)->mutable_range()->set_max(1);
+      request.add_lights()->mutable_direction()->set_z(1);
+      ASSERT_THAT(FrameSpecFromProto(request), IsOk());
+      wrong.set(&request, value);
+      EXPECT_THAT(FrameSpecFromProto(request),
+                  StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(wrong.path)))
+          << value;
+    }
+  }
+}
+
 // Every number of the new messages, with values that a program may send by mistake.
 TEST(FrameSpecFromProtoTest, HostileSurfacesAndRegionsAreNamed) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();

@@ -67,6 +67,21 @@ TEST(UnprojectionTest, DepthsZeroAndOneAreTheClipPlanes) {
   }
 }
 
+TEST(UnprojectionTest, ACoordinateIsThePositionsToTheBit) {
+  for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view,
+                                  View::Make(MakeCamera(projection), {640, 480}, MakeGeometry()));
+    const Unprojection unprojection(view);
+    for (int i = 0; i < 100; ++i) {
+      const float distance = 20 + 0.37F * static_cast<float>(i);
+      const math::Vec3d p = unprojection.PositionOf(6 * i, 4 * i + 3, distance);
+      for (int axis = 0; axis < 3; ++axis) {
+        ASSERT_EQ(unprojection.CoordinateOf(axis, 6 * i, 4 * i + 3, distance), p[axis]);
+      }
+    }
+  }
+}
+
 TEST(UnprojectionTest, ARegionsPixelIsTheWholesToTheBit) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View whole, View::Make(MakeCamera(Projection::kPerspective),
                                                              {640, 480}, MakeGeometry()));

@@ -1,0 +1,41 @@
+// Colour maps: from a value to a colour.
+
+#ifndef ISOSCOPE_CORE_PICTURE_COLOR_MAP_H_
+#define ISOSCOPE_CORE_PICTURE_COLOR_MAP_H_
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+
+#include "core/frame/appearance.h"
+#include "core/image/fragment.h"
+#include "core/volume/grid_geometry.h"
+
+namespace isoscope::picture {
+
+// Opaque colours, from the least value to the greatest.
+inline constexpr std::size_t kColorMapSteps = 256;
+using ColorMapTable = std::array<image::Rgba8, kColorMapSteps>;
+
+// Returns the colours of a map, the same on every machine. Thread-safe.
+const ColorMapTable& ColorMapTableOf(frame::ColorMap map);
+
+// Returns the step of a value: the range is cut into kColorMapSteps parts of one length; values
+// outside have the step of the nearest end. REQUIRES: value is not NaN.
+inline std::size_t ColorMapStepOf(double value, const frame::ColorRange& range) {
+  const double share = (value - range.min) / (range.max - range.min);
+  return static_cast<std::size_t>(
+      std::clamp(share * kColorMapSteps, 0.0, static_cast<double>(kColorMapSteps - 1)));
+}
+
+// Returns the range that a surface is coloured by: its own, or the volume's box on the axis.
+// REQUIRES: the quantity is a position.
+frame::ColorRange ColorRangeOf(const frame::ColorBy& color_by,
+                               const volume::GridGeometry& geometry);
+
+// Returns the axis of a position: 0, 1 or 2. REQUIRES: the quantity is a position.
+int AxisOf(frame::ColorBy::Quantity quantity);
+
+}  // namespace isoscope::picture
+
+#endif  // ISOSCOPE_CORE_PICTURE_COLOR_MAP_H_

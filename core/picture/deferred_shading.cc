@@ -1,0 +1,178 @@
+#include "core/picture/deferred_shading.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include "core/base/check.h"
+
+namespace isoscope::picture {
+namespace {
+
+constexpr double kChannelMax = 255;
+// Highlights below this share are 0: a 250th of a level.
+constexpr double kLeastPower = 0x1p-16;
+
+std::array<float, 3> ToFloats(const math::Vec3d& v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+}
+
+RayTerm RayTermOf(const view::View& view) {
+  const view::Camera& camera = view.camera();
+  if (camera.projection != view::Projection::kPerspective) {
+    return {.at = ToFloats(view.forward())};
+  }
+  const double half_height = std::tan(camera.fov_y_radians / 2);
+  const double width = view.viewport().width_px;
+  const double height = view.viewport().height_px;
+  const double pixel = 2 * half_height / height;
+  return {
+      .at = ToFloats(view.forward() - view.right() * (pixel * width / 2) + view.up() * half_height),
+      .per_x = ToFloats(view.right() * pixel),
+      .per_y = ToFloats(view.up() * -pixel)};
+}
+
+LightTerm LightTermOf(const frame::Light& light, const view::View& view) {
+  math::Vec3d direction = light.direction;
+  if (light.space == frame::Light::Space::kView) {
+    direction = view.right() * direction.x + view.up() * direction.y - view.forward() * direction.z;
+  }
+  const auto strength = [&](std::uint8_t channel) {
+    return static_cast<float>(static_cast<double>(light.intensity) * channel / kChannelMax);
+  };
+  return {.direction = ToFloats(math::Normalized(direction)),
+          .strength = {strength(light.color.r), strength(light.color.g), strength(light.color.b)}};
+}
+
+void AddMaterial(const frame::Surface& surface, std::size_t index, MaterialTerms* terms) {
+  const frame::Appearance& appearance = surface.appearance;
+  terms->ambient[index] = appearance.ambient;
+  terms->diffuse[index] = appearance.diffuse.value_or(1.0F - appearance.ambient);
+  terms->specular[index] = appearance.specular;
+  terms->is_by_normal[index] =
+      surface.color_by && surface.color_by->quantity == frame::ColorBy::Quantity::kNormal ? 1.0F
+                                                                                          : 0.0F;
+  const auto shininess = static_cast<double>(appearance.shininess);
+  const double first = std::pow(kLeastPower, 1 / shininess);
+  terms->first_power[index] = static_cast<float>(first);
+  terms->power_scale[index] = static_cast<float>(kPowerSteps / (1 - first));
+  terms->powers.push_back(0);
+  for (std::size_t i = 1; i <= kPowerSteps; ++i) {
+    const double s = first + (1 - first) * static_cast<double>(i) / kPowerSteps;
+    terms->powers.push_back(static_cast<float>(std::pow(s, shininess)));
+  }
+}
+
+}  // namespace
+
+bool NeedsDeferredShading(const frame::FrameSpec& spec) {
+  return !spec.lights.empty() ||
+         std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
+                     [](const frame::Surface& surface) { return surface.color_by.has_value(); });
+}
+
+DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& view,
+                               const image::FragmentOrder& order)
+    : order_(order),
+      unprojection_(view),
+      first_x_(static_cast<float>(view.region().x) + 0.5F),
+      first_y_(static_cast<float>(view.region().y) + 0.5F),
+      rays_(RayTermOf(view)) {
+  ISOSCOPE_CHECK_LE(spec.surfaces.size(), frame::kMaxSurfaces);
+  for (const frame::Light& light : spec.lights) {
+    lights_.push_back(LightTermOf(light, view));
+  }
+  for (const frame::Surface& surface : spec.surfaces) {
+    AddMaterial(surface, bases_.size(), &materials_);
+    BaseColor& base = bases_.emplace_back();
+    base.color = surface.appearance.base_color;
+    if (surface.color_by && surface.color_by->quantity != frame::ColorBy::Quantity::kNormal) {
+      base.map = &ColorMapTableOf(surface.color_by->map);
+      base.range = ColorRangeOf(*surface.color_by, view.geometry());
+      base.axis = AxisOf(surface.color_by->quantity);
+    }
+  }
+}
+
+image::Rgba8 DeferredShader::BaseAt(const BaseColor& base, int x, int y, std::uint64_t key) const {
+  if (base.map == nullptr) {
+    return base.color;
+  }
+  const float distance = unprojection_.DistanceOf(image::DepthOf(key));
+  const double value = unprojection_.CoordinateOf(base.axis, x, y, distance);
+  image::Rgba8 color = (*base.map)[ColorMapStepOf(value, base.range)];
+  color.a = base.color.a;
+  return color;
+}
+
+void DeferredShader::Append(const NormalFragment& fragment, LightBatch* batch) const {
+  const std::size_t surface =
+      bases_.size() == 1 ? 0 : order_.SurfaceOf(image::OwnerOf(fragment.key));
+  const std::size_t i = batch->count++;
+  batch->x[i] = first_x_ + static_cast<float>(fragment.x);
+  batch->y[i] = first_y_ + static_cast<float>(fragment.y);
+  batch->normal[i] = fragment.normal;
+  batch->surface[i] = static_cast<std::int32_t>(surface);
+  batch->base[i] = BaseAt(bases_[surface], fragment.x, fragment.y, fragment.key);
+}
+
+void DeferredShader::Shade(std::span<const NormalFragment> fragments,
+                           std::span<image::Rgba8> colors) const {
+  LightBatch batch{};
+  for (std::size_t begin = 0; begin < fragments.size(); begin += LightBatch::kCapacity) {
+    const std::size_t count = std::min(fragments.size() - begin, LightBatch::kCapacity);
+    batch.count = 0;
+    for (const NormalFragment& fragment : fragments.subspan(begin, count)) {
+      Append(fragment, &batch);
+    }
+    ComputeLight(lights_, rays_, materials_, &batch);
+    std::copy_n(batch.color.begin(), count, colors.begin() + static_cast<std::ptrdiff_t>(begin));
+  }
+}
+
+void DeferredShader::ShadeTileRow(int row, image::FrameImage* image) const {
+  constexpr int kTilePx = image::TileSet::kTilePx;
+  LightBatch batch{};
+  std::array<std::size_t, LightBatch::kCapacity> pixels{};
+  const auto flush = [&] {
+    ComputeLight(lights_, rays_, materials_, &batch);
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      image->colors[pixels[i]] = batch.color[i];
+    }
+    batch.count = 0;
+  };
+  image->touched.ForEachInRow(row, [&](int column) {
+    const image::TileMask& covered = image->CoveredOf(column, row);
+    if (batch.count + covered.size() * kTilePx > LightBatch::kCapacity) {
+      flush();
+    }
+    for (std::size_t k = 0; k < covered.size(); ++k) {
+      const int y = row * kTilePx + static_cast<int>(k);
+      for (unsigned rest = covered[k]; rest != 0; rest &= rest - 1) {
+        const int x = column * kTilePx + std::countr_zero(rest);
+        const std::size_t pixel = image->IndexOf(x, y);
+        if (image::OwnerOf(image->keys[pixel]) != image::kNoOwner) {
+          pixels[batch.count] = pixel;
+          Append({x, y, image->keys[pixel], image->colors[pixel]}, &batch);
+        }
+      }
+    }
+  });
+  flush();
+}
+
+void DeferredShader::ShadeImage(image::FrameImage* image) const {
+  tbb::parallel_for(tbb::blocked_range<int>(0, image->touched.rows()),
+                    [&](const tbb::blocked_range<int>& rows) {
+                      for (int row = rows.begin(); row < rows.end(); ++row) {
+                        ShadeTileRow(row, image);
+                      }
+                    });
+}
+
+}  // namespace isoscope::picture
