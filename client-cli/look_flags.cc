@@ -22,11 +22,11 @@ using frame::ColorMap;
 using frame::Light;
 
 const std::vector<std::pair<std::string, ColorMap>>& ColorMapNames() {
-  static const std::vector<std::pair<std::string, ColorMap>> kNames = {
+  static const std::vector<std::pair<std::string, ColorMap>> names = {
       {"viridis", ColorMap::kViridis},    {"magma", ColorMap::kMagma},
       {"cividis", ColorMap::kCividis},    {"turbo", ColorMap::kTurbo},
       {"cool-warm", ColorMap::kCoolWarm}, {"grey", ColorMap::kGrey}};
-  return kNames;
+  return names;
 }
 
 absl::StatusOr<Light::Space> ParseSpace(absl::string_view text) {

@@ -484,6 +484,9 @@ Command RenderCommand() {
               "  isoscope render head.nii.gz --isovalue 60 --width 32768 --height 32768 \\\n"
               "    --renderer cpu --output poster.png\n"
               "  isoscope render head.nii.gz --isovalue 60 --output head.jpg --depth depth.npy\n"
+              "  isoscope render head.nii.gz --isovalue 60 --light -1,1,2 --color-by z:turbo "
+              "--legend \\\n"
+              "    --output height.png\n"
               "  isoscope render head.nii.gz --like head.png --output again.png\n",
           .register_flags = RegisterFlags};
 }

@@ -37,7 +37,7 @@ struct ColorRange {
   friend bool operator==(const ColorRange&, const ColorRange&) = default;
 };
 
-// What the colour of a surface shows in place of its base colour.
+// The quantity that the colour of a surface shows, in place of its base colour.
 struct ColorBy {
   enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal };
 

@@ -83,10 +83,10 @@ ColorMapTable MakeGrey() {
 }  // namespace
 
 const ColorMapTable& ColorMapTableOf(frame::ColorMap map) {
-  static const std::array<ColorMapTable, 6> kTables = {MakeTable(kViridis),  MakeTable(kMagma),
+  static const std::array<ColorMapTable, 6> tables = {MakeTable(kViridis),  MakeTable(kMagma),
                                                        MakeTable(kCividis),  MakeTable(kTurbo),
                                                        MakeTable(kCoolWarm), MakeGrey()};
-  return kTables[static_cast<std::size_t>(map)];
+  return tables[static_cast<std::size_t>(map)];
 }
 
 int AxisOf(frame::ColorBy::Quantity quantity) {

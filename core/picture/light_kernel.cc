@@ -111,7 +111,7 @@ HWY_INLINE VU ByteOf(VF value) {
   return hn::BitCast(DU(), hn::ConvertTo(DI(), scaled));
 }
 
-// What shines on a point: D and S for each channel.
+// The light that falls on a point: D and S for each channel.
 struct Light {
   Vec3 diffuse;
   Vec3 specular;

@@ -176,6 +176,30 @@ TEST_F(LightTest, TheResponseSaysHowSurfacesWereColored) {
   EXPECT_TRUE(response.png() == expected) << "the range that was used is that of the default";
 }
 
+TEST_F(LightTest, WrongLightsAndColorsAreNamedByTheServer) {
+  ASSERT_NO_FATAL_FAILURE(StartCluster(1));
+  const auto expect = [&](const v1::RenderIsosurfaceRequest& request, const char* what) {
+    EXPECT_THAT(Render(request),
+                testing::StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  v1::RenderIsosurfaceRequest request = Request();
+  request.mutable_lights(1)->set_intensity(11);
+  expect(request, "lights[1].intensity is 11: must lie in [0, 10]");
+  request = Request();
+  request.mutable_lights(0)->clear_direction();
+  expect(request, "lights[0].direction is (0, 0, 0)");
+  request = Request();
+  request.mutable_surfaces(1)->mutable_color_by()->set_quantity(v1::ColorBy::QUANTITY_UNSPECIFIED);
+  expect(request, "surfaces[1].color_by.quantity is 0");
+  request = Request();
+  request.mutable_surfaces(1)->mutable_color_by()->mutable_range()->set_min(3);
+  expect(request, "surfaces[1].color_by.range.max is 0: must be greater");
+  request = Request();
+  v1::Light* const light = request.mutable_lights(0);
+  light->GetReflection()->MutableUnknownFields(light)->AddVarint(90, 1);
+  expect(request, "number 90");
+}
+
 TEST_F(LightTest, APictureAndItsNormalsComeOfOneDrawing) {
   ASSERT_NO_FATAL_FAILURE(StartCluster(3));
   v1::RenderIsosurfaceRequest request = Request();
