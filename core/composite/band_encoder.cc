@@ -40,9 +40,8 @@ class Palette {
 
   // Returns the slot of a colour, and adds the colour if it is new. kNone if there are too many.
   std::uint16_t SlotOf(std::uint32_t number) {
-    // Colours of one material that have the same red differ little in green and blue, so the hash
-    // takes the low bits of those.
-    std::size_t at = (number >> 20 & 0xff0) | (number >> 14 & 12) | (number >> 8 & 3);
+    // Fibonacci hashing: shades of one material and codes of normals spread alike.
+    std::size_t at = number * 0x9e3779b1U >> 20;
     while (numbers_[at] != number || indices_[at] == kNone) {
       if (indices_[at] == kNone) {
         if (size_ == kMaxPaletteSize) {
