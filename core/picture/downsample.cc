@@ -31,76 +31,69 @@ namespace {
 using image::Rgba8;
 using image::TileSet;
 
-// The samples of a pixel, row by row: red in the lowest byte, alpha in the highest.
+// The samples of a pixel: rows of kSide colours.
 template <std::size_t kSide>
-using Samples = std::array<std::uint32_t, kSide * kSide>;
+using Samples = std::array<const Rgba8*, kSide>;
 
-std::uint32_t WordOf(std::uint32_t r, std::uint32_t g, std::uint32_t b, std::uint32_t a) {
-  return r | g << 8 | b << 16 | a << 24;
-}
-
-std::uint32_t WordOf(Rgba8 color) { return WordOf(color.r, color.g, color.b, color.a); }
-
-Rgba8 ColorOf(std::uint32_t word) {
-  return {static_cast<std::uint8_t>(word), static_cast<std::uint8_t>(word >> 8),
-          static_cast<std::uint8_t>(word >> 16), static_cast<std::uint8_t>(word >> 24)};
+template <std::size_t kSide, typename Fn>
+void ForEachSample(const Samples<kSide>& samples, const Fn& fn) {
+  for (const Rgba8* row : samples) {
+    for (std::size_t x = 0; x < kSide; ++x) {
+      fn(row[x]);
+    }
+  }
 }
 
 template <std::size_t kSide>
-std::uint32_t MeanOfOpaque(const LinearLightTables& tables, const Samples<kSide>& samples) {
+Rgba8 MeanOfOpaque(const LinearLightTables& tables, const Samples<kSide>& samples) {
   constexpr std::uint32_t kCount = kSide * kSide;
   std::uint32_t r = kCount / 2;  // rounds
   std::uint32_t g = kCount / 2;
   std::uint32_t b = kCount / 2;
-  for (const std::uint32_t word : samples) {
-    r += tables.light[word & 0xff];
-    g += tables.light[word >> 8 & 0xff];
-    b += tables.light[word >> 16 & 0xff];
-  }
-  return WordOf(tables.srgb[r / kCount], tables.srgb[g / kCount], tables.srgb[b / kCount], 255);
+  ForEachSample<kSide>(samples, [&](Rgba8 color) {
+    r += tables.light[color.r];
+    g += tables.light[color.g];
+    b += tables.light[color.b];
+  });
+  return {tables.srgb[r / kCount], tables.srgb[g / kCount], tables.srgb[b / kCount], 255};
 }
 
 template <std::size_t kSide>
-std::uint32_t MeanOfAny(const LinearLightTables& tables, const Samples<kSide>& samples,
-                        Rgba8 background) {
+Rgba8 MeanOfAny(const LinearLightTables& tables, const Samples<kSide>& samples, Rgba8 background) {
   std::uint64_t r = 0;
   std::uint64_t g = 0;
   std::uint64_t b = 0;
   std::uint64_t alpha = 0;
-  for (const std::uint32_t word : samples) {
-    const Rgba8 color = ColorOf(word);
+  ForEachSample<kSide>(samples, [&](Rgba8 color) {
     const std::uint64_t weight = std::uint64_t{color.a} * 255;
     const std::uint64_t behind = std::uint64_t{background.a} * (255U - color.a);
     r += tables.light[color.r] * weight + tables.light[background.r] * behind;
     g += tables.light[color.g] * weight + tables.light[background.g] * behind;
     b += tables.light[color.b] * weight + tables.light[background.b] * behind;
     alpha += weight + behind;
-  }
+  });
   if (alpha == 0) {
-    return 0;
+    return {};
   }
   constexpr std::uint64_t kFullAlpha = kSide * kSide * 255;
-  const auto mean = [&](std::uint64_t sum) {
-    return std::uint32_t{tables.srgb[(sum + alpha / 2) / alpha]};
-  };
-  return WordOf(mean(r), mean(g), mean(b),
-                static_cast<std::uint32_t>((alpha + kFullAlpha / 2) / kFullAlpha));
+  const auto mean = [&](std::uint64_t sum) { return tables.srgb[(sum + alpha / 2) / alpha]; };
+  return {mean(r), mean(g), mean(b),
+          static_cast<std::uint8_t>((alpha + kFullAlpha / 2) / kFullAlpha)};
 }
 
 // Returns the pixel of these samples; alpha 0 if all of them are background.
 template <std::size_t kSide>
-std::uint32_t MeanOf(const LinearLightTables& tables, const Samples<kSide>& samples,
-                     Rgba8 background) {
-  std::uint32_t all = ~std::uint32_t{0};
-  std::uint32_t any = 0;
-  for (const std::uint32_t word : samples) {
-    all &= word;
-    any |= word;
-  }
-  if (all >> 24 == 255) {
+Rgba8 MeanOf(const LinearLightTables& tables, const Samples<kSide>& samples, Rgba8 background) {
+  std::uint8_t all = 255;
+  std::uint8_t any = 0;
+  ForEachSample<kSide>(samples, [&](Rgba8 color) {
+    all &= color.a;
+    any |= color.a;
+  });
+  if (all == 255) {
     return MeanOfOpaque<kSide>(tables, samples);
   }
-  return any >> 24 == 0 ? 0 : MeanOfAny<kSide>(tables, samples, background);
+  return any == 0 ? Rgba8{} : MeanOfAny<kSide>(tables, samples, background);
 }
 
 // Whether a tile of `drawn` that has a pixel of [begin_x, end_x) x [begin_y, end_y) was drawn on.
@@ -132,28 +125,19 @@ void DownsampleTile(const image::FrameImage& drawn, const SampleGrid& grid, Rgba
   picture->touched.Insert(column, row);
   image::TileMask& covered = picture->CoveredOf(column, row);
   for (int y = begin_y; y < end_y; ++y) {
-    const Rgba8* rows[kSide];
+    Samples<kSide> samples;
     for (std::size_t k = 0; k < kSide; ++k) {
-      rows[k] = &drawn.colors[drawn.IndexOf(grid.begin_x + begin_x * kScale,
-                                            grid.begin_y + y * kScale + static_cast<int>(k))];
+      samples[k] = &drawn.colors[drawn.IndexOf(grid.begin_x + begin_x * kScale,
+                                               grid.begin_y + y * kScale + static_cast<int>(k))];
     }
     Rgba8* const to = &picture->colors[picture->IndexOf(begin_x, y)];
     std::uint16_t mask = 0;
     for (int x = 0; x < end_x - begin_x; ++x) {
-      Samples<kSide> samples;
-      for (std::size_t k = 0; k < kSide; ++k) {
-        for (std::size_t i = 0; i < kSide; ++i) {
-          samples[k * kSide + i] = WordOf(*rows[k]++);
-        }
+      to[x] = MeanOf<kSide>(tables, samples, background);
+      mask = static_cast<std::uint16_t>(mask | (to[x].a != 0 ? 1 << x : 0));
+      for (const Rgba8*& sample_row : samples) {
+        sample_row += kSide;
       }
-      const std::uint32_t mean = MeanOf<kSide>(tables, samples, background);
-      // Byte by byte: a processor waits for bytes that are read as a word right after.
-      const Rgba8 color = ColorOf(mean);
-      to[x].r = color.r;
-      to[x].g = color.g;
-      to[x].b = color.b;
-      to[x].a = color.a;
-      mask = static_cast<std::uint16_t>(mask | (mean >> 24 != 0 ? 1 << x : 0));
     }
     covered[static_cast<std::size_t>(y - begin_y)] = mask;
   }
