@@ -288,7 +288,9 @@ void DarkenTile(const OcclusionTile& tile, float strength, int column, int row,
         // At most 65535 * 65536 and a half of it: 32 bits.
         return tables.srgb[(tables.light[value] * share + 32768) >> 16];
       };
-      colors[x] = {darken(colors[x].r), darken(colors[x].g), darken(colors[x].b), colors[x].a};
+      colors[x].r = darken(colors[x].r);
+      colors[x].g = darken(colors[x].g);
+      colors[x].b = darken(colors[x].b);
     }
   }
 }

@@ -16,6 +16,8 @@
 
 #include "core/picture/ambient_occlusion_kernel.h"
 
+#include <algorithm>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "core/picture/ambient_occlusion_kernel.cc"
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
@@ -309,11 +311,16 @@ CellPlanes::CellPlanes(int columns, int rows, int border)
   places = round_up((static_cast<std::size_t>(columns) + kPhases - 1) / kPhases);
   row_size = round_up(places + 2 * static_cast<std::size_t>(border_columns) / kPhases) + kMaxLanes;
   plane_size = row_size * static_cast<std::size_t>(rows + 2 * border_rows);
-  depth.assign(plane_size * kPhases, kNoDepth);
-  slope_x.assign(depth.size(), 0);
-  slope_y.assign(depth.size(), 0);
-  open.assign(depth.size(), 1);
-  blurred.assign(depth.size(), 1);
+  const std::size_t size = plane_size * kPhases;
+  values_.resize(5 * size);
+  float* next = values_.data();
+  for (std::span<float>* plane : {&depth, &slope_x, &slope_y, &open, &blurred}) {
+    *plane = std::span<float>(next, size);
+    next += size;
+  }
+  std::fill(depth.begin(), depth.end(), kNoDepth);
+  std::fill(open.begin(), open.end(), 1.0F);
+  std::fill(blurred.begin(), blurred.end(), 1.0F);
 }
 
 void ComputeOcclusion(const OcclusionSetup& setup, const OcclusionSamples& samples, float x_px,

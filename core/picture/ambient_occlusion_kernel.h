@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "core/base/large_pages.h"
 
@@ -24,6 +25,8 @@ struct CellPlanes {
 
   // Makes planes of `columns` x `rows` cells within a border of `border` cells.
   CellPlanes(int columns, int rows, int border);
+  CellPlanes(const CellPlanes&) = delete;
+  CellPlanes& operator=(const CellPlanes&) = delete;
 
   // Columns and rows count from the first cell inside the border, a multiple of kPhases in the
   // whole viewport.
@@ -39,11 +42,14 @@ struct CellPlanes {
       0;  // of a plane's row that have cells inside the border: a multiple of lanes
   std::size_t row_size = 0;
   std::size_t plane_size = 0;
-  base::LargePageVector<float> depth;    // distance along the view axis over that of the far plane
-  base::LargePageVector<float> slope_x;  // its change to the next column, without jumps
-  base::LargePageVector<float> slope_y;  // to the next row
-  base::LargePageVector<float> open;     // share of the light that arrives, 0 .. 1
-  base::LargePageVector<float> blurred;
+  std::span<float> depth;    // distance along the view axis over that of the far plane
+  std::span<float> slope_x;  // its change to the next column, without jumps
+  std::span<float> slope_y;  // to the next row
+  std::span<float> open;     // share of the light that arrives, 0 .. 1
+  std::span<float> blurred;
+
+ private:
+  base::LargePageVector<float> values_;  // all of them, because that takes fewer pages
 };
 
 // What all cells have in common. Lengths are in drawn pixels.
