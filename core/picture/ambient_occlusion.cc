@@ -88,19 +88,18 @@ OcclusionSamples MakeSamples(const OcclusionSetup& setup, int phase_x, int phase
 // The cells of an image, and how open they are.
 class OpenCells {
  public:
+  // `drawn`: a rectangle of the image outside which all is background.
   OpenCells(const frame::AmbientOcclusion& occlusion, const view::View& view, int samples_per_side,
-            const image::FrameImage& image)
+            const image::FrameImage& image, const view::PixelRect& drawn)
       : view_(view),
         unprojection_(view),
         image_(image),
         far_(static_cast<float>(view.far_distance())),
         cell_px_(kPixelsPerCell * samples_per_side),
-        first_column_(FloorDivide(FloorDivide(view.region().x, cell_px_) - kBlurCells, kPhases) *
-                      kPhases),
-        first_row_(FloorDivide(FloorDivide(view.region().y, cell_px_) - kBlurCells, kPhases) *
-                   kPhases),
-        columns_(FloorDivide(view.region().x + image.width, cell_px_) + kBlurCells - first_column_),
-        rows_(FloorDivide(view.region().y + image.height, cell_px_) + kBlurCells - first_row_),
+        first_column_(FirstCell(view.region().x + drawn.begin_x)),
+        first_row_(FirstCell(view.region().y + drawn.begin_y)),
+        columns_(FloorDivide(view.region().x + drawn.end_x, cell_px_) + kBlurCells - first_column_),
+        rows_(FloorDivide(view.region().y + drawn.end_y, cell_px_) + kBlurCells - first_row_),
         cells_(columns_, rows_, occlusion.radius_px / kPixelsPerCell + kBlurCells) {
     const bool is_perspective = view.camera().projection == view::Projection::kPerspective;
     const double height = is_perspective ? 2 * std::tan(view.camera().fov_y_radians / 2)
@@ -225,6 +224,11 @@ class OpenCells {
                       });
   }
 
+  // Returns a cell of the whole, a multiple of kPhases, with those around pixel `whole_px`.
+  [[nodiscard]] int FirstCell(int whole_px) const {
+    return FloorDivide(FloorDivide(whole_px, cell_px_) - kBlurCells, kPhases) * kPhases;
+  }
+
   // The centre of a cell's pixel, in pixels from the middle of a side of the whole. Exact.
   [[nodiscard]] float FromMiddle(int cell, int side_px) const {
     return static_cast<float>(cell * cell_px_ + cell_px_ / 2) + 0.5F -
@@ -266,6 +270,21 @@ class OpenCells {
   CellPlanes cells_;
 };
 
+// Returns the smallest rectangle of tiles that were drawn on, cut to the image.
+view::PixelRect DrawnRect(const image::FrameImage& image) {
+  constexpr int kTilePx = image::TileSet::kTilePx;
+  view::PixelRect rect{image.width, image.height, 0, 0};
+  for (int row = 0; row < image.touched.rows(); ++row) {
+    image.touched.ForEachInRow(row, [&](int column) {
+      rect.begin_x = std::min(rect.begin_x, column * kTilePx);
+      rect.begin_y = std::min(rect.begin_y, row * kTilePx);
+      rect.end_x = std::max(rect.end_x, std::min((column + 1) * kTilePx, image.width));
+      rect.end_y = std::max(rect.end_y, std::min((row + 1) * kTilePx, image.height));
+    });
+  }
+  return rect;
+}
+
 // Multiplies the light of the pixels of a tile.
 void DarkenTile(const OcclusionTile& tile, float strength, int column, int row,
                 image::FrameImage* image) {
@@ -299,7 +318,11 @@ void DarkenTile(const OcclusionTile& tile, float strength, int column, int row,
 
 void ShadeAmbientOcclusion(const frame::AmbientOcclusion& occlusion, const view::View& view,
                            int samples_per_side, image::FrameImage* image) {
-  OpenCells cells(occlusion, view, samples_per_side, *image);
+  const view::PixelRect drawn = DrawnRect(*image);
+  if (drawn.empty()) {
+    return;
+  }
+  OpenCells cells(occlusion, view, samples_per_side, *image, drawn);
   cells.Compute();
   tbb::parallel_for(0, image->touched.rows(), [&](int row) {
     OcclusionTile tile;
