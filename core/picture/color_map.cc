@@ -84,8 +84,8 @@ ColorMapTable MakeGrey() {
 
 const ColorMapTable& ColorMapTableOf(frame::ColorMap map) {
   static const std::array<ColorMapTable, 6> tables = {MakeTable(kViridis),  MakeTable(kMagma),
-                                                       MakeTable(kCividis),  MakeTable(kTurbo),
-                                                       MakeTable(kCoolWarm), MakeGrey()};
+                                                      MakeTable(kCividis),  MakeTable(kTurbo),
+                                                      MakeTable(kCoolWarm), MakeGrey()};
   return tables[static_cast<std::size_t>(map)];
 }
 

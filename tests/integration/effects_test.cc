@@ -89,7 +89,8 @@ class EffectsTest : public ::testing::Test {
     return cluster;
   }
 
-  // A request with random camera, surfaces, clipping, background and effects; never without one.
+  // A request with all options at random: camera, surfaces, opacities, colours, lights, clipping,
+  // background and effects; never without an effect.
   static v1::RenderIsosurfaceRequest RandomRequest(std::uint64_t seed) {
     std::uint64_t counter = 0;
     const auto random = [&] { return base::RandomUnit(seed, 77'000 + counter++); };
@@ -120,7 +121,24 @@ class EffectsTest : public ::testing::Test {
       surface->mutable_color()->set_red(static_cast<float>(random()));
       surface->mutable_color()->set_green(static_cast<float>(random()));
       surface->mutable_color()->set_blue(static_cast<float>(random()));
-      surface->mutable_color()->set_alpha(1);
+      // The first one is opaque: effects show on it alone.
+      const bool is_translucent = i > 0 && below(2) == 0;
+      surface->mutable_color()->set_alpha(is_translucent ? static_cast<float>(0.1 + 0.8 * random())
+                                                         : 1.0F);
+      if (below(4) == 0) {
+        surface->mutable_color_by()->set_quantity(
+            static_cast<v1::ColorBy::Quantity>(1 + below(v1::ColorBy::Quantity_MAX)));
+      }
+    }
+    constexpr int kMaxLayers[] = {0, 1, 3, 16};
+    request.set_max_layers(kMaxLayers[below(4)]);
+    for (int i = below(2) * below(5); i > 0; --i) {
+      v1::Light* const light = request.add_lights();
+      light->mutable_direction()->set_x(random() - 0.5);
+      light->mutable_direction()->set_y(random() - 0.5);
+      light->mutable_direction()->set_z(0.1 + random());
+      light->set_space(static_cast<v1::Light::Space>(below(v1::Light::Space_MAX + 1)));
+      light->set_intensity(static_cast<float>(2 * random()));
     }
     if (below(3) == 0) {
       v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
@@ -128,8 +146,8 @@ class EffectsTest : public ::testing::Test {
       half_space->set_offset(10 + 10 * random());
     }
     request.mutable_background_color()->set_red(static_cast<float>(random()));
-    request.mutable_background_color()->set_alpha(below(2) == 0 ? 1.0F
-                                                                : static_cast<float>(below(2)));
+    constexpr float kAlphas[] = {1, 1, 0, 0.6F};
+    request.mutable_background_color()->set_alpha(kAlphas[below(4)]);
     constexpr int kSamples[] = {1, 4, 9, 16};
     request.set_samples(kSamples[below(4)]);
     const int effects = request.samples() == 1 ? 1 + below(3) : below(4);
