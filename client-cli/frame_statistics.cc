@@ -52,7 +52,9 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
   json["read_bytes"] = statistics.read_bytes();
   json["network_bytes"] = statistics.network_bytes();
   json["png_bytes"] = statistics.png_bytes();
-  json["truncated_pixel_count"] = statistics.truncated_pixel_count();
+  if (statistics.truncated_pixel_count() > 0) {
+    json["truncated_pixel_count"] = statistics.truncated_pixel_count();
+  }
   json["durations_ms"] = {
       {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},
       {"occluder_rendering", Rounded(Milliseconds(durations.occluder_rendering_duration()))},

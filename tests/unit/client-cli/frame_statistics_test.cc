@@ -99,6 +99,13 @@ TEST(FrameStatisticsTest, SeveralSurfacesAreListed) {
                             {"triangle_count": 200, "unique_vertex_count": 20}])"));
 }
 
+TEST(FrameStatisticsTest, PixelsWithTooManyLayersAreCountedWhereThereAreAny) {
+  FrameRecord record;
+  EXPECT_FALSE(StatisticsToJson({record})["frames"][0].contains("truncated_pixel_count"));
+  record.statistics.set_truncated_pixel_count(7);
+  EXPECT_EQ(StatisticsToJson({record})["frames"][0]["truncated_pixel_count"], 7);
+}
+
 TEST(FrameStatisticsTest, NoAgentsIsAnEmptyList) {
   EXPECT_EQ(StatisticsToJson({FrameRecord{}})["frames"][0]["agents"], Json::array());
 }

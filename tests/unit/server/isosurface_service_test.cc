@@ -227,7 +227,7 @@ TEST_F(IsosurfaceServiceTest, BadRequestsAreRefusedNamingTheField) {
   request.clear_viewport();
   expect_bad(request, "viewport");
   request = Request();
-  request.mutable_base_color()->set_alpha(0.5F);
+  request.mutable_base_color()->set_green(0.5F);
   expect_bad(request, "base_color.alpha");
   request = Request();
   request.mutable_camera();
