@@ -81,6 +81,13 @@ absl::Status CheckUsage(const ExportFlags& flags) {
         absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
                      " exclude each other: write --surface V:R,G,B for each surface"));
   }
+  for (const SurfaceValue& surface : flags.surfaces) {
+    if (surface.color && surface.color->alpha != 1.0F) {
+      return UsageError(absl::StrCat("--surface ", surface.isovalue, " has opacity ",
+                                     surface.color->alpha,
+                                     ": meshes are opaque, leave :OPACITY out"));
+    }
+  }
   if (flags.surfaces.size() > frame::kMaxSurfaces) {
     return UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(), " times: at most ",
                                    frame::kMaxSurfaces, " are allowed"));

@@ -190,6 +190,11 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
+    // With normals in place of colours, the plane is there already.
+    const bool has_normals = picture::NeedsDeferredShading(spec_) && layers_.empty();
+    if (spec_.output.normal && has_normals && !larger.has_value()) {
+      output->normal = NormalPlane(drawn_);
+    }
     FinishedPicture finished = FinishPicture({.spec = &spec_,
                                               .window = &window,
                                               .drawn_view = &drawn.view,

@@ -215,6 +215,8 @@ TEST_F(BadInputTest, OutputsThatExistOrCannotBeWritten) {
                 {"FAILED_PRECONDITION", Path("folder")});
   ExpectFailure({"render", GoodDataset(), "--isovalue", "128", "--output", Path("none/p.png")},
                 kFailed, {"NOT_FOUND", Path("none/p.png")});
+  ExpectFailure({"export", GoodDataset(), "--surface", "128:1,1,1:0.5", "--output", Path("p.ply")},
+                2, {"--surface 128 has opacity 0.5", "meshes are opaque"});
   ExpectFailure({"export", GoodDataset(), "--isovalue", "128", "--output", Path("none/p.ply")},
                 kFailed, {"NOT_FOUND", Path("none/p.ply")});
   EXPECT_EQ(Entries(), (std::vector<std::string>{"folder", "v.raw"}));
