@@ -39,13 +39,25 @@ struct ColorRange {
 
 // The quantity that the colour of a surface shows, in place of its base colour.
 struct ColorBy {
-  enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal };
+  enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal, kGradientMagnitude };
 
   Quantity quantity = Quantity::kPositionX;
   ColorMap map = ColorMap::kViridis;               // not of kNormal
-  std::optional<ColorRange> range = std::nullopt;  // not of kNormal; not set: the volume's box
+  // Not of kNormal. Not set: the volume's box, or 0 to the dataset's bound of the gradient.
+  std::optional<ColorRange> range = std::nullopt;
+  // Opacities at the ends of the map, in [0, 1]; not of kNormal.
+  float opacity_at_min = 1;
+  float opacity_at_max = 1;
 
   friend bool operator==(const ColorBy&, const ColorBy&) = default;
+};
+
+// How the cuts of a clip region through the inside of opaque surfaces are filled.
+struct ClipCaps {
+  std::optional<ColorMap> map = std::nullopt;      // not set: the look of the surface
+  std::optional<ColorRange> range = std::nullopt;  // not set: that of the dataset's samples
+
+  friend bool operator==(const ClipCaps&, const ClipCaps&) = default;
 };
 
 // Two-sided smooth shading under a head light: with c = |n . v| (n the unit normal, v the unit

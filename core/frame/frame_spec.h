@@ -49,6 +49,7 @@ struct FrameSpec {
   Culling culling = Culling::kDepth;
   image::Rgba8 background_color{0, 0, 0, 255};
   view::ClipRegion clip;
+  std::optional<ClipCaps> caps;  // not set: cuts are open
   // The most translucent fragments that show in a pixel, the nearest ones; 1 to kMaxLayers.
   int max_layers = kDefaultLayers;
   std::vector<Light> lights;  // at most kMaxLights; none: the head light

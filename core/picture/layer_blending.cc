@@ -41,6 +41,11 @@ struct Light {
   float alpha = 0;
 };
 
+// REQUIRES: value >= 0. Halves go up.
+constexpr std::uint32_t RoundToNearest(float value) {
+  return (static_cast<std::uint32_t>(value * 2) + 1) / 2;
+}
+
 // Straight alpha.
 image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
   // The shares of an opaque pixel add up to 1, but for rounding.
@@ -49,11 +54,10 @@ image::Rgba8 ColorOf(const Light& light, bool is_opaque) {
     return {};
   }
   const auto value = [&](float sum) {
-    const auto mean = static_cast<std::uint32_t>(sum / alpha + 0.5F);
-    return light.tables.srgb[std::min(mean, kFullLight)];
+    return light.tables.srgb[std::min(RoundToNearest(sum / alpha), kFullLight)];
   };
   return {value(light.r), value(light.g), value(light.b),
-          static_cast<std::uint8_t>(std::min(alpha, 1.0F) * 255 + 0.5F)};
+          static_cast<std::uint8_t>(RoundToNearest(std::min(alpha, 1.0F) * 255))};
 }
 
 // Calls fn(pixel index) for each pixel that has a layer, rows of tiles in parallel, and counts

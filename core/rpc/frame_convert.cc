@@ -389,6 +389,9 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& pro
   }
   ISOSCOPE_ASSIGN_OR_RETURN(color_by.map,
                             ColorMapFromProto(proto.color_map(), absl::StrCat(path, ".color_map")));
+  if (proto.has_opacity()) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ".opacity is not supported yet"));
+  }
   if (proto.has_range()) {
     ISOSCOPE_ASSIGN_OR_RETURN(color_by.range,
                               ColorRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
@@ -399,6 +402,9 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& pro
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
+  if (request.has_caps()) {
+    return absl::InvalidArgumentError("caps is not supported yet");
+  }
   frame::FrameSpec spec;
   ISOSCOPE_ASSIGN_OR_RETURN(spec.surfaces, SurfacesFromProto(request));
   if (!request.has_viewport()) {
@@ -495,6 +501,9 @@ isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by) {
     case frame::ColorBy::Quantity::kNormal:
       proto.set_quantity(Proto::QUANTITY_NORMAL);
       return proto;
+    case frame::ColorBy::Quantity::kGradientMagnitude:
+      proto.set_quantity(Proto::QUANTITY_GRADIENT_MAGNITUDE);
+      break;
   }
   // The same order, after the unspecified one.
   proto.set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(color_by.map) + 1));
