@@ -25,9 +25,8 @@
 #include "client-cli/service_client.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
-#include "isoscope/v1/interact_service.grpc.pb.h"
+#include "isoscope/v1/interact_service.pb.h"
 
 namespace isoscope::bench {
 namespace {
@@ -54,16 +53,15 @@ class DragBench {
     result_.renderer = cluster_->renderer_description();
     ISOSCOPE_RETURN_IF_ERROR(client.RenderIsosurface(FrameOf(0), kMaxWait).status());
 
-    const auto stub = v1::InteractService::NewStub(cluster_->Channel());
-    stream_ = stub->Interact(&rpc_context_);
+    stream_.emplace(cluster_->Channel());
     std::thread reader([this] { Read(); });
     const absl::Status dragged = Drag();
     if (!dragged.ok()) {
-      rpc_context_.TryCancel();
+      stream_->Cancel();
     }
-    stream_->WritesDone();
+    stream_->CloseWrites();
     reader.join();
-    const absl::Status status = rpc::ToAbslStatus(stream_->Finish());
+    const absl::Status status = stream_->Finish();
     ISOSCOPE_RETURN_IF_ERROR(dragged);
     ISOSCOPE_RETURN_IF_ERROR(status);
     return Compare(&client);
@@ -125,11 +123,6 @@ class DragBench {
       const base::MutexLock lock(&mutex_);
       sent_[state] = absl::Now();
     }
-    return Write(request);
-  }
-
-  absl::Status Write(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(write_mutex_) {
-    const base::MutexLock lock(&write_mutex_);
     return stream_->Write(request) ? absl::OkStatus()
                                    : absl::UnavailableError("the stream has ended");
   }
@@ -140,9 +133,8 @@ class DragBench {
       absl::SleepFor(plan_.decode);
       v1::InteractRequest shown;
       shown.mutable_frame_shown()->set_frame_number(response.frame_number());
-      shown.mutable_frame_shown()->set_decode_ms(absl::ToDoubleMilliseconds(plan_.decode));
-      // A write that fails means that the stream has ended; so will the next read.
-      Write(shown).IgnoreError();
+      *shown.mutable_frame_shown()->mutable_decode_duration() = rpc::ToProto(plan_.decode);
+      stream_->Write(shown);  // if the stream has ended, the next read says so
       Note(response);
     }
     const base::MutexLock lock(&mutex_);
@@ -180,9 +172,7 @@ class DragBench {
   std::unique_ptr<cli::EmbeddedCluster> cluster_;
   std::string dataset_name_;
   view::Camera camera_;
-  grpc::ClientContext rpc_context_;
-  std::unique_ptr<grpc::ClientReaderWriter<v1::InteractRequest, v1::InteractResponse>> stream_;
-  base::Mutex write_mutex_;  // one write at a time
+  std::optional<cli::InteractStream> stream_;
 
   base::Mutex mutex_;
   base::CondVar exact_came_;

@@ -34,6 +34,7 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/proto_convert.h"
 #include "server/frame_call.h"
 #include "server/interact_frame.h"
 #include "server/interactive_schedule.h"
@@ -155,14 +156,16 @@ class InteractServiceImpl::InteractCall final
       }
       case v1::InteractRequest::kFrameShown: {
         const v1::FrameShown& shown = request.frame_shown();
-        if (!(shown.decode_ms() >= 0)) {
-          return absl::InvalidArgumentError(
-              absl::StrCat("frame_shown.decode_ms is ", shown.decode_ms(), ": must be at least 0"));
+        const absl::Duration decode = rpc::DurationFromProto(shown.decode_duration());
+        if (decode < absl::ZeroDuration()) {
+          return absl::InvalidArgumentError(absl::StrCat("frame_shown.decode_duration is ",
+                                                         absl::FormatDuration(decode),
+                                                         ": must be at least 0"));
         }
         const std::optional<absl::Duration> delay = schedule_.OnShown(shown.frame_number(), now);
         const bool is_moving = moving_frames_.erase(shown.frame_number()) > 0;
         if (delay.has_value() && is_moving) {
-          rate_.OnShown(*delay, absl::Milliseconds(shown.decode_ms()), now);
+          rate_.OnShown(*delay, decode, now);
           schedule_.SetCredits(rate_.credits());
         }
         break;

@@ -240,7 +240,7 @@ TEST_F(InteractTest, WrongMessagesEndTheStreamAndSayWhy) {
   };
   v1::InteractRequest shown;
   shown.mutable_frame_shown()->set_frame_number(9);
-  shown.mutable_frame_shown()->set_decode_ms(-1);
+  shown.mutable_frame_shown()->mutable_decode_duration()->set_seconds(-1);
   v1::InteractRequest unknown = state(1, 0);
   unknown.GetReflection()->MutableUnknownFields(&unknown)->AddVarint(77, 1);
   for (const Case& wrong :
@@ -250,7 +250,7 @@ TEST_F(InteractTest, WrongMessagesEndTheStreamAndSayWhy) {
              {state(5, 0), state(5, 0)}},
         Case{"target_frames_per_second is 0.5", {state(1, 0.5)}},
         Case{"target_frames_per_second is nan", {state(1, std::nan(""))}},
-        Case{"decode_ms is -1", {shown}}, Case{"77", {unknown}}}) {
+        Case{"decode_duration is -1s", {shown}}, Case{"77", {unknown}}}) {
     Viewer viewer(channel_);
     for (const v1::InteractRequest& message : wrong.messages) {
       viewer.SendRaw(message);
