@@ -42,18 +42,21 @@ class DragBench {
       : plan_(plan), context_(context) {}
 
   absl::StatusOr<DragBenchResult> Run() {
-    ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
-    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt);
-    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset, client.GetDataset("", kMaxWait));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
+    cli::ServiceClient& client = session_->client();
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
+                              client.GetDataset(session_->dataset_name(), kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
     ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
-    result_.agent_count = cluster_->shard_count();
-    result_.renderer = cluster_->renderer_description();
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
+                              client.GetClusterStatus(kMaxWait));
+    result_.agent_count = cluster.agents_size();
+    result_.renderer = cluster.agents().empty() ? "" : cluster.agents(0).renderer();
     ISOSCOPE_RETURN_IF_ERROR(client.RenderIsosurface(FrameOf(0), kMaxWait).status());
-
-    stream_.emplace(cluster_->Channel());
+    stream_ = client.Interact();
     std::thread reader([this] { Read(); });
     const absl::Status dragged = Drag();
     if (!dragged.ok()) {
@@ -169,10 +172,10 @@ class DragBench {
 
   const DragBenchPlan& plan_;
   const cli::Context& context_;
-  std::unique_ptr<cli::EmbeddedCluster> cluster_;
+  std::unique_ptr<cli::Session> session_;
   std::string dataset_name_;
   view::Camera camera_;
-  std::optional<cli::InteractStream> stream_;
+  std::unique_ptr<cli::InteractStream> stream_;
 
   base::Mutex mutex_;
   base::CondVar exact_came_;

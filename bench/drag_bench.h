@@ -1,5 +1,5 @@
 // How many frames a dragged view shows: a client of the Interact stream that does nothing but
-// acknowledge, beside coordinator and agents in this process.
+// acknowledge, of a server or of coordinator and agents in this process.
 
 #ifndef ISOSCOPE_BENCH_DRAG_BENCH_H_
 #define ISOSCOPE_BENCH_DRAG_BENCH_H_
@@ -15,13 +15,13 @@
 
 #include "bench/machine.h"
 #include "client-cli/command.h"
-#include "client-cli/embedded_cluster.h"
 #include "client-cli/render_request.h"
+#include "client-cli/session.h"
 
 namespace isoscope::bench {
 
 struct DragBenchPlan {
-  cli::EmbeddedClusterOptions cluster;
+  cli::SessionFlags session;
   cli::RequestFlags request;
   absl::Duration duration = absl::Seconds(10);
   double states_per_second = 60;  // as a mouse sends them
@@ -43,7 +43,7 @@ struct DragBenchResult {
 };
 
 // Warms up for a second, drags, rests, and compares the exact frame with RenderIsosurface. Errors
-// of EmbeddedCluster::Start and of Interact; CANCELLED on an interrupt.
+// of Session::Open and of Interact; CANCELLED on an interrupt.
 absl::StatusOr<DragBenchResult> RunDragBench(const DragBenchPlan& plan,
                                              const cli::Context& context);
 

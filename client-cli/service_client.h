@@ -71,6 +71,11 @@ class ServiceClient {
   absl::StatusOr<isoscope::v1::PickSurfaceResponse> PickSurface(
       const isoscope::v1::PickSurfaceRequest& request, absl::Duration timeout);
 
+  // Opens a stream, which has no deadline.
+  [[nodiscard]] std::unique_ptr<InteractStream> Interact() const {
+    return std::make_unique<InteractStream>(channel_);
+  }
+
   // Calls `visit` for every chunk, in order; an error of it ends the call and is returned.
   absl::Status ExportIsosurface(
       const isoscope::v1::ExportIsosurfaceRequest& request, absl::Duration timeout,

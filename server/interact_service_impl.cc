@@ -183,6 +183,11 @@ class InteractServiceImpl::InteractCall final
     while (!end_.has_value()) {
       const absl::Time now = absl::Now();
       const InteractiveSchedule::Step step = schedule_.Next(now);
+      for (const std::int64_t frame_number : step.overdue) {
+        if (moving_frames_.contains(frame_number)) {
+          rate_.OnOverdue(now);
+        }
+      }
       for (const std::int64_t work : step.cancel) {
         const auto it = frames_.find(work);
         if (it != frames_.end()) {

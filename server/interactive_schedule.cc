@@ -55,23 +55,36 @@ void InteractiveSchedule::OnDropped() { --waiting_count_; }
 
 std::optional<absl::Duration> InteractiveSchedule::OnShown(std::int64_t frame_number,
                                                            absl::Time now) {
-  const auto it = sent_.find(frame_number);
-  if (it == sent_.end()) {
-    return std::nullopt;
+  for (std::map<std::int64_t, absl::Time>* frames : {&sent_, &overdue_}) {
+    const auto it = frames->find(frame_number);
+    if (it != frames->end()) {
+      const absl::Duration delay = now - it->second;
+      frames->erase(it);
+      return delay;
+    }
   }
-  const absl::Duration delay = now - it->second;
-  sent_.erase(it);
-  return delay;
+  return std::nullopt;
 }
 
 void InteractiveSchedule::SetCredits(int credits) {
   credits_ = std::clamp(credits, kMinCredits, kMaxCredits);
 }
 
-void InteractiveSchedule::Expire(absl::Time now) {
+std::vector<std::int64_t> InteractiveSchedule::Expire(absl::Time now) {
+  std::vector<std::int64_t> expired;
   for (auto it = sent_.begin(); it != sent_.end();) {
-    it = now - it->second >= kShownTimeout ? sent_.erase(it) : std::next(it);
+    if (now - it->second < kShownTimeout) {
+      ++it;
+      continue;
+    }
+    expired.push_back(it->first);
+    overdue_.insert(*it);
+    it = sent_.erase(it);
   }
+  while (overdue_.size() > kMaxOverdue) {
+    overdue_.erase(overdue_.begin());
+  }
+  return expired;
 }
 
 bool InteractiveSchedule::MayCancel(const Work& work, absl::Time now) const {
@@ -93,7 +106,7 @@ FrameStart InteractiveSchedule::Begin(bool is_exact, absl::Time now) {
 
 InteractiveSchedule::Step InteractiveSchedule::Next(absl::Time now) {
   Step step;
-  Expire(now);
+  step.overdue = Expire(now);
   if (newest_ == 0) {
     return step;
   }

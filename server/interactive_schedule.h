@@ -45,7 +45,7 @@ class InteractiveSchedule {
   // An answer that waited was replaced by a newer one, and will not be sent.
   void OnDropped();
   // The client has shown a frame. Returns the time since it was sent; none if it was shown before,
-  // is too long ago, or was never sent.
+  // is far too long ago, or was never sent.
   std::optional<absl::Duration> OnShown(std::int64_t frame_number, absl::Time now);
   // The most frames under way, kMinCredits to kMaxCredits: in work, waiting, or sent and not shown.
   void SetCredits(int credits);
@@ -53,6 +53,7 @@ class InteractiveSchedule {
   struct Step {
     std::vector<std::int64_t> cancel;  // works to cancel
     std::optional<FrameStart> start;
+    std::vector<std::int64_t> overdue;  // frames that count as shown from now on
     // When to ask again if nothing happens before. Infinite future: not needed.
     absl::Time wake = absl::InfiniteFuture();
   };
@@ -72,7 +73,10 @@ class InteractiveSchedule {
     absl::Time start;
   };
 
-  void Expire(absl::Time now);
+  static constexpr std::size_t kMaxOverdue = 64;
+
+  // Returns the frames that timed out.
+  std::vector<std::int64_t> Expire(absl::Time now);
   [[nodiscard]] bool MayCancel(const Work& work, absl::Time now) const;
   FrameStart Begin(bool is_exact, absl::Time now);
 
@@ -90,7 +94,8 @@ class InteractiveSchedule {
 
   int credits_ = kMinCredits;
   int waiting_count_ = 0;
-  std::map<std::int64_t, absl::Time> sent_;  // and not shown yet
+  std::map<std::int64_t, absl::Time> sent_;     // and not shown yet
+  std::map<std::int64_t, absl::Time> overdue_;  // the last kMaxOverdue of those that timed out
 };
 
 }  // namespace isoscope::server

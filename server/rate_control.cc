@@ -1,5 +1,9 @@
 // Two ladders, and the coarser of their sizes counts.
 //
+// Of an unknown connection the round trip must be learned before frames queue on it. So a stream
+// begins with small frames. If the first is shown quickly, the finest setting follows at once. Else
+// the setting is refined in short steps until frames first queue.
+//
 // The network's: if a frame is shown later than the round trip of an idle connection by more than a
 // frame's period, frames queue on the way. So the load is that delay over the period (at least
 // 30 ms, below which delays are noise). Nothing foretells the load of a finer setting, so it is
@@ -27,11 +31,15 @@ constexpr std::array<NetworkStep, 8> kNetworkSteps = {{{85, 1, 192},
                                                        {75, 1, 160},
                                                        {60, 1, 128},
                                                        {45, 1, 128},
-                                                       {45, 0.75, 128},
-                                                       {45, 0.5, 128},
-                                                       {40, 0.375, 128},
-                                                       {40, 0.25, 128}}};
+                                                       {45, 0.75, 112},
+                                                       {45, 0.5, 96},
+                                                       {40, 0.375, 64},
+                                                       {40, 0.25, 64}}};
 constexpr std::array<double, 5> kSizes = {1, 0.75, 0.5, 0.375, 0.25};
+
+// Where an unknown connection begins, and the delay below which it is a fast one.
+constexpr std::size_t kFirstNetworkStep = 5;
+constexpr absl::Duration kFastDelay = absl::Milliseconds(20);
 
 constexpr int kOverloadsToCoarsen = 3;
 constexpr double kSevereLoad = 2;  // at once
@@ -49,7 +57,10 @@ void QualityLadder::OnLoad(double load, double finer_load, absl::Time now) {
     if (!is_due || step_ + 1 >= step_count_ || now - last_change_ < absl::Milliseconds(250)) {
       return;
     }
-    if (last_was_finer_ && now - last_change_ < hold_) {
+    if (is_starting_) {
+      is_starting_ = false;
+      hold_ = kMinHold;
+    } else if (last_was_finer_ && now - last_change_ < hold_) {
       hold_ = std::min(hold_ * 2, kMaxHold);
     }
     ++step_;
@@ -64,6 +75,10 @@ void QualityLadder::OnLoad(double load, double finer_load, absl::Time now) {
   }
   overload_count_ = 0;
   last_change_ = now;
+}
+
+RateControl::RateControl() : network_(kNetworkSteps.size()), size_(kSizes.size()) {
+  network_.StartAt(kFirstNetworkStep);
 }
 
 void RateControl::OnDrawn(absl::Duration duration, int concurrent, absl::Time now) {
@@ -83,10 +98,19 @@ void RateControl::OnShown(absl::Duration delay, absl::Duration decode, absl::Tim
     span_start_ = now;
   }
   least_ = std::min(least_.value_or(on_the_way), on_the_way);
+  if (!is_known_) {
+    is_known_ = true;
+    if (on_the_way <= kFastDelay) {
+      network_.StartAt(0);
+      return;
+    }
+  }
   const absl::Duration queued = std::max(on_the_way - round_trip(), decode);
   const double load = absl::FDivDuration(queued, std::max(period_, kDelayNoise));
   network_.OnLoad(load, load < 0.5 ? 0 : 1, now);
 }
+
+void RateControl::OnOverdue(absl::Time now) { network_.OnLoad(2 * kSevereLoad, 1, now); }
 
 absl::Duration RateControl::round_trip() const {
   if (!least_.has_value()) {

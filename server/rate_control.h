@@ -16,11 +16,18 @@ namespace isoscope::server {
 // it does not oscillate. Thread-compatible.
 class QualityLadder {
  public:
+  static constexpr absl::Duration kStartHold = absl::Milliseconds(150);
   static constexpr absl::Duration kMinHold = absl::Seconds(1);
   static constexpr absl::Duration kMaxHold = absl::Seconds(30);
 
   explicit QualityLadder(std::size_t step_count) : step_count_(step_count) {}
 
+  // Begins at a step, with short holds until the first overload.
+  void StartAt(std::size_t step) {
+    step_ = step;
+    hold_ = kStartHold;
+    is_starting_ = true;
+  }
   // `load`: what the present setting takes, as a share of what there is; above 1 it is too fine.
   // `finer_load`: the same of the next finer setting, as far as it can be foreseen.
   void OnLoad(double load, double finer_load, absl::Time now);
@@ -33,6 +40,7 @@ class QualityLadder {
   absl::Duration hold_ = kMinHold;
   absl::Time last_change_;
   bool last_was_finer_ = false;
+  bool is_starting_ = false;
 };
 
 struct MovingQuality {
@@ -46,6 +54,8 @@ class RateControl {
  public:
   static constexpr double kDefaultFramesPerSecond = 30;
 
+  RateControl();
+
   // REQUIRES: > 0.
   void SetTarget(double frames_per_second) { period_ = absl::Seconds(1 / frames_per_second); }
 
@@ -55,6 +65,9 @@ class RateControl {
   // A moving frame was shown `delay` after it was sent, of which the client took `decode`.
   void OnShown(absl::Duration delay, absl::Duration decode, absl::Time now);
 
+  // A moving frame was not shown within InteractiveSchedule::kShownTimeout.
+  void OnOverdue(absl::Time now);
+
   [[nodiscard]] MovingQuality quality() const;
   // The frames that should be under way, >= 2: more where the round trip is longer than a frame.
   [[nodiscard]] int credits() const;
@@ -63,8 +76,9 @@ class RateControl {
 
  private:
   absl::Duration period_ = absl::Seconds(1 / kDefaultFramesPerSecond);
-  QualityLadder network_{8};
-  QualityLadder size_{5};
+  QualityLadder network_;
+  QualityLadder size_;
+  bool is_known_ = false;  // a frame was shown
   absl::Duration mean_drawn_;
   // Least delays of this span of 5 seconds and of the one before.
   std::optional<absl::Duration> least_;

@@ -88,7 +88,10 @@ TEST(InteractiveScheduleTest, FramesThatWereNotShownHoldCreditsUntilTheyTimeOut)
   schedule.OnState(4, false, At(2000));
   EXPECT_EQ(StartAt(&schedule, 2000).work, 0);
   schedule.OnState(5, false, At(2030));
-  EXPECT_EQ(StartAt(&schedule, 2030).sequence, 5) << "frame 2 was sent at 25 and timed out";
+  const Schedule::Step step = schedule.Next(At(2030));
+  EXPECT_EQ(step.overdue, std::vector<std::int64_t>{2}) << "it was sent at 25";
+  EXPECT_EQ(step.start.value_or(FrameStart{}).sequence, 5);
+  EXPECT_EQ(schedule.OnShown(2, At(3025)), absl::Seconds(3)) << "late, but known";
 }
 
 TEST(InteractiveScheduleTest, AStalledClientStillGetsItsExactFrame) {

@@ -30,7 +30,8 @@ int ShowFrames(RateControl* rate, double begin_s, double seconds, const DelayMs&
 
 TEST(RateControlTest, AFastConnectionKeepsTheFinestFrames) {
   RateControl rate;
-  EXPECT_EQ(ShowFrames(&rate, 0, 30, [](const MovingQuality&) { return 3.0; }), 0);
+  EXPECT_EQ(ShowFrames(&rate, 0, 30, [](const MovingQuality&) { return 3.0; }), 1)
+      << "only the first frame is small";
   EXPECT_EQ(rate.quality().jpeg_quality, 85);
   EXPECT_EQ(rate.quality().scale, 1);
   EXPECT_EQ(rate.credits(), 2);
@@ -44,9 +45,39 @@ TEST(RateControlTest, ALongButWideConnectionGetsCreditsAndKeepsItsQuality) {
   EXPECT_EQ(rate.round_trip(), absl::Milliseconds(150));
 }
 
+TEST(RateControlTest, AnUnknownConnectionBeginsWithSmallFramesAndIsFineSoonIfItIsWide) {
+  RateControl rate;
+  EXPECT_LE(rate.quality().scale, 0.5);
+  ShowFrames(&rate, 0, 1.5, [](const MovingQuality&) { return 150.0; });
+  EXPECT_EQ(rate.quality().scale, 1);
+  EXPECT_EQ(rate.quality().jpeg_quality, 85);
+}
+
+// A frame takes its bytes' time on the link, behind those before it.
+TEST(RateControlTest, ANarrowConnectionsRoundTripIsNotTakenForTheTimeOfItsQueue) {
+  RateControl rate;
+  const auto delay = [](const MovingQuality& q) {
+    const double kib = 130 * q.scale * q.scale * q.jpeg_quality / 85;
+    return 80 + kib * 4 * (kib > 20 ? 3 : 1);  // 2 Mbit/s; a queue of three where frames are large
+  };
+  ShowFrames(&rate, 0, 20, delay);
+  EXPECT_LE(rate.quality().scale, 0.5);
+  EXPECT_LT(rate.round_trip(), absl::Milliseconds(200));
+}
+
+TEST(RateControlTest, FramesThatAreNotShownAtAllMakeTheNextOnesSmaller) {
+  RateControl rate;
+  rate.OnShown(absl::Milliseconds(10), absl::ZeroDuration(), At(0));
+  EXPECT_EQ(rate.quality().scale, 1);
+  for (int i = 1; i <= 10; ++i) {
+    rate.OnOverdue(At(2000.0 * i));
+  }
+  EXPECT_EQ(rate.quality().scale, 0.25);
+}
+
 TEST(RateControlTest, QualityGoesBeforeSize) {
   RateControl rate;
-  rate.OnShown(absl::Milliseconds(10), absl::ZeroDuration(), At(0));  // the idle round trip
+  rate.OnShown(absl::Milliseconds(10), absl::ZeroDuration(), At(0));  // a fast one, at first
   std::vector<MovingQuality> seen;
   for (double ms = 1000; ms < 20000; ms += kPeriodMs) {
     rate.OnShown(absl::Milliseconds(rate.quality().scale > 0.5 ? 100 : 12), absl::ZeroDuration(),
@@ -90,6 +121,7 @@ TEST(RateControlTest, AConnectionThatRecoversIsUsedAgain) {
 
 TEST(RateControlTest, SlowDrawingMakesFramesSmallerUntilTheRateIsReached) {
   RateControl rate;
+  rate.OnShown(absl::Milliseconds(3), absl::ZeroDuration(), At(0));
   rate.SetTarget(30);
   for (double ms = 0; ms < 20000; ms += 50) {
     const double scale = rate.quality().scale;
@@ -101,6 +133,7 @@ TEST(RateControlTest, SlowDrawingMakesFramesSmallerUntilTheRateIsReached) {
 
 TEST(RateControlTest, ALowTargetKeepsTheFullSize) {
   RateControl rate;
+  rate.OnShown(absl::Milliseconds(3), absl::ZeroDuration(), At(0));
   rate.SetTarget(1);
   for (double ms = 0; ms < 20000; ms += 50) {
     rate.OnDrawn(absl::Milliseconds(400), 1, At(ms));
