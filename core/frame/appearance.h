@@ -42,12 +42,14 @@ struct ColorBy {
   enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal, kGradientMagnitude };
 
   Quantity quantity = Quantity::kPositionX;
-  ColorMap map = ColorMap::kViridis;               // not of kNormal
+  ColorMap map = ColorMap::kViridis;  // not of kNormal
   // Not of kNormal. Not set: the volume's box, or 0 to the dataset's bound of the gradient.
   std::optional<ColorRange> range = std::nullopt;
   // Opacities at the ends of the map, in [0, 1]; not of kNormal.
   float opacity_at_min = 1;
   float opacity_at_max = 1;
+
+  [[nodiscard]] bool is_translucent() const { return opacity_at_min < 1 || opacity_at_max < 1; }
 
   friend bool operator==(const ColorBy&, const ColorBy&) = default;
 };

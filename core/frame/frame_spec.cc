@@ -11,6 +11,13 @@ bool HasLayers(const FrameSpec& spec) {
                      [](const Surface& surface) { return surface.is_translucent(); });
 }
 
+bool ShowsGradient(const FrameSpec& spec) {
+  return std::any_of(spec.surfaces.begin(), spec.surfaces.end(), [](const Surface& surface) {
+    return surface.color_by.has_value() &&
+           surface.color_by->quantity == ColorBy::Quantity::kGradientMagnitude;
+  });
+}
+
 std::vector<double> IsovaluesOf(const FrameSpec& spec) {
   std::vector<double> isovalues;
   isovalues.reserve(spec.surfaces.size());

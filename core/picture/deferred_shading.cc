@@ -95,6 +95,7 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
       base.map = &ColorMapTableOf(surface.color_by->map);
       base.range = ColorRangeOf(*surface.color_by, view.geometry());
       base.axis = AxisOf(surface.color_by->quantity);
+      base.keeps_step = surface.color_by->is_translucent();
     }
   }
 }
@@ -105,8 +106,9 @@ image::Rgba8 DeferredShader::BaseAt(const BaseColor& base, int x, int y, std::ui
   }
   const float distance = unprojection_.DistanceOf(image::DepthOf(key));
   const double value = unprojection_.CoordinateOf(base.axis, x, y, distance);
-  image::Rgba8 color = (*base.map)[ColorMapStepOf(value, base.range)];
-  color.a = base.color.a;
+  const std::size_t step = ColorMapStepOf(value, base.range);
+  image::Rgba8 color = (*base.map)[step];
+  color.a = base.keeps_step ? static_cast<std::uint8_t>(step) : base.color.a;
   return color;
 }
 

@@ -56,9 +56,10 @@ class DeferredShader {
   DeferredShader(const frame::FrameSpec& spec, const view::View& view,
                  const image::FragmentOrder& order);
 
-  // Sets colors[i] to the colour of fragments[i], with the alpha of its surface's base colour. The
-  // same for each, whatever stands beside it. REQUIRES: as many colours as fragments, and surfaces
-  // of the spec.
+  // Sets colors[i] to the colour of fragments[i], with the alpha of its surface's base colour; or,
+  // if the surface's map has opacities, with the step of the map as alpha, which BlendLayers knows.
+  // The same for each, whatever stands beside it. REQUIRES: as many colours as fragments, and
+  // surfaces of the spec.
   void Shade(std::span<const NormalFragment> fragments, std::span<image::Rgba8> colors) const;
 
   // Turns the normals of all covered pixels into colours. Works in parallel, in the
@@ -72,6 +73,7 @@ class DeferredShader {
     const ColorMapTable* map = nullptr;  // of a surface that is coloured by position; else null
     frame::ColorRange range;
     int axis = 0;
+    bool keeps_step = false;  // the step of the map is the alpha
   };
 
   [[nodiscard]] image::Rgba8 BaseAt(const BaseColor& base, int x, int y, std::uint64_t key) const;

@@ -382,15 +382,25 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& pro
   ISOSCOPE_ASSIGN_OR_RETURN(color_by.quantity,
                             QuantityFromProto(proto.quantity(), absl::StrCat(path, ".quantity")));
   if (color_by.quantity == frame::ColorBy::Quantity::kNormal &&
-      (proto.color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED || proto.has_range())) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, proto.has_range() ? ".range" : ".color_map", " is set beside ", path,
-                     ".quantity 4 (normal), which has neither map nor range: must be unset"));
+      (proto.color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED || proto.has_range() ||
+       proto.has_opacity())) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        proto.has_range()     ? ".range"
+        : proto.has_opacity() ? ".opacity"
+                              : ".color_map",
+        " is set beside ", path, ".quantity 4 (normal), which has no map: must be unset"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(color_by.map,
                             ColorMapFromProto(proto.color_map(), absl::StrCat(path, ".color_map")));
   if (proto.has_opacity()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ".opacity is not supported yet"));
+    const isoscope::v1::MapOpacity& opacity = proto.opacity();
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckRange(opacity.at_min(), 0, 1, absl::StrCat(path, ".opacity.at_min")));
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckRange(opacity.at_max(), 0, 1, absl::StrCat(path, ".opacity.at_max")));
+    color_by.opacity_at_min = opacity.at_min();
+    color_by.opacity_at_max = opacity.at_max();
   }
   if (proto.has_range()) {
     ISOSCOPE_ASSIGN_OR_RETURN(color_by.range,
@@ -510,6 +520,10 @@ isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by) {
   if (color_by.range.has_value()) {
     proto.mutable_range()->set_min(color_by.range->min);
     proto.mutable_range()->set_max(color_by.range->max);
+  }
+  if (color_by.is_translucent()) {
+    proto.mutable_opacity()->set_at_min(color_by.opacity_at_min);
+    proto.mutable_opacity()->set_at_max(color_by.opacity_at_max);
   }
   return proto;
 }

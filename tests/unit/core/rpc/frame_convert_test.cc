@@ -159,7 +159,9 @@ TEST(FrameSpecFromProtoTest, LightsAndColorByArriveAndGoBack) {
                            .color = {255, 0, 128, 255}};
   const frame::ColorBy by_z{.quantity = frame::ColorBy::Quantity::kPositionZ,
                             .map = frame::ColorMap::kCoolWarm,
-                            .range = frame::ColorRange{-1, 4}};
+                            .range = frame::ColorRange{-1, 4},
+                            .opacity_at_min = 0,
+                            .opacity_at_max = 0.75F};
   const frame::ColorBy by_normal{.quantity = frame::ColorBy::Quantity::kNormal};
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
@@ -174,6 +176,9 @@ TEST(FrameSpecFromProtoTest, LightsAndColorByArriveAndGoBack) {
   EXPECT_EQ(spec.surfaces[0].color_by, by_z);
   EXPECT_EQ(spec.surfaces[1].color_by, by_normal);
   EXPECT_EQ(spec.surfaces[2].color_by, frame::ColorBy());
+  EXPECT_TRUE(spec.surfaces[0].is_translucent()) << "by the opacities of its map alone";
+  EXPECT_FALSE(spec.surfaces[2].is_translucent());
+  EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
 }
 
 TEST(FrameSpecFromProtoTest, EveryColorMapIsKnown) {
@@ -246,6 +251,23 @@ TEST(FrameSpecFromProtoTest, HostileLightsAndColorByAreNamed) {
       {"surfaces[0].color_by.range.max",
        [&](Request* r, double v) { color_by(r)->mutable_range()->set_max(v); },
        {kNan, -kInfinity, 0, -1}},
+      {"surfaces[0].color_by.opacity.at_min",
+       [&](Request* r, double v) {
+         color_by(r)->mutable_opacity()->set_at_min(static_cast<float>(v));
+       },
+       {kNan, -0.01, 1.01, kInfinity}},
+      {"surfaces[0].color_by.opacity.at_max",
+       [&](Request* r, double v) {
+         color_by(r)->mutable_opacity()->set_at_max(static_cast<float>(v));
+       },
+       {kNan, -1, 2, -kInfinity}},
+      {"surfaces[0].color_by.opacity is set beside",
+       [&](Request* r, double) {
+         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
+         color_by(r)->clear_range();
+         color_by(r)->mutable_opacity();
+       },
+       {0}},
       {"surfaces[0].color_by.range is set beside",
        [&](Request* r, double) {
          color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
