@@ -119,12 +119,13 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
                                                       {"y", Quantity::kPositionY},
                                                       {"z", Quantity::kPositionZ},
                                                       {"normal", Quantity::kNormal},
+                                                      {"gradient", Quantity::kGradientMagnitude},
                                                       {"none", std::nullopt}}));
   const bool has_map = quantity.has_value() && *quantity != Quantity::kNormal;
   if (parts.size() > (has_map ? 4U : 1U)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("'", text, "' is not ",
-                     has_map ? "x|y|z[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]" : "normal or none alone"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "'", text, "' is not ",
+        has_map ? "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]" : "normal or none alone"));
   }
   if (!quantity.has_value()) {
     return ColorByValue{};
@@ -159,12 +160,13 @@ void AddLookFlags(CLI::App* app, LookFlags* flags) {
           "the space of all lights: view (default; x right, y up, z to the eye) or world")
       ->group(group);
   AddRepeatableFlag(
-      app, "--color-by", "x|y|z|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", &flags->color_by,
-      ParseColorBy,
-      "colour surfaces by a world coordinate or by their normal; once for all of them, or once for "
-      "each --surface; maps: viridis (default), magma, cividis, turbo, cool-warm, grey; the range "
-      "is the volume's box by default, as if it were left empty (z:grey::0.2,1); opacities are "
-      "those at MIN and MAX, and below 1 the surface is translucent")
+      app, "--color-by", "x|y|z|gradient|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
+      &flags->color_by, ParseColorBy,
+      "colour surfaces by a world coordinate, by the length of the gradient or by their normal; "
+      "once for all of them, or once for each --surface; maps: viridis (default), magma, cividis, "
+      "turbo, cool-warm, grey; the range is the volume's box by default, of the gradient 0 to its "
+      "bound (isoscope info), as if it were left empty (z:grey::0.2,1); opacities are those at MIN "
+      "and MAX, and below 1 the surface is translucent")
       ->group(group);
 }
 

@@ -12,10 +12,8 @@ bool HasLayers(const FrameSpec& spec) {
 }
 
 bool ShowsGradient(const FrameSpec& spec) {
-  return std::any_of(spec.surfaces.begin(), spec.surfaces.end(), [](const Surface& surface) {
-    return surface.color_by.has_value() &&
-           surface.color_by->quantity == ColorBy::Quantity::kGradientMagnitude;
-  });
+  return std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
+                     [](const Surface& surface) { return surface.shows_gradient(); });
 }
 
 std::vector<double> IsovaluesOf(const FrameSpec& spec) {

@@ -32,6 +32,9 @@ struct Surface {
   [[nodiscard]] bool is_translucent() const {
     return opacity < 1 || (color_by.has_value() && color_by->is_translucent());
   }
+  [[nodiscard]] bool shows_gradient() const {
+    return color_by.has_value() && color_by->quantity == ColorBy::Quantity::kGradientMagnitude;
+  }
 
   friend bool operator==(const Surface&, const Surface&) = default;
 };
@@ -62,8 +65,8 @@ struct FrameSpec {
   // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
   // request: the coordinator tells the agents.
   bool sends_normals = false;
-  // Whether pixels of surfaces that show the gradient's magnitude carry image::NormalAndStep in
-  // place of normals. Likewise; only with sends_normals.
+  // Whether pixels of surfaces that show the gradient's magnitude carry a step of its colour
+  // map beside the normal (image/normal_and_step.h). Likewise; only with sends_normals.
   bool sends_map_steps = false;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;

@@ -39,7 +39,7 @@ inline float OpacityOf(const frame::ColorBy& color_by, std::size_t step) {
 }
 
 // Returns the range that a surface is coloured by: its own, or the volume's box on the axis.
-// REQUIRES: the quantity is a position.
+// REQUIRES: the quantity is a position, or it is the gradient's magnitude and has a range.
 frame::ColorRange ColorRangeOf(const frame::ColorBy& color_by,
                                const volume::GridGeometry& geometry);
 

@@ -44,7 +44,8 @@ struct NormalFragment {
   int x = 0;
   int y = 0;
   std::uint64_t key = 0;
-  image::Rgba8 normal;  // image::EncodeNormal
+  // image::EncodeNormal; of a surface that shows the gradient, image::EncodeNormalAndStep.
+  image::Rgba8 normal;
 };
 
 // Immutable; thread-safe. All instruction sets give the same bits.
@@ -70,13 +71,14 @@ class DeferredShader {
   // How a surface gets its base colour.
   struct BaseColor {
     image::Rgba8 color;
-    const ColorMapTable* map = nullptr;  // of a surface that is coloured by position; else null
+    const ColorMapTable* map = nullptr;  // null: the colour, or that of the normal
     frame::ColorRange range;
     int axis = 0;
+    bool has_step = false;    // fragments carry the step of the map
     bool keeps_step = false;  // the step of the map is the alpha
   };
 
-  [[nodiscard]] image::Rgba8 BaseAt(const BaseColor& base, int x, int y, std::uint64_t key) const;
+  [[nodiscard]] image::Rgba8 BaseOf(const BaseColor& base, const NormalFragment& fragment) const;
   void Append(const NormalFragment& fragment, LightBatch* batch) const;
   void ShadeTileRow(int row, image::FrameImage* image) const;
 

@@ -111,10 +111,13 @@ absl::StatusOr<frame::ColorBy::Quantity> QuantityFromProto(isoscope::v1::ColorBy
       return frame::ColorBy::Quantity::kPositionZ;
     case Proto::QUANTITY_NORMAL:
       return frame::ColorBy::Quantity::kNormal;
+    case Proto::QUANTITY_GRADIENT_MAGNITUDE:
+      return frame::ColorBy::Quantity::kGradientMagnitude;
     default:
       return absl::InvalidArgumentError(
           absl::StrCat(path, " is ", static_cast<int>(proto),
-                       ": must be 1 (position x), 2 (position y), 3 (position z) or 4 (normal)"));
+                       ": must be 1 (position x), 2 (position y), 3 (position z), 4 (normal) or 5 "
+                       "(gradient magnitude)"));
   }
 }
 
@@ -549,6 +552,30 @@ absl::Status ResolveCamera(const math::Box3d& bounds,
       ToProto(!spec->camera.has_value() ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
                                         : view::MoveToBox(*spec->camera, bounds, *surface_bounds));
   ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(request->camera(), "camera"));
+  return absl::OkStatus();
+}
+
+absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
+                                isoscope::v1::RenderIsosurfaceRequest* request,
+                                frame::FrameSpec* spec) {
+  for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
+    frame::Surface& surface = spec->surfaces[i];
+    if (!surface.shows_gradient() || surface.color_by->range.has_value()) {
+      continue;
+    }
+    const std::string path = absl::StrCat("surfaces[", i, "].color_by.range");
+    if (!dataset.has_max_gradient_magnitude()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, " is not set: required, because dataset '", dataset.name(),
+          "' was partitioned by a version that did not store max_gradient_magnitude; give the "
+          "range (--color-by gradient:MAP:MIN,MAX), or partition the volume anew"));
+    }
+    // A field that is constant has no surface; its map still needs a range.
+    const double max = dataset.max_gradient_magnitude();
+    surface.color_by->range = frame::ColorRange{.min = 0, .max = max > 0 ? max : 1};
+    *request->mutable_surfaces(static_cast<int>(i))->mutable_color_by() =
+        ToProto(*surface.color_by);
+  }
   return absl::OkStatus();
 }
 

@@ -50,6 +50,8 @@ TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
        {ColorBy{.quantity = ColorBy::Quantity::kPositionZ,
                 .map = ColorMap::kMagma,
                 .opacity_at_max = 0}}},
+      {"gradient:turbo",
+       {ColorBy{.quantity = ColorBy::Quantity::kGradientMagnitude, .map = ColorMap::kTurbo}}},
       {"normal", {ColorBy{.quantity = ColorBy::Quantity::kNormal}}},
       {"none", {}}};
   for (const auto& [text, expected] : right) {

@@ -181,6 +181,51 @@ TEST(FrameSpecFromProtoTest, LightsAndColorByArriveAndGoBack) {
   EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
 }
 
+TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  const frame::ColorBy by_gradient{.quantity = frame::ColorBy::Quantity::kGradientMagnitude,
+                                   .map = frame::ColorMap::kTurbo};
+  frame::ColorBy with_range = by_gradient;
+  with_range.range = frame::ColorRange{3, 4};
+  request.add_surfaces();
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_gradient);
+  *request.add_surfaces()->mutable_color_by() = ToProto(with_range);
+  *request.add_surfaces()->mutable_color_by() = ToProto(frame::ColorBy());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("ct");
+  for (const double bound : {12.5, 0.0}) {
+    dataset.set_max_gradient_magnitude(bound);
+    isoscope::v1::RenderIsosurfaceRequest resolved = request;
+    frame::FrameSpec resolved_spec = spec;
+    ISOSCOPE_ASSERT_OK(ResolveColorRanges(dataset, &resolved, &resolved_spec));
+    EXPECT_EQ(resolved_spec.surfaces[1].color_by->range,
+              (frame::ColorRange{0, bound > 0 ? bound : 1}));
+    EXPECT_EQ(resolved_spec.surfaces[2].color_by, with_range);
+    EXPECT_FALSE(resolved_spec.surfaces[3].color_by->range.has_value());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec again, FrameSpecFromProto(resolved));
+    EXPECT_EQ(again, resolved_spec) << "agents read the same from the message";
+  }
+}
+
+TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  request.add_surfaces()->mutable_color_by()->set_quantity(
+      isoscope::v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("ct");
+  EXPECT_THAT(ResolveColorRanges(dataset, &request, &spec),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("surfaces[0].color_by.range is not set: required, because dataset "
+                                 "'ct'")));
+  request.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_max(2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  ISOSCOPE_EXPECT_OK(ResolveColorRanges(dataset, &request, &spec));
+}
+
 TEST(FrameSpecFromProtoTest, EveryColorMapIsKnown) {
   for (int map = isoscope::v1::ColorMap_MIN + 1; map <= isoscope::v1::ColorMap_MAX; ++map) {
     isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
@@ -239,7 +284,7 @@ TEST(FrameSpecFromProtoTest, HostileLightsAndColorByAreNamed) {
          color_by(r)->set_quantity(
              static_cast<isoscope::v1::ColorBy::Quantity>(static_cast<int>(v)));
        },
-       {0, -1, 5}},
+       {0, -1, 6}},
       {"surfaces[0].color_by.color_map",
        [&](Request* r, double v) {
          color_by(r)->set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(v)));
