@@ -296,7 +296,8 @@ std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
       isovalues[i].push_back(absl::StrFormat("%.9g", scene.isovalues[coloring.surface_index]));
     }
   }
-  const std::array<const char*, 4> quantities = {"x", "y", "z", "normal: red x, green y, blue z"};
+  const std::array<const char*, 5> quantities = {"x", "y", "z", "normal: red x, green y, blue z",
+                                                 "gradient magnitude"};
   for (std::size_t i = 0; i < items.size(); ++i) {
     const bool is_all = isovalues[i].size() == scene.isovalues.size();
     items[i].title =
@@ -310,6 +311,21 @@ std::string TickLabel(double value, double step) {
   return absl::StrFormat("%.9g", std::abs(value) < 1e-9 * step ? 0.0 : value);
 }
 
+// Light and dark grey squares in rows [begin_y, end_y) of a bar that begins at (x, y), two in a
+// row: what is translucent shows them.
+void DrawSquares(cairo_t* cr, double x, double begin_y, double end_y, double y, double width) {
+  const double side = std::max(1.0, std::round(width / 2));
+  for (double row = begin_y; row < end_y; ++row) {
+    const bool is_odd = static_cast<std::int64_t>((row - y) / side) % 2 != 0;
+    for (const bool is_right : {false, true}) {
+      const double grey = is_odd == is_right ? 0.85 : 0.45;
+      cairo_set_source_rgb(cr, grey, grey, grey);
+      cairo_rectangle(cr, is_right ? x + side : x, row, is_right ? width - side : side, 1);
+      cairo_fill(cr);
+    }
+  }
+}
+
 // The colours of a map from bottom to top, with a frame and ticks, in [y, y + height).
 void DrawBar(const Sheet& sheet, double x, double y, double width, double height, double text,
              const frame::ColorBy& color_by) {
@@ -321,7 +337,11 @@ void DrawBar(const Sheet& sheet, double x, double y, double width, double height
     const auto edge = [&](std::size_t step) {
       return std::round(y + height * (1 - static_cast<double>(step) / picture::kColorMapSteps));
     };
-    cairo_set_source_rgb(cr, table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0);
+    const double opacity = static_cast<double>(picture::OpacityOf(color_by, i));
+    if (opacity < 1) {
+      DrawSquares(cr, x, edge(i + 1), edge(i), y, width);
+    }
+    cairo_set_source_rgba(cr, table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0, opacity);
     cairo_rectangle(cr, x, edge(i + 1), width, edge(i) - edge(i + 1));
     cairo_fill(cr);
   }

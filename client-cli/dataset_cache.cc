@@ -12,7 +12,7 @@
 //   /data/head.nii.gz            its path,
 //   7654321                      its size in bytes
 //   1700000000.123456789         and its time of change
-//   isoscope-cache-4             the version of this scheme
+//   isoscope-cache-5             the version of this scheme
 //   ...                          the parameters of the partitioning
 
 #include "client-cli/dataset_cache.h"
@@ -54,7 +54,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised when the same source and parameters no longer give the same dataset.
-constexpr absl::string_view kKeyVersion = "isoscope-cache-4";
+constexpr absl::string_view kKeyVersion = "isoscope-cache-5";
 constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
 constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
 constexpr std::int64_t kDefaultShareOfFileSystem = 10;  // one tenth

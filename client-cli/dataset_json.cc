@@ -92,6 +92,8 @@ Json DatasetToJson(const v1::Dataset& dataset) {
   AddGeometry(dataset.geometry(), &json);
   AddSamples(dataset.sample_type(), dataset.has_value_range(), dataset.value_range().min(),
              dataset.value_range().max(), &json);
+  json["max_gradient_magnitude"] =
+      dataset.has_max_gradient_magnitude() ? Json(dataset.max_gradient_magnitude()) : Json(nullptr);
   json["block_cells"] = ToJson(dataset.block_cells());
   json["block_count"] = dataset.block_count();
   json["shard_count"] = dataset.shard_count();
@@ -168,6 +170,10 @@ std::string DescribeDataset(const Json& dataset) {
   line("id", Text(dataset, "dataset_id"));
   line("source", Text(dataset, "source"));
   AddGridLines(dataset, &text);
+  if (dataset.at("max_gradient_magnitude").is_number()) {
+    line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
+                                  " per world unit"));
+  }
   if (dataset.at("patient_frame").is_string()) {
     line("patient", absl::StrCat(Text(dataset, "patient_frame"), " are world +x, +y, +z"));
   }

@@ -18,9 +18,9 @@ namespace isoscope::cli {
 using Json = nlohmann::ordered_json;
 
 // {"name", "dataset_id", "source", "sample_dims", "spacing", "origin", "direction", "sample_type",
-// "value_range", "block_cells", "block_count", "shard_count", "patient_frame", "missing_shards"};
-// direction is a list of three columns; value_range is null if every sample is NaN; patient_frame
-// is null if there is none.
+// "value_range", "max_gradient_magnitude", "block_cells", "block_count", "shard_count",
+// "patient_frame", "missing_shards"}; direction is a list of three columns; value_range is null if
+// every sample is NaN; max_gradient_magnitude and patient_frame are null if there is none.
 Json DatasetToJson(const isoscope::v1::Dataset& dataset);
 // {"name", "sample_dims", "spacing", "origin", "direction", "sample_type", "value_range"}, each as
 // above.

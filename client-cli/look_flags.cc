@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -32,6 +33,24 @@ const std::vector<std::pair<std::string, ColorMap>>& ColorMapNames() {
 absl::StatusOr<Light::Space> ParseSpace(absl::string_view text) {
   return ParseChoice<Light::Space>(
       text, {{"view", Light::Space::kView}, {"world", Light::Space::kWorld}});
+}
+
+absl::StatusOr<std::pair<float, float>> ParseOpacities(absl::string_view text) {
+  const std::vector<absl::string_view> ends = absl::StrSplit(text, ',');
+  const absl::Status malformed = absl::InvalidArgumentError(
+      absl::StrCat("'", text,
+                   "' is not OPACITY,OPACITY, those at the least and at the greatest value, two "
+                   "numbers from 0 to 1 between a comma"));
+  if (ends.size() != 2) {
+    return malformed;
+  }
+  const absl::StatusOr<double> at_min = ParseNumber(ends[0]);
+  const absl::StatusOr<double> at_max = ParseNumber(ends[1]);
+  if (!at_min.ok() || !at_max.ok() || !(*at_min >= 0 && *at_min <= 1) ||
+      !(*at_max >= 0 && *at_max <= 1)) {
+    return malformed;
+  }
+  return std::pair(static_cast<float>(*at_min), static_cast<float>(*at_max));
 }
 
 absl::StatusOr<frame::ColorRange> ParseColorRange(absl::string_view text) {
@@ -100,11 +119,13 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
                                                       {"y", Quantity::kPositionY},
                                                       {"z", Quantity::kPositionZ},
                                                       {"normal", Quantity::kNormal},
+                                                      {"gradient", Quantity::kGradientMagnitude},
                                                       {"none", std::nullopt}}));
-  const bool is_position = quantity.has_value() && *quantity != Quantity::kNormal;
-  if (parts.size() > (is_position ? 3U : 1U)) {
+  const bool has_map = quantity.has_value() && *quantity != Quantity::kNormal;
+  if (parts.size() > (has_map ? 4U : 1U)) {
     return absl::InvalidArgumentError(absl::StrCat(
-        "'", text, "' is not ", is_position ? "x|y|z[:MAP[:MIN,MAX]]" : "normal or none alone"));
+        "'", text, "' is not ",
+        has_map ? "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]" : "normal or none alone"));
   }
   if (!quantity.has_value()) {
     return ColorByValue{};
@@ -113,8 +134,12 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
   if (parts.size() > 1) {
     ISOSCOPE_ASSIGN_OR_RETURN(color_by.map, ParseChoice<ColorMap>(parts[1], ColorMapNames()));
   }
-  if (parts.size() > 2) {
+  if (parts.size() > 2 && !(parts.size() > 3 && parts[2].empty())) {
     ISOSCOPE_ASSIGN_OR_RETURN(color_by.range, ParseColorRange(parts[2]));
+  }
+  if (parts.size() > 3) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::tie(color_by.opacity_at_min, color_by.opacity_at_max),
+                              ParseOpacities(parts[3]));
   }
   return ColorByValue{color_by};
 }
@@ -135,10 +160,13 @@ void AddLookFlags(CLI::App* app, LookFlags* flags) {
           "the space of all lights: view (default; x right, y up, z to the eye) or world")
       ->group(group);
   AddRepeatableFlag(
-      app, "--color-by", "x|y|z|normal|none[:MAP[:MIN,MAX]]", &flags->color_by, ParseColorBy,
-      "colour surfaces by a world coordinate or by their normal; once for all of them, or once for "
-      "each --surface; maps: viridis (default), magma, cividis, turbo, cool-warm, grey; the range "
-      "is the volume's box by default")
+      app, "--color-by", "x|y|z|gradient|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
+      &flags->color_by, ParseColorBy,
+      "colour surfaces by a world coordinate, by the length of the gradient or by their normal; "
+      "once for all of them, or once for each --surface; maps: viridis (default), magma, cividis, "
+      "turbo, cool-warm, grey; the range is the volume's box by default, of the gradient 0 to its "
+      "bound (isoscope info), as if it were left empty (z:grey::0.2,1); opacities are those at MIN "
+      "and MAX, and below 1 the surface is translucent")
       ->group(group);
 }
 

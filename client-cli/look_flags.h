@@ -24,7 +24,8 @@ namespace isoscope::cli {
 // "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0). Its space is the view's.
 absl::StatusOr<frame::Light> ParseLight(absl::string_view text);
 
-// "x|y|z[:MAP[:MIN,MAX]]", "normal", or "none" for a surface that keeps its colour.
+// "x|y|z[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps its
+// colour. MIN,MAX may be empty before opacities.
 struct ColorByValue {
   std::optional<frame::ColorBy> color_by;
 

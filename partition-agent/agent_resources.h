@@ -17,6 +17,8 @@ namespace isoscope::agent {
 struct AgentResources {
   render::Renderer* renderer = nullptr;     // of frames; exports draw nothing
   render::LayerRenderer* layers = nullptr;  // of frames with translucent surfaces
+  // Of frames that only the CPU draws; null if `renderer` does that.
+  render::Renderer* cpu_renderer = nullptr;
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;
   std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way

@@ -164,11 +164,26 @@ class FramePipeline::Impl {
     }
     found.EraseOutside(clipper_);
     blocks_ = std::make_unique<const SurfaceBlocks>(std::move(found));
-    supply_ = std::make_unique<MeshSupply>(blocks_.get(), cache_round_, resources_, &cancellation_);
+    supply_ = std::make_unique<MeshSupply>(blocks_.get(), cache_round_, resources_, &cancellation_,
+                                           SurfacesWithMagnitudes());
     statistics_.active_block_count = blocks_->block_count();
     statistics_.index_page_read_count += cost.page_read_count;
     statistics_.read_bytes += cost.read_bytes;
     return absl::OkStatus();
+  }
+
+  // Returns, by surface, whether its fragments show the length of the gradient.
+  [[nodiscard]] std::vector<bool> SurfacesWithMagnitudes() const {
+    std::vector<bool> wanted;
+    for (const frame::Surface& surface : task_.spec.surfaces) {
+      wanted.push_back(task_.spec.sends_map_steps && surface.shows_gradient());
+    }
+    return wanted;
+  }
+
+  [[nodiscard]] render::Renderer& RendererOfFrame() const {
+    const bool only_cpu = frame::ShowsGradient(task_.spec) && resources_.cpu_renderer != nullptr;
+    return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;
   }
 
   // Step 1.
@@ -227,7 +242,7 @@ class FramePipeline::Impl {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     statistics_.visible_block_count += static_cast<std::int64_t>(block_count);
     ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<render::RenderPass> pass,
-                              resources_.renderer->BeginPass(view_, layout_, task_.spec));
+                              RendererOfFrame().BeginPass(view_, layout_, task_.spec));
     std::optional<render::LayerPass> layer_pass;
     if (has_layers_) {
       layer_pass.emplace(view_, layout_, task_.spec, resources_.layers);

@@ -34,8 +34,8 @@ struct MeshSegment {
   std::atomic<bool> is_kept{true};      // false: it lives only as long as somebody holds a mesh
 };
 
-// The meshes of one shard at one isovalue, by active index in the shard's list of active blocks.
-// Thread-safe.
+// The meshes of one shard at one isovalue, with or without gradient magnitudes, by active index in
+// the shard's list of active blocks. Thread-safe.
 class MeshTable {
  public:
   explicit MeshTable(std::size_t block_count) : slots_(block_count) {}
@@ -73,9 +73,10 @@ class MeshCache {
   std::uint64_t BeginRound(std::int64_t frame_number);
 
   // Returns the table of a shard (by Shard::number) at an isovalue, and makes it if there is none.
-  // Forgets the least recently used tables if all take more than 1 / kTableShare of the bytes.
+  // Meshes with gradient magnitudes have tables of their own. Forgets the least recently used
+  // tables if all take more than 1 / kTableShare of the bytes.
   std::shared_ptr<MeshTable> TableOf(std::uint32_t shard_number, double isovalue,
-                                     std::size_t block_count);
+                                     std::size_t block_count, bool has_gradient_magnitudes = false);
 
   // Copies meshes into segments, for one thread at a time. A stored mesh lives as long as somebody
   // holds it, even if the cache does not keep it.
@@ -102,6 +103,7 @@ class MeshCache {
   struct KeyedTable {
     std::uint32_t shard_number = 0;
     std::uint64_t isovalue_bits = 0;
+    bool has_gradient_magnitudes = false;
     std::shared_ptr<MeshTable> table;
   };
   static constexpr std::size_t kTableShare = 8;

@@ -69,13 +69,16 @@ struct ShardReads {
 class MeshSupply::Impl {
  public:
   Impl(const SurfaceBlocks* blocks, std::uint64_t cache_round, const AgentResources& resources,
-       const base::Cancellation* cancellation)
+       const base::Cancellation* cancellation, std::vector<bool> keeps_gradient_magnitudes)
       : blocks_(*blocks),
         arena_(*resources.arena),
         cache_(*resources.cache),
         max_read_bytes_(resources.max_read_bytes),
         cancellation_(*cancellation),
-        round_(cache_round) {}
+        round_(cache_round),
+        keeps_gradient_magnitudes_(std::move(keeps_gradient_magnitudes)) {
+    keeps_gradient_magnitudes_.resize(blocks_.isovalues().size(), false);
+  }
 
   absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
                                            const Deliver& deliver) {
@@ -143,9 +146,9 @@ class MeshSupply::Impl {
     }
     for (std::size_t shard = 0; shard < blocks_.shards().size(); ++shard) {
       for (std::size_t surface = 0; surface < blocks_.isovalues().size(); ++surface) {
-        tables_.push_back(cache_.meshes()->TableOf(blocks_.shards()[shard]->number,
-                                                   blocks_.isovalues()[surface],
-                                                   blocks_.ActiveOf(shard, surface).size()));
+        tables_.push_back(cache_.meshes()->TableOf(
+            blocks_.shards()[shard]->number, blocks_.isovalues()[surface],
+            blocks_.ActiveOf(shard, surface).size(), keeps_gradient_magnitudes_[surface]));
       }
     }
   }
@@ -199,7 +202,8 @@ class MeshSupply::Impl {
 
   void Extract(const volume::BlockSamples& samples, const ChosenMesh& chosen, Worker* worker) {
     const mesh::BlockMeshView mesh =
-        worker->extractor.Extract(samples, blocks_.isovalues()[chosen.surface_index]);
+        worker->extractor.Extract(samples, blocks_.isovalues()[chosen.surface_index],
+                                  keeps_gradient_magnitudes_[chosen.surface_index]);
     worker->meshes.push_back({worker->writer.Store(mesh, &TableOf(chosen), chosen.active_index),
                               chosen.surface_index, chosen.open});
   }
@@ -341,6 +345,7 @@ class MeshSupply::Impl {
   const std::size_t max_read_bytes_;
   const base::Cancellation& cancellation_;
   const std::uint64_t round_;
+  std::vector<bool> keeps_gradient_magnitudes_;  // by surface
 
   std::vector<std::shared_ptr<MeshTable>> tables_;  // by shard, surface
   tbb::enumerable_thread_specific<Worker> workers_{[this] {
@@ -354,8 +359,10 @@ class MeshSupply::Impl {
 };
 
 MeshSupply::MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
-                       const AgentResources& resources, const base::Cancellation* cancellation)
-    : impl_(std::make_unique<Impl>(blocks, cache_round, resources, cancellation)) {}
+                       const AgentResources& resources, const base::Cancellation* cancellation,
+                       std::vector<bool> keeps_gradient_magnitudes)
+    : impl_(std::make_unique<Impl>(blocks, cache_round, resources, cancellation,
+                                   std::move(keeps_gradient_magnitudes))) {}
 MeshSupply::~MeshSupply() = default;
 
 absl::StatusOr<SupplyCost> MeshSupply::DeliverMeshes(const std::vector<ChosenMesh>& chosen,

@@ -37,8 +37,10 @@ struct SupplyCost {
 class MeshSupply {
  public:
   // cache_round: the result of BlockCache::BeginRound for the frame.
+  // keeps_gradient_magnitudes: by surface, whether meshes that are delivered have them; or empty
   MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
-             const AgentResources& resources, const base::Cancellation* cancellation);
+             const AgentResources& resources, const base::Cancellation* cancellation,
+             std::vector<bool> keeps_gradient_magnitudes = {});
   ~MeshSupply();
   MeshSupply(const MeshSupply&) = delete;
   MeshSupply& operator=(const MeshSupply&) = delete;

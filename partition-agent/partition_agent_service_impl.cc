@@ -39,6 +39,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
+#include "core/render/cpu_renderer.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
@@ -95,6 +96,25 @@ v1::DescribeShardsResponse Describe(const std::vector<std::shared_ptr<const Shar
   return description;
 }
 
+// The coordinator sets the ranges that clients leave out.
+absl::Status CheckMapSteps(const frame::FrameSpec& spec) {
+  if (!spec.sends_map_steps) {
+    return absl::OkStatus();
+  }
+  if (!spec.sends_normals) {
+    return absl::InvalidArgumentError(
+        "begin.sends_map_steps is set: must be unset without begin.sends_normals");
+  }
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    if (spec.surfaces[i].shows_gradient() && !spec.surfaces[i].color_by->range.has_value()) {
+      return absl::InvalidArgumentError(absl::StrCat("begin.request.surfaces[", i,
+                                                     "].color_by.range is not set: required with "
+                                                     "begin.sends_map_steps"));
+    }
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
   // This looks into the request, too: a field that this agent does not know may decide pixels.
   ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(begin));
@@ -102,6 +122,8 @@ absl::StatusOr<FrameTask> FrameTaskFromProto(const v1::BeginFrame& begin) {
   task.frame_number = begin.frame_number();
   ISOSCOPE_ASSIGN_OR_RETURN(task.spec, rpc::FrameSpecFromProto(begin.request()));
   task.spec.sends_normals = begin.sends_normals();
+  task.spec.sends_map_steps = begin.sends_map_steps();
+  ISOSCOPE_RETURN_IF_ERROR(CheckMapSteps(task.spec));
   task.agent_index = begin.agent_index();
   task.agent_count = begin.agent_count();
   task.report_active_blocks = begin.report_active_blocks();
@@ -539,6 +561,9 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
 PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options)
     : shards_(options.shards),
       renderer_(options.renderer),
+      cpu_renderer_(options.renderer->picture_revision().back_end == frame::BackEnd::kEgl
+                        ? render::MakeCpuRenderer({.max_unused_bytes = 0})
+                        : nullptr),
       arena_(options.arena),
       memory_(options.memory),
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
@@ -556,6 +581,7 @@ PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
 AgentResources PartitionAgentServiceImpl::Resources() const {
   return {.renderer = renderer_.get(),
           .layers = memory_->layers(),
+          .cpu_renderer = cpu_renderer_.get(),
           .arena = arena_.get(),
           .cache = memory_->cache(),
           .max_read_bytes = memory_->read_bytes()};

@@ -90,6 +90,7 @@ class PartitionAgentServiceImpl final
 
   const std::vector<std::shared_ptr<const Shard>> shards_;
   const std::shared_ptr<render::Renderer> renderer_;
+  const std::unique_ptr<render::Renderer> cpu_renderer_;  // null if renderer_ is one
   const std::shared_ptr<tbb::task_arena> arena_;
   const std::shared_ptr<AgentMemory> memory_;
   const int max_frames_;

@@ -149,6 +149,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
                             runner_->FindTarget(&request_, &spec_, false, cancellation_));
   dataset_name_ = target.dataset.dataset.name();
+  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset.dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(spec_, target.view.geometry(), response);
@@ -183,7 +184,9 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
   }
   const FrameTarget& drawn = larger.has_value() ? *larger : target;
   ISOSCOPE_ASSIGN_OR_RETURN(
-      FrameResult result, Draw(frame_number, drawn, window, picture::NeedsDeferredShading(spec_)));
+      FrameResult result,
+      Draw(frame_number, drawn, window,
+           picture::NeedsDeferredShading(spec_) ? Content::kWhatShadingNeeds : Content::kColors));
   *statistics = StatisticsOf(result);
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
@@ -191,7 +194,8 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
     // With normals in place of colours, the plane is there already.
-    const bool has_normals = picture::NeedsDeferredShading(spec_) && layers_.empty();
+    const bool has_normals =
+        picture::NeedsDeferredShading(spec_) && layers_.empty() && !frame::ShowsGradient(spec_);
     if (spec_.output.normal && has_normals && !larger.has_value()) {
       output->normal = NormalPlane(drawn_);
     }
@@ -227,7 +231,8 @@ absl::Status FrameCall::RenderPlanes(std::int64_t frame_number, const FrameTarge
                                      FrameOutput* output, v1::RenderStatistics* statistics) {
   const frame::DrawnWindow plain{.viewport = spec_.viewport, .region = spec_.region};
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                            Draw(frame_number, target, plain, spec_.output.normal));
+                            Draw(frame_number, target, plain,
+                                 spec_.output.normal ? Content::kNormals : Content::kColors));
   const bool is_first = spec_.output.image_format == frame::ImageFormat::kNone;
   if (is_first) {
     *statistics = StatisticsOf(result);
@@ -254,12 +259,13 @@ absl::Status FrameCall::RenderPlanes(std::int64_t frame_number, const FrameTarge
 
 // Lets the agents draw a window. To them it is a frame of its own, without samples and effects.
 absl::StatusOr<FrameResult> FrameCall::Draw(std::int64_t frame_number, const FrameTarget& target,
-                                            const frame::DrawnWindow& window, bool sends_normals) {
+                                            const frame::DrawnWindow& window, Content content) {
   frame::FrameSpec spec = spec_;
   spec.viewport = window.viewport;
   spec.region = window.region;
   spec.effects = {};
-  spec.sends_normals = sends_normals;
+  spec.sends_normals = content != Content::kColors;
+  spec.sends_map_steps = content == Content::kWhatShadingNeeds && frame::ShowsGradient(spec);
   v1::RenderIsosurfaceRequest request = request_;
   *request.mutable_viewport() = rpc::ToProto(window.viewport);
   if (window.region.has_value()) {

@@ -101,8 +101,10 @@ class FrameCall {
                              FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
   absl::Status RenderPlanes(std::int64_t frame_number, const FrameTarget& target,
                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+  // What the agents' pixels carry.
+  enum class Content { kColors, kNormals, kWhatShadingNeeds };
   absl::StatusOr<FrameResult> Draw(std::int64_t frame_number, const FrameTarget& target,
-                                   const frame::DrawnWindow& window, bool sends_normals);
+                                   const frame::DrawnWindow& window, Content content);
   // Adds the gradients at all points that were hit.
   absl::Status AddGradients(const FrameTarget& target,
                             isoscope::v1::PickSurfaceResponse* response) const;

@@ -123,8 +123,10 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   if (is_each_shard_apart) {
     dataset.agents = EachShardApart(dataset.agents);
   }
+  const frame::BackEnd drawn_by =
+      frame::ShowsGradient(*spec) ? frame::BackEnd::kCpu : dataset.picture_revision.back_end;
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
-                                   .ties = frame::TieRuleOf(dataset.picture_revision.back_end)};
+                                   .ties = frame::TieRuleOf(drawn_by)};
   return FrameTarget{std::move(dataset), std::move(view), std::move(layout), order};
 }
 
@@ -171,6 +173,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,
   begin.set_agent_count(setup.agent_count);
   begin.set_report_active_blocks(setup.active == nullptr);
   begin.set_sends_normals(spec.sends_normals);
+  begin.set_sends_map_steps(spec.sends_map_steps);
   const auto begin_on_agent =
       [&](int agent_index, AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
     internal::BeginFrame of_agent = begin;

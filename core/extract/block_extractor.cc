@@ -28,7 +28,8 @@ class BlockExtractor::Impl {
         to_world_(geometry.world_gradient_from_index()),
         case_table_(GetCaseTable()) {}
 
-  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue) {
+  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue,
+                              bool keeps_gradient_magnitudes) {
     const Index3 begin = layout_.StoredSamplesOf(samples.block_id).begin;
     ExtractBlock({.type = samples.type,
                   .bytes = samples.bytes,
@@ -37,7 +38,8 @@ class BlockExtractor::Impl {
                   .begin = {static_cast<double>(begin.x), static_cast<double>(begin.y),
                             static_cast<double>(begin.z)},
                   .to_world = &to_world_,
-                  .case_table = &case_table_},
+                  .case_table = &case_table_,
+                  .keeps_gradient_magnitudes = keeps_gradient_magnitudes},
                  &scratch_);
     // The vectors are longer than the mesh: kernels write whole registers.
     mesh::BlockMeshView mesh;
@@ -46,12 +48,17 @@ class BlockExtractor::Impl {
     mesh.positions = std::span(scratch_.positions).first(scratch_.vertex_count);
     mesh.normals = std::span(scratch_.normals).first(scratch_.vertex_count);
     mesh.indices = std::span(scratch_.indices).first(scratch_.index_count);
+    if (keeps_gradient_magnitudes) {
+      mesh.gradient_magnitudes =
+          std::span(scratch_.gradient_magnitudes).first(scratch_.vertex_count);
+    }
     return mesh;
   }
 
   void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
                            mesh::BlockMesh* mesh) {
-    const mesh::BlockMeshView view = Extract(samples, isovalue);
+    const mesh::BlockMeshView view =
+        Extract(samples, isovalue, /*keeps_gradient_magnitudes=*/false);
     mesh->block_id = view.block_id;
     mesh->owned_vertex_count = view.owned_vertex_count;
     // assign() would copy types with member initialisers one by one.
@@ -102,9 +109,10 @@ BlockExtractor::~BlockExtractor() = default;
 BlockExtractor::BlockExtractor(BlockExtractor&&) noexcept = default;
 BlockExtractor& BlockExtractor::operator=(BlockExtractor&&) noexcept = default;
 
-mesh::BlockMeshView BlockExtractor::Extract(const volume::BlockSamples& samples, double isovalue) {
+mesh::BlockMeshView BlockExtractor::Extract(const volume::BlockSamples& samples, double isovalue,
+                                            bool keeps_gradient_magnitudes) {
   ISOSCOPE_DCHECK(std::isfinite(isovalue));
-  return impl_->Extract(samples, isovalue);
+  return impl_->Extract(samples, isovalue, keeps_gradient_magnitudes);
 }
 
 void BlockExtractor::ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,

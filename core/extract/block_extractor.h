@@ -36,8 +36,11 @@ class BlockExtractor {
   //
   // A vertex lies at t = (isovalue - a) / (b - a) between the edge's lower sample a and its upper
   // sample b. Cells that touch a NaN sample have no triangles.
+  // keeps_gradient_magnitudes: whether the mesh has those of its vertices
+  //
   // REQUIRES: isovalue is finite. O(samples); at most 5 triangles a cell.
-  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue);
+  mesh::BlockMeshView Extract(const volume::BlockSamples& samples, double isovalue,
+                              bool keeps_gradient_magnitudes = false);
   // Does the same, and replaces `mesh` by a copy with edge keys.
   void ExtractWithEdgeKeys(const volume::BlockSamples& samples, double isovalue,
                            mesh::BlockMesh* mesh);

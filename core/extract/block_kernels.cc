@@ -147,6 +147,9 @@ void Extract(const BlockTask& task, BlockScratch* scratch) {
   }
   Grow(scratch->vertex_count + 64, &scratch->positions);
   Grow(scratch->vertex_count + 64, &scratch->normals);
+  if (task.keeps_gradient_magnitudes) {
+    Grow(scratch->vertex_count, &scratch->gradient_magnitudes);
+  }
   if (extreme) {
     PlaceVertices<T, Care::kFull>(task, scratch);
   } else if (shape.touches_border) {

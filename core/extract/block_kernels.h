@@ -27,6 +27,7 @@ struct BlockTask {
   math::Vec3d begin;                      // index of the first stored sample in the volume
   const math::Mat3d* to_world = nullptr;  // takes gradients from index to world space
   const CaseTable* case_table = nullptr;
+  bool keeps_gradient_magnitudes = false;
 };
 
 // The result of extraction, and scratch space that only grows. Vectors are longer than their
@@ -38,6 +39,7 @@ struct BlockScratch {
   std::int64_t owned_vertex_count = 0;
   std::vector<math::Vec3f> positions;
   std::vector<math::Vec3f> normals;
+  std::vector<float> gradient_magnitudes;  // only if the task keeps them
   std::vector<std::uint32_t> indices;
   // By axis: the lower samples, ascending, of the crossed edges that have a vertex. Vertex ids
   // count through these lists in order: x, y, z. edge_counts[axis] elements are valid.

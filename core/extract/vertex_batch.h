@@ -53,6 +53,7 @@ struct VertexBatch {
   alignas(64) std::array<std::array<D, kBatch>, 3> upper_gradients;
   alignas(64) std::array<std::array<float, kBatch>, 3> positions;
   alignas(64) std::array<std::array<float, kBatch>, 3> normals;
+  alignas(64) std::array<float, kBatch> gradient_magnitudes;  // only if the task keeps them
 };
 
 // The block's stored samples, by axis: distance from a sample to the next, and their count.

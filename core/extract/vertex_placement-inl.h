@@ -7,7 +7,7 @@
 //      no gather.
 //   2. ComputeVertices, in double: t = (isovalue - a) / (b - a); the position from the sample's
 //      coordinates, plus t along the axis; the gradient between both ends at t, to world space,
-//      negated and normalised.
+//      negated and normalised; and its length, if it is wanted.
 //   3. Interleave: from one array a component to vectors of three floats.
 //
 // Invariants: the factor 2 of the gradients cancels when they are normalised. 8- and 16-bit samples
@@ -269,6 +269,18 @@ void GatherNearBorder(const BlockTask& task, const Strides& strides, const std::
 }
 #endif  // ISOSCOPE_EXTRACT_HAS_GATHER
 
+// Returns the length of a gradient as a float, which is finite; 0 if it is not usable.
+//
+// largest: of its components, doubled
+// square:  of its length, in parts of the largest component
+template <typename Mask>
+hn::Vec<FloatHalfTag> MagnitudeOf(DoubleVec largest, DoubleVec square, Mask usable) {
+  const DoubleTag d;
+  const auto length = hn::Mul(hn::Mul(largest, hn::Set(d, 0.5)), hn::Sqrt(square));
+  const auto most = hn::Set(d, static_cast<double>(std::numeric_limits<float>::max()));
+  return hn::DemoteTo(FloatHalfTag(), hn::IfThenElseZero(usable, hn::Min(length, most)));
+}
+
 // Step 2 computes positions and normals of a batch.
 template <std::size_t kAxis, typename D>
 void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::size_t count,
@@ -319,7 +331,8 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
     const auto az = hn::Abs(gz);
     // Instead of Max, whose result for NaN differs between instruction sets.
     const auto axy = hn::IfThenElse(hn::Gt(ax, ay), ax, ay);
-    const auto scale = hn::Div(one, hn::IfThenElse(hn::Gt(axy, az), axy, az));
+    const auto largest = hn::IfThenElse(hn::Gt(axy, az), axy, az);
+    const auto scale = hn::Div(one, largest);
     const auto nx = hn::Mul(gx, scale);
     const auto ny = hn::Mul(gy, scale);
     const auto nz = hn::Mul(gz, scale);
@@ -333,6 +346,9 @@ void ComputeVertices(const BlockTask& task, const std::uint32_t* samples, std::s
       hn::Store(hn::DemoteTo(df, position[k]), df, batch->positions[k].data() + i);
       hn::Store(hn::DemoteTo(df, hn::IfThenElseZero(usable, normal[k])), df,
                 batch->normals[k].data() + i);
+    }
+    if (task.keeps_gradient_magnitudes) {
+      hn::Store(MagnitudeOf(largest, square, usable), df, batch->gradient_magnitudes.data() + i);
     }
   }
 }
@@ -371,6 +387,11 @@ void PlaceVerticesOfAxis(const BlockTask& task, const Strides& strides, std::siz
     ComputeVertices<kAxis>(task, samples, count, batch);
     Interleave(batch->positions, count, scratch->positions.data() + first_vertex + begin);
     Interleave(batch->normals, count, scratch->normals.data() + first_vertex + begin);
+    if (task.keeps_gradient_magnitudes) {
+      std::copy_n(
+          batch->gradient_magnitudes.begin(), count,
+          scratch->gradient_magnitudes.begin() + static_cast<std::ptrdiff_t>(first_vertex + begin));
+    }
   }
 }
 

@@ -49,6 +49,8 @@ struct ColorBy {
   float opacity_at_min = 1;
   float opacity_at_max = 1;
 
+  [[nodiscard]] bool is_translucent() const { return opacity_at_min < 1 || opacity_at_max < 1; }
+
   friend bool operator==(const ColorBy&, const ColorBy&) = default;
 };
 

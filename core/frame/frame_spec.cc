@@ -11,6 +11,11 @@ bool HasLayers(const FrameSpec& spec) {
                      [](const Surface& surface) { return surface.is_translucent(); });
 }
 
+bool ShowsGradient(const FrameSpec& spec) {
+  return std::any_of(spec.surfaces.begin(), spec.surfaces.end(),
+                     [](const Surface& surface) { return surface.shows_gradient(); });
+}
+
 std::vector<double> IsovaluesOf(const FrameSpec& spec) {
   std::vector<double> isovalues;
   isovalues.reserve(spec.surfaces.size());

@@ -27,9 +27,14 @@ struct Surface {
   double isovalue = 0;  // finite
   Appearance appearance = {};
   std::optional<ColorBy> color_by = std::nullopt;  // in place of the base colour
-  float opacity = 1;                               // in (0, 1]; below 1 the surface is translucent
+  float opacity = 1;                               // in (0, 1]; times that of the colour map
 
-  [[nodiscard]] bool is_translucent() const { return opacity < 1; }
+  [[nodiscard]] bool is_translucent() const {
+    return opacity < 1 || (color_by.has_value() && color_by->is_translucent());
+  }
+  [[nodiscard]] bool shows_gradient() const {
+    return color_by.has_value() && color_by->quantity == ColorBy::Quantity::kGradientMagnitude;
+  }
 
   friend bool operator==(const Surface&, const Surface&) = default;
 };
@@ -60,6 +65,9 @@ struct FrameSpec {
   // Whether pixels carry normals (image::EncodeNormal) in place of colours. Not part of the
   // request: the coordinator tells the agents.
   bool sends_normals = false;
+  // Whether pixels of surfaces that show the gradient's magnitude carry a step of its colour
+  // map beside the normal (image/normal_and_step.h). Likewise; only with sends_normals.
+  bool sends_map_steps = false;
 
   friend bool operator==(const FrameSpec&, const FrameSpec&) = default;
 };
@@ -71,6 +79,10 @@ inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
 
 // Returns true if a surface is translucent: then the frame has layers (image::LayerStack).
 bool HasLayers(const FrameSpec& spec);
+
+// Whether a surface shows the length of the gradient. The CPU draws such a frame, whatever the back
+// end.
+bool ShowsGradient(const FrameSpec& spec);
 
 // Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);

@@ -60,6 +60,9 @@ struct BlockMeshView {
   std::span<const math::Vec3f> positions;
   std::span<const math::Vec3f> normals;
   std::span<const std::uint32_t> indices;
+  // Empty, or one for each position: the length of the gradient in field units per world unit,
+  // finite; 0 where there is no normal.
+  std::span<const float> gradient_magnitudes;
 };
 
 }  // namespace isoscope::mesh

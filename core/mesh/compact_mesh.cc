@@ -1,6 +1,7 @@
 // A compact mesh is one piece of memory; each section begins at a multiple of 64 bytes:
 //
 //        CompactMesh | positions, 3 x float | normals, 3 x int16 | vertex indices, uint16 or uint32
+//        | gradient magnitudes, float, if there are any
 //
 // Example: 100 vertices and 180 triangles take 1200 + 600 + 1080 bytes of data: sections of 1216,
 // 640 and 1088 bytes behind the CompactMesh.
@@ -53,7 +54,8 @@ void PackNormals(std::span<const math::Vec3f> normals, CompactNormal* out) {
 
 std::size_t CompactSizeBytes(const BlockMeshView& mesh) {
   return Aligned(sizeof(CompactMesh)) + Aligned(mesh.positions.size() * sizeof(math::Vec3f)) +
-         Aligned(mesh.positions.size() * sizeof(CompactNormal)) + Aligned(IndexBytes(mesh));
+         Aligned(mesh.positions.size() * sizeof(CompactNormal)) + Aligned(IndexBytes(mesh)) +
+         Aligned(mesh.gradient_magnitudes.size_bytes());
 }
 
 const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory) {
@@ -87,6 +89,12 @@ const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory) {
     std::copy(mesh.indices.begin(), mesh.indices.end(), indices);
     compact->triangles =
         TriangleVertices(std::span<const std::uint32_t>(indices, mesh.indices.size()));
+  }
+  if (!mesh.gradient_magnitudes.empty()) {
+    ISOSCOPE_CHECK_EQ(mesh.gradient_magnitudes.size(), vertex_count);
+    auto* const magnitudes = reinterpret_cast<float*>(memory + Aligned(IndexBytes(mesh)));
+    std::copy(mesh.gradient_magnitudes.begin(), mesh.gradient_magnitudes.end(), magnitudes);
+    compact->gradient_magnitudes = {magnitudes, vertex_count};
   }
   return compact;
 }

@@ -1,5 +1,6 @@
 // The surface of a block as caches keep it and renderers draw it: 18 bytes a vertex and 6 a
-// triangle, where a BlockMesh takes 24 and 12.
+// triangle, where a BlockMesh takes 24 and 12. A surface that shows the gradient's magnitude has 4
+// bytes more for each vertex.
 
 #ifndef ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
 #define ISOSCOPE_CORE_MESH_COMPACT_MESH_H_
@@ -59,7 +60,8 @@ struct CompactMesh {
     return static_cast<std::int64_t>(triangles.size());
   }
   [[nodiscard]] std::size_t size_bytes() const {
-    return positions.size_bytes() + normals.size_bytes() + triangles.size_bytes();
+    return positions.size_bytes() + normals.size_bytes() + triangles.size_bytes() +
+           gradient_magnitudes.size_bytes();
   }
 
   volume::BlockId block_id = 0;
@@ -67,6 +69,7 @@ struct CompactMesh {
   std::span<const math::Vec3f> positions;
   std::span<const CompactNormal> normals;
   TriangleVertices triangles;
+  std::span<const float> gradient_magnitudes;  // of vertices, or empty
 };
 
 // Returns the bytes that CompactInto needs: a multiple of 64.
@@ -77,7 +80,8 @@ std::size_t CompactSizeBytes(const BlockMeshView& mesh);
 //
 // memory: CompactSizeBytes(mesh) bytes, aligned as from operator new
 //
-// REQUIRES: one normal for each position, with components in [-1, 1]; vertex indices are in range.
+// REQUIRES: one normal for each position, with components in [-1, 1]; as many magnitudes, or none;
+// vertex indices are in range.
 const CompactMesh* CompactInto(const BlockMeshView& mesh, char* memory);
 
 // Makes a CompactMesh in memory that the result owns.

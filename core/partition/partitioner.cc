@@ -61,6 +61,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/extract/gradient_bound.h"
 #include "core/index/interval_tree_builder.h"
 #include "core/io/external_sorter.h"
 #include "core/io/file.h"
@@ -76,6 +77,7 @@
 #include "core/store/shard_format.h"
 #include "core/store/shard_writer.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/sample_histogram.h"
 
 namespace isoscope::partition {
 namespace {
@@ -217,6 +219,7 @@ struct Batch {
   std::vector<Placement> placements;
   std::vector<volume::ScalarSpan> spans;
   std::vector<volume::ScalarSpan> finite_spans;  // without infinite samples
+  std::vector<double> gradient_magnitudes;       // of each block, or of those before if longer
   std::vector<std::uint32_t> crcs;
   std::vector<std::size_t> offsets;  // of each block in `bytes`, and the end
   std::vector<std::uint32_t> order;  // indices into `ids`, sorted by shard and ordinal
@@ -234,6 +237,7 @@ class Partitioner {
         cancellation_(cancellation),
         layout_(layout),
         type_(source->scalar_type()),
+        world_gradient_from_index_(source->geometry().world_gradient_from_index()),
         plan_(plan),
         pass_bytes_(math::Volume(layout.sample_dims()) *
                     static_cast<std::int64_t>(volume::SizeOf(type_))) {
@@ -427,6 +431,7 @@ class Partitioner {
         CountSamples(slab, batch);
         for (std::size_t i = 0; i < batch.ids.size(); ++i) {
           ranges.Set(batch.ids[i] - first_id, batch.spans[i]);
+          max_gradient_magnitude_ = std::max(max_gradient_magnitude_, batch.gradient_magnitudes[i]);
         }
       }
       writing.wait();  // also before an error is returned
@@ -466,10 +471,12 @@ class Partitioner {
     return absl::OkStatus();
   }
 
-  // Cuts the blocks of a batch, finds their spans, and sorts them by shard and ordinal.
+  // Cuts the blocks of a batch, finds their spans and longest gradients, and sorts them by shard
+  // and ordinal.
   void CutBatch(const Slab& slab, Batch* batch) const {
     batch->spans.resize(batch->ids.size());
     batch->finite_spans.resize(batch->ids.size());
+    batch->gradient_magnitudes.resize(batch->ids.size());
     tbb::parallel_for(std::size_t{0}, batch->ids.size(), [&](std::size_t i) {
       const volume::BlockId id = batch->ids[i];
       const volume::ScalarSpan span = SpanOfBlock(layout_, type_, slab, id);
@@ -477,7 +484,12 @@ class Partitioner {
       batch->finite_spans[i] = std::isfinite(span.min) && std::isfinite(span.max)
                                    ? span
                                    : FiniteSpanOfBlock(layout_, type_, slab, id);
-      CutBlock(layout_, type_, slab, id, batch->bytes.data() + batch->offsets[i]);
+      char* const bytes = batch->bytes.data() + batch->offsets[i];
+      CutBlock(layout_, type_, slab, id, bytes);
+      // Each sample counts in one block alone.
+      batch->gradient_magnitudes[i] = extract::MaxGradientMagnitude(
+          layout_, world_gradient_from_index_, {.block_id = id, .type = type_, .bytes = bytes},
+          volume::CountedSamplesOf(layout_, id), max_gradient_magnitude_);
     });
     batch->order.resize(batch->ids.size());
     std::iota(batch->order.begin(), batch->order.end(), std::uint32_t{0});
@@ -612,6 +624,7 @@ class Partitioner {
     manifest.patient_frame = source_.patient_frame();
     manifest.scalar_type = type_;
     manifest.value_range = value_range_;
+    manifest.max_gradient_magnitude = max_gradient_magnitude_;
     manifest.block_cells = layout_.block_cells();
     manifest.distribution = options_.distribution;
     manifest.seed = is_random ? options_.seed : 0;
@@ -636,14 +649,16 @@ class Partitioner {
   const base::Cancellation& cancellation_;
   const volume::BlockLayout layout_;
   const volume::ScalarType type_;
+  const math::Mat3d world_gradient_from_index_;
   const PartitionPlan plan_;
   const std::int64_t pass_bytes_;
 
   PartitionProgress progress_;
   std::array<std::vector<char>, 2> portions_;
   std::array<Batch, 2> batches_;
-  volume::ScalarSpan value_range_;  // of the portions so far
-  SamplesDigest samples_digest_;    // of the portions so far
+  volume::ScalarSpan value_range_;     // of the portions so far
+  SamplesDigest samples_digest_;       // of the portions so far
+  double max_gradient_magnitude_ = 0;  // of the blocks so far
   std::unique_ptr<store::RangeTableWriter> range_writer_;
   std::optional<HistogramBuilder> histograms_;
   std::optional<io::ExternalSorter<Placement>> placements_;

@@ -90,16 +90,19 @@ const ColorMapTable& ColorMapTableOf(frame::ColorMap map) {
 }
 
 int AxisOf(frame::ColorBy::Quantity quantity) {
-  ISOSCOPE_CHECK(quantity != frame::ColorBy::Quantity::kNormal);
+  ISOSCOPE_CHECK(quantity != frame::ColorBy::Quantity::kNormal &&
+                 quantity != frame::ColorBy::Quantity::kGradientMagnitude);
   return static_cast<int>(quantity);
 }
 
 frame::ColorRange ColorRangeOf(const frame::ColorBy& color_by,
                                const volume::GridGeometry& geometry) {
+  if (color_by.range.has_value()) {
+    return *color_by.range;
+  }
   const int axis = AxisOf(color_by.quantity);
   const math::Box3d bounds = geometry.Bounds();
-  return color_by.range.value_or(
-      frame::ColorRange{.min = bounds.min[axis], .max = bounds.max[axis]});
+  return {.min = bounds.min[axis], .max = bounds.max[axis]};
 }
 
 }  // namespace isoscope::picture

@@ -28,8 +28,18 @@ inline std::size_t ColorMapStepOf(double value, const frame::ColorRange& range) 
       std::clamp(share * kColorMapSteps, 0.0, static_cast<double>(kColorMapSteps - 1)));
 }
 
+// Returns the opacity of a step: linear from the first to the last. That of all steps is 1 where
+// the map has none.
+inline float OpacityOf(const frame::ColorBy& color_by, std::size_t step) {
+  if (step == kColorMapSteps - 1) {
+    return color_by.opacity_at_max;  // what rounding would miss
+  }
+  const float share = static_cast<float>(step) / static_cast<float>(kColorMapSteps - 1);
+  return color_by.opacity_at_min + (color_by.opacity_at_max - color_by.opacity_at_min) * share;
+}
+
 // Returns the range that a surface is coloured by: its own, or the volume's box on the axis.
-// REQUIRES: the quantity is a position.
+// REQUIRES: the quantity is a position, or it is the gradient's magnitude and has a range.
 frame::ColorRange ColorRangeOf(const frame::ColorBy& color_by,
                                const volume::GridGeometry& geometry);
 

@@ -10,6 +10,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/image/normal_and_step.h"
 
 namespace isoscope::picture {
 namespace {
@@ -93,20 +94,28 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
     base.color = surface.appearance.base_color;
     if (surface.color_by && surface.color_by->quantity != frame::ColorBy::Quantity::kNormal) {
       base.map = &ColorMapTableOf(surface.color_by->map);
-      base.range = ColorRangeOf(*surface.color_by, view.geometry());
-      base.axis = AxisOf(surface.color_by->quantity);
+      base.has_step = surface.shows_gradient();
+      if (!base.has_step) {
+        base.range = ColorRangeOf(*surface.color_by, view.geometry());
+        base.axis = AxisOf(surface.color_by->quantity);
+      }
+      base.keeps_step = surface.color_by->is_translucent();
     }
   }
 }
 
-image::Rgba8 DeferredShader::BaseAt(const BaseColor& base, int x, int y, std::uint64_t key) const {
+image::Rgba8 DeferredShader::BaseOf(const BaseColor& base, const NormalFragment& fragment) const {
   if (base.map == nullptr) {
     return base.color;
   }
-  const float distance = unprojection_.DistanceOf(image::DepthOf(key));
-  const double value = unprojection_.CoordinateOf(base.axis, x, y, distance);
-  image::Rgba8 color = (*base.map)[ColorMapStepOf(value, base.range)];
-  color.a = base.color.a;
+  std::size_t step = image::StepOf(fragment.normal);
+  if (!base.has_step) {
+    const float distance = unprojection_.DistanceOf(image::DepthOf(fragment.key));
+    step = ColorMapStepOf(unprojection_.CoordinateOf(base.axis, fragment.x, fragment.y, distance),
+                          base.range);
+  }
+  image::Rgba8 color = (*base.map)[step];
+  color.a = base.keeps_step ? static_cast<std::uint8_t>(step) : base.color.a;
   return color;
 }
 
@@ -116,9 +125,9 @@ void DeferredShader::Append(const NormalFragment& fragment, LightBatch* batch) c
   const std::size_t i = batch->count++;
   batch->x[i] = first_x_ + static_cast<float>(fragment.x);
   batch->y[i] = first_y_ + static_cast<float>(fragment.y);
-  batch->normal[i] = fragment.normal;
+  batch->normal[i] = bases_[surface].has_step ? image::NormalOf(fragment.normal) : fragment.normal;
   batch->surface[i] = static_cast<std::int32_t>(surface);
-  batch->base[i] = BaseAt(bases_[surface], fragment.x, fragment.y, fragment.key);
+  batch->base[i] = BaseOf(bases_[surface], fragment);
 }
 
 void DeferredShader::Shade(std::span<const NormalFragment> fragments,

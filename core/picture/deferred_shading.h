@@ -44,7 +44,8 @@ struct NormalFragment {
   int x = 0;
   int y = 0;
   std::uint64_t key = 0;
-  image::Rgba8 normal;  // image::EncodeNormal
+  // image::EncodeNormal; of a surface that shows the gradient, image::EncodeNormalAndStep.
+  image::Rgba8 normal;
 };
 
 // Immutable; thread-safe. All instruction sets give the same bits.
@@ -56,9 +57,10 @@ class DeferredShader {
   DeferredShader(const frame::FrameSpec& spec, const view::View& view,
                  const image::FragmentOrder& order);
 
-  // Sets colors[i] to the colour of fragments[i], with the alpha of its surface's base colour. The
-  // same for each, whatever stands beside it. REQUIRES: as many colours as fragments, and surfaces
-  // of the spec.
+  // Sets colors[i] to the colour of fragments[i], with the alpha of its surface's base colour; or,
+  // if the surface's map has opacities, with the step of the map as alpha, which BlendLayers knows.
+  // The same for each, whatever stands beside it. REQUIRES: as many colours as fragments, and
+  // surfaces of the spec.
   void Shade(std::span<const NormalFragment> fragments, std::span<image::Rgba8> colors) const;
 
   // Turns the normals of all covered pixels into colours. Works in parallel, in the
@@ -69,12 +71,14 @@ class DeferredShader {
   // How a surface gets its base colour.
   struct BaseColor {
     image::Rgba8 color;
-    const ColorMapTable* map = nullptr;  // of a surface that is coloured by position; else null
+    const ColorMapTable* map = nullptr;  // null: the colour, or that of the normal
     frame::ColorRange range;
     int axis = 0;
+    bool has_step = false;    // fragments carry the step of the map
+    bool keeps_step = false;  // the step of the map is the alpha
   };
 
-  [[nodiscard]] image::Rgba8 BaseAt(const BaseColor& base, int x, int y, std::uint64_t key) const;
+  [[nodiscard]] image::Rgba8 BaseOf(const BaseColor& base, const NormalFragment& fragment) const;
   void Append(const NormalFragment& fragment, LightBatch* batch) const;
   void ShadeTileRow(int row, image::FrameImage* image) const;
 

@@ -1,13 +1,16 @@
 // With T the light that passes all nearer layers (1 before the first), a layer of opacity a and
 // colour c adds T a c and leaves T (1 - a). The opaque fragment, or the background with its alpha,
-// gets what is left. All in float, in the order of the layers, so that the result depends on them
-// alone.
+// gets what is left. A layer of opacity 0 adds nothing and leaves all, so the bits are those
+// without it; but it counts as one of the max_layers, because what an agent keeps of a pixel must
+// not depend on what other agents have. All in float, in the order of the layers, so that the
+// result depends on them alone.
 //
 // Source: Porter, Duff 1984, "Compositing digital images" (over).
 
 #include "core/picture/layer_blending.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <cstddef>
@@ -16,6 +19,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/check.h"
+#include "core/picture/color_map.h"
 #include "core/picture/linear_light.h"
 
 namespace isoscope::picture {
@@ -81,6 +85,22 @@ void ForEachPixel(const image::FrameImage& first_level, image::FrameImage* image
   });
 }
 
+// The opacities of a surface by the step of its colour map; of one without map opacities, all
+// alike.
+using OpacityTable = std::array<float, kColorMapSteps>;
+
+std::vector<OpacityTable> OpacityTablesOf(const frame::FrameSpec& spec) {
+  std::vector<OpacityTable> tables(spec.surfaces.size());
+  for (std::size_t surface = 0; surface < tables.size(); ++surface) {
+    for (std::size_t step = 0; step < kColorMapSteps; ++step) {
+      const frame::Surface& of = spec.surfaces[surface];
+      tables[surface][step] =
+          of.color_by.has_value() ? of.opacity * OpacityOf(*of.color_by, step) : of.opacity;
+    }
+  }
+  return tables;
+}
+
 }  // namespace
 
 std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec& spec,
@@ -90,6 +110,7 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
     return 0;
   }
   const LinearLightTables& tables = LinearLight();
+  const std::vector<OpacityTable> opacities = OpacityTablesOf(spec);
   const image::Rgba8 background = spec.background_color;
   const float background_alpha = static_cast<float>(background.a) / 255.0F;
   std::atomic<std::int64_t> truncated_count{0};
@@ -108,12 +129,13 @@ std::int64_t BlendLayers(const image::LayerStack& layers, const frame::FrameSpec
         break;
       }
       ++count;
-      const float opacity = spec.surfaces[layers.order().SurfaceOf(image::OwnerOf(key))].opacity;
-      light.Add(level->colors[pixel], left * opacity);
+      const image::Rgba8 color = level->colors[pixel];
+      const float opacity = opacities[layers.order().SurfaceOf(image::OwnerOf(key))][color.a];
+      light.Add(color, left * opacity);
       left *= 1 - opacity;
     }
-    if (count == 0) {
-      return;
+    if (!(light.alpha > 0)) {
+      return;  // no layer, or none that shows
     }
     const bool is_opaque = opaque != image::kBackgroundKey || background.a == 255;
     if (opaque != image::kBackgroundKey) {

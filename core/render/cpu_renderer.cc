@@ -33,6 +33,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <new>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -46,9 +47,11 @@
 #include "core/base/check.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/image/tile_coverage.h"
 #include "core/render/cpu_rasterizer.h"
+#include "core/render/map_level.h"
 #include "core/render/pass_resources.h"
 #include "core/render/shade_kernel.h"
 #include "core/render/surface_point.h"
@@ -78,6 +81,8 @@ class CpuPass final : public RenderPass {
         options_(options),
         clipper_(spec.clip, view.geometry()),
         sends_normals_(spec.sends_normals),
+        sends_map_steps_(spec.sends_map_steps),
+        map_scales_(MapScalesOf(spec)),
         rays_(MakePixelRays(view)),
         width_(view.image_size().width_px),
         height_(view.image_size().height_px),
@@ -110,6 +115,8 @@ class CpuPass final : public RenderPass {
       }
       ISOSCOPE_CHECK_EQ(item.mesh->positions.size(), item.mesh->normals.size());
       ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
+      ISOSCOPE_CHECK(!map_scales_[item.surface_index].has_value() ||
+                     item.mesh->gradient_magnitudes.size() == item.mesh->positions.size());
     }
     bool must_shade = false;
     {
@@ -212,6 +219,9 @@ class CpuPass final : public RenderPass {
     kept.first_primitive_id = first_primitive_id;
     kept.owner = order_.OwnerOf(item.surface_index, mesh.block_id);
     kept.shade_table = shade_tables_[item.surface_index]->data();
+    if (const std::optional<MapScale>& scale = map_scales_[item.surface_index]; scale.has_value()) {
+      kept.map_scale = &*scale;
+    }
     kept.mesh = item.mesh;
     return first_primitive_id;
   }
@@ -516,9 +526,16 @@ class CpuPass final : public RenderPass {
       }
     }
     batch.keeps_normals = sends_normals_;
+    batch.keeps_levels = sends_map_steps_;
+    if (sends_map_steps_) {
+      FillLevels(scratch);
+    }
     ComputeShadeSteps(rays_, &batch);
     if (sends_normals_) {
       ComputeNormals(scratch);
+      if (sends_map_steps_) {
+        AddMapSteps(scratch);
+      }
       return;
     }
     for (std::size_t k = 0; k < batch.inexact_count; ++k) {
@@ -534,6 +551,44 @@ class CpuPass final : public RenderPass {
     }
   }
 
+  // Fills the levels of the batch; 0 where a fragment carries no step.
+  static void FillLevels(PassResources::Scratch* scratch) {
+    for (std::size_t i = 0; i < scratch->batch.count; ++i) {
+      const KeptMesh& mesh = *scratch->meshes[i];
+      for (std::size_t c = 0; c < 3; ++c) {
+        scratch->batch.level[c][i] =
+            mesh.map_scale == nullptr
+                ? 0.0F
+                : mesh.map_scale->LevelOf(mesh.mesh->gradient_magnitudes[scratch->corners[i][c]]);
+      }
+    }
+  }
+
+  // Replaces codes of normals by those with a step, where fragments carry one.
+  void AddMapSteps(PassResources::Scratch* scratch) const {
+    ShadeBatch& batch = scratch->batch;
+    for (std::size_t k = 0; k < batch.inexact_count; ++k) {
+      const std::uint32_t i = batch.inexact[k];
+      batch.mixed_level[i] =
+          MixLevels(PointOf(scratch, i), {batch.level[0][i], batch.level[1][i], batch.level[2][i]});
+    }
+    for (std::size_t i = 0; i < batch.count; ++i) {
+      if (scratch->meshes[i]->map_scale != nullptr) {
+        scratch->colors[i] =
+            image::EncodeNormalAndStep(scratch->colors[i], MapStepOf(batch.mixed_level[i]));
+      }
+    }
+  }
+
+  // The point of a fragment of the batch, in doubles.
+  [[nodiscard]] SurfacePoint PointOf(PassResources::Scratch* scratch, std::size_t i) const {
+    const KeptMesh& mesh = *scratch->meshes[i];
+    const auto width = static_cast<std::uint32_t>(width_);
+    return SurfacePointAt(
+        view_, *mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
+        static_cast<int>(scratch->pixels[i] % width), static_cast<int>(scratch->pixels[i] / width));
+  }
+
   // Fills `colors` with the codes of the normals that ComputeShadeSteps has mixed.
   void ComputeNormals(PassResources::Scratch* scratch) const {
     ShadeBatch& batch = scratch->batch;
@@ -544,12 +599,7 @@ class CpuPass final : public RenderPass {
     }
     for (std::size_t k = 0; k < batch.inexact_count; ++k) {
       const std::uint32_t i = batch.inexact[k];
-      const KeptMesh& mesh = *scratch->meshes[i];
-      const auto width = static_cast<std::uint32_t>(width_);
-      const SurfacePoint point = SurfacePointAt(
-          view_, *mesh.mesh, PrimitiveIdOf(scratch->fragments[i]) - mesh.first_primitive_id,
-          static_cast<int>(scratch->pixels[i] % width),
-          static_cast<int>(scratch->pixels[i] / width));
+      const SurfacePoint point = PointOf(scratch, i);
       scratch->colors[i] = image::EncodeNormal({point.normal.x, point.normal.y, point.normal.z});
     }
   }
@@ -592,6 +642,8 @@ class CpuPass final : public RenderPass {
   const CpuRendererOptions options_;
   const view::Clipper clipper_;
   const bool sends_normals_;
+  const bool sends_map_steps_;
+  const std::vector<std::optional<MapScale>> map_scales_;  // by surface
   const PixelRays rays_;
   const int width_;
   const int height_;

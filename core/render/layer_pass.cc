@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "core/base/check.h"
+#include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/render/surface_point.h"
 
@@ -32,6 +33,7 @@ LayerPass::LayerPass(const view::View& view, const volume::BlockLayout& layout,
       layout_(layout),
       clipper_(spec.clip, view.geometry()),
       sends_normals_(spec.sends_normals),
+      map_scales_(MapScalesOf(spec)),
       rays_(MakePixelRays(view)),
       resources_(renderer->resources_),
       layers_(view.image_size().width_px, view.image_size().height_px, spec.max_layers + 1,
@@ -49,6 +51,8 @@ absl::Status LayerPass::Add(std::span<const MeshToDraw> meshes) {
     for (const MeshToDraw& item : meshes) {
       ISOSCOPE_CHECK_LT(std::int64_t{item.mesh->block_id}, layout_.block_count());
       ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
+      ISOSCOPE_CHECK(!map_scales_[item.surface_index].has_value() ||
+                     item.mesh->gradient_magnitudes.size() == item.mesh->positions.size());
       Draw(item, &scratch);
     }
   } catch (const std::bad_alloc&) {
@@ -78,11 +82,10 @@ void LayerPass::Draw(const MeshToDraw& item, PassResources::Scratch* scratch) {
 void LayerPass::Insert(const FragmentBatch& batch, const MeshToDraw& item,
                        PassResources::Scratch* scratch) {
   const std::uint64_t owner = layers_.order().OwnerOf(item.surface_index, item.mesh->block_id);
-  const std::vector<image::Rgba8>& shade_table = *shade_tables_[item.surface_index];
   for (std::size_t begin = 0; begin < batch.pixels.size(); begin += ShadeBatch::kCapacity) {
     const std::size_t count = std::min(ShadeBatch::kCapacity, batch.pixels.size() - begin);
     const auto pixels = batch.pixels.subspan(begin, count);
-    Shade(*item.mesh, shade_table, batch.triangles.subspan(begin, count), pixels, scratch);
+    Shade(item, batch.triangles.subspan(begin, count), pixels, scratch);
     const int first_row = batch.bounds.begin_y / kTilePx;
     const int last_row = (batch.bounds.end_y - 1) / kTilePx;
     for (int row = first_row; row <= last_row; ++row) {
@@ -99,10 +102,11 @@ void LayerPass::Insert(const FragmentBatch& batch, const MeshToDraw& item,
 }
 
 // Fills scratch->colors with the colours of the fragments, or the codes of their normals.
-void LayerPass::Shade(const mesh::CompactMesh& mesh, const std::vector<image::Rgba8>& shade_table,
-                      std::span<const std::uint32_t> triangles,
+void LayerPass::Shade(const MeshToDraw& item, std::span<const std::uint32_t> triangles,
                       std::span<const std::uint32_t> pixels,
                       PassResources::Scratch* scratch) const {
+  const mesh::CompactMesh& mesh = *item.mesh;
+  const std::optional<MapScale>& scale = map_scales_[item.surface_index];
   ShadeBatch& batch = scratch->batch;
   batch.count = pixels.size();
   for (std::size_t i = 0; i < batch.count; ++i) {
@@ -118,9 +122,13 @@ void LayerPass::Shade(const mesh::CompactMesh& mesh, const std::vector<image::Rg
       batch.normal[3 * c][i] = normal.x;
       batch.normal[3 * c + 1][i] = normal.y;
       batch.normal[3 * c + 2][i] = normal.z;
+      if (scale.has_value()) {
+        batch.level[c][i] = scale->LevelOf(mesh.gradient_magnitudes[corners[c]]);
+      }
     }
   }
   batch.keeps_normals = sends_normals_;
+  batch.keeps_levels = scale.has_value();
   ComputeShadeSteps(rays_, &batch);
   for (std::size_t i = 0; i < batch.count && sends_normals_; ++i) {
     scratch->colors[i] = image::EncodeNormal({static_cast<double>(batch.mixed_normal[0][i]),
@@ -138,10 +146,32 @@ void LayerPass::Shade(const mesh::CompactMesh& mesh, const std::vector<image::Rg
       batch.step[i] = ShadeStepAt(view_, mesh, triangles[i], x, y);
     }
   }
+  if (scale.has_value()) {
+    AddMapSteps(mesh, triangles, pixels, scratch);
+  }
+  const std::vector<image::Rgba8>& shade_table = *shade_tables_[item.surface_index];
   for (std::size_t i = 0; i < batch.count && !sends_normals_; ++i) {
     scratch->colors[i] = shade_table[batch.step[i]];
   }
   batch.count = 0;
+}
+
+// Replaces the codes of normals by those with a step.
+void LayerPass::AddMapSteps(const mesh::CompactMesh& mesh, std::span<const std::uint32_t> triangles,
+                            std::span<const std::uint32_t> pixels,
+                            PassResources::Scratch* scratch) const {
+  ShadeBatch& batch = scratch->batch;
+  for (std::size_t k = 0; k < batch.inexact_count; ++k) {
+    const std::uint32_t i = batch.inexact[k];
+    const SurfacePoint point =
+        SurfacePointAt(view_, mesh, triangles[i], XOf(pixels[i]), YOf(pixels[i]));
+    batch.mixed_level[i] =
+        MixLevels(point, {batch.level[0][i], batch.level[1][i], batch.level[2][i]});
+  }
+  for (std::size_t i = 0; i < batch.count; ++i) {
+    scratch->colors[i] =
+        image::EncodeNormalAndStep(scratch->colors[i], MapStepOf(batch.mixed_level[i]));
+  }
 }
 
 }  // namespace isoscope::render

@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -17,6 +18,7 @@
 #include "core/composite/pixel_codec.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/layer_stack.h"
+#include "core/render/map_level.h"
 #include "core/render/pass_resources.h"
 #include "core/render/renderer.h"
 #include "core/render/shade_kernel.h"
@@ -60,14 +62,16 @@ class LayerPass {
   void Draw(const MeshToDraw& item, PassResources::Scratch* scratch);
   void Insert(const FragmentBatch& batch, const MeshToDraw& item,
               PassResources::Scratch* scratch) ABSL_NO_THREAD_SAFETY_ANALYSIS;
-  void Shade(const mesh::CompactMesh& mesh, const std::vector<image::Rgba8>& shade_table,
-             std::span<const std::uint32_t> triangles, std::span<const std::uint32_t> pixels,
-             PassResources::Scratch* scratch) const;
+  void Shade(const MeshToDraw& item, std::span<const std::uint32_t> triangles,
+             std::span<const std::uint32_t> pixels, PassResources::Scratch* scratch) const;
+  void AddMapSteps(const mesh::CompactMesh& mesh, std::span<const std::uint32_t> triangles,
+                   std::span<const std::uint32_t> pixels, PassResources::Scratch* scratch) const;
 
   const view::View view_;
   const volume::BlockLayout layout_;
   const view::Clipper clipper_;
   const bool sends_normals_;
+  const std::vector<std::optional<MapScale>> map_scales_;  // by surface
   const PixelRays rays_;
   PassResources& resources_;
   std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface

@@ -22,6 +22,7 @@
 #include "core/math/vec.h"
 #include "core/mesh/compact_mesh.h"
 #include "core/render/cpu_rasterizer.h"
+#include "core/render/map_level.h"
 #include "core/render/shade_kernel.h"
 #include "core/view/view.h"
 #include "core/volume/block_layout.h"
@@ -85,6 +86,7 @@ struct KeptMesh {
   std::uint32_t first_primitive_id = 0;
   std::uint32_t owner = 0;                    // image::FragmentOrder::OwnerOf
   const image::Rgba8* shade_table = nullptr;  // of its surface
+  const MapScale* map_scale = nullptr;        // of its surface; null: fragments carry no step
   std::shared_ptr<const mesh::CompactMesh> mesh;
 };
 

@@ -6,7 +6,7 @@
 //    p = direction x (c - a), q = (origin - a) x (b - a) and determinant = (b - a) . p, they are
 //    wb = (origin - a) . p / determinant and wc = direction . q / determinant. The pixel lies in
 //    the triangle, but for the snapping of vertices; weights are clamped for that.
-// 3. Mix the normals of the vertices with the weights.
+// 3. Mix the normals of the vertices with the weights; and the levels, if the surface has them.
 // 4. The step is |n . v| * 4096, rounded, with n the unit normal and v the unit direction of the
 //    ray. A table of the surface then gives the colour.
 //
@@ -84,6 +84,16 @@ HWY_INLINE Vec3 LoadNormal(const ShadeBatch& batch, std::size_t corner, std::siz
   return {axis(0), axis(1), axis(2)};
 }
 
+// Levels that are equal at all corners stay what they are, whatever the weights.
+HWY_INLINE void MixLevels(VF wb, VF wc, std::size_t i, ShadeBatch* batch) {
+  const DF df;
+  const VF a = hn::LoadU(df, batch->level[0].data() + i);
+  const VF b = hn::Sub(hn::LoadU(df, batch->level[1].data() + i), a);
+  const VF c = hn::Sub(hn::LoadU(df, batch->level[2].data() + i), a);
+  hn::StoreU(hn::Add(a, hn::Add(hn::Mul(b, wb), hn::Mul(c, wc))), df,
+             batch->mixed_level.data() + i);
+}
+
 void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
   const DF df;
   const DU du;
@@ -127,6 +137,9 @@ void ComputeShadeSteps(const PixelRays& rays, ShadeBatch* batch) {
       hn::StoreU(normal.x, df, batch->mixed_normal[0].data() + i);
       hn::StoreU(normal.y, df, batch->mixed_normal[1].data() + i);
       hn::StoreU(normal.z, df, batch->mixed_normal[2].data() + i);
+    }
+    if (batch->keeps_levels) {
+      MixLevels(wb, wc, i, batch);
     }
     // Step 4: the step of |n . v|. Without a normal the surface is shaded as if it faced the eye.
     const Vec3 ray = At(rays.world_direction, x, y);

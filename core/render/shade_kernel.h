@@ -49,8 +49,13 @@ struct ShadeBatch {
   // The result if `keeps_normals`: the mixed normal, [axis], of no particular length.
   bool keeps_normals = false;
   alignas(64) std::array<Lane, 3> mixed_normal;
-  // Pixels whose triangle is seen too much from the side for floats. Their step and mixed normal
-  // are not valid.
+  // Input if `keeps_levels`: levels of the colour map (MapScale), [corner]; finite. The result is
+  // the mixed level.
+  bool keeps_levels = false;
+  alignas(64) std::array<Lane, 3> level;
+  alignas(64) Lane mixed_level;
+  // Pixels whose triangle is seen too much from the side for floats. Their step, mixed normal and
+  // mixed level are not valid.
   std::size_t inexact_count = 0;
   alignas(64) std::array<std::uint32_t, kSize> inexact;
 };

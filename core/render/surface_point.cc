@@ -15,6 +15,7 @@ SurfacePoint SurfacePointAt(const view::View& view, const mesh::CompactMesh& mes
                             std::uint32_t triangle, int x, int y) {
   const std::array<double, 3> weights = BarycentricsAtPixel(mesh, triangle, view, x, y);
   SurfacePoint point;
+  point.weights = weights;
   const std::array<std::uint32_t, 3> corners = mesh.triangles[triangle];
   for (std::size_t i = 0; i < 3; ++i) {
     const mesh::CompactNormal& n = mesh.normals[corners[i]];
@@ -32,7 +33,9 @@ SurfacePoint SurfacePointAt(const view::View& view, const mesh::CompactMesh& mes
 
 std::uint32_t ShadeStepAt(const view::View& view, const mesh::CompactMesh& mesh,
                           std::uint32_t triangle, int x, int y) {
-  const auto [normal, position] = SurfacePointAt(view, mesh, triangle, x, y);
+  const SurfacePoint point = SurfacePointAt(view, mesh, triangle, x, y);
+  const math::Vec3d& normal = point.normal;
+  const math::Vec3d& position = point.position;
   math::Vec3d to_eye = -view.forward();
   if (view.camera().projection == view::Projection::kPerspective) {
     to_eye = view.camera().eye - math::TransformPoint(view.world_from_index(), position);

@@ -111,10 +111,13 @@ absl::StatusOr<frame::ColorBy::Quantity> QuantityFromProto(isoscope::v1::ColorBy
       return frame::ColorBy::Quantity::kPositionZ;
     case Proto::QUANTITY_NORMAL:
       return frame::ColorBy::Quantity::kNormal;
+    case Proto::QUANTITY_GRADIENT_MAGNITUDE:
+      return frame::ColorBy::Quantity::kGradientMagnitude;
     default:
       return absl::InvalidArgumentError(
           absl::StrCat(path, " is ", static_cast<int>(proto),
-                       ": must be 1 (position x), 2 (position y), 3 (position z) or 4 (normal)"));
+                       ": must be 1 (position x), 2 (position y), 3 (position z), 4 (normal) or 5 "
+                       "(gradient magnitude)"));
   }
 }
 
@@ -382,15 +385,25 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& pro
   ISOSCOPE_ASSIGN_OR_RETURN(color_by.quantity,
                             QuantityFromProto(proto.quantity(), absl::StrCat(path, ".quantity")));
   if (color_by.quantity == frame::ColorBy::Quantity::kNormal &&
-      (proto.color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED || proto.has_range())) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, proto.has_range() ? ".range" : ".color_map", " is set beside ", path,
-                     ".quantity 4 (normal), which has neither map nor range: must be unset"));
+      (proto.color_map() != isoscope::v1::COLOR_MAP_UNSPECIFIED || proto.has_range() ||
+       proto.has_opacity())) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        proto.has_range()     ? ".range"
+        : proto.has_opacity() ? ".opacity"
+                              : ".color_map",
+        " is set beside ", path, ".quantity 4 (normal), which has no map: must be unset"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(color_by.map,
                             ColorMapFromProto(proto.color_map(), absl::StrCat(path, ".color_map")));
   if (proto.has_opacity()) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ".opacity is not supported yet"));
+    const isoscope::v1::MapOpacity& opacity = proto.opacity();
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckRange(opacity.at_min(), 0, 1, absl::StrCat(path, ".opacity.at_min")));
+    ISOSCOPE_RETURN_IF_ERROR(
+        CheckRange(opacity.at_max(), 0, 1, absl::StrCat(path, ".opacity.at_max")));
+    color_by.opacity_at_min = opacity.at_min();
+    color_by.opacity_at_max = opacity.at_max();
   }
   if (proto.has_range()) {
     ISOSCOPE_ASSIGN_OR_RETURN(color_by.range,
@@ -511,6 +524,10 @@ isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by) {
     proto.mutable_range()->set_min(color_by.range->min);
     proto.mutable_range()->set_max(color_by.range->max);
   }
+  if (color_by.is_translucent()) {
+    proto.mutable_opacity()->set_at_min(color_by.opacity_at_min);
+    proto.mutable_opacity()->set_at_max(color_by.opacity_at_max);
+  }
   return proto;
 }
 
@@ -535,6 +552,30 @@ absl::Status ResolveCamera(const math::Box3d& bounds,
       ToProto(!spec->camera.has_value() ? view::MakeDefaultCamera(surface_bounds.value_or(bounds))
                                         : view::MoveToBox(*spec->camera, bounds, *surface_bounds));
   ISOSCOPE_ASSIGN_OR_RETURN(spec->camera, CameraFromProto(request->camera(), "camera"));
+  return absl::OkStatus();
+}
+
+absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
+                                isoscope::v1::RenderIsosurfaceRequest* request,
+                                frame::FrameSpec* spec) {
+  for (std::size_t i = 0; i < spec->surfaces.size(); ++i) {
+    frame::Surface& surface = spec->surfaces[i];
+    if (!surface.shows_gradient() || surface.color_by->range.has_value()) {
+      continue;
+    }
+    const std::string path = absl::StrCat("surfaces[", i, "].color_by.range");
+    if (!dataset.has_max_gradient_magnitude()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          path, " is not set: required, because dataset '", dataset.name(),
+          "' was partitioned by a version that did not store max_gradient_magnitude; give the "
+          "range (--color-by gradient:MAP:MIN,MAX), or partition the volume anew"));
+    }
+    // A field that is constant has no surface; its map still needs a range.
+    const double max = dataset.max_gradient_magnitude();
+    surface.color_by->range = frame::ColorRange{.min = 0, .max = max > 0 ? max : 1};
+    *request->mutable_surfaces(static_cast<int>(i))->mutable_color_by() =
+        ToProto(*surface.color_by);
+  }
   return absl::OkStatus();
 }
 

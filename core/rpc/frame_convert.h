@@ -57,6 +57,12 @@ absl::Status ResolveCamera(const math::Box3d& bounds,
                            isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec,
                            const std::optional<math::Box3d>& surface_bounds = std::nullopt);
 
+// Gives the maps of surfaces that show the gradient's magnitude the range 0 to the dataset's bound,
+// where the request has none. INVALID_ARGUMENT if the dataset does not have the bound.
+absl::Status ResolveColorRanges(const isoscope::v1::Dataset& dataset,
+                                isoscope::v1::RenderIsosurfaceRequest* request,
+                                frame::FrameSpec* spec);
+
 // INVALID_ARGUMENT if this program does not know the back end, or the number is below 1.
 absl::StatusOr<frame::PictureRevision> PictureRevisionFromProto(
     const isoscope::internal::v1::PictureRevision& proto, absl::string_view path);

@@ -336,6 +336,9 @@ isoscope::v1::Dataset ToProto(const store::Manifest& manifest) {
   if (manifest.patient_frame.has_value()) {
     proto.set_patient_frame(manifest.patient_frame->name());
   }
+  if (manifest.max_gradient_magnitude.has_value()) {
+    proto.set_max_gradient_magnitude(*manifest.max_gradient_magnitude);
+  }
   return proto;
 }
 
@@ -377,6 +380,10 @@ absl::Status Validate(const isoscope::v1::Dataset& dataset, absl::string_view pa
     ISOSCOPE_RETURN_IF_ERROR(
         WithPath(volume::PatientFrame::FromName(dataset.patient_frame()).status(),
                  Join(path, "patient_frame")));
+  }
+  if (const double bound = dataset.max_gradient_magnitude();
+      !(bound >= 0 && std::isfinite(bound))) {
+    return Invalid(Join(path, "max_gradient_magnitude"), bound, "must be finite and >= 0");
   }
   const isoscope::v1::ValueRange& range = dataset.value_range();
   // Infinite samples count, NaN does not.

@@ -109,6 +109,11 @@ absl::Status CheckConsistency(const Manifest& manifest, absl::string_view where)
     return absl::DataLossError(
         absl::StrCat(where, ": member \"samples_digest\": expected 32 lower-case hex digits"));
   }
+  if (const double bound = manifest.max_gradient_magnitude.value_or(0);
+      !(bound >= 0 && std::isfinite(bound))) {
+    return absl::DataLossError(absl::StrCat(where, ": member \"max_gradient_magnitude\" is ", bound,
+                                            ": expected a finite number >= 0"));
+  }
   if (const absl::Status status = volume::Validate(manifest.geometry); !status.ok()) {
     return WithContext(where, status);
   }
@@ -173,6 +178,9 @@ std::string EncodeManifest(const Manifest& manifest) {
   json["scalar_type"] = std::string(volume::NameOf(manifest.scalar_type));
   json["value_range"] = Json{{"min", JsonFromDouble(manifest.value_range.min)},
                              {"max", JsonFromDouble(manifest.value_range.max)}};
+  if (manifest.max_gradient_magnitude.has_value()) {
+    json["max_gradient_magnitude"] = JsonFromDouble(*manifest.max_gradient_magnitude);
+  }
   json["spacing"] = JsonFromVector(geometry.spacing);
   json["origin"] = JsonFromVector(geometry.origin);
   json["direction"] = Json{{"x", JsonFromVector(geometry.direction.columns[0])},
@@ -207,6 +215,9 @@ absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_vi
   fields.Read("scalar_type", &scalar_type);
   if (const Json* range = fields.ReadObject("value_range")) {
     fields.Fail(ReadRange(*range, where, &manifest.value_range));
+  }
+  if (fields.Has("max_gradient_magnitude")) {
+    fields.ReadDouble("max_gradient_magnitude", &manifest.max_gradient_magnitude.emplace());
   }
   ReadVector("spacing", &fields, &manifest.geometry.spacing);
   ReadVector("origin", &fields, &manifest.geometry.origin);

@@ -51,6 +51,9 @@ struct Manifest {
   std::vector<ShardSummary> shards;      // by shard index
   // The meaning of the world axes on the patient, if the source tells it.
   std::optional<volume::PatientFrame> patient_frame = std::nullopt;
+  // Bound of the length of the gradient (extract/gradient_bound.h), in field units per world unit;
+  // finite, >= 0. Not in datasets of programs that did not know it.
+  std::optional<double> max_gradient_magnitude = std::nullopt;
 
   friend bool operator==(const Manifest&, const Manifest&) = default;
 };

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <set>
@@ -724,6 +725,18 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
   }
 }
 
+// A map, a range for the gradient, and now and then opacities.
+void AddRandomMap(const std::function<double()>& random, frame::ColorBy* color_by) {
+  color_by->map = static_cast<frame::ColorMap>(static_cast<int>(6 * random()));
+  if (color_by->quantity == frame::ColorBy::Quantity::kGradientMagnitude) {
+    color_by->range = frame::ColorRange{random(), 1 + 20 * random()};
+  }
+  if (random() < 0.4) {
+    color_by->opacity_at_min = random() < 0.5 ? 0.0F : static_cast<float>(random());
+    color_by->opacity_at_max = static_cast<float>(random());
+  }
+}
+
 // Up to four lights, and surfaces that are coloured by a random quantity.
 void AddRandomLook(std::uint64_t seed, frame::FrameSpec* spec) {
   std::uint64_t counter = 0;
@@ -738,8 +751,11 @@ void AddRandomLook(std::uint64_t seed, frame::FrameSpec* spec) {
   for (frame::Surface& surface : spec->surfaces) {
     if (spec->lights.empty() || random() < 0.7) {
       frame::ColorBy& color_by = surface.color_by.emplace();
-      color_by.quantity = static_cast<frame::ColorBy::Quantity>(static_cast<int>(4 * random()));
-      color_by.map = static_cast<frame::ColorMap>(static_cast<int>(6 * random()));
+      color_by.quantity = static_cast<frame::ColorBy::Quantity>(static_cast<int>(5 * random()));
+      if (color_by.quantity != frame::ColorBy::Quantity::kNormal) {
+        AddRandomMap(random, &color_by);
+      }
+      spec->sends_map_steps = spec->sends_map_steps || surface.shows_gradient();
     }
     surface.appearance.shininess = static_cast<float>(1 + 99 * random());
   }
@@ -779,8 +795,12 @@ TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
         }
         const image::FragmentOrder order{.block_count =
                                              static_cast<std::uint32_t>(datasets.BlockCount(edge))};
-        picture::DeferredShader(spec, *view, order).ShadeImage(&result->image);
-        return std::move(result->image);
+        const picture::DeferredShader shader(spec, *view, order);
+        shader.ShadeImage(&result->image);
+        for (image::FrameImage* const level : result->layers.MutableLevels()) {
+          shader.ShadeImage(level);
+        }
+        return PictureOf(*result, spec).image;
       };
       spec.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(image::FrameImage expected, shaded(8, 1));

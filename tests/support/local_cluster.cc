@@ -9,6 +9,7 @@
 #include "absl/synchronization/mutex.h"
 
 #include "core/base/status_macros.h"
+#include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/frame_pipeline.h"
 #include "server/agent_link.h"
@@ -129,6 +130,9 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
     cluster->shards_.push_back(std::move(shard));
   }
   cluster->renderer_ = renderer;
+  if (renderer->picture_revision().back_end == frame::BackEnd::kEgl) {
+    cluster->cpu_renderer_ = render::MakeCpuRenderer({.max_unused_bytes = 0});
+  }
   cluster->arena_ = std::make_unique<tbb::task_arena>(thread_count);
   cluster->images_ = image::FrameImagePool::Make(kUnusedImageBytes);
   cluster->ForgetAll(cache_bytes);
@@ -154,7 +158,8 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
   server::FrameSetup setup;
   setup.spec = &spec;
   setup.view = &view;
-  setup.ties = frame::TieRuleOf(renderer_->picture_revision().back_end);
+  setup.ties = frame::TieRuleOf(
+      frame::ShowsGradient(spec) ? frame::BackEnd::kCpu : renderer_->picture_revision().back_end);
   setup.layout = &shards_.front()->reader->layout();
   setup.agent_count = static_cast<int>(shards_.size());
   setup.active = active_blocks_->Find(active_key);
@@ -170,8 +175,11 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
     own.agent_index = agent_index;
     own.agent_count = setup.agent_count;
     own.report_active_blocks = setup.active == nullptr;
-    const agent::AgentResources resources{
-        .renderer = renderer_, .layers = &layers_, .arena = arena_.get(), .cache = cache_.get()};
+    const agent::AgentResources resources{.renderer = renderer_,
+                                          .layers = &layers_,
+                                          .cpu_renderer = cpu_renderer_.get(),
+                                          .arena = arena_.get(),
+                                          .cache = cache_.get()};
     return std::make_unique<LocalAgentLink>(shards_[static_cast<std::size_t>(agent_index)], own,
                                             resources, cancellation.deadline(), listener);
   };

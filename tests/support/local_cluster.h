@@ -62,6 +62,7 @@ class LocalCluster {
  private:
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
   render::Renderer* renderer_ = nullptr;
+  std::unique_ptr<render::Renderer> cpu_renderer_;  // null if renderer_ is one
   render::LayerRenderer layers_{kUnusedLayerBytes};
   std::unique_ptr<tbb::task_arena> arena_;
   std::unique_ptr<agent::BlockCache> cache_;

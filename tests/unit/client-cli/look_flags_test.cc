@@ -41,15 +41,44 @@ TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
        {ColorBy{.quantity = ColorBy::Quantity::kPositionX,
                 .map = ColorMap::kCoolWarm,
                 .range = frame::ColorRange{-3, 4.5}}}},
+      {"y:grey:0,1:0.25,1",
+       {ColorBy{.quantity = ColorBy::Quantity::kPositionY,
+                .map = ColorMap::kGrey,
+                .range = frame::ColorRange{0, 1},
+                .opacity_at_min = 0.25F}}},
+      {"z:magma::1,0",
+       {ColorBy{.quantity = ColorBy::Quantity::kPositionZ,
+                .map = ColorMap::kMagma,
+                .opacity_at_max = 0}}},
+      {"gradient:turbo",
+       {ColorBy{.quantity = ColorBy::Quantity::kGradientMagnitude, .map = ColorMap::kTurbo}}},
       {"normal", {ColorBy{.quantity = ColorBy::Quantity::kNormal}}},
       {"none", {}}};
   for (const auto& [text, expected] : right) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorByValue value, ParseColorBy(text));
     EXPECT_EQ(value, expected) << text;
   }
-  for (const char* text :
-       {"", "w", "x:", "x:jet", "x:turbo:", "x:turbo:1", "x:turbo:2,2", "x:turbo:3,2",
-        "x:turbo:nan,2", "x:turbo:-1e308,1e308", "x:turbo:1,2:3", "normal:turbo", "none:turbo"}) {
+  for (const char* text : {"",
+                           "w",
+                           "x:",
+                           "x:jet",
+                           "x:turbo:",
+                           "x:turbo:1",
+                           "x:turbo:2,2",
+                           "x:turbo:3,2",
+                           "x:turbo:nan,2",
+                           "x:turbo:-1e308,1e308",
+                           "x:turbo:1,2:3",
+                           "x:turbo:1,2:",
+                           "x:turbo::",
+                           "x:turbo::-0.1,1",
+                           "x:turbo::0,1.1",
+                           "x:turbo::nan,1",
+                           "x:turbo::0,1,1",
+                           "x:turbo:1,2:0,1:1",
+                           "normal:turbo",
+                           "normal:::0,1",
+                           "none:turbo"}) {
     EXPECT_THAT(ParseColorBy(text), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("'")))
         << text;
   }

@@ -24,6 +24,7 @@
 #define HWY_WANT_AVX3_DL
 #include "core/base/coding.h"
 #include "core/base/random.h"
+#include "core/volume/field_gradient.h"
 #include "core/volume/scalar_span.h"
 #include "hwy/targets.h"
 #include "tests/support/block_cutter.h"
@@ -673,6 +674,85 @@ TEST(BlockExtractorTest, ReadsNothingOutsideTheBlock) {
       EXPECT_GT(triangles, 0);
     }
   }
+}
+
+// The magnitudes of all vertices, by position.
+std::map<std::tuple<float, float, float>, float> MagnitudesOf(const Volume& volume,
+                                                              const Index3& block_cells,
+                                                              double isovalue) {
+  const BlockLayout layout = MakeLayout(volume.geometry, block_cells);
+  BlockExtractor extractor(volume.geometry, layout);
+  std::map<std::tuple<float, float, float>, float> magnitudes;
+  for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    const std::string block = testing::CutBlock(layout, volume.type, volume.bytes, id);
+    const volume::BlockSamples samples{id, volume.type, block.data()};
+    const mesh::BlockMeshView plain = extractor.Extract(samples, isovalue);
+    EXPECT_TRUE(plain.gradient_magnitudes.empty());
+    const std::vector<Vec3f> normals(plain.normals.begin(), plain.normals.end());
+    const mesh::BlockMeshView mesh = extractor.Extract(samples, isovalue, true);
+    EXPECT_EQ(mesh.gradient_magnitudes.size(), mesh.positions.size());
+    EXPECT_TRUE(
+        std::equal(normals.begin(), normals.end(), mesh.normals.begin(), mesh.normals.end()));
+    for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
+      const Vec3f& p = mesh.positions[v];
+      const auto [at, is_new] = magnitudes.insert({{p.x, p.y, p.z}, mesh.gradient_magnitudes[v]});
+      EXPECT_TRUE(is_new || at->second == mesh.gradient_magnitudes[v])
+          << "blocks differ in a vertex that they share";
+    }
+  }
+  return magnitudes;
+}
+
+TEST(BlockExtractorTest, MagnitudesAreTheLengthsOfTheFieldsGradientsInAnyCut) {
+  for (const ScalarType type : kAllTypes) {
+    // A smooth field: two vertices at one place have the same gradient.
+    Volume volume =
+        MakeVolume({17, 14, 12}, type,
+                   testing::SampleField(testing::GyroidField(2), {17, 14, 12}, type, 50, 60));
+    UseObliqueFrame(&volume.geometry);
+    const BlockLayout whole = MakeLayout(volume.geometry, {32, 32, 32});
+    const std::string samples = testing::CutBlock(whole, type, volume.bytes, 0);
+    const auto expected = MagnitudesOf(volume, {32, 32, 32}, 60.25);
+    ASSERT_GT(expected.size(), 100U);
+    for (const auto& [at, magnitude] : expected) {
+      const auto [x, y, z] = at;
+      const Vec3d gradient = volume::GradientAt(
+          volume.geometry, whole, {0, type, samples.data()},
+          {static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)});
+      const double length = math::Length(gradient);
+      ASSERT_NEAR(static_cast<double>(magnitude), length, 1e-5 * (length + 1));
+    }
+    for (const std::int64_t edge : {5, 8}) {
+      EXPECT_EQ(MagnitudesOf(volume, {edge, edge, edge}, 60.25), expected) << edge;
+    }
+  }
+}
+
+TEST(BlockExtractorTest, EveryInstructionSetGivesTheSameMagnitudes) {
+  const absl::Cleanup reset = [] { hwy::SetSupportedTargetsForTest(0); };
+  const Volume volume = MakeVolume({17, 14, 12}, ScalarType::kUint8,
+                                   testing::SampleNoise(4, {17, 14, 12}, ScalarType::kUint8, 200));
+  const std::int64_t supported = hwy::SupportedTargets();
+  const BlockLayout layout = MakeLayout(volume.geometry, {8, 8, 8});
+  std::vector<float> expected;
+  for (std::int64_t rest = supported; rest != 0; rest &= rest - 1) {
+    hwy::SetSupportedTargetsForTest(rest & -rest);
+    BlockExtractor extractor(volume.geometry, layout);
+    std::vector<float> magnitudes;
+    for (std::int64_t i = 0; i < layout.block_count(); ++i) {
+      const auto id = static_cast<volume::BlockId>(i);
+      const std::string block = testing::CutBlock(layout, volume.type, volume.bytes, id);
+      const auto mesh = extractor.Extract({id, volume.type, block.data()}, 100, true);
+      magnitudes.insert(magnitudes.end(), mesh.gradient_magnitudes.begin(),
+                        mesh.gradient_magnitudes.end());
+    }
+    if (expected.empty()) {
+      expected = magnitudes;
+    }
+    EXPECT_EQ(magnitudes, expected) << hwy::TargetName(rest & -rest);
+  }
+  EXPECT_FALSE(expected.empty());
 }
 
 }  // namespace

@@ -51,6 +51,27 @@ void ExpectSame(const CompactMesh& compact, const BlockMesh& mesh) {
   }
 }
 
+TEST(CompactMeshTest, GradientMagnitudesAreKeptAndOthersTakeNoRoom) {
+  for (const std::size_t vertex_count : {std::size_t{1000}, std::size_t{70'000}}) {
+    const BlockMesh mesh = MakeMesh(vertex_count, 1900);
+    BlockMeshView view = mesh;
+    const std::size_t without = CompactSizeBytes(view);
+    std::vector<float> magnitudes(vertex_count);
+    for (std::size_t i = 0; i < vertex_count; ++i) {
+      magnitudes[i] = 0.5F * static_cast<float>(i);
+    }
+    view.gradient_magnitudes = magnitudes;
+    EXPECT_GE(CompactSizeBytes(view), without + 4 * vertex_count);
+    const std::shared_ptr<const CompactMesh> compact = Compact(view);
+    ExpectSame(*compact, mesh);
+    EXPECT_TRUE(std::equal(magnitudes.begin(), magnitudes.end(),
+                           compact->gradient_magnitudes.begin(),
+                           compact->gradient_magnitudes.end()));
+    EXPECT_EQ(compact->size_bytes(), Compact(mesh)->size_bytes() + 4 * vertex_count);
+    EXPECT_TRUE(Compact(mesh)->gradient_magnitudes.empty());
+  }
+}
+
 TEST(CompactMeshTest, SaysTheSameAsTheMeshItWasMadeOf) {
   const BlockMesh mesh = MakeMesh(1000, 1900);
   const std::shared_ptr<const CompactMesh> compact = Compact(mesh);

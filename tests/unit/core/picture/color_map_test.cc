@@ -81,6 +81,19 @@ TEST(ColorMapTest, WithoutARangeItIsTheVolumesBox) {
   EXPECT_EQ(ColorRangeOf(color_by, geometry), (frame::ColorRange{100, 160}));
   color_by.range = frame::ColorRange{0, 1};
   EXPECT_EQ(ColorRangeOf(color_by, geometry), (frame::ColorRange{0, 1}));
+  color_by.quantity = frame::ColorBy::Quantity::kGradientMagnitude;
+  EXPECT_EQ(ColorRangeOf(color_by, geometry), (frame::ColorRange{0, 1}));
+}
+
+TEST(ColorMapTest, OpacityIsLinearFromTheFirstStepToTheLastAndExactAtBoth) {
+  frame::ColorBy color_by{.opacity_at_min = 0.1F, .opacity_at_max = 0.7F};
+  EXPECT_EQ(OpacityOf(color_by, 0), 0.1F);
+  EXPECT_EQ(OpacityOf(color_by, kColorMapSteps - 1), 0.7F);
+  EXPECT_NEAR(OpacityOf(color_by, 85), 0.3F, 1e-6F);
+  color_by = {};
+  for (std::size_t step = 0; step < kColorMapSteps; ++step) {
+    ASSERT_EQ(OpacityOf(color_by, step), 1.0F) << step;
+  }
 }
 
 }  // namespace

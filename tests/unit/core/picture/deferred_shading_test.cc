@@ -366,6 +366,19 @@ TEST(DeferredShadingTest, APositionHasItsColorOfTheMap) {
   }
 }
 
+TEST(DeferredShadingTest, AMapWithOpacitiesLeavesItsStepInAlpha) {
+  frame::FrameSpec spec = SpecOf({}, 1);
+  spec.surfaces[0].color_by = ColorBy{.quantity = ColorBy::Quantity::kPositionX,
+                                      .map = frame::ColorMap::kGrey,
+                                      .opacity_at_max = 0.5F};
+  spec.surfaces[0].appearance = {.ambient = 1, .diffuse = 0.0F, .specular = 0};
+  const DeferredShader shader(spec, MakeView(view::Projection::kOrthographic), kOrder);
+  for (int x = 0; x < kViewport.width_px; ++x) {
+    const Rgba8 color = ShadeOne(shader, FragmentOf(x, 40, {0, 0, 1}));
+    ASSERT_EQ(color.a, color.r) << "the grey map's colours are its steps, at " << x;
+  }
+}
+
 // An image with a fragment at every third pixel, and pixels that are covered but background.
 image::FrameImage ImageOf(const RandomScene& scene, const view::Region& region) {
   image::FrameImage image(region.width_px, region.height_px);

@@ -107,6 +107,36 @@ TEST_F(LayerBlendingTest, ALayerTooManyThatTheOpaqueFragmentHidesIsNotCounted) {
   EXPECT_EQ(BlendLayers(layers, spec_, &image_), 0);
 }
 
+TEST_F(LayerBlendingTest, OpacitiesOfAMapAreThoseOfTheStepInAlpha) {
+  spec_.surfaces[1].color_by = frame::ColorBy{.opacity_at_min = 0, .opacity_at_max = 1};
+  spec_.max_layers = 3;
+  image::LayerStack layers = Stack();
+  const auto red = [](std::uint8_t step) { return Rgba8{255, 0, 0, step}; };
+  for (const int x : {0, 1, 2, 3}) {
+    image_.Set(x, 0, Key(0.9F, 0), kBlue);
+  }
+  layers.Insert(0, 0, Key(0.5F, 1), red(255));  // half opaque, by the surface
+  layers.Insert(1, 0, Key(0.5F, 1), red(51));   // a fifth of that
+  layers.Insert(2, 0, Key(0.5F, 1), red(0));    // nothing
+  layers.Insert(3, 0, Key(0.4F, 1), red(0));
+  layers.Insert(3, 0, Key(0.5F, 2), kGreen);
+  EXPECT_EQ(BlendLayers(layers, spec_, &image_), 0);
+  EXPECT_EQ(At(0, 0), (Rgba8{Srgb(0.5F), 0, Srgb(0.5F), 255}));
+  EXPECT_EQ(At(1, 0), (Rgba8{Srgb(0.1F), 0, Srgb(0.9F), 255}));
+  EXPECT_EQ(At(2, 0), kBlue);
+  EXPECT_EQ(At(3, 0), (Rgba8{0, Srgb(0.25F), Srgb(0.75F), 255})) << "as if it were not there";
+}
+
+TEST_F(LayerBlendingTest, LayersOfOpacity0LeaveTheBackgroundAndCountAsLayers) {
+  spec_.surfaces[1].color_by = frame::ColorBy{.opacity_at_min = 0, .opacity_at_max = 1};
+  image::LayerStack layers = Stack();
+  for (const float depth : {0.3F, 0.4F, 0.5F}) {
+    layers.Insert(4, 4, Key(depth, 1), {9, 9, 9, 0});
+  }
+  EXPECT_EQ(BlendLayers(layers, spec_, &image_), 1);
+  EXPECT_EQ(At(4, 4), Rgba8{}) << "background";
+}
+
 TEST_F(LayerBlendingTest, PlanesTellTheNearestFragmentHoweverTranslucent) {
   image::LayerStack layers = Stack();
   image_.Set(4, 5, Key(0.9F, 0), kBlue);

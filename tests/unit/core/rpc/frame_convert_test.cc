@@ -159,7 +159,9 @@ TEST(FrameSpecFromProtoTest, LightsAndColorByArriveAndGoBack) {
                            .color = {255, 0, 128, 255}};
   const frame::ColorBy by_z{.quantity = frame::ColorBy::Quantity::kPositionZ,
                             .map = frame::ColorMap::kCoolWarm,
-                            .range = frame::ColorRange{-1, 4}};
+                            .range = frame::ColorRange{-1, 4},
+                            .opacity_at_min = 0,
+                            .opacity_at_max = 0.75F};
   const frame::ColorBy by_normal{.quantity = frame::ColorBy::Quantity::kNormal};
   isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
   request.set_isovalue(0);
@@ -174,6 +176,54 @@ TEST(FrameSpecFromProtoTest, LightsAndColorByArriveAndGoBack) {
   EXPECT_EQ(spec.surfaces[0].color_by, by_z);
   EXPECT_EQ(spec.surfaces[1].color_by, by_normal);
   EXPECT_EQ(spec.surfaces[2].color_by, frame::ColorBy());
+  EXPECT_TRUE(spec.surfaces[0].is_translucent()) << "by the opacities of its map alone";
+  EXPECT_FALSE(spec.surfaces[2].is_translucent());
+  EXPECT_FALSE(ToProto(frame::ColorBy()).has_opacity());
+}
+
+TEST(ResolveColorRangesTest, TheGradientsMapEndsAtTheDatasetsBound) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  const frame::ColorBy by_gradient{.quantity = frame::ColorBy::Quantity::kGradientMagnitude,
+                                   .map = frame::ColorMap::kTurbo};
+  frame::ColorBy with_range = by_gradient;
+  with_range.range = frame::ColorRange{3, 4};
+  request.add_surfaces();
+  *request.add_surfaces()->mutable_color_by() = ToProto(by_gradient);
+  *request.add_surfaces()->mutable_color_by() = ToProto(with_range);
+  *request.add_surfaces()->mutable_color_by() = ToProto(frame::ColorBy());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("ct");
+  for (const double bound : {12.5, 0.0}) {
+    dataset.set_max_gradient_magnitude(bound);
+    isoscope::v1::RenderIsosurfaceRequest resolved = request;
+    frame::FrameSpec resolved_spec = spec;
+    ISOSCOPE_ASSERT_OK(ResolveColorRanges(dataset, &resolved, &resolved_spec));
+    EXPECT_EQ(resolved_spec.surfaces[1].color_by->range,
+              (frame::ColorRange{0, bound > 0 ? bound : 1}));
+    EXPECT_EQ(resolved_spec.surfaces[2].color_by, with_range);
+    EXPECT_FALSE(resolved_spec.surfaces[3].color_by->range.has_value());
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec again, FrameSpecFromProto(resolved));
+    EXPECT_EQ(again, resolved_spec) << "agents read the same from the message";
+  }
+}
+
+TEST(ResolveColorRangesTest, ADatasetWithoutTheBoundNeedsARange) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.set_isovalue(0);
+  request.add_surfaces()->mutable_color_by()->set_quantity(
+      isoscope::v1::ColorBy::QUANTITY_GRADIENT_MAGNITUDE);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  isoscope::v1::Dataset dataset;
+  dataset.set_name("ct");
+  EXPECT_THAT(ResolveColorRanges(dataset, &request, &spec),
+              StatusIs(absl::StatusCode::kInvalidArgument,
+                       HasSubstr("surfaces[0].color_by.range is not set: required, because dataset "
+                                 "'ct'")));
+  request.mutable_surfaces(0)->mutable_color_by()->mutable_range()->set_max(2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  ISOSCOPE_EXPECT_OK(ResolveColorRanges(dataset, &request, &spec));
 }
 
 TEST(FrameSpecFromProtoTest, EveryColorMapIsKnown) {
@@ -234,7 +284,7 @@ TEST(FrameSpecFromProtoTest, HostileLightsAndColorByAreNamed) {
          color_by(r)->set_quantity(
              static_cast<isoscope::v1::ColorBy::Quantity>(static_cast<int>(v)));
        },
-       {0, -1, 5}},
+       {0, -1, 6}},
       {"surfaces[0].color_by.color_map",
        [&](Request* r, double v) {
          color_by(r)->set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(v)));
@@ -246,6 +296,23 @@ TEST(FrameSpecFromProtoTest, HostileLightsAndColorByAreNamed) {
       {"surfaces[0].color_by.range.max",
        [&](Request* r, double v) { color_by(r)->mutable_range()->set_max(v); },
        {kNan, -kInfinity, 0, -1}},
+      {"surfaces[0].color_by.opacity.at_min",
+       [&](Request* r, double v) {
+         color_by(r)->mutable_opacity()->set_at_min(static_cast<float>(v));
+       },
+       {kNan, -0.01, 1.01, kInfinity}},
+      {"surfaces[0].color_by.opacity.at_max",
+       [&](Request* r, double v) {
+         color_by(r)->mutable_opacity()->set_at_max(static_cast<float>(v));
+       },
+       {kNan, -1, 2, -kInfinity}},
+      {"surfaces[0].color_by.opacity is set beside",
+       [&](Request* r, double) {
+         color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);
+         color_by(r)->clear_range();
+         color_by(r)->mutable_opacity();
+       },
+       {0}},
       {"surfaces[0].color_by.range is set beside",
        [&](Request* r, double) {
          color_by(r)->set_quantity(isoscope::v1::ColorBy::QUANTITY_NORMAL);

@@ -289,5 +289,40 @@ TEST(ManifestTest, APatientFrameThatIsNoneIsDamage) {
   }
 }
 
+// A manifest with a bound of the gradient, sealed anew.
+std::string TextWithBound(const Manifest& manifest, const std::string& value) {
+  Manifest with = manifest;
+  with.max_gradient_magnitude = 7777;
+  std::string text = EncodeManifest(with);
+  const std::size_t digits = text.find("\"crc32c\": \"") + 11;
+  text.replace(digits, 8, "00000000");
+  return SealJson(Replaced(text, "7777.0", value));
+}
+
+TEST(ManifestTest, ABoundOfTheGradientIsOptionalAndKept) {
+  Manifest manifest =
+      DecodeManifest(SealJson(Replaced(kText, "@@@@@@@@", "00000000")), "m").value();
+  EXPECT_FALSE(manifest.max_gradient_magnitude.has_value());
+  const std::string id_without = ComputeDatasetId(manifest);
+  for (const double bound : {0.0, 1.0 / 3, 1.7976931348623157e308}) {
+    manifest.max_gradient_magnitude = bound;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Manifest decoded,
+                                  DecodeManifest(EncodeManifest(manifest), "m"));
+    EXPECT_EQ(decoded, manifest);
+  }
+  EXPECT_EQ(ComputeDatasetId(manifest), id_without) << "it follows from the samples";
+}
+
+TEST(ManifestTest, ABoundOfTheGradientThatIsNoneIsDamage) {
+  const Manifest manifest =
+      DecodeManifest(SealJson(Replaced(kText, "@@@@@@@@", "00000000")), "m").value();
+  ISOSCOPE_EXPECT_OK(DecodeManifest(TextWithBound(manifest, "2"), "m").status());
+  for (const char* value : {"-1", "\"inf\"", "\"-inf\"", "\"nan\"", "null", "[1]", "1e999"}) {
+    EXPECT_THAT(DecodeManifest(TextWithBound(manifest, value), "m"),
+                StatusIs(absl::StatusCode::kDataLoss, _))
+        << value;
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::store

@@ -1,0 +1,211 @@
+// Two samples differ by the block's range of values at most, which bounds all lengths: most blocks
+// of a large volume need no more than that. In others, row by row: squares of lengths of the
+// doubled gradients, the largest one at each x. Where a neighbour is missing the sample itself
+// takes its place and the difference counts twice. Blocks with samples that are not finite, or
+// whose squares overflow, are done again one sample at a time, with all checks.
+
+#include "core/extract/gradient_bound.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <vector>
+
+#include "core/extract/vertex_batch.h"
+#include "core/math/vec.h"
+#include "core/volume/min_max.h"
+#include "core/volume/scalar_span.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::extract {
+namespace {
+
+// The samples before and after those of a row along an axis, and what their difference counts.
+struct Neighbours {
+  const char* before = nullptr;
+  const char* after = nullptr;
+  double factor = 1;
+};
+
+struct BoundTask {
+  const char* bytes = nullptr;
+  Strides grid{};
+  math::Mat3d to_world;
+  math::IndexBox box;       // counted from the first stored sample
+  bool is_interior = true;  // all samples of the box have all neighbours
+};
+
+// By axis, for the samples (begin + i, y, z); along x for samples with both neighbours.
+template <typename T>
+std::array<Neighbours, 3> NeighboursOf(const BoundTask& task, std::size_t begin, std::size_t y,
+                                       std::size_t z) {
+  const std::array<std::size_t, 3> at{begin, y, z};
+  const std::size_t first = begin + y * task.grid.samples[1] + z * task.grid.samples[2];
+  std::array<Neighbours, 3> all;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const bool has_lower = at[axis] > 0;
+    const bool has_upper = at[axis] + 1 < task.grid.dims[axis];
+    const std::size_t stride = task.grid.samples[axis];
+    all[axis].before = task.bytes + (first - (has_lower ? stride : 0)) * sizeof(T);
+    all[axis].after = task.bytes + (first + (has_upper ? stride : 0)) * sizeof(T);
+    all[axis].factor = has_lower && has_upper ? 1 : 2;
+  }
+  return all;
+}
+
+// Raises maxima[i] to the squared length of the doubled gradient of sample i. A plain loop, which
+// compilers turn into SIMD.
+template <typename T>
+void RaiseRow(const std::array<Neighbours, 3>& neighbours, const math::Mat3d& to_world,
+              std::size_t count, double* maxima) {
+  const auto [x, y, z] = neighbours;
+  const math::Vec3d& cx = to_world.columns[0];
+  const math::Vec3d& cy = to_world.columns[1];
+  const math::Vec3d& cz = to_world.columns[2];
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto along = [i](const Neighbours& n) {
+      return static_cast<double>(
+                 Subtract<T>(LoadSample<T>(n.after, i), LoadSample<T>(n.before, i))) *
+             n.factor;
+    };
+    const double gx = along(x);
+    const double gy = along(y);
+    const double gz = along(z);
+    const double wx = cx.x * gx + cy.x * gy + cz.x * gz;
+    const double wy = cx.y * gx + cy.y * gy + cz.y * gz;
+    const double wz = cx.z * gx + cy.z * gy + cz.z * gz;
+    const double square = wx * wx + wy * wy + wz * wz;
+    maxima[i] = square > maxima[i] ? square : maxima[i];
+  }
+}
+
+template <typename T>
+double MaxPlainly(const BoundTask& task) {
+  const auto begin = static_cast<std::size_t>(task.box.begin.x);
+  const auto end = static_cast<std::size_t>(task.box.end.x);
+  std::vector<double> maxima(end - begin, 0.0);
+  const auto raise = [&](std::size_t first, std::size_t last, std::size_t y, std::size_t z) {
+    RaiseRow<T>(NeighboursOf<T>(task, first, y, z), task.to_world, last - first,
+                maxima.data() + (first - begin));
+  };
+  for (auto z = static_cast<std::size_t>(task.box.begin.z);
+       z < static_cast<std::size_t>(task.box.end.z); ++z) {
+    for (auto y = static_cast<std::size_t>(task.box.begin.y);
+         y < static_cast<std::size_t>(task.box.end.y); ++y) {
+      std::size_t first = begin;
+      std::size_t last = end;
+      if (first == 0) {
+        raise(0, 1, y, z);
+        first = 1;
+      }
+      if (last == task.grid.dims[0] && last > first) {
+        raise(last - 1, last, y, z);
+        --last;
+      }
+      if (first < last) {
+        raise(first, last, y, z);
+      }
+    }
+  }
+  return std::sqrt(*std::max_element(maxima.begin(), maxima.end())) / 2;
+}
+
+template <typename T>
+double MaxCarefully(const BoundTask& task) {
+  double largest = 0;
+  for (std::int64_t z = task.box.begin.z; z < task.box.end.z; ++z) {
+    for (std::int64_t y = task.box.begin.y; y < task.box.end.y; ++y) {
+      for (std::int64_t x = task.box.begin.x; x < task.box.end.x; ++x) {
+        const std::size_t sample = static_cast<std::size_t>(x) +
+                                   static_cast<std::size_t>(y) * task.grid.samples[1] +
+                                   static_cast<std::size_t>(z) * task.grid.samples[2];
+        math::Vec3d gradient;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          gradient[static_cast<int>(axis)] =
+              static_cast<double>(CarefulGradient<T>(task.bytes, task.grid, sample, axis)) / 2;
+        }
+        const math::Vec3d world = task.to_world * gradient;
+        const double length = std::hypot(world.x, world.y, world.z);
+        if (std::isfinite(length)) {
+          largest = std::max(largest, length);
+        }
+      }
+    }
+  }
+  return largest;
+}
+
+template <typename T>
+bool AllFinite(const char* bytes, std::size_t count) {
+  bool all = true;
+  for (std::size_t i = 0; i < count; ++i) {
+    all &= std::isfinite(LoadSample<T>(bytes, i));
+  }
+  return all;
+}
+
+// Returns a bound of all lengths. A component of the gradient is at most the range R of the samples
+// (half of it where both neighbours are there), so |W g|^2, the sum over axes i, k of
+// g_i g_k (w_i . w_k) with the columns w of W, is at most R^2 times the sum of |w_i . w_k|.
+template <typename T>
+double RoughBound(const BoundTask& task) {
+  volume::MinMax<T> min_max;
+  min_max.AddRow(task.bytes, task.grid.dims[0] * task.grid.dims[1] * task.grid.dims[2]);
+  const volume::ScalarSpan span = min_max.Get();
+  if (!(span.min <= span.max)) {
+    return 0;  // all samples are NaN
+  }
+  double products = 0;
+  for (const math::Vec3d& a : task.to_world.columns) {
+    for (const math::Vec3d& b : task.to_world.columns) {
+      products += std::abs(math::Dot(a, b));
+    }
+  }
+  const double most = (span.max - span.min) * (task.is_interior && std::is_integral_v<T> ? 0.5 : 1);
+  return most * std::sqrt(products) * (1 + 1e-9);  // rounding
+}
+
+template <typename T>
+double MaxOf(const BoundTask& task, double so_far) {
+  // False for NaN.
+  if (RoughBound<T>(task) <= so_far) {
+    return so_far;
+  }
+  if constexpr (std::is_floating_point_v<T>) {
+    if (!AllFinite<T>(task.bytes, task.grid.dims[0] * task.grid.dims[1] * task.grid.dims[2])) {
+      return std::max(so_far, MaxCarefully<T>(task));
+    }
+  }
+  const double largest = MaxPlainly<T>(task);
+  return std::max(so_far, std::isfinite(largest) ? largest : MaxCarefully<T>(task));
+}
+
+}  // namespace
+
+double MaxGradientMagnitude(const volume::BlockLayout& layout,
+                            const math::Mat3d& world_gradient_from_index,
+                            const volume::BlockSamples& samples, const math::IndexBox& box,
+                            double so_far) {
+  const math::IndexBox stored = layout.StoredSamplesOf(samples.block_id);
+  if (math::Volume(box.dims()) == 0) {
+    return so_far;
+  }
+  const math::Index3 dims = stored.dims();
+  BoundTask task{.bytes = samples.bytes,
+                 .to_world = world_gradient_from_index,
+                 .box = {.begin = box.begin - stored.begin, .end = box.end - stored.begin}};
+  for (int axis = 0; axis < 3; ++axis) {
+    task.grid.dims[static_cast<std::size_t>(axis)] = static_cast<std::size_t>(dims[axis]);
+    task.is_interior =
+        task.is_interior && task.box.begin[axis] > 0 && task.box.end[axis] < dims[axis];
+  }
+  task.grid.samples = {1, task.grid.dims[0], task.grid.dims[0] * task.grid.dims[1]};
+  return volume::VisitScalarType(samples.type,
+                                 [&]<typename T>() { return MaxOf<T>(task, so_far); });
+}
+
+}  // namespace isoscope::extract

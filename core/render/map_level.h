@@ -1,0 +1,58 @@
+// From the length of the gradient to a step of a surface's colour map. Steps are made here, where
+// the length is known, and coloured where the light is computed (core/picture/deferred_shading.h).
+
+#ifndef ISOSCOPE_CORE_RENDER_MAP_LEVEL_H_
+#define ISOSCOPE_CORE_RENDER_MAP_LEVEL_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/frame/frame_spec.h"
+
+namespace isoscope::render {
+
+// Levels are linear in the length: 0 at the least value of the range, kMapSteps at the greatest.
+inline constexpr int kMapSteps = 256;
+
+class MapScale {
+ public:
+  explicit MapScale(const frame::ColorRange& range)
+      : min_(range.min), length_(range.max - range.min) {}
+
+  // Finite. REQUIRES: magnitude is finite.
+  [[nodiscard]] float LevelOf(float magnitude) const {
+    const double share = (static_cast<double>(magnitude) - min_) / length_;
+    return static_cast<float>(std::clamp(share * kMapSteps, -kMostLevel, kMostLevel));
+  }
+
+ private:
+  static constexpr double kMostLevel = 1e30;
+
+  double min_;
+  double length_;
+};
+
+// The step of a level: kMapSteps of one length; levels outside have that of the nearest end.
+inline std::uint8_t MapStepOf(float level) {
+  // False for NaN.
+  return level > 0 ? static_cast<std::uint8_t>(std::min(level, kMapSteps - 1.0F)) : std::uint8_t{0};
+}
+
+// By surface; none where fragments carry no step. REQUIRES: of a frame that sends map steps,
+// surfaces that show the gradient have a range.
+inline std::vector<std::optional<MapScale>> MapScalesOf(const frame::FrameSpec& spec) {
+  std::vector<std::optional<MapScale>> scales(spec.surfaces.size());
+  for (std::size_t i = 0; i < scales.size(); ++i) {
+    if (spec.sends_map_steps && spec.surfaces[i].shows_gradient()) {
+      scales[i].emplace(spec.surfaces[i].color_by->range.value());
+    }
+  }
+  return scales;
+}
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_MAP_LEVEL_H_
