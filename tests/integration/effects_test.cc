@@ -126,8 +126,7 @@ class EffectsTest : public ::testing::Test {
       surface->mutable_color()->set_alpha(is_translucent ? static_cast<float>(0.1 + 0.8 * random())
                                                          : 1.0F);
       if (below(4) == 0) {
-        surface->mutable_color_by()->set_quantity(
-            static_cast<v1::ColorBy::Quantity>(1 + below(v1::ColorBy::Quantity_MAX)));
+        surface->mutable_color_by()->set_quantity(static_cast<v1::ColorBy::Quantity>(1 + below(v1::ColorBy::Quantity_MAX)));
       }
     }
     constexpr int kMaxLayers[] = {0, 1, 3, 16};
@@ -144,6 +143,14 @@ class EffectsTest : public ::testing::Test {
       v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
       half_space->mutable_normal()->set_x(1);
       half_space->set_offset(10 + 10 * random());
+      const int caps = below(3);
+      if (caps > 0) {
+        request.mutable_caps();
+      }
+      if (caps > 1) {
+        request.mutable_caps()->set_color_map(
+            static_cast<v1::ColorMap>(1 + below(v1::ColorMap_MAX)));
+      }
     }
     request.mutable_background_color()->set_red(static_cast<float>(random()));
     constexpr float kAlphas[] = {1, 1, 0, 0.6F};
