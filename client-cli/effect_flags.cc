@@ -19,18 +19,6 @@ absl::StatusOr<std::int64_t> ParseSamples(absl::string_view text) {
   return ParseChoice<std::int64_t>(text, {{"1", 1}, {"4", 4}, {"9", 9}, {"16", 16}});
 }
 
-// Adds a flag whose value may be left out: last, before another flag, or with "=true". `parse` then
-// gets no text.
-template <typename T, typename Parser>
-CLI::Option* AddFlagWithDefault(CLI::App* app, const std::string& name,
-                                const std::string& type_name, std::optional<T>* value, Parser parse,
-                                const std::string& help) {
-  const auto parse_given = [parse](absl::string_view text) {
-    return parse(text == "true" ? absl::string_view() : text);  // CLI11 gives it for no value
-  };
-  return AddFlag(app, name, type_name, value, parse_given, help)->expected(0, 1);
-}
-
 }  // namespace
 
 absl::StatusOr<AmbientOcclusionValue> ParseAmbientOcclusion(absl::string_view text) {

@@ -30,6 +30,18 @@ CLI::Option* AddFlag(CLI::App* app, const std::string& name, const std::string& 
   return option->type_name(type_name);
 }
 
+// Adds a flag whose value may be left out: last, before another flag, or with "=true". `parse` then
+// gets no text.
+template <typename T, typename Parser>
+CLI::Option* AddFlagWithDefault(CLI::App* app, const std::string& name,
+                                const std::string& type_name, std::optional<T>* value, Parser parse,
+                                const std::string& help) {
+  const auto parse_given = [parse](absl::string_view text) {
+    return parse(text == "true" ? absl::string_view() : text);  // CLI11 gives it for no value
+  };
+  return AddFlag(app, name, type_name, value, parse_given, help)->expected(0, 1);
+}
+
 // The part that the two flags with several values have in common.
 template <typename T, typename Parser>
 CLI::Option* AddValuesFlag(CLI::App* app, const std::string& name, const std::string& type_name,

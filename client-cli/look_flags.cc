@@ -144,6 +144,19 @@ absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
   return ColorByValue{color_by};
 }
 
+absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text) {
+  frame::ClipCaps caps;
+  if (text.empty()) {
+    return caps;
+  }
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, absl::MaxSplits(':', 1));
+  ISOSCOPE_ASSIGN_OR_RETURN(caps.map, ParseChoice<ColorMap>(parts[0], ColorMapNames()));
+  if (parts.size() > 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(caps.range, ParseColorRange(parts[1]));
+  }
+  return caps;
+}
+
 bool LookFlags::colors_by_position() const {
   return std::any_of(color_by.begin(), color_by.end(), [](const ColorByValue& value) {
     return value.color_by && value.color_by->quantity != ColorBy::Quantity::kNormal;

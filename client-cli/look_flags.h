@@ -33,6 +33,9 @@ struct ColorByValue {
 };
 absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text);
 
+// "" or "MAP[:MIN,MAX]": caps that show their surface, or the samples.
+absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text);
+
 struct LookFlags {
   std::vector<frame::Light> lights = {};
   std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights

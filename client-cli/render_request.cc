@@ -6,9 +6,11 @@
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/flags.h"
+#include "client-cli/look_flags.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/frame/frame_spec.h"
+#include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/clip_region.h"
 
@@ -59,6 +61,10 @@ void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
   AddFlag(app, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
           "colour behind it, 0 to 1 each (default: 0,0,0,1)");
   AddClipFlags(app, &flags->clip);
+  AddFlagWithDefault(app, "--caps", "[MAP[:MIN,MAX]]", &flags->caps, ParseCaps,
+                     "fill the cuts of --clip-plane and --clip-box through opaque surfaces, with "
+                     "their colour, or with the samples through a map of --color-by (default "
+                     "range: all samples)");
   AddCameraFlags(app, &flags->camera);
 }
 
@@ -92,6 +98,9 @@ absl::Status CheckUsage(const RequestFlags& flags) {
       return UsageError(absl::StrCat("--region: ", status.message()));
     }
   }
+  if (flags.caps && flags.clip.empty()) {
+    return UsageError("--caps fills the cuts of --clip-plane and --clip-box: give at least one");
+  }
   return CheckUsage(flags.camera);
 }
 
@@ -111,6 +120,9 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   request.set_max_layers(static_cast<std::int32_t>(flags.max_layers.value_or(0)));
   if (!flags.clip.empty()) {
     *request.mutable_clip() = ToProto(flags.clip);
+  }
+  if (flags.caps) {
+    *request.mutable_caps() = rpc::ToProto(*flags.caps);
   }
   *request.mutable_camera() = rpc::ToProto(camera);
   request.mutable_viewport()->set_width_px(flags.viewport().width_px);

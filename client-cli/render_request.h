@@ -14,6 +14,7 @@
 #include "client-cli/camera_flags.h"
 #include "client-cli/clip_flags.h"
 #include "client-cli/parse_value.h"
+#include "core/frame/appearance.h"
 #include "core/frame/culling.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -32,6 +33,7 @@ struct RequestFlags {
   std::vector<SurfaceValue> surfaces = {};
   std::optional<std::int64_t> max_layers = std::nullopt;
   ClipFlags clip = {};
+  std::optional<frame::ClipCaps> caps = std::nullopt;
 
   // The levels of all surfaces.
   [[nodiscard]] std::vector<double> isovalues() const;

@@ -9,6 +9,8 @@
 // Translucent surfaces occlude nothing: no ray looks for them, and step 3 draws them for all
 // blocks, within what the opaque occluders leave open (render::LayerPass).
 //
+// The caps of clip planes are drawn with the occluders, so that they hide blocks too (cap_drawing).
+//
 // Steps 0 and 1 run side by side: rays need the range table of the whole volume only. With kNone
 // step 0 is followed by one pass over all blocks.
 
@@ -39,6 +41,7 @@
 #include "core/visibility/open_pixels.h"
 #include "core/volume/block_set.h"
 #include "core/volume/range_table.h"
+#include "partition-agent/cap_drawing.h"
 #include "partition-agent/mesh_supply.h"
 #include "partition-agent/surface_blocks.h"
 
@@ -91,7 +94,7 @@ class FramePipeline::Impl {
       occluding_ = blocks;
       std::erase_if(chosen, [this](const ChosenMesh& mesh) { return IsTranslucent(mesh); });
     }
-    return Draw(chosen, blocks.size());
+    return DrawWithCaps(chosen, blocks.size(), frame::Culling::kDepth);
   }
 
   absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
@@ -120,14 +123,16 @@ class FramePipeline::Impl {
         mesh.open = &masks[static_cast<std::size_t>(found - blocks.begin())];
       }
     }
-    return Draw(chosen, blocks.size() - drawn_before);
+    return DrawWithCaps(chosen, blocks.size() - drawn_before, frame::Culling::kMask);
   }
 
   absl::StatusOr<image::FrameImage> RenderAll() {
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kFirst, Step::kNone);
     ISOSCOPE_RETURN_IF_ERROR(FindBlocks());
-    return Draw(blocks_->ChooseAll(), static_cast<std::size_t>(statistics_.active_block_count));
+    return DrawWithCaps(blocks_->ChooseAll(),
+                        static_cast<std::size_t>(statistics_.active_block_count),
+                        frame::Culling::kNone);
   }
 
   std::vector<std::string> Encode(const image::FrameImage& image) {
@@ -265,6 +270,26 @@ class FramePipeline::Impl {
     return pass->Finish(cancellation_);
   }
 
+  // Draws, and adds the caps if they belong to this step: that of frames with the given culling.
+  // Caps occlude what is behind them. The 1-bit mask knows no depth, so there they come last.
+  absl::StatusOr<image::FrameImage> DrawWithCaps(const std::vector<ChosenMesh>& chosen,
+                                                 std::size_t block_count,
+                                                 frame::Culling of_culling) {
+    absl::StatusOr<image::FrameImage> image = Draw(chosen, block_count);
+    if (!image.ok() || !task_.spec.caps.has_value() || task_.spec.culling != of_culling) {
+      return image;
+    }
+    const base::ScopedTimer timer(&statistics_.render_duration);
+    const image::FragmentOrder order{
+        .block_count = static_cast<std::uint32_t>(layout_.block_count()),
+        .ties = frame::TieRuleOf(resources_.renderer->picture_revision().back_end)};
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::int64_t read_bytes,
+        DrawCaps(shards_, view_, task_.spec, order, resources_, cancellation_, &*image));
+    statistics_.read_bytes += read_bytes;
+    return image;
+  }
+
   [[nodiscard]] bool IsTranslucent(const ChosenMesh& mesh) const {
     return task_.spec.surfaces[mesh.surface_index].is_translucent();
   }
@@ -310,7 +335,7 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
     ISOSCOPE_CHECK_EQ(shard->reader->manifest().dataset_id, first.manifest().dataset_id);
   }
   ISOSCOPE_RETURN_IF_ERROR(
-      frame::CheckOwners(task.spec.surfaces.size(), first.layout().block_count()));
+      frame::CheckOwners(frame::OwnerSurfaceCount(task.spec), first.layout().block_count()));
   if (!task.spec.camera.has_value()) {
     return absl::InvalidArgumentError("the frame has no camera; the coordinator must resolve it");
   }

@@ -57,6 +57,14 @@ bool NeedsPlanes(const frame::OutputSpec& wanted, const FrameOutput& output) {
          (wanted.position && output.position.empty()) || (wanted.normal && output.normal.empty());
 }
 
+// Caps with the samples have a colour, but no normal. Planes and picks ask for caps of the surface.
+void ShowSurfacesOnCaps(frame::FrameSpec* spec, v1::RenderIsosurfaceRequest* request) {
+  if (spec->caps.has_value()) {
+    spec->caps = frame::ClipCaps();
+    request->mutable_caps()->Clear();
+  }
+}
+
 // Tells how the surfaces were coloured.
 void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geometry,
                   v1::RenderIsosurfaceResponse* response) {
@@ -183,10 +191,8 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
         view::View::Make(*spec_.camera, window.viewport, target.view.geometry(), window.region));
   }
   const FrameTarget& drawn = larger.has_value() ? *larger : target;
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      FrameResult result,
-      Draw(frame_number, drawn, window,
-           picture::NeedsDeferredShading(spec_) ? Content::kWhatShadingNeeds : Content::kColors));
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
+                            Draw(frame_number, drawn, window, Content::kPicture));
   *statistics = StatisticsOf(result);
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
@@ -194,8 +200,9 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
     // With normals in place of colours, the plane is there already.
-    const bool has_normals =
-        picture::NeedsDeferredShading(spec_) && layers_.empty() && !frame::ShowsGradient(spec_);
+    const bool shows_samples = spec_.caps.has_value() && spec_.caps->map.has_value();
+    const bool has_normals = picture::NeedsDeferredShading(spec_) && layers_.empty() &&
+                             !shows_samples && !frame::ShowsGradient(spec_);
     if (spec_.output.normal && has_normals && !larger.has_value()) {
       output->normal = NormalPlane(drawn_);
     }
@@ -231,8 +238,7 @@ absl::Status FrameCall::RenderPlanes(std::int64_t frame_number, const FrameTarge
                                      FrameOutput* output, v1::RenderStatistics* statistics) {
   const frame::DrawnWindow plain{.viewport = spec_.viewport, .region = spec_.region};
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                            Draw(frame_number, target, plain,
-                                 spec_.output.normal ? Content::kNormals : Content::kColors));
+                            Draw(frame_number, target, plain, Content::kPlanes));
   const bool is_first = spec_.output.image_format == frame::ImageFormat::kNone;
   if (is_first) {
     *statistics = StatisticsOf(result);
@@ -264,9 +270,14 @@ absl::StatusOr<FrameResult> FrameCall::Draw(std::int64_t frame_number, const Fra
   spec.viewport = window.viewport;
   spec.region = window.region;
   spec.effects = {};
-  spec.sends_normals = content != Content::kColors;
-  spec.sends_map_steps = content == Content::kWhatShadingNeeds && frame::ShowsGradient(spec);
   v1::RenderIsosurfaceRequest request = request_;
+  if (content == Content::kPicture) {
+    spec.sends_normals = picture::NeedsDeferredShading(spec);
+    spec.sends_map_steps = frame::ShowsGradient(spec);
+  } else {
+    spec.sends_normals = spec.output.normal;
+    ShowSurfacesOnCaps(&spec, &request);
+  }
   *request.mutable_viewport() = rpc::ToProto(window.viewport);
   if (window.region.has_value()) {
     *request.mutable_region() = rpc::ToProto(*window.region);
@@ -305,6 +316,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
+  ShowSurfacesOnCaps(&spec_, &request_);
   ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
                             runner_->Run(frame_number, request_, spec_, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);
@@ -363,6 +375,9 @@ absl::Status FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTar
   }
   out->set_block_id(point->block_id);
   const std::optional<std::size_t> agent = AgentOf(point->block_id, active);
+  if (!agent.has_value() && spec_.caps.has_value()) {
+    return absl::OkStatus();  // a cap in a block that no surface meets
+  }
   if (!agent.has_value()) {
     return absl::InternalError(absl::StrCat("pixel ", pixel.x, ", ", pixel.y, " shows block ",
                                             point->block_id, ", which no agent has"));

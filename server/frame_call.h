@@ -101,8 +101,9 @@ class FrameCall {
                              FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
   absl::Status RenderPlanes(std::int64_t frame_number, const FrameTarget& target,
                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
-  // What the agents' pixels carry.
-  enum class Content { kColors, kNormals, kWhatShadingNeeds };
+  // What pixels are drawn for. Pictures have colours, or normals to shade; planes have normals if
+  // they are asked for.
+  enum class Content { kPicture, kPlanes };
   absl::StatusOr<FrameResult> Draw(std::int64_t frame_number, const FrameTarget& target,
                                    const frame::DrawnWindow& window, Content content);
   // Adds the gradients at all points that were hit.

@@ -119,7 +119,8 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(dataset, geometry, layout, cancellation, request, spec));
   ISOSCOPE_ASSIGN_OR_RETURN(
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
-  ISOSCOPE_RETURN_IF_ERROR(frame::CheckOwners(spec->surfaces.size(), layout.block_count()));
+  ISOSCOPE_RETURN_IF_ERROR(
+      frame::CheckOwners(frame::OwnerSurfaceCount(*spec), layout.block_count()));
   if (is_each_shard_apart) {
     dataset.agents = EachShardApart(dataset.agents);
   }

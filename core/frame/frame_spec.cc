@@ -25,6 +25,11 @@ std::vector<double> IsovaluesOf(const FrameSpec& spec) {
   return isovalues;
 }
 
+std::size_t OwnerSurfaceCount(const FrameSpec& spec) {
+  const bool has_maps = spec.caps.has_value() && spec.caps->map.has_value();
+  return spec.surfaces.size() * (has_maps ? 2 : 1);
+}
+
 absl::Status CheckOwners(std::size_t surface_count, std::int64_t block_count) {
   const auto surfaces = static_cast<std::int64_t>(surface_count);
   const std::int64_t max_owners = image::kNoOwner;

@@ -87,6 +87,10 @@ bool ShowsGradient(const FrameSpec& spec);
 // Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);
 
+// Returns the number of surfaces that owners tell apart. Where colours come as normals, a cap that
+// shows samples has a colour: the owner is that of a surface behind the last one, in their order.
+std::size_t OwnerSurfaceCount(const FrameSpec& spec);
+
 // INVALID_ARGUMENT if the owners of fragments of `surface_count` surfaces, in a volume of
 // `block_count` blocks, do not fit into 32 bits (image::FragmentOrder).
 absl::Status CheckOwners(std::size_t surface_count, std::int64_t block_count);

@@ -83,7 +83,8 @@ DeferredShader::DeferredShader(const frame::FrameSpec& spec, const view::View& v
       unprojection_(view),
       first_x_(static_cast<float>(view.region().x) + 0.5F),
       first_y_(static_cast<float>(view.region().y) + 0.5F),
-      rays_(RayTermOf(view)) {
+      rays_(RayTermOf(view)),
+      has_sample_caps_(frame::OwnerSurfaceCount(spec) > spec.surfaces.size()) {
   ISOSCOPE_CHECK_LE(spec.surfaces.size(), frame::kMaxSurfaces);
   for (const frame::Light& light : spec.lights) {
     lights_.push_back(LightTermOf(light, view));
@@ -144,6 +145,16 @@ void DeferredShader::Shade(std::span<const NormalFragment> fragments,
   }
 }
 
+bool DeferredShader::TakeSampleCap(std::uint64_t* key) const {
+  const auto first_owner = order_.OwnerOf(static_cast<std::uint32_t>(bases_.size()), 0);
+  const std::uint32_t owner = image::OwnerOf(*key);
+  if (owner == image::kNoOwner || owner < first_owner) {
+    return false;
+  }
+  *key = (*key >> 32 << 32) | std::uint64_t{owner - first_owner};
+  return true;
+}
+
 void DeferredShader::ShadeTileRow(int row, image::FrameImage* image) const {
   constexpr int kTilePx = image::TileSet::kTilePx;
   LightBatch batch{};
@@ -165,6 +176,9 @@ void DeferredShader::ShadeTileRow(int row, image::FrameImage* image) const {
       for (unsigned rest = covered[k]; rest != 0; rest &= rest - 1) {
         const int x = column * kTilePx + std::countr_zero(rest);
         const std::size_t pixel = image->IndexOf(x, y);
+        if (has_sample_caps_ && TakeSampleCap(&image->keys[pixel])) {
+          continue;
+        }
         if (image::OwnerOf(image->keys[pixel]) != image::kNoOwner) {
           pixels[batch.count] = pixel;
           Append({x, y, image->keys[pixel], image->colors[pixel]}, &batch);

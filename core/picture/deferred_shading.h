@@ -63,8 +63,8 @@ class DeferredShader {
   // surfaces of the spec.
   void Shade(std::span<const NormalFragment> fragments, std::span<image::Rgba8> colors) const;
 
-  // Turns the normals of all covered pixels into colours. Works in parallel, in the
-  // tbb::task_arena of the caller.
+  // Turns the normals of all covered pixels into colours. Caps that show samples have theirs, and
+  // get the owner of their surface. Works in parallel, in the tbb::task_arena of the caller.
   void ShadeImage(image::FrameImage* image) const;
 
  private:
@@ -80,6 +80,9 @@ class DeferredShader {
 
   [[nodiscard]] image::Rgba8 BaseOf(const BaseColor& base, const NormalFragment& fragment) const;
   void Append(const NormalFragment& fragment, LightBatch* batch) const;
+  // Gives the owner of a cap that shows samples the number of its surface
+  // (frame::OwnerSurfaceCount). Returns false if the key is of another fragment.
+  bool TakeSampleCap(std::uint64_t* key) const;
   void ShadeTileRow(int row, image::FrameImage* image) const;
 
   const image::FragmentOrder order_;
@@ -87,6 +90,7 @@ class DeferredShader {
   const float first_x_;  // the centre of the picture's first pixel, in pixels of the whole
   const float first_y_;
   const RayTerm rays_;
+  const bool has_sample_caps_;
   std::vector<LightTerm> lights_;
   MaterialTerms materials_;
   std::vector<BaseColor> bases_;  // by surface

@@ -25,6 +25,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <optional>
 
 #include "core/base/check.h"
@@ -239,8 +240,10 @@ bool CpuRasterizer::IsClipped(std::uint32_t triangle, std::uint32_t pixel) const
       return true;
     }
     if (!weights) {
-      weights = BarycentricsAtPixel(*mesh_, triangle, *view_, static_cast<int>(pixel & 0xffff),
-                                    static_cast<int>(pixel >> 16));
+      const auto weights_at =
+          clip_weights_ == ClipWeights::kAtPixel ? BarycentricsAtPixel : BarycentricsNearPixel;
+      weights = weights_at(*mesh_, triangle, *view_, static_cast<int>(pixel & 0xffff),
+                           static_cast<int>(pixel >> 16));
     }
     if (!view::Clipper::IsKept(distances, *weights)) {
       return true;
@@ -281,7 +284,8 @@ void CpuRasterizer::Flush() {
 void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                               const view::Footprint& footprint, const image::PixelMask* open,
                               std::span<const view::HalfSpace> cut_by,
-                              absl::FunctionRef<void(const FragmentBatch&)> visit) {
+                              absl::FunctionRef<void(const FragmentBatch&)> visit,
+                              ClipWeights clip_weights) {
   rect_ = footprint.rect;
   if (open != nullptr) {
     rect_ = Intersection(rect_, BoundsOf(*open));
@@ -296,6 +300,7 @@ void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& v
   mesh_ = &mesh;
   view_ = &view;
   cut_by_ = cut_by;
+  clip_weights_ = clip_weights;
   if (!cut_by_.empty()) {
     MeasureDistances();
   }
@@ -334,13 +339,15 @@ void CpuRasterizer::Rasterize(const mesh::CompactMesh& mesh, const view::View& v
   Flush();
 }
 
-std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
-                                          const view::View& view, int x, int y) {
+namespace {
+
+// The corners of a triangle in clip space, x, y and w. Clip space is moved so that the pixel is the
+// origin.
+std::array<math::Vec3d, 3> CornersFromPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                            const view::View& view, int x, int y) {
   const std::array<double, 16>& m = view.clip_from_index().m;
   const double ndc_x = 2 * (x + view.region().x + 0.5) / view.viewport().width_px - 1;
   const double ndc_y = 1 - 2 * (y + view.region().y + 0.5) / view.viewport().height_px;
-  // Clip space is moved so that the pixel is the origin. The weight of a corner is then the edge
-  // function of the two others.
   std::array<math::Vec3d, 3> corner;
   const std::array<std::uint32_t, 3> vertices = mesh.triangles[triangle];
   for (std::size_t i = 0; i < 3; ++i) {
@@ -352,14 +359,26 @@ std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::ui
     corner[i] = {m[0] * px + m[4] * py + m[8] * pz + m[12] - ndc_x * w,
                  m[1] * px + m[5] * py + m[9] * pz + m[13] - ndc_y * w, w};
   }
+  return corner;
+}
+
+// The weight of a corner is the edge function of the two others.
+std::array<double, 3> EdgeFunctions(const std::array<math::Vec3d, 3>& corner) {
   std::array<double, 3> weights;
-  double sum = 0;
   for (std::size_t i = 0; i < 3; ++i) {
     const math::Vec3d& p = corner[(i + 1) % 3];
     const math::Vec3d& q = corner[(i + 2) % 3];
     weights[i] = p.x * q.y - p.y * q.x;
-    sum += weights[i];
   }
+  return weights;
+}
+
+}  // namespace
+
+std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                          const view::View& view, int x, int y) {
+  std::array<double, 3> weights = EdgeFunctions(CornersFromPixel(mesh, triangle, view, x, y));
+  const double sum = weights[0] + weights[1] + weights[2];
   double clamped_sum = 0;
   for (double& weight : weights) {
     weight = std::clamp(weight / sum, 0.0, 1.0);
@@ -371,6 +390,43 @@ std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::ui
   }
   for (double& weight : weights) {
     weight /= clamped_sum;
+  }
+  return weights;
+}
+
+std::array<double, 3> BarycentricsNearPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                            const view::View& view, int x, int y) {
+  const std::array<math::Vec3d, 3> corner = CornersFromPixel(mesh, triangle, view, x, y);
+  const std::array<double, 3> areas = EdgeFunctions(corner);
+  const bool is_on_triangle = (areas[0] > 0 && areas[1] > 0 && areas[2] > 0) ||
+                              (areas[0] < 0 && areas[1] < 0 && areas[2] < 0);
+  const bool is_before_eye = corner[0].z > 0 && corner[1].z > 0 && corner[2].z > 0;
+  if (is_on_triangle || !is_before_eye) {
+    return BarycentricsAtPixel(mesh, triangle, view, x, y);
+  }
+  std::array<math::Vec3d, 3> screen;  // in pixels from the pixel, but for a factor
+  for (std::size_t i = 0; i < 3; ++i) {
+    screen[i] = {corner[i].x / corner[i].z * view.viewport().width_px,
+                 corner[i].y / corner[i].z * view.viewport().height_px, 0};
+  }
+  std::array<double, 3> weights{1, 0, 0};
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::size_t j = (i + 1) % 3;
+    const math::Vec3d side = screen[j] - screen[i];
+    const double squared = math::Dot(side, side);
+    const double along =
+        squared > 0 ? std::clamp(-math::Dot(screen[i], side) / squared, 0.0, 1.0) : 0;
+    const math::Vec3d nearest = screen[i] + side * along;
+    if (const double distance = math::Dot(nearest, nearest); distance < least) {
+      least = distance;
+      // What is linear on the screen is weighted with 1 / w in space.
+      const double of_i = (1 - along) / corner[i].z;
+      const double of_j = along / corner[j].z;
+      weights = {};
+      weights[i] = of_i / (of_i + of_j);
+      weights[j] = of_j / (of_i + of_j);
+    }
   }
   return weights;
 }

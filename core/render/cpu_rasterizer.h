@@ -34,6 +34,14 @@ struct FragmentBatch {
   std::span<const std::uint32_t> triangles;
 };
 
+// The weights that tell whether a half-space keeps a fragment. A pixel may lie beside its triangle
+// by a part of a pixel, because vertices are snapped.
+enum class ClipWeights {
+  kAtPixel,  // BarycentricsAtPixel: of a sliver, those of a point far off along it
+  // BarycentricsNearPixel: what frames with caps need, so that no gap opens along a cap.
+  kNearPixel,
+};
+
 // Scratch space of one thread, reused from block to block. Thread-compatible.
 class CpuRasterizer {
  public:
@@ -41,10 +49,13 @@ class CpuRasterizer {
   // Drops fragments outside the rectangle of `footprint`, the footprint of the mesh's block,
   // outside `open` if it is not null, and outside `cut_by`, the half-spaces in index space. Clamps
   // depths to [nearest_depth, 1]. The batch lives until visit returns.
+  //
+  // clip_weights: for `cut_by`
   void Rasterize(const mesh::CompactMesh& mesh, const view::View& view,
                  const view::Footprint& footprint, const image::PixelMask* open,
                  std::span<const view::HalfSpace> cut_by,
-                 absl::FunctionRef<void(const FragmentBatch&)> visit);
+                 absl::FunctionRef<void(const FragmentBatch&)> visit,
+                 ClipWeights clip_weights = ClipWeights::kAtPixel);
 
  private:
   struct ClipVertex {
@@ -74,6 +85,7 @@ class CpuRasterizer {
   const mesh::CompactMesh* mesh_ = nullptr;
   const view::View* view_ = nullptr;
   std::span<const view::HalfSpace> cut_by_;
+  ClipWeights clip_weights_ = ClipWeights::kAtPixel;
   Projection projection_;
   view::PixelRect rect_;
   float nearest_depth_ = 0;
@@ -92,6 +104,11 @@ class CpuRasterizer {
 // picture. They lie in [0, 1] and sum to 1. A pure function of triangle, view and pixel.
 std::array<double, 3> BarycentricsAtPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
                                           const view::View& view, int x, int y);
+
+// The same, but where the pixel lies beside the triangle: the weights of the point that is nearest
+// to it on the screen.
+std::array<double, 3> BarycentricsNearPixel(const mesh::CompactMesh& mesh, std::uint32_t triangle,
+                                            const view::View& view, int x, int y);
 
 }  // namespace isoscope::render
 

@@ -80,6 +80,7 @@ class CpuPass final : public RenderPass {
                .ties = frame::TieRuleOf(frame::BackEnd::kCpu)},
         options_(options),
         clipper_(spec.clip, view.geometry()),
+        clip_weights_(spec.caps.has_value() ? ClipWeights::kNearPixel : ClipWeights::kAtPixel),
         sends_normals_(spec.sends_normals),
         sends_map_steps_(spec.sends_map_steps),
         map_scales_(MapScalesOf(spec)),
@@ -188,10 +189,11 @@ class CpuPass final : public RenderPass {
     if (side == view::Clipper::Side::kOutside) {
       return;
     }
-    rasterizer->Rasterize(mesh, view_, footprint, item.open,
-                          side == view::Clipper::Side::kCut ? clipper_.half_spaces()
-                                                            : std::span<const view::HalfSpace>(),
-                          [&](const FragmentBatch& batch) { Merge(batch, first_primitive_id); });
+    rasterizer->Rasterize(
+        mesh, view_, footprint, item.open,
+        side == view::Clipper::Side::kCut ? clipper_.half_spaces()
+                                          : std::span<const view::HalfSpace>(),
+        [&](const FragmentBatch& batch) { Merge(batch, first_primitive_id); }, clip_weights_);
   }
 
   [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
@@ -641,6 +643,7 @@ class CpuPass final : public RenderPass {
   const image::FragmentOrder order_;
   const CpuRendererOptions options_;
   const view::Clipper clipper_;
+  const ClipWeights clip_weights_;
   const bool sends_normals_;
   const bool sends_map_steps_;
   const std::vector<std::optional<MapScale>> map_scales_;  // by surface

@@ -11,6 +11,8 @@ namespace {
 // Enough tables, of 16 KiB each, for two frames with as many surfaces as a frame can have.
 constexpr std::size_t kMaxShadeTables = 2 * frame::kMaxSurfaces;
 
+}  // namespace
+
 std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
   std::vector<image::Rgba8> table(kShadeSteps + 1);
   const auto ambient = static_cast<double>(appearance.ambient);
@@ -29,8 +31,6 @@ std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
   }
   return table;
 }
-
-}  // namespace
 
 std::unique_ptr<PassBuffers> PassResources::TakeBuffers(int width, int height) {
   {

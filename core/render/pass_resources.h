@@ -48,6 +48,9 @@ constexpr std::uint32_t PrimitiveIdOf(Fragment fragment) {
   return static_cast<std::uint32_t>(fragment);
 }
 
+// Returns the colour of each shade step, 0 to kShadeSteps, under the head light.
+std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance);
+
 // A fragment whose colour must be compared with that of its pixel, an index of the image's planes.
 struct TiedFragment {
   Fragment fragment = kNoFragment;

@@ -133,6 +133,26 @@ absl::StatusOr<frame::ColorRange> ColorRangeFromProto(const isoscope::v1::ColorR
   return frame::ColorRange{.min = proto.min(), .max = proto.max()};
 }
 
+absl::StatusOr<frame::ClipCaps> ClipCapsFromProto(const isoscope::v1::ClipCaps& proto,
+                                                  const std::string& path) {
+  frame::ClipCaps caps;
+  if (proto.color_map() == isoscope::v1::COLOR_MAP_UNSPECIFIED) {
+    if (proto.has_range()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat(path, ".range is set without ", path,
+                       ".color_map, whose values it is the range of: must be unset"));
+    }
+    return caps;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(caps.map,
+                            ColorMapFromProto(proto.color_map(), absl::StrCat(path, ".color_map")));
+  if (proto.has_range()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(caps.range,
+                              ColorRangeFromProto(proto.range(), absl::StrCat(path, ".range")));
+  }
+  return caps;
+}
+
 absl::StatusOr<frame::Light> LightFromProto(const isoscope::v1::Light& proto,
                                             const std::string& path) {
   frame::Light light;
@@ -415,9 +435,6 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& pro
 absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
     const isoscope::v1::RenderIsosurfaceRequest& request) {
   ISOSCOPE_RETURN_IF_ERROR(CheckKnownFields(request));
-  if (request.has_caps()) {
-    return absl::InvalidArgumentError("caps is not supported yet");
-  }
   frame::FrameSpec spec;
   ISOSCOPE_ASSIGN_OR_RETURN(spec.surfaces, SurfacesFromProto(request));
   if (!request.has_viewport()) {
@@ -445,6 +462,14 @@ absl::StatusOr<frame::FrameSpec> FrameSpecFromProto(
                               ColorFromProto(request.background_color(), "background_color"));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(spec.clip, ClipRegionFromProto(request.clip(), "clip"));
+  if (request.has_caps()) {
+    if (spec.clip.half_spaces.empty() && !spec.clip.box.has_value()) {
+      return absl::InvalidArgumentError(
+          "caps is set without clip: must be unset, because there is no cut to fill; give "
+          "clip.half_spaces or clip.box");
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(spec.caps, ClipCapsFromProto(request.caps(), "caps"));
+  }
   if (request.max_layers() < 0 || request.max_layers() > frame::kMaxLayers) {
     return absl::InvalidArgumentError(
         absl::StrCat("max_layers is ", request.max_layers(), ": must lie in [1, ",
@@ -527,6 +552,18 @@ isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by) {
   if (color_by.is_translucent()) {
     proto.mutable_opacity()->set_at_min(color_by.opacity_at_min);
     proto.mutable_opacity()->set_at_max(color_by.opacity_at_max);
+  }
+  return proto;
+}
+
+isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps) {
+  isoscope::v1::ClipCaps proto;
+  if (caps.map.has_value()) {
+    proto.set_color_map(static_cast<isoscope::v1::ColorMap>(static_cast<int>(*caps.map) + 1));
+  }
+  if (caps.range.has_value()) {
+    proto.mutable_range()->set_min(caps.range->min);
+    proto.mutable_range()->set_max(caps.range->max);
   }
   return proto;
 }

@@ -47,6 +47,7 @@ absl::StatusOr<frame::ColorBy> ColorByFromProto(const isoscope::v1::ColorBy& pro
                                                 absl::string_view path);
 // FrameSpecFromProto gives the same back.
 isoscope::v1::ColorBy ToProto(const frame::ColorBy& color_by);
+isoscope::v1::ClipCaps ToProto(const frame::ClipCaps& caps);
 isoscope::v1::Light ToProto(const frame::Light& light);
 
 // Gives a request without a camera the default one of `bounds`. Gives `spec` the camera that agents

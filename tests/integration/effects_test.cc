@@ -144,6 +144,14 @@ class EffectsTest : public ::testing::Test {
       v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
       half_space->mutable_normal()->set_x(1);
       half_space->set_offset(10 + 10 * random());
+      const int caps = below(3);
+      if (caps > 0) {
+        request.mutable_caps();
+      }
+      if (caps > 1) {
+        request.mutable_caps()->set_color_map(
+            static_cast<v1::ColorMap>(1 + below(v1::ColorMap_MAX)));
+      }
     }
     request.mutable_background_color()->set_red(static_cast<float>(random()));
     constexpr float kAlphas[] = {1, 1, 0, 0.6F};

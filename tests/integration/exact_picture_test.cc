@@ -628,6 +628,21 @@ view::ClipRegion RandomClip(std::uint64_t seed, const math::Box3d& bounds) {
   return clip;
 }
 
+// Fills the cuts of two of three clipped requests, every other time with samples.
+void AddRandomCaps(std::uint64_t seed, frame::FrameSpec* spec) {
+  const double choice = base::RandomUnit(seed, 700'000);
+  if (choice < 0.33) {
+    return;
+  }
+  spec->caps.emplace();
+  if (choice > 0.66) {
+    spec->caps->map = static_cast<frame::ColorMap>(static_cast<int>(600 * choice) % 6);
+    if (seed % 2 == 0) {
+      spec->caps->range = frame::ColorRange{0.0, 200 * choice};
+    }
+  }
+}
+
 // Makes some of the surfaces translucent; in one of four requests all of them.
 void MakeRandomlyTranslucent(std::uint64_t seed, frame::FrameSpec* spec) {
   std::uint64_t counter = 0;
@@ -683,6 +698,7 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
       spec.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult whole, one->Render(spec));
       spec.clip = RandomClip(seed, volume.geometry.Bounds());
+      AddRandomCaps(seed, &spec);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
       const Picture expected_picture = PictureOf(reference, spec);
       covered_pixel_count += CoveredPixels(reference.image);
@@ -778,6 +794,7 @@ TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
       AddRandomLook(seed, &spec);
       if (seed % 4 == 0) {
         spec.clip = RandomClip(seed, volume.geometry.Bounds());
+        AddRandomCaps(seed, &spec);
       }
       // Renders a frame and shades it, as the coordinator does.
       const auto shaded = [&](std::int64_t edge,

@@ -119,6 +119,25 @@ TEST_F(PictureTest, LikeMakesThePictureAgainByteForByteFromAnyCutOfTheSamples) {
   }
 }
 
+TEST_F(PictureTest, LikeRepeatsCapsAndTheirMaps) {
+  const std::vector<std::string> cut{"--clip-plane", "1,1,0,30"};
+  std::vector<std::string> pictures;
+  for (const std::string caps : {"--caps", "--caps=viridis:0,300"}) {
+    pictures.push_back(MustRender("caps.png", Small(Join(Cpu("one"), Join(cut, {caps})))));
+    const CommandResult result =
+        Render(Join(Cpu("three"), {"--like", Path("caps.png"), "--output", Path("b.png")}));
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_TRUE(absl::StrContains(result.out, "byte for byte")) << result.out;
+    EXPECT_EQ(Read("b.png"), pictures.back());
+  }
+  pictures.push_back(MustRender("open.png", Small(Join(Cpu("one"), cut))));
+  EXPECT_NE(pictures[0], pictures[1]);
+  EXPECT_NE(pictures[0], pictures[2]);
+  const CommandResult uncut = Render(Small(Join(Cpu("one"), {"--caps"})));
+  EXPECT_EQ(uncut.exit_code, 2) << uncut.err;
+  EXPECT_TRUE(absl::StrContains(uncut.err, "--clip-plane")) << uncut.err;
+}
+
 TEST_F(PictureTest, LikeRefusesOtherSamplesChangedPicturesAndPicturesWithoutARecord) {
   const std::string png = MustRender("a.png", Small(Cpu("one")));
   const auto like = [&](const std::string& dataset, const std::string& picture) {

@@ -318,6 +318,67 @@ TEST_F(PlanesTest, PicksAreThePlanesInTenThousandPixels) {
   }
 }
 
+// Caps are surfaces to planes and picks, whatever colours they show.
+TEST_F(PlanesTest, PlanesAndPicksKnowCaps) {
+  v1::RenderIsosurfaceRequest request = Request();
+  v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_x(-3);
+  half_space->mutable_normal()->set_z(-4);
+  half_space->set_offset(-150);
+  v1::RenderIsosurfaceResponse first;
+  for (const bool has_map : {false, true}) {
+    request.mutable_caps()->Clear();
+    if (has_map) {
+      request.mutable_caps()->set_color_map(v1::COLOR_MAP_GREY);
+      request.add_lights()->mutable_direction()->set_z(1);  // normals in place of colours
+    }
+    for (const int shard_count : kShardCounts) {
+      SCOPED_TRACE(shard_count);
+      ASSERT_NO_FATAL_FAILURE(StartCluster(shard_count));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse planes, Render(request));
+      if (first.depth().empty()) {
+        first = planes;
+      }
+      EXPECT_TRUE(planes.depth() == first.depth());
+      EXPECT_TRUE(planes.normal() == first.normal());
+      EXPECT_TRUE(planes.surface_index() == first.surface_index());
+      int cap_count = 0;
+      v1::PickSurfaceRequest pick;
+      *pick.mutable_frame() = request;
+      pick.mutable_frame()->clear_output();
+      std::vector<std::size_t> picked;
+      for (std::size_t i = 0; i < std::size_t{kWidth} * kHeight; ++i) {
+        const double x = static_cast<double>(FloatAt(planes.position(), 3 * i));
+        const double z = static_cast<double>(FloatAt(planes.position(), 3 * i + 2));
+        if (!(std::abs(3 * x + 4 * z - 150) < 1e-3)) {
+          continue;
+        }
+        ++cap_count;
+        EXPECT_NEAR(static_cast<double>(FloatAt(planes.normal(), 3 * i)), 0.6, 1e-4);
+        EXPECT_NEAR(static_cast<double>(FloatAt(planes.normal(), 3 * i + 2)), 0.8, 1e-4);
+        EXPECT_EQ(planes.surface_index()[i], 0);
+        if (cap_count % 7 == 0 && pick.pixels_size() < 300) {
+          pick.add_pixels()->set_x(static_cast<int>(i % kWidth));
+          pick.mutable_pixels(pick.pixels_size() - 1)->set_y(static_cast<int>(i / kWidth));
+          picked.push_back(i);
+        }
+      }
+      EXPECT_GT(cap_count, 700);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::PickSurfaceResponse picks, Pick(pick));
+      ASSERT_EQ(picks.points_size(), static_cast<int>(picked.size()));
+      for (int i = 0; i < picks.points_size(); ++i) {
+        const v1::PickedPoint& point = picks.points(i);
+        const std::size_t at = picked[static_cast<std::size_t>(i)];
+        EXPECT_TRUE(point.is_hit());
+        EXPECT_EQ(point.depth(), FloatAt(planes.depth(), at));
+        EXPECT_EQ(point.normal().x(), static_cast<double>(FloatAt(planes.normal(), 3 * at)));
+        EXPECT_EQ(point.surface_index(), 0);
+        EXPECT_TRUE(point.has_gradient());
+      }
+    }
+  }
+}
+
 TEST_F(PlanesTest, ASinglePickTellsTheShardOfAnAgentWithSeveral) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(testing::ServerProcess agent, testing::StartAgent({Dataset(3)}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(testing::ServerProcess coordinator,

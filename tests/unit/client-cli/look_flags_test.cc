@@ -84,6 +84,22 @@ TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
   }
 }
 
+TEST(LookFlagsTest, CapsHaveAMapAndARangeOrNothing) {
+  const std::vector<std::pair<const char*, frame::ClipCaps>> right = {
+      {"", {}},
+      {"grey", {.map = ColorMap::kGrey}},
+      {"cool-warm:-3,4.5", {.map = ColorMap::kCoolWarm, .range = frame::ColorRange{-3, 4.5}}}};
+  for (const auto& [text, expected] : right) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ClipCaps caps, ParseCaps(text));
+    EXPECT_EQ(caps, expected) << text;
+  }
+  for (const char* text : {"jet", "grey:", "grey:1", "grey:2,2", "grey:3,2", "grey:nan,2",
+                           "grey:-1e308,1e308", "grey:1,2:3", ":1,2", "x:grey"}) {
+    EXPECT_THAT(ParseCaps(text), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("'")))
+        << text;
+  }
+}
+
 TEST(LookFlagsTest, EveryMapHasItsName) {
   for (const char* name : {"viridis", "magma", "cividis", "turbo", "cool-warm", "grey"}) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorByValue value, ParseColorBy(std::string("y:") + name));

@@ -82,6 +82,7 @@ TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   flags.surfaces = {{.isovalue = 75, .color = {}}, {.isovalue = 30, .color = Color{1, 0, 0, 1}}};
   flags.clip.planes = {{.normal = {1, 0, 0}, .offset = 12}};
   flags.clip.box = math::Box3d{{0, 1, 2}, {3, 4, 5}};
+  flags.caps = frame::ClipCaps{.map = frame::ColorMap::kGrey};
   ISOSCOPE_EXPECT_OK(CheckUsage(flags));
   EXPECT_EQ(flags.isovalues(), (std::vector<double>{75, 30}));
   const isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, "head", SampleCamera());
@@ -91,6 +92,9 @@ TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   EXPECT_EQ(spec.surfaces[1].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
   EXPECT_EQ(spec.clip, (view::ClipRegion{.half_spaces = {{{1, 0, 0}, 12}},
                                          .box = math::Box3d{{0, 1, 2}, {3, 4, 5}}}));
+  EXPECT_EQ(spec.caps, flags.caps);
+  flags.clip = {};
+  EXPECT_TRUE(IsUsageError(CheckUsage(flags))) << "there is no cut to fill";
 }
 
 TEST(RenderRequestTest, SurfacesExcludeTheFlagsOfASingleOne) {

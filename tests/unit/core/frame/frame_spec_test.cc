@@ -22,6 +22,16 @@ TEST(FrameSpecTest, IsovaluesKeepTheOrderOfTheSurfaces) {
   EXPECT_THAT(IsovaluesOf(spec), ElementsAre(3, -1));
 }
 
+TEST(FrameSpecTest, CapsWithSamplesHaveOwnersOfTheirOwn) {
+  FrameSpec spec;
+  spec.surfaces.resize(3);
+  EXPECT_EQ(OwnerSurfaceCount(spec), 3U);
+  spec.caps.emplace();
+  EXPECT_EQ(OwnerSurfaceCount(spec), 3U);
+  spec.caps->map = ColorMap::kGrey;
+  EXPECT_EQ(OwnerSurfaceCount(spec), 6U);
+}
+
 TEST(FrameSpecTest, OwnersThatDoNotFitIn32BitsAreRefused) {
   constexpr std::int64_t kMax = std::numeric_limits<std::uint32_t>::max();
   EXPECT_THAT(CheckOwners(1, kMax), IsOk());

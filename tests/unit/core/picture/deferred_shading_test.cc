@@ -414,6 +414,23 @@ TEST(DeferredShadingTest, AnImageIsItsFragmentsAndTheBackgroundStays) {
   }
 }
 
+TEST(DeferredShadingTest, CapsWithSamplesKeepTheirColorAndGetTheirSurface) {
+  frame::FrameSpec spec = SpecOf({{.direction = {1, 2, 3}}}, 2);
+  spec.caps = frame::ClipCaps{.map = frame::ColorMap::kGrey};
+  image::FrameImage image(kViewport.width_px, kViewport.height_px);
+  const NormalFragment plain = FragmentOf(5, 6, {0, 0, 1}, 1);
+  image.Set(5, 6, plain.key, plain.normal);
+  image.Set(7, 6, FragmentOf(7, 6, {0, 0, 1}, 3).key, {9, 8, 7, 255});
+  image.Set(8, 6, FragmentOf(8, 6, {0, 0, 1}, 2).key, {9, 9, 9, 255});
+  const DeferredShader shader(spec, MakeView(view::Projection::kPerspective), kOrder);
+  shader.ShadeImage(&image);
+  EXPECT_EQ(image.colors[image.IndexOf(5, 6)], ShadeOne(shader, plain));
+  EXPECT_EQ(image.keys[image.IndexOf(5, 6)], plain.key);
+  EXPECT_EQ(image.colors[image.IndexOf(7, 6)], (Rgba8{9, 8, 7, 255}));
+  EXPECT_EQ(image.keys[image.IndexOf(7, 6)], FragmentOf(7, 6, {0, 0, 1}, 1).key);
+  EXPECT_EQ(image.keys[image.IndexOf(8, 6)], FragmentOf(8, 6, {0, 0, 1}, 0).key);
+}
+
 TEST(DeferredShadingTest, ARegionHasTheWholesColors) {
   RandomScene scene(12);
   scene.spec.surfaces[1].color_by = ColorBy{.quantity = ColorBy::Quantity::kPositionX};

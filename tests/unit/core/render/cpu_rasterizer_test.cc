@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <set>
@@ -13,7 +14,9 @@
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "core/math/matrix.h"
 #include "hwy/targets.h"
+#include "tests/support/status_matchers.h"
 #include "tests/unit/core/render/test_scenes.h"
 
 namespace isoscope::render {
@@ -458,6 +461,86 @@ TEST(BarycentricsAtPixelTest, WeightsAreOneAtCornersAndStayInsideForSlivers) {
     sum += weight;
   }
   EXPECT_NEAR(sum, 1, 1e-12);
+}
+
+TEST(BarycentricsNearPixelTest, BesideTheTriangleItIsTheNearestPointOnTheScreen) {
+  const Scene scene = CubeScene();
+  const view::View view = MakeOrthographicView(scene, 64, 64, 64, {32, 32, 32});
+  mesh::BlockMesh mesh;
+  // Pixel (x, y) has its centre at index (x + 0.5, 63.5 - y).
+  mesh.positions = {{10.5F, 13.5F, 32}, {40.5F, 13.5F, 32}, {10.5F, 43.5F, 32}};
+  mesh.normals.assign(3, {0, 0, 1});
+  mesh.indices = {0, 1, 2};
+  const auto weights_at = [&](int x, int y) {
+    return BarycentricsNearPixel(*mesh::Compact(mesh), 0, view, x, y);
+  };
+  EXPECT_EQ(weights_at(20, 40), BarycentricsAtPixel(*mesh::Compact(mesh), 0, view, 20, 40));
+  const std::array<double, 3> below = weights_at(25, 55);  // half-way along the first side
+  EXPECT_NEAR(below[0], 0.5, 1e-6);
+  EXPECT_NEAR(below[1], 0.5, 1e-6);
+  EXPECT_EQ(below[2], 0);
+  EXPECT_NEAR(weights_at(2, 60)[0], 1, 1e-6) << "a corner";
+  // Of a sliver it is the point next to the pixel, where clamping gives one far off.
+  mesh.positions = {{10.5F, 13.5F, 30}, {40.5F, 13.5F, 30}, {25.5F, 13.499F, 36}};
+  const std::array<double, 3> sliver = weights_at(15, 49);  // a pixel above it
+  EXPECT_NEAR(10.5 * sliver[0] + 40.5 * sliver[1] + 25.5 * sliver[2], 15.5, 1e-3);
+}
+
+TEST(BarycentricsNearPixelTest, WithPerspectiveNoPointOfASideIsNearer) {
+  const Scene scene = CubeScene();
+  view::Camera camera = MakeOrthographicView(scene, 64, 64, 64, {32, 32, 32}).camera();
+  camera.projection = view::Projection::kPerspective;
+  camera.eye = camera.target + math::Normalized(camera.eye - camera.target) * 120.0;
+  camera.fov_y_radians = 0.6;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::View view,
+                                view::View::Make(camera, {64, 64}, scene.geometry));
+  int outside_count = 0;
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    mesh::BlockMesh mesh;
+    for (std::uint64_t i = 0; i < 3; ++i) {
+      const auto coordinate = [&](std::uint64_t k) {
+        return static_cast<float>(64 * base::RandomUnit(seed, 3 * i + k));
+      };
+      mesh.positions.push_back({coordinate(0), coordinate(1), coordinate(2)});
+    }
+    mesh.normals.assign(3, {0, 0, 1});
+    mesh.indices = {0, 1, 2};
+    const auto compact = mesh::Compact(mesh);
+    const int x = static_cast<int>(64 * base::RandomUnit(seed, 20));
+    const int y = static_cast<int>(64 * base::RandomUnit(seed, 21));
+    // The distance on the screen between the pixel's centre and the point with some weights.
+    const auto distance_of = [&](const std::array<double, 3>& weights) {
+      math::Vec4d clip;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const math::Vec3f& p = mesh.positions[i];
+        const math::Vec4d corner =
+            view.clip_from_index() * math::Vec4d{static_cast<double>(p.x), static_cast<double>(p.y),
+                                                 static_cast<double>(p.z), 1};
+        clip.x += weights[i] * corner.x;
+        clip.y += weights[i] * corner.y;
+        clip.w += weights[i] * corner.w;
+      }
+      return std::hypot((clip.x / clip.w + 1) * 32 - (x + 0.5),
+                        (1 - clip.y / clip.w) * 32 - (y + 0.5));
+    };
+    const std::array<double, 3> nearest = BarycentricsNearPixel(*compact, 0, view, x, y);
+    EXPECT_NEAR(nearest[0] + nearest[1] + nearest[2], 1, 1e-12);
+    if (distance_of(nearest) < 1e-6) {
+      EXPECT_EQ(nearest, BarycentricsAtPixel(*compact, 0, view, x, y));
+      continue;
+    }
+    ++outside_count;
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (double t = 0; t <= 1; t += 0.01) {
+        std::array<double, 3> weights{};
+        weights[i] = 1 - t;
+        weights[(i + 1) % 3] = t;
+        EXPECT_GE(distance_of(weights), distance_of(nearest) - 1e-9) << seed;
+      }
+    }
+  }
+  EXPECT_GT(outside_count, 150);
+  EXPECT_LT(outside_count, 299);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "core/rpc/frame_convert.h"
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -135,6 +136,61 @@ TEST(FrameSpecFromProtoTest, TheClipRegionArrives) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, FrameSpecFromProto(request));
   EXPECT_EQ(spec.clip, (view::ClipRegion{.half_spaces = {{{0, -2, 0}, 3.5}},
                                          .box = math::Box3d{{1, 2, 3}, {1, 5, 6}}}));
+}
+
+TEST(FrameSpecFromProtoTest, CapsArriveAndGoBack) {
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_y(-2);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame::FrameSpec spec, FrameSpecFromProto(request));
+  EXPECT_FALSE(spec.caps.has_value());
+  for (const frame::ClipCaps& caps :
+       {frame::ClipCaps{}, frame::ClipCaps{.map = frame::ColorMap::kGrey},
+        frame::ClipCaps{.map = frame::ColorMap::kViridis, .range = frame::ColorRange{-1, 2}}}) {
+    *request.mutable_caps() = ToProto(caps);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+    EXPECT_EQ(spec.caps, caps);
+  }
+  // A box is a cut, too.
+  request.clear_clip();
+  *request.mutable_clip()->mutable_box()->mutable_min() = ToProto(math::Vec3d{1, 2, 3});
+  *request.mutable_clip()->mutable_box()->mutable_max() = ToProto(math::Vec3d{1, 5, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(spec, FrameSpecFromProto(request));
+  EXPECT_TRUE(spec.caps.has_value());
+}
+
+TEST(FrameSpecFromProtoTest, HostileCapsAreNamed) {
+  const auto expect = [](const isoscope::v1::RenderIsosurfaceRequest& request, const char* what) {
+    EXPECT_THAT(FrameSpecFromProto(request),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(what)));
+  };
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest();
+  request.mutable_caps();
+  expect(request, "caps is set without clip: must be unset");
+  request.mutable_clip();
+  expect(request, "caps is set without clip");
+  request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+  ISOSCOPE_EXPECT_OK(FrameSpecFromProto(request));
+  request.mutable_caps()->mutable_range()->set_max(1);
+  expect(request, "caps.range is set without caps.color_map");
+  for (const int map : {-1, 7, 1000}) {
+    request.mutable_caps()->set_color_map(static_cast<isoscope::v1::ColorMap>(map));
+    expect(request, "caps.color_map is ");
+  }
+  request.mutable_caps()->set_color_map(isoscope::v1::COLOR_MAP_GREY);
+  ISOSCOPE_EXPECT_OK(FrameSpecFromProto(request));
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double bad : {-kInfinity, kInfinity, std::nan("")}) {
+    request.mutable_caps()->mutable_range()->set_min(bad);
+    expect(request, "caps.range.min is ");
+    request.mutable_caps()->mutable_range()->set_min(0);
+    request.mutable_caps()->mutable_range()->set_max(bad);
+    expect(request, "caps.range.max is ");
+  }
+  request.mutable_caps()->mutable_range()->set_max(0);
+  expect(request, "caps.range.max is 0: must be greater than caps.range.min");
+  request.mutable_caps()->mutable_range()->set_max(std::numeric_limits<double>::max());
+  request.mutable_caps()->mutable_range()->set_min(-std::numeric_limits<double>::max());
+  expect(request, "by a number that is finite");
 }
 
 TEST(FrameSpecFromProtoTest, AlphaIsTheOpacityOfASurface) {

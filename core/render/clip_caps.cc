@@ -1,0 +1,246 @@
+#include "core/render/clip_caps.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/extract/cell_inside.h"
+#include "core/image/normal_and_step.h"
+#include "core/image/normal_code.h"
+#include "core/math/box.h"
+#include "core/render/pass_resources.h"
+#include "core/render/shade_kernel.h"
+#include "core/volume/field_gradient.h"
+#include "core/volume/scalar_span.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::render {
+namespace {
+
+// More than snapping moves a vertex on the screen: by 1/512 pixel with the CPU, by at most 1/16
+// with OpenGL, on both axes.
+constexpr double kCpuMarginPx = 1.0 / 64;
+constexpr double kEglMarginPx = 1.0 / 8;
+
+bool IsFloat(volume::ScalarType type) {
+  return type == volume::ScalarType::kFloat32 || type == volume::ScalarType::kFloat64;
+}
+
+std::array<double, 8> SamplesOfCell(const volume::BlockSamples& samples,
+                                    const math::IndexBox& stored, const math::Index3& cell) {
+  const math::Index3 dims = stored.dims();
+  const math::Index3 local = cell - stored.begin;
+  std::array<double, 8> corners;
+  volume::VisitScalarType(samples.type, [&]<typename T>() {
+    for (std::size_t c = 0; c < 8; ++c) {
+      const auto i = static_cast<std::int64_t>(c);
+      const std::int64_t x = local.x + (i & 1);
+      const std::int64_t y = local.y + (i >> 1 & 1);
+      const std::int64_t z = local.z + (i >> 2);
+      const auto at = static_cast<std::size_t>(x + dims.x * (y + dims.y * z));
+      corners[c] = static_cast<double>(base::LoadLittleEndian<T>(samples.bytes + at * sizeof(T)));
+    }
+  });
+  return corners;
+}
+
+double Interpolated(const std::array<double, 8>& corners, const math::Index3& cell,
+                    const math::Vec3d& position) {
+  double sum = 0;
+  for (int c = 0; c < 8; ++c) {
+    double weight = 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double along = std::clamp(position[axis] - static_cast<double>(cell[axis]), 0.0, 1.0);
+      weight *= (c >> axis & 1) != 0 ? along : 1 - along;
+    }
+    if (weight > 0) {
+      sum += weight * corners[static_cast<std::size_t>(c)];
+    }
+  }
+  return sum;
+}
+
+}  // namespace
+
+CapPainter::CapPainter(const view::View& view, const volume::BlockLayout& layout,
+                       const frame::FrameSpec& spec, frame::BackEnd back_end,
+                       SampleColor sample_color)
+    : view_(view),
+      layout_(layout),
+      clipper_(spec.clip, view.geometry()),
+      crossings_(view, clipper_),
+      order_{.block_count = static_cast<std::uint32_t>(layout.block_count())},
+      sends_normals_(spec.sends_normals),
+      margin_px_(back_end == frame::BackEnd::kCpu ? kCpuMarginPx : kEglMarginPx),
+      sample_color_(std::move(sample_color)),
+      scales_(MapScalesOf(spec)),
+      needs_values_(sample_color_ != nullptr || frame::ShowsGradient(spec)),
+      surface_count_(static_cast<std::uint32_t>(spec.surfaces.size())) {
+  const bool is_shaded = !sends_normals_ && sample_color_ == nullptr;
+  for (std::size_t i = 0; i < spec.surfaces.size(); ++i) {
+    const frame::Surface& surface = spec.surfaces[i];
+    if (!surface.is_translucent()) {
+      solids_.push_back({.isovalue = surface.isovalue,
+                         .surface_index = static_cast<std::uint32_t>(i),
+                         .shade_table = is_shaded ? MakeShadeTable(surface.appearance)
+                                                  : std::vector<image::Rgba8>()});
+    }
+  }
+  std::stable_sort(solids_.begin(), solids_.end(),
+                   [](const Solid& a, const Solid& b) { return a.isovalue > b.isovalue; });
+  const math::Mat3d to_world = view.geometry().world_gradient_from_index();
+  for (const view::HalfSpace& half_space : clipper_.half_spaces()) {
+    // Towards what is dropped.
+    const math::Vec3d normal = math::Normalized(-(to_world * half_space.normal));
+    normals_.push_back(normal);
+    normal_codes_.push_back(image::EncodeNormal({normal.x, normal.y, normal.z}));
+  }
+}
+
+const CapPainter::Solid* CapPainter::SolidOfSpan(const volume::ScalarSpan& span) const {
+  for (const Solid& solid : solids_) {
+    if (span.min >= solid.isovalue && span.max >= solid.isovalue) {
+      return &solid;
+    }
+  }
+  return nullptr;
+}
+
+CapPainter::Need CapPainter::NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const {
+  if (solids_.empty() || clipper_.SideOf(layout_, id) != view::Clipper::Side::kCut) {
+    return Need::kNothing;
+  }
+  const double lowest = solids_.back().isovalue;
+  const volume::ScalarSpan span = ranges.Get(id);
+  if (span.max >= lowest) {
+    const bool is_active = std::any_of(solids_.begin(), solids_.end(), [&](const Solid& solid) {
+      return volume::IsActive(span, solid.isovalue);
+    });
+    // A span does not tell of NaN.
+    return is_active || needs_values_ || IsFloat(ranges.type()) ? Need::kSamples : Need::kSpan;
+  }
+  // All cells are outside; but points beside the rays may lie in a block next to this one.
+  const math::Index3 at = layout_.IndexOf(id);
+  const math::Index3& dims = layout_.block_dims();
+  for (std::int64_t z = std::max<std::int64_t>(at.z - 1, 0); z <= at.z + 1 && z < dims.z; ++z) {
+    for (std::int64_t y = std::max<std::int64_t>(at.y - 1, 0); y <= at.y + 1 && y < dims.y; ++y) {
+      for (std::int64_t x = std::max<std::int64_t>(at.x - 1, 0); x <= at.x + 1 && x < dims.x; ++x) {
+        if (ranges.Get(layout_.IdOf({x, y, z})).max >= lowest) {
+          return Need::kSamples;
+        }
+      }
+    }
+  }
+  return Need::kNothing;
+}
+
+std::optional<CapPainter::Filling> CapPainter::FillingAt(const volume::BlockSamples& samples,
+                                                         const math::Vec3d& position) const {
+  const math::Index3 cell = volume::CellAt(layout_, position);
+  const std::array<double, 8> corners =
+      SamplesOfCell(samples, layout_.StoredSamplesOf(samples.block_id), cell);
+  for (const Solid& solid : solids_) {
+    if (extract::IsInsideCell(corners, cell, position, solid.isovalue)) {
+      return Filling{&solid, sample_color_ == nullptr ? 0 : Interpolated(corners, cell, position)};
+    }
+  }
+  return std::nullopt;
+}
+
+// Looks at the four rays around that of a point which is outside. Their cells are those of the
+// point or next to it, so that the block has them, with its ghost layer.
+std::optional<CapPainter::Filling> CapPainter::FillingBeside(const volume::BlockSamples& samples,
+                                                             double x, double y,
+                                                             const view::ClipCrossing& crossing,
+                                                             bool is_entry) const {
+  for (int corner = 0; corner < 4; ++corner) {
+    const view::ClipCrossings beside =
+        crossings_.At(x + (corner % 2 == 0 ? -margin_px_ : margin_px_),
+                      y + (corner / 2 == 0 ? -margin_px_ : margin_px_));
+    const std::optional<view::ClipCrossing>& other = is_entry ? beside.entry : beside.exit;
+    if (!other.has_value()) {
+      continue;
+    }
+    const math::Vec3d offset = other->position - crossing.position;
+    if (std::max({std::abs(offset.x), std::abs(offset.y), std::abs(offset.z)}) > 1) {
+      continue;
+    }
+    if (const std::optional<Filling> filling = FillingAt(samples, other->position)) {
+      return filling;
+    }
+  }
+  return std::nullopt;
+}
+
+CapFragment CapPainter::FragmentOf(int x, int y, volume::BlockId id,
+                                   const view::ClipCrossing& crossing,
+                                   const Filling& filling) const {
+  std::uint32_t surface = filling.solid->surface_index;
+  CapFragment fragment{.x = x, .y = y, .color = normal_codes_[crossing.half_space]};
+  if (sample_color_ != nullptr) {
+    fragment.color = sample_color_(filling.value);
+    surface += sends_normals_ ? surface_count_ : 0;
+  } else if (const std::optional<MapScale>& scale = scales_[surface]; scale.has_value()) {
+    fragment.color = image::EncodeNormalAndStep(
+        fragment.color, MapStepOf(scale->LevelOf(static_cast<float>(filling.value))));
+  } else if (!sends_normals_) {
+    const math::Vec3d ray =
+        crossings_.DirectionAt(x + view_.region().x + 0.5, y + view_.region().y + 0.5);
+    const double cosine =
+        std::abs(math::Dot(normals_[crossing.half_space], ray)) / std::sqrt(math::Dot(ray, ray));
+    fragment.color = filling.solid->shade_table[static_cast<std::size_t>(
+        std::lround(std::min(cosine, 1.0) * kShadeSteps))];
+  }
+  fragment.key = image::FragmentKey(crossing.depth, order_.OwnerOf(surface, id));
+  return fragment;
+}
+
+void CapPainter::Paint(volume::BlockId id, const volume::RangeTable& ranges,
+                       const volume::BlockSamples* samples,
+                       absl::FunctionRef<bool(int, int, float)> is_hidden,
+                       absl::FunctionRef<void(const CapFragment&)> visit) const {
+  const Solid* const all_inside = samples == nullptr ? SolidOfSpan(ranges.Get(id)) : nullptr;
+  ISOSCOPE_CHECK(samples != nullptr || all_inside != nullptr);
+  const math::IndexBox cells = layout_.CellsOf(id);
+  const auto is_here = [&](const math::Vec3d& position) {
+    const math::Index3 cell = volume::CellAt(layout_, position);
+    return cell.x >= cells.begin.x && cell.x < cells.end.x && cell.y >= cells.begin.y &&
+           cell.y < cells.end.y && cell.z >= cells.begin.z && cell.z < cells.end.z;
+  };
+  const view::PixelRect rect = view_.FootprintOf(layout_, id).rect;
+  for (int y = rect.begin_y; y < rect.end_y; ++y) {
+    for (int x = rect.begin_x; x < rect.end_x; ++x) {
+      const double center_x = x + view_.region().x + 0.5;
+      const double center_y = y + view_.region().y + 0.5;
+      const view::ClipCrossings crossings = crossings_.At(center_x, center_y);
+      for (const bool is_entry : {true, false}) {
+        const std::optional<view::ClipCrossing>& crossing =
+            is_entry ? crossings.entry : crossings.exit;
+        if (!crossing.has_value() || !is_here(crossing->position) ||
+            is_hidden(x, y, crossing->depth)) {
+          continue;
+        }
+        std::optional<Filling> filling;
+        if (samples == nullptr) {
+          filling = Filling{.solid = all_inside};
+        } else {
+          filling = FillingAt(*samples, crossing->position);
+          if (!filling.has_value()) {
+            filling = FillingBeside(*samples, center_x, center_y, *crossing, is_entry);
+          }
+        }
+        if (filling.has_value()) {
+          if (scales_[filling->solid->surface_index].has_value()) {
+            // At the point itself, of whose cell the block has all that gradients need.
+            filling->value = math::Length(
+                volume::GradientAt(view_.geometry(), layout_, *samples, crossing->position));
+          }
+          visit(FragmentOf(x, y, id, *crossing, *filling));
+        }
+      }
+    }
+  }
+}
+
+}  // namespace isoscope::render

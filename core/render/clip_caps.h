@@ -1,0 +1,120 @@
+// Caps: the cuts of a clip region through the inside of opaque surfaces, as fragments.
+//
+// Each ray that crosses the border of the region inside the volume has up to two points on it
+// (view::ClipCrossingFinder). A point that lies in the solid of a surface, as the triangles of its
+// cell bound it (extract::IsInsideCell), is a fragment of that surface: of the highest isovalue
+// where there are several. It belongs to the block that has the point's cell, and follows from
+// pixel, view, region and the samples of that cell and its neighbours alone. So caps are fragments
+// like any other to culling, agents and cuts of the volume (docs/numerics.md, "Caps").
+//
+// No gap opens between a cap and the clipped triangles: rasterising moves what a triangle covers by
+// a part of a pixel, so a point that is outside still counts where the ray beside it, a small
+// margin away, is inside.
+
+#ifndef ISOSCOPE_CORE_RENDER_CLIP_CAPS_H_
+#define ISOSCOPE_CORE_RENDER_CLIP_CAPS_H_
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+
+#include "core/frame/frame_spec.h"
+#include "core/frame/picture_revision.h"
+#include "core/image/fragment.h"
+#include "core/math/vec.h"
+#include "core/render/map_level.h"
+#include "core/view/clip_crossings.h"
+#include "core/view/clip_region.h"
+#include "core/view/view.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/block_samples.h"
+#include "core/volume/range_table.h"
+
+namespace isoscope::render {
+
+// Fragment i of a batch lies at (x[i], y[i]) of the picture.
+struct CapFragment {
+  int x = 0;
+  int y = 0;
+  std::uint64_t key = 0;
+  image::Rgba8 color;
+};
+
+// The colour of a sample on a cut.
+using SampleColor = std::function<image::Rgba8(double value)>;
+
+// The caps of one frame. Immutable; thread-safe.
+class CapPainter {
+ public:
+  // spec:         has caps, and its sends_normals says what colours are
+  // back_end:     that draws the triangles: it decides the margin
+  // sample_color: of caps with a colour map; null: caps have the look of their surface
+  CapPainter(const view::View& view, const volume::BlockLayout& layout,
+             const frame::FrameSpec& spec, frame::BackEnd back_end, SampleColor sample_color);
+
+  // What Paint needs to know of a block.
+  enum class Need {
+    kNothing,  // it has no caps
+    kSpan,     // its cells are all inside of one surface: no samples
+    kSamples,
+  };
+  [[nodiscard]] Need NeedOf(volume::BlockId id, const volume::RangeTable& ranges) const;
+
+  // Calls `visit` with each fragment of the block's caps that `is_hidden` does not hide.
+  //
+  // samples:   null for Need::kSpan
+  // is_hidden: whether the pixel shows something nearer than a depth already
+  void Paint(volume::BlockId id, const volume::RangeTable& ranges,
+             const volume::BlockSamples* samples,
+             absl::FunctionRef<bool(int x, int y, float depth)> is_hidden,
+             absl::FunctionRef<void(const CapFragment&)> visit) const;
+
+ private:
+  // An opaque surface.
+  struct Solid {
+    double isovalue = 0;
+    std::uint32_t surface_index = 0;
+    std::vector<image::Rgba8> shade_table;  // if colours are those of the head light
+  };
+  // Where a point is inside of a solid.
+  struct Filling {
+    const Solid* solid = nullptr;
+    double value = 0;  // the sample or the length of the gradient there, if the cap shows it
+  };
+
+  [[nodiscard]] std::optional<Filling> FillingAt(const volume::BlockSamples& samples,
+                                                 const math::Vec3d& position) const;
+  [[nodiscard]] std::optional<Filling> FillingBeside(const volume::BlockSamples& samples, double x,
+                                                     double y, const view::ClipCrossing& crossing,
+                                                     bool is_entry) const;
+  [[nodiscard]] const Solid* SolidOfSpan(const volume::ScalarSpan& span) const;
+  [[nodiscard]] CapFragment FragmentOf(int x, int y, volume::BlockId id,
+                                       const view::ClipCrossing& crossing,
+                                       const Filling& filling) const;
+
+  const view::View view_;
+  const volume::BlockLayout layout_;
+  const view::Clipper clipper_;
+  const view::ClipCrossingFinder crossings_;
+  const image::FragmentOrder order_;
+  const bool sends_normals_;
+  const double margin_px_;
+  const SampleColor sample_color_;
+  const std::vector<std::optional<MapScale>> scales_;  // by surface
+  const bool needs_values_;
+  std::uint32_t surface_count_ = 0;
+  std::vector<Solid> solids_;         // the highest isovalue first, then the first surface
+  std::vector<math::Vec3d> normals_;  // of caps, by half-space: world space, unit length
+  std::vector<image::Rgba8> normal_codes_;
+};
+
+}  // namespace isoscope::render
+
+#endif  // ISOSCOPE_CORE_RENDER_CLIP_CAPS_H_

@@ -1,0 +1,38 @@
+// Draws the caps of a frame (core/render/clip_caps.h) that lie in an agent's blocks.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_CAP_DRAWING_H_
+#define ISOSCOPE_PARTITION_AGENT_CAP_DRAWING_H_
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/frame/frame_spec.h"
+#include "core/image/fragment.h"
+#include "core/image/frame_image.h"
+#include "core/view/view.h"
+#include "partition-agent/agent_resources.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::agent {
+
+// Adds the caps in the blocks of `shards` to `image`, which the view drew: of two fragments of a
+// pixel the first in `order` stays. Reads each block that the cut meets at most once, those that
+// the spans of blocks decide not at all. Returns the bytes read. Blocks; works in the arena.
+// DATA_LOSS if a block is damaged; the error of `cancellation` if it fires.
+//
+// spec: has caps
+absl::StatusOr<std::int64_t> DrawCaps(const std::vector<std::shared_ptr<const Shard>>& shards,
+                                      const view::View& view, const frame::FrameSpec& spec,
+                                      const image::FragmentOrder& order,
+                                      const AgentResources& resources,
+                                      const base::Cancellation& cancellation,
+                                      image::FrameImage* image);
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_CAP_DRAWING_H_

@@ -1,0 +1,238 @@
+#include "core/render/clip_caps.h"
+
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "core/image/normal_code.h"
+#include "core/render/pass_resources.h"
+#include "core/render/shade_kernel.h"
+#include "tests/support/block_cutter.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::render {
+namespace {
+
+constexpr math::Index3 kDims{33, 33, 33};
+
+volume::GridGeometry Geometry() {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = kDims;
+  return geometry;
+}
+
+// Samples x + 100 z, as uint16: the slice at z is the same whatever the blocks.
+struct Volume {
+  volume::BlockLayout layout = volume::BlockLayout::Make(kDims, {8, 8, 8}).value();
+  std::string samples;
+  volume::RangeTable ranges{volume::ScalarType::kUint16, layout.block_count()};
+};
+
+Volume Ramp() {
+  Volume volume;
+  for (std::int64_t z = 0; z < kDims.z; ++z) {
+    for (std::int64_t y = 0; y < kDims.y; ++y) {
+      for (std::int64_t x = 0; x < kDims.x; ++x) {
+        base::AppendLittleEndian(static_cast<std::uint16_t>(x + 100 * z), &volume.samples);
+      }
+    }
+  }
+  for (std::int64_t id = 0; id < volume.layout.block_count(); ++id) {
+    const math::IndexBox own = volume.layout.OwnSamplesOf(static_cast<volume::BlockId>(id));
+    volume.ranges.Set(static_cast<volume::BlockId>(id),
+                      {static_cast<double>(own.begin.x + 100 * own.begin.z),
+                       static_cast<double>(own.end.x - 1 + 100 * (own.end.z - 1))});
+  }
+  return volume;
+}
+
+// From +z, a pixel for each sample: pixel (x, y) shows (x + 0.5 - 4, 36 - y - 0.5).
+view::View FromAbove() {
+  view::Camera camera;
+  camera.eye = {16, 16, 200};
+  camera.target = {16, 16, 0};
+  camera.up = {0, 1, 0};
+  camera.projection = view::Projection::kOrthographic;
+  camera.view_height = 40;
+  return view::View::Make(camera, {40, 40}, Geometry()).value();
+}
+
+frame::FrameSpec CutAt(double z, double isovalue) {
+  frame::FrameSpec spec;
+  spec.surfaces = {{.isovalue = isovalue, .appearance = {}}};
+  spec.viewport = {40, 40};
+  spec.clip.half_spaces = {{{0, 0, -1}, -z}};
+  spec.caps.emplace();
+  return spec;
+}
+
+// All caps of the volume, with samples only where they are needed.
+std::vector<CapFragment> PaintAll(const CapPainter& painter, const Volume& volume,
+                                  int* sample_count = nullptr) {
+  std::vector<CapFragment> fragments;
+  for (std::int64_t i = 0; i < volume.layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    const CapPainter::Need need = painter.NeedOf(id, volume.ranges);
+    if (need == CapPainter::Need::kNothing) {
+      continue;
+    }
+    const std::string block =
+        testing::CutBlock(volume.layout, volume::ScalarType::kUint16, volume.samples, id);
+    const volume::BlockSamples samples{id, volume::ScalarType::kUint16, block.data()};
+    if (sample_count != nullptr && need == CapPainter::Need::kSamples) {
+      ++*sample_count;
+    }
+    painter.Paint(
+        id, volume.ranges, need == CapPainter::Need::kSamples ? &samples : nullptr,
+        [](int, int, float) { return false; },
+        [&](const CapFragment& fragment) { fragments.push_back(fragment); });
+  }
+  return fragments;
+}
+
+TEST(CapPainterTest, ACutThroughTheInsideIsFilledOnceAndFacesTheEye) {
+  const Volume volume = Ramp();
+  const view::View view = FromAbove();
+  const frame::FrameSpec spec = CutAt(20.5, 1000);  // z <= 20.5; inside from z = 10 on
+  const CapPainter painter(view, volume.layout, spec, frame::BackEnd::kCpu, nullptr);
+  int sample_count = 0;
+  const std::vector<CapFragment> fragments = PaintAll(painter, volume, &sample_count);
+  EXPECT_EQ(fragments.size(), 32U * 32U) << "the volume is 32 pixels wide";
+  EXPECT_EQ(sample_count, 0) << "spans tell that all of it is inside";
+  std::vector<char> is_seen(std::size_t{40} * 40, 0);
+  const std::vector<image::Rgba8> table = MakeShadeTable(spec.surfaces[0].appearance);
+  for (const CapFragment& fragment : fragments) {
+    char& seen = is_seen[static_cast<std::size_t>(fragment.y * 40 + fragment.x)];
+    EXPECT_EQ(seen, 0);
+    seen = 1;
+    EXPECT_EQ(fragment.color, table[kShadeSteps]);
+    EXPECT_TRUE(fragment.x >= 4 && fragment.x < 36 && fragment.y >= 4 && fragment.y < 36);
+  }
+}
+
+TEST(CapPainterTest, TheHighestIsovalueThatHoldsThePointShows) {
+  const Volume volume = Ramp();
+  frame::FrameSpec spec = CutAt(20, 1000);
+  spec.surfaces.resize(4);
+  spec.surfaces[1].isovalue = 2010.25;  // x >= 10.25 on the cut
+  spec.surfaces[2].isovalue = 2020.75;
+  spec.surfaces[2].opacity = 0.5F;  // no solid
+  spec.surfaces[3].isovalue = 2010.25;
+  const CapPainter painter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr);
+  const image::FragmentOrder order{.block_count =
+                                       static_cast<std::uint32_t>(volume.layout.block_count())};
+  const std::vector<CapFragment> fragments = PaintAll(painter, volume);
+  EXPECT_EQ(fragments.size(), 32U * 32U);
+  for (const CapFragment& fragment : fragments) {
+    EXPECT_EQ(order.SurfaceOf(image::OwnerOf(fragment.key)),
+              fragment.x + 0.5 - 4 >= 10.25 ? 1U : 0U)
+        << fragment.x;
+  }
+}
+
+TEST(CapPainterTest, APointBesideTheRimCountsWithinTheMargin) {
+  const Volume volume = Ramp();
+  // On the cut the surface lies at x = 10.5 + offset, and pixel 14 shows x = 10.5.
+  const auto first_x = [&](double offset, frame::BackEnd back_end) {
+    const CapPainter painter(FromAbove(), volume.layout, CutAt(20, 2010.5 + offset), back_end,
+                             nullptr);
+    int least = 99;
+    for (const CapFragment& fragment : PaintAll(painter, volume)) {
+      least = std::min(least, fragment.x);
+    }
+    return least;
+  };
+  EXPECT_EQ(first_x(-0.001, frame::BackEnd::kCpu), 14);
+  EXPECT_EQ(first_x(0.01, frame::BackEnd::kCpu), 14) << "less than 1/64 pixel beside it";
+  EXPECT_EQ(first_x(0.02, frame::BackEnd::kCpu), 15);
+  EXPECT_EQ(first_x(0.1, frame::BackEnd::kEgl), 14) << "less than 1/8 pixel beside it";
+  EXPECT_EQ(first_x(0.15, frame::BackEnd::kEgl), 15);
+  // The same where the cell of the point is outside, and its block.
+  const auto first_x_across = [&](double cut_x) {
+    Volume steps = Ramp();
+    frame::FrameSpec spec = CutAt(20, 2000 + cut_x);
+    view::Camera camera = FromAbove().camera();
+    camera.eye.x += 0.495;  // pixel 19 shows x = 15.995, and 16 begins a block
+    camera.target.x += 0.495;
+    const view::View view = view::View::Make(camera, {40, 40}, Geometry()).value();
+    const CapPainter painter(view, steps.layout, spec, frame::BackEnd::kCpu, nullptr);
+    int least = 99;
+    for (const CapFragment& fragment : PaintAll(painter, steps)) {
+      least = std::min(least, fragment.x);
+    }
+    return least;
+  };
+  EXPECT_EQ(first_x_across(16.005), 19);
+  EXPECT_EQ(first_x_across(16.05), 20);
+}
+
+TEST(CapPainterTest, SamplesShowThroughTheirColorsAndNormalsLeadToWhatIsDropped) {
+  const Volume volume = Ramp();
+  frame::FrameSpec spec = CutAt(20.5, 1000);
+  spec.caps->map = frame::ColorMap::kGrey;
+  const SampleColor color = [](double value) {
+    return image::Rgba8{static_cast<std::uint8_t>(value - 2000), 0, 0, 255};
+  };
+  const auto count = static_cast<std::uint32_t>(volume.layout.block_count());
+  for (const bool sends_normals : {false, true}) {
+    spec.sends_normals = sends_normals;
+    const CapPainter painter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, color);
+    const std::vector<CapFragment> fragments = PaintAll(painter, volume);
+    EXPECT_EQ(fragments.size(), 32U * 32U);
+    for (const CapFragment& fragment : fragments) {
+      EXPECT_EQ(fragment.color.r, fragment.x - 4 + 50) << "x + 0.5 - 4 + 100 * 20.5";
+      EXPECT_EQ(image::OwnerOf(fragment.key) / count, sends_normals ? 1U : 0U);
+    }
+  }
+  spec.caps->map.reset();
+  const CapPainter painter(FromAbove(), volume.layout, spec, frame::BackEnd::kCpu, nullptr);
+  for (const CapFragment& fragment : PaintAll(painter, volume)) {
+    EXPECT_EQ(fragment.color, image::EncodeNormal({0, 0, 1}));
+    EXPECT_LT(image::OwnerOf(fragment.key), count);
+  }
+}
+
+TEST(CapPainterTest, BlocksAwayFromTheCutAndOutsideNeedNothing) {
+  const Volume volume = Ramp();
+  const CapPainter painter(FromAbove(), volume.layout, CutAt(20.5, 3100), frame::BackEnd::kCpu,
+                           nullptr);
+  for (std::int64_t id = 0; id < volume.layout.block_count(); ++id) {
+    const std::int64_t z = volume.layout.IndexOf(static_cast<volume::BlockId>(id)).z;
+    const CapPainter::Need need = painter.NeedOf(static_cast<volume::BlockId>(id), volume.ranges);
+    // The block behind has the surface, so a point beside a ray may be in it.
+    EXPECT_EQ(need, z == 2 ? CapPainter::Need::kSamples : CapPainter::Need::kNothing) << id;
+  }
+  EXPECT_TRUE(PaintAll(painter, volume).empty());
+  frame::FrameSpec translucent = CutAt(20.5, 1000);
+  translucent.surfaces[0].opacity = 0.5F;
+  EXPECT_TRUE(
+      PaintAll(CapPainter(FromAbove(), volume.layout, translucent, frame::BackEnd::kCpu, nullptr),
+               volume)
+          .empty());
+}
+
+TEST(CapPainterTest, WhatIsHiddenIsLeftOut) {
+  const Volume volume = Ramp();
+  const CapPainter painter(FromAbove(), volume.layout, CutAt(20.5, 1000), frame::BackEnd::kCpu,
+                           nullptr);
+  int count = 0;
+  for (std::int64_t i = 0; i < volume.layout.block_count(); ++i) {
+    const auto id = static_cast<volume::BlockId>(i);
+    if (painter.NeedOf(id, volume.ranges) == CapPainter::Need::kSpan) {
+      painter.Paint(
+          id, volume.ranges, nullptr, [](int x, int, float) { return x != 20; },
+          [&](const CapFragment& fragment) {
+            EXPECT_EQ(fragment.x, 20);
+            ++count;
+          });
+    }
+  }
+  EXPECT_EQ(count, 32);
+}
+
+}  // namespace
+}  // namespace isoscope::render
