@@ -163,6 +163,28 @@ TEST_F(GradientTest, AQuadraticFieldHasTheLengthsOfTheClosedForm) {
             1000);
 }
 
+TEST_F(GradientTest, CapsShowTheLengthOnTheCut) {
+  ASSERT_NO_FATAL_FAILURE(Start(
+      VolumeOf([](double x, double y, double z) { return (x - 10) * (z + 3) + 0 * y; }), 3, 5));
+  v1::RenderIsosurfaceRequest request = Request(90.5);
+  v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_z(-1);
+  half_space->set_offset(-12.25);
+  request.mutable_caps();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response, Render(request));
+  EXPECT_GT(CheckGreys(
+                response, [](double x, double, double z) { return std::hypot(x - 10, z + 3); }, 1),
+            1000);
+  int cap_count = 0;
+  for (std::size_t i = 0; i < response.surface_index().size(); ++i) {
+    cap_count += response.surface_index()[i] == 0 &&
+                         std::abs(FloatAt(response.position(), 3 * i + 2) - 12.25F) < 1e-3F
+                     ? 1
+                     : 0;
+  }
+  EXPECT_GT(cap_count, 500);
+}
+
 TEST_F(GradientTest, AgentsBlocksCullingAndRepetitionDoNotShow) {
   const testing::TestVolume volume = testing::GyroidVolume({43, 37, 29});
   v1::RenderIsosurfaceRequest request = Request(110);
@@ -172,6 +194,10 @@ TEST_F(GradientTest, AgentsBlocksCullingAndRepetitionDoNotShow) {
   *glass->mutable_color_by() = request.surfaces(0).color_by();
   glass->mutable_color_by()->mutable_opacity()->set_at_max(0.9F);
   request.mutable_lights()->Add()->mutable_direction()->set_x(1);
+  v1::HalfSpace* const half_space = request.mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_z(-1);
+  half_space->set_offset(-20.3);
+  request.mutable_caps();
   std::string expected;
   for (const auto& [shard_count, edge] : {std::pair(1, 8), std::pair(3, 8), std::pair(2, 5)}) {
     ASSERT_NO_FATAL_FAILURE(Start(volume, shard_count, edge));
