@@ -3,7 +3,7 @@
 namespace isoscope::bench {
 
 std::vector<cli::Command> Commands() {
-  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand()};
+  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand(), DragBenchCommand()};
 }
 
 }  // namespace isoscope::bench

@@ -12,6 +12,7 @@ namespace isoscope::bench {
 cli::Command FrameBenchCommand();
 cli::Command PaperBenchCommand();
 cli::Command CancelBenchCommand();
+cli::Command DragBenchCommand();
 
 // All of them, in the order of --help.
 std::vector<cli::Command> Commands();

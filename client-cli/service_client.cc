@@ -22,6 +22,23 @@ ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string
       dataset_(v1::DatasetService::NewStub(channel_)),
       cluster_(v1::ClusterService::NewStub(channel_)) {}
 
+InteractStream::InteractStream(const std::shared_ptr<grpc::Channel>& channel)
+    : stub_(v1::InteractService::NewStub(channel)), stream_(stub_->Interact(&context_)) {}
+
+InteractStream::~InteractStream() { context_.TryCancel(); }
+
+bool InteractStream::Write(const v1::InteractRequest& request) {
+  const base::MutexLock lock(&write_mutex_);
+  return stream_->Write(request);
+}
+
+void InteractStream::CloseWrites() {
+  const base::MutexLock lock(&write_mutex_);
+  stream_->WritesDone();
+}
+
+absl::Status InteractStream::Finish() { return rpc::ToAbslStatus(stream_->Finish()); }
+
 absl::Status ServiceClient::Explain(const grpc::Status& status) const {
   if (status.ok()) {
     return absl::OkStatus();

@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -14,11 +15,38 @@
 #include <grpcpp/client_context.h>
 
 #include "client-cli/interrupt.h"
+#include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 
 namespace isoscope::cli {
+
+// A stream of InteractService. One thread reads, any thread writes.
+class InteractStream {
+ public:
+  explicit InteractStream(const std::shared_ptr<grpc::Channel>& channel);
+  // Cancels a stream that has not ended.
+  ~InteractStream();
+
+  // Returns false once the stream has ended.
+  bool Write(const isoscope::v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(write_mutex_);
+  bool Read(isoscope::v1::InteractResponse* response) { return stream_->Read(response); }
+  void Cancel() { context_.TryCancel(); }
+  // Says that nothing more will be written. Read then returns false soon.
+  void CloseWrites() ABSL_LOCKS_EXCLUDED(write_mutex_);
+  // Returns the status of the service. REQUIRES: Read has returned false.
+  absl::Status Finish();
+
+ private:
+  const std::unique_ptr<isoscope::v1::InteractService::Stub> stub_;
+  grpc::ClientContext context_;
+  std::unique_ptr<
+      grpc::ClientReaderWriter<isoscope::v1::InteractRequest, isoscope::v1::InteractResponse>>
+      stream_;
+  base::Mutex write_mutex_;
+};
 
 // Every call ends with DEADLINE_EXCEEDED after its `timeout`, and with CANCELLED on an interrupt.
 // Thread-safe.

@@ -19,6 +19,8 @@
 #include "server/cluster_service_impl.h"
 #include "server/coordinator_memory.h"
 #include "server/dataset_service_impl.h"
+#include "server/frame_runner.h"
+#include "server/interact_service_impl.h"
 #include "server/isosurface_service_impl.h"
 
 namespace isoscope::server {
@@ -85,16 +87,18 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                         std::unique_ptr<AgentRegistry> registry)
       : health_(std::move(health)),
         registry_(std::move(registry)),
-        isosurface_service_(
-            {.registry = registry_.get(),
-             .max_concurrent_frames = options.max_concurrent_frames,
-             .max_queued_frames = options.max_queued_frames,
-             .max_frame_duration = options.max_frame_duration,
-             .memory_limit_bytes = options.memory_limit_bytes > 0
-                                       ? options.memory_limit_bytes
-                                       : CoordinatorMemory::DefaultLimitBytes(),
-             .arena = options.arena != nullptr ? options.arena : base::MakeTaskArena(),
-             .expected_viewport = options.expected_viewport}),
+        runner_({.registry = registry_.get(),
+                 .max_concurrent_frames = options.max_concurrent_frames,
+                 .max_queued_frames = options.max_queued_frames,
+                 .arena = options.arena != nullptr ? options.arena : base::MakeTaskArena(),
+                 .memory_limit_bytes = options.memory_limit_bytes > 0
+                                           ? options.memory_limit_bytes
+                                           : CoordinatorMemory::DefaultLimitBytes(),
+                 .expected_viewport = options.expected_viewport}),
+        isosurface_service_({.registry = registry_.get(),
+                             .runner = &runner_,
+                             .max_frame_duration = options.max_frame_duration}),
+        interact_service_({.runner = &runner_, .max_frame_duration = options.max_frame_duration}),
         dataset_service_(registry_.get()),
         cluster_service_(registry_.get(), CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }
@@ -104,6 +108,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder);
     builder.RegisterService(&isosurface_service_);
+    builder.RegisterService(&interact_service_);
     builder.RegisterService(&dataset_service_);
     builder.RegisterService(&cluster_service_);
     ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, address));
@@ -128,13 +133,16 @@ class CoordinatorServerImpl final : public CoordinatorServer {
       return;  // never listened
     }
     health_->SetServer(nullptr);
+    interact_service_.EndStreams();  // they would outlast any grace
     server_->Shutdown(absl::ToChronoTime(absl::Now() + grace));
   }
 
  private:
   const std::shared_ptr<HealthReporter> health_;
   const std::unique_ptr<AgentRegistry> registry_;
+  FrameRunner runner_;
   IsosurfaceServiceImpl isosurface_service_;  // services outlive the server
+  InteractServiceImpl interact_service_;
   DatasetServiceImpl dataset_service_;
   ClusterServiceImpl cluster_service_;
   std::unique_ptr<grpc::Server> server_;

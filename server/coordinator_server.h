@@ -53,9 +53,9 @@ struct CoordinatorServerOptions {
 // Thread-safe.
 class CoordinatorServer {
  public:
-  // Serves health, reflection, IsosurfaceService, DatasetService and ClusterService; begins to ask
-  // the agents at once and returns without waiting for them. INVALID_ARGUMENT: no agents, or a
-  // malformed target. UNAVAILABLE: the address can't be bound.
+  // Serves health, reflection, IsosurfaceService, InteractService, DatasetService and
+  // ClusterService; begins to ask the agents at once and returns without waiting for them.
+  // INVALID_ARGUMENT: no agents, or a malformed target. UNAVAILABLE: the address can't be bound.
   static absl::StatusOr<std::unique_ptr<CoordinatorServer>> Start(
       const CoordinatorServerOptions& options);
   // Calls Shutdown without grace.

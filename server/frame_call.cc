@@ -203,6 +203,9 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
                                               .images = runner_->images()},
                                              &drawn_);
     image_ = std::move(finished.image);
+    if (depth_grid_side_ > 0 && !larger.has_value()) {
+      depth_grid_ = MakeDepthGrid(image_, target.view, depth_grid_side_);
+    }
     statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
     ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
     if (spec_.effects.samples_per_side == 1) {
@@ -367,6 +370,9 @@ absl::Status FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTar
 
 void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,
                     const v1::RenderStatistics& statistics) const {
+  if (status.ok() && !logs_success_) {
+    return;
+  }
   const std::string duration = base::LogMilliseconds(absl::Now() - start_);
   if (status.ok()) {
     base::LogInfo(pixels_.empty() ? "frame_done" : "pick_done",

@@ -44,6 +44,7 @@
 #include "core/rpc/pick_convert.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/coordinator_memory.h"
+#include "server/depth_grid.h"
 #include "server/frame_output.h"
 #include "server/frame_runner.h"
 
@@ -65,6 +66,13 @@ class FrameCall {
   absl::Status Admit();
   // The same for a pick, whose frame then replaces the request.
   absl::Status AdmitPick(const isoscope::v1::PickSurfaceRequest& pick);
+
+  // Lets Render also make the depth grid of the picture, with this many points on its longer side.
+  // There is none if the picture has several samples, or lines and hollows drawn beyond its border.
+  void AskDepthGrid(int longer_side) { depth_grid_side_ = longer_side; }
+  [[nodiscard]] const std::optional<DepthGrid>& depth_grid() const { return depth_grid_; }
+  // Logs only failures: for frames of which there are dozens a second.
+  void LogFailuresOnly() { logs_success_ = false; }
 
   // Runs `work` on a frame thread. REQUIRES: the call was admitted.
   void Schedule(std::function<void()> work) { runner_->Schedule(std::move(work)); }
@@ -109,6 +117,9 @@ class FrameCall {
   base::Cancellation cancellation_;
   frame::FrameSpec spec_;
   std::vector<rpc::PixelPosition> pixels_;  // of a pick
+  int depth_grid_side_ = 0;                 // 0: no grid
+  std::optional<DepthGrid> depth_grid_;
+  bool logs_success_ = true;
   std::optional<FrameRunner::Place> place_;
   std::string dataset_name_;
   image::FrameImage image_;

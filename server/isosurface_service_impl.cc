@@ -247,7 +247,7 @@ class IsosurfaceServiceImpl::ExportCall final
                             .status = streams[i]->status()});
       }
     }
-    service_->runner_->ReportFailures(/*frame_number=*/0, failures);
+    service_->options_.runner->ReportFailures(/*frame_number=*/0, failures);
     return vertex_count;
   }
 
@@ -290,15 +290,7 @@ class IsosurfaceServiceImpl::ExportCall final
 };
 
 IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options)
-    : options_(options),
-      runner_(std::make_unique<FrameRunner>(
-          FrameRunnerOptions{.registry = options.registry,
-                             .max_concurrent_frames = options.max_concurrent_frames,
-                             .max_queued_frames = options.max_queued_frames,
-                             .arena = options.arena,
-                             .memory_limit_bytes = options.memory_limit_bytes,
-                             .expected_viewport = options.expected_viewport})),
-      export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
+    : options_(options), export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
   rpc::PrepareKnownFields(isoscope::v1::RenderIsosurfaceRequest());
   rpc::PrepareKnownFields(isoscope::v1::PickSurfaceRequest());
 }
@@ -308,7 +300,7 @@ IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
     const grpc::CallbackServerContext& context, const v1::RenderIsosurfaceRequest& request,
     Delivery delivery) const {
-  return std::make_unique<FrameCall>(runner_.get(), request, delivery, rpc::DeadlineOf(context),
+  return std::make_unique<FrameCall>(options_.runner, request, delivery, rpc::DeadlineOf(context),
                                      options_.max_frame_duration);
 }
 

@@ -22,14 +22,9 @@
 namespace isoscope::server {
 
 struct IsosurfaceServiceOptions {
-  AgentRegistry* registry = nullptr;  // outlives the service
-  int max_concurrent_frames = 4;      // >= 1
-  int max_queued_frames = 32;         // >= 0
+  AgentRegistry* registry = nullptr;  // outlives the service, as the runner does
+  FrameRunner* runner = nullptr;
   absl::Duration max_frame_duration = absl::Minutes(5);
-  std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
-  std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
-  // The service takes memory for frames of this size at start. Not set: as frames come.
-  std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
 // Thread-safe. Destroy it only after its server has shut down. A frame holds a thread from its
@@ -66,7 +61,6 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
       const isoscope::v1::RenderIsosurfaceRequest& request, Delivery delivery) const;
 
   const IsosurfaceServiceOptions options_;
-  const std::unique_ptr<FrameRunner> runner_;
   base::Executor export_executor_;  // last: its threads use the members above
 };
 

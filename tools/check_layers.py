@@ -50,7 +50,7 @@ ABOVE_ALL = 1 + max(MODULES.values())
 GRPC_FILES = re.compile(
     r"core/rpc/.*"
     r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
-    r"|server/(agent_client|agent_prober|agent_queries|dataset_catalog|frame_call|frame_runner|render_statistics)\.(h|cc)"
+    r"|server/(agent_client|agent_prober|agent_queries|dataset_catalog|frame_call|frame_runner|interact_frame|render_statistics)\.(h|cc)"
     r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
     r"|web-gateway/(coordinator_client|interact_stream|gateway_server)\.(h|cc)"
 )

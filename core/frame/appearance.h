@@ -42,7 +42,7 @@ struct ColorBy {
   enum class Quantity { kPositionX, kPositionY, kPositionZ, kNormal, kGradientMagnitude };
 
   Quantity quantity = Quantity::kPositionX;
-  ColorMap map = ColorMap::kViridis;               // not of kNormal
+  ColorMap map = ColorMap::kViridis;  // not of kNormal
   // Not of kNormal. Not set: the volume's box, or 0 to the dataset's bound of the gradient.
   std::optional<ColorRange> range = std::nullopt;
   // Opacities at the ends of the map, in [0, 1]; not of kNormal.

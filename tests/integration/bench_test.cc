@@ -201,6 +201,26 @@ TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
   EXPECT_THAT(refused.err, HasSubstr("--isovalue V is missing"));
 }
 
+TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
+  const std::string dataset = folder_.Sub("dataset");
+  ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));
+  const CommandResult result = RunIsoscope(
+      {"bench", "drag", dataset, "--isovalue", "128", "--seconds", "1", "--width", "128",
+       "--height", "128", "--renderer", "cpu", "--json", folder_.Sub("drag.json")},
+      Options(kSystemPath));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("frames a second"));
+  EXPECT_THAT(result.out, HasSubstr(", the bytes of RenderIsosurface"));
+  const json bench = json::parse(ReadFile("drag.json"), nullptr, /*allow_exceptions=*/false);
+  EXPECT_GT(bench["frames_per_second"], 0.0);
+  EXPECT_EQ(bench["agents"], 2);
+
+  const CommandResult refused = RunIsoscope(
+      {"bench", "drag", dataset, "--isovalue", "128", "--rate", "0"}, Options(kSystemPath));
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("--rate is 0: must lie in [1, 120]"));
+}
+
 TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {
   const std::vector<std::string> tail = {"--output",         folder_.Sub("paper"),
                                          "--isovalues",      "auto",

@@ -1,0 +1,62 @@
+// How many frames a dragged view shows: a client of the Interact stream that does nothing but
+// acknowledge, beside coordinator and agents in this process.
+
+#ifndef ISOSCOPE_BENCH_DRAG_BENCH_H_
+#define ISOSCOPE_BENCH_DRAG_BENCH_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include <nlohmann/json.hpp>
+
+#include "bench/machine.h"
+#include "client-cli/command.h"
+#include "client-cli/embedded_cluster.h"
+#include "client-cli/render_request.h"
+
+namespace isoscope::bench {
+
+struct DragBenchPlan {
+  cli::EmbeddedClusterOptions cluster;
+  cli::RequestFlags request;
+  absl::Duration duration = absl::Seconds(10);
+  double states_per_second = 60;  // as a mouse sends them
+  double degrees_per_second = 60;
+  double target_frames_per_second = 0;  // of ViewState
+  absl::Duration decode;                // that the client pretends to need for a frame
+};
+
+struct DragBenchResult {
+  int agent_count = 0;
+  std::string renderer;
+  double drag_seconds = 0;
+  std::int64_t frame_count = 0;      // moving frames that arrived while dragging
+  std::vector<double> latencies_ms;  // from a state to its frame, of each of them
+  std::vector<double> heights_px;    // of each of them
+  std::vector<double> frame_bytes;   // picture and depth grid
+  double exact_ms = 0;               // from the last state to the exact frame
+  bool exact_is_that_of_render = false;
+};
+
+// Warms up for a second, drags, rests, and compares the exact frame with RenderIsosurface. Errors
+// of EmbeddedCluster::Start and of Interact; CANCELLED on an interrupt.
+absl::StatusOr<DragBenchResult> RunDragBench(const DragBenchPlan& plan,
+                                             const cli::Context& context);
+
+// A few lines: frames a second, latency, size, bytes, the time until the view was exact.
+std::string DescribeDragBench(const DragBenchResult& result);
+
+// {"machine", "date", "volume", "isovalue", "width", "height", "agents", "renderer",
+// "frames_per_second", "latency_ms": {"median", "p95"}, "median_height_px", "median_frame_bytes",
+// "exact_ms"}.
+nlohmann::ordered_json DragBenchToJson(absl::string_view volume, const DragBenchPlan& plan,
+                                       const DragBenchResult& result, const Machine& machine,
+                                       absl::string_view timestamp);
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_DRAG_BENCH_H_

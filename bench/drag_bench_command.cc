@@ -1,0 +1,123 @@
+// isoscope bench drag DIR --isovalue V
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+
+#include "bench/commands.h"
+#include "bench/drag_bench.h"
+#include "bench/machine.h"
+#include "client-cli/command.h"
+#include "client-cli/flags.h"
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/render_request.h"
+#include "client-cli/usage.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/render/renderer_factory.h"
+#include "core/store/shard_reader.h"
+
+namespace isoscope::bench {
+namespace {
+
+struct DragBenchFlags {
+  std::optional<std::string> input;
+  cli::RequestFlags request;
+  std::optional<double> seconds;
+  std::optional<double> rate;
+  std::optional<double> states;
+  std::optional<double> decode_ms;
+  std::optional<render::RendererKind> renderer;
+  std::optional<std::string> json;
+};
+
+absl::Status CheckRange(const std::optional<double>& value, double min, double max,
+                        const char* flag) {
+  return !value || (*value >= min && *value <= max)
+             ? absl::OkStatus()
+             : cli::UsageError(
+                   absl::StrCat(flag, " is ", *value, ": must lie in [", min, ", ", max, "]"));
+}
+
+absl::Status CheckUsage(const DragBenchFlags& flags) {
+  if (!flags.input || !store::IsDatasetDirectory(*flags.input)) {
+    return cli::UsageError("give a dataset folder, which 'isoscope partition' makes of a volume");
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckRange(flags.seconds, 1, 3600, "--seconds"));
+  ISOSCOPE_RETURN_IF_ERROR(CheckRange(flags.rate, 1, 120, "--rate"));
+  ISOSCOPE_RETURN_IF_ERROR(CheckRange(flags.states, 1, 1000, "--states"));
+  ISOSCOPE_RETURN_IF_ERROR(CheckRange(flags.decode_ms, 0, 1000, "--decode-ms"));
+  return CheckUsage(flags.request);
+}
+
+absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  if (flags.json) {
+    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+  }
+  base::SetLogLevel(base::LogLevel::kOff);
+  DragBenchPlan plan;
+  plan.cluster.dataset_directory = *flags.input;
+  plan.cluster.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
+  plan.cluster.expected_viewport = flags.request.viewport();
+  plan.request = flags.request;
+  plan.duration = absl::Seconds(flags.seconds.value_or(absl::ToDoubleSeconds(plan.duration)));
+  plan.states_per_second = flags.states.value_or(plan.states_per_second);
+  plan.target_frames_per_second = flags.rate.value_or(0);
+  plan.decode = absl::Milliseconds(flags.decode_ms.value_or(0));
+  const Machine machine = DescribeMachine();
+  const std::string timestamp = Timestamp();
+  ISOSCOPE_ASSIGN_OR_RETURN(const DragBenchResult result, RunDragBench(plan, context));
+  if (flags.json) {
+    const std::string volume = std::filesystem::path(*flags.input).filename().string();
+    ISOSCOPE_RETURN_IF_ERROR(cli::WriteFileAtomically(
+        *flags.json, DragBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+  }
+  *context.out << ToString(machine) << "; " << timestamp << "\n"
+               << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px
+               << " pixels, " << result.agent_count
+               << (result.agent_count == 1 ? " agent" : " agents") << " in this process, "
+               << result.renderer << "\n\n"
+               << DescribeDragBench(result);
+  return absl::OkStatus();
+}
+
+cli::Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<DragBenchFlags>();
+  cli::AddFlag(app, "input", "DIR", &flags->input, cli::ParseText, "a dataset folder");
+  cli::AddFlag(app, "--seconds", "S", &flags->seconds, cli::ParseNumber,
+               "how long to drag (default: 10)");
+  cli::AddFlag(app, "--rate", "N", &flags->rate, cli::ParseNumber,
+               "frames a second that the server aims for; 1 keeps the full size (default: 30)");
+  cli::AddFlag(app, "--states", "N", &flags->states, cli::ParseNumber,
+               "views a second that the client sends (default: 60)");
+  cli::AddFlag(app, "--decode-ms", "T", &flags->decode_ms, cli::ParseNumber,
+               "time that the client takes to decode a frame (default: 0)");
+  cli::AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+               "back end (default: auto, EGL on a GPU, else the CPU)");
+  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
+  cli::AddRequestFlags(app, &flags->request);
+  return [flags](const cli::Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+cli::Command DragBenchCommand() {
+  return {.name = "bench drag",
+          .summary = "Drags a view: frames a second, latency, time until it is exact",
+          .usage = "DIR --isovalue V [OPTIONS]",
+          .examples =
+              "  isoscope bench drag head --isovalue 60 --width 1024 --height 1024\n"
+              "  isoscope bench drag head --isovalue 60 --rate 1 --json drag.json\n"
+              "\nCoordinator and agents run in this process. The client sends 60 views a second,\n"
+              "each a degree further, and acknowledges frames as they come.\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::bench
