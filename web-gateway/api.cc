@@ -10,12 +10,17 @@
 
 #include "web-gateway/api.h"
 
-#include <algorithm>
+#include <cerrno>
+#include <cstddef>
+#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <optional>
+#include <string>
+#include <system_error>
 #include <utility>
+#include <vector>
 
-#include "absl/cleanup/cleanup.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -38,6 +43,7 @@ namespace v1 = isoscope::v1;
 using OutputOptions = v1::OutputOptions;
 
 constexpr std::size_t kMaxQuotedBytes = 100;
+constexpr std::int64_t kMaxMeshBytes = std::int64_t{1} << 30;
 
 std::string Quoted(absl::string_view text) {
   return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)), "'");
@@ -453,6 +459,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
           ISOSCOPE_ASSIGN_OR_RETURN(const cli::MeshPiece piece,
                                     self->decoder_->Decode(chunk.surface_index(), chunk.positions(),
                                                            chunk.normals(), chunk.triangles()));
+          ISOSCOPE_RETURN_IF_ERROR(self->CheckMeshSize());
           return self->writer_->Add(piece);
         },
         [self = shared_from_this()](const absl::Status& exported) { self->EndMesh(exported); });
@@ -461,21 +468,37 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   // Makes the file that the mesh goes to.
   absl::Status BeginMesh(const MeshQuery& query) {
     std::error_code error;
-    const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
-    if (error) {
+    std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
+    // A folder of its own: nobody else can put a file of this name there.
+    if (error || mkdtemp(folder.data()) == nullptr) {
       return absl::FailedPreconditionError(
-          absl::StrCat("there is no folder for temporary files: ", error.message()));
+          absl::StrCat("no folder for temporary files can be made (TMPDIR): ",
+                       error ? error.message() : std::system_category().message(errno)));
     }
-    static std::atomic<std::int64_t> counter{0};
-    mesh_path_ =
-        (folder / absl::StrCat("isoscope-gateway-", getpid(), "-", counter.fetch_add(1), ".glb"))
-            .string();
+    mesh_path_ = folder + "/mesh.glb";
     const cli::MeshFileOptions file{
         .path = mesh_path_, .format = cli::MeshFormat::kGlb, .surfaces = query.surfaces};
     ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(file));
     decoder_.emplace(static_cast<int>(query.surfaces.size()));
-    ISOSCOPE_ASSIGN_OR_RETURN(writer_, cli::MeshWriter::Create(file));
+    absl::StatusOr<std::unique_ptr<cli::MeshWriter>> writer = cli::MeshWriter::Create(file);
+    if (!writer.ok()) {
+      RemoveTemporaryFile(mesh_path_);
+      return writer.status();
+    }
+    writer_ = *std::move(writer);
     return absl::OkStatus();
+  }
+
+  [[nodiscard]] absl::Status CheckMeshSize() const {
+    constexpr std::int64_t kVertexBytes = 6 * sizeof(float);
+    constexpr std::int64_t kTriangleBytes = 3 * sizeof(std::uint32_t);
+    const std::int64_t bytes =
+        kVertexBytes * decoder_->vertex_count() + kTriangleBytes * decoder_->triangle_count();
+    return bytes <= kMaxMeshBytes
+               ? absl::OkStatus()
+               : absl::ResourceExhaustedError(absl::StrCat(
+                     "the mesh has more than ", kMaxMeshBytes,
+                     " bytes, which is the gateway's limit: clip it, or use 'isoscope export'"));
   }
 
   void EndMesh(absl::Status status) {
@@ -484,6 +507,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
     writer_.reset();  // without Finish, this removes the file
     if (!status.ok()) {
+      RemoveTemporaryFile(mesh_path_);
       RespondError(status);
       return;
     }

@@ -1,5 +1,8 @@
 #include "web-gateway/http_message.h"
 
+#include <filesystem>
+#include <system_error>
+
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include <nlohmann/json.hpp>
@@ -64,6 +67,12 @@ HttpResponse ErrorResponse(const absl::Status& status, int http_status) {
     response.headers.emplace_back("WWW-Authenticate", "Bearer");
   }
   return response;
+}
+
+void RemoveTemporaryFile(const std::string& path) {
+  std::error_code ignored;
+  std::filesystem::remove(path, ignored);
+  std::filesystem::remove(std::filesystem::path(path).parent_path(), ignored);
 }
 
 HttpResponse JsonResponse(std::string json) {

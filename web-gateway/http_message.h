@@ -25,7 +25,8 @@ struct HttpResponse {
   int status = 200;
   std::string content_type = {};
   std::string body = {};
-  // A file in place of `body`; it is removed once it is sent.
+  // A file in place of `body`, alone in its folder. Whoever sends it opens it and calls
+  // RemoveTemporaryFile.
   std::string file_path = {};
   std::vector<std::pair<std::string, std::string>> headers = {};
 
@@ -42,6 +43,10 @@ int HttpStatusOf(absl::StatusCode code);
 HttpResponse ErrorResponse(const absl::Status& status);
 // The same with another status of HTTP, such as 405.
 HttpResponse ErrorResponse(const absl::Status& status, int http_status);
+
+// Removes a file and its folder, if nothing else is in it. The file stays for those that have it
+// open.
+void RemoveTemporaryFile(const std::string& path);
 
 // An answer with JSON that is made anew for each request.
 HttpResponse JsonResponse(std::string json);

@@ -306,7 +306,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     auto message = MakeHeader<http::file_body>(response.status);
     error_code error;
     message.body().open(response.file_path.c_str(), beast::file_mode::scan, error);
-    unlink(response.file_path.c_str());  // the open file stays until it is sent
+    RemoveTemporaryFile(response.file_path);
     if (error) {
       WriteResponse(ErrorResponse(absl::InternalError(
           absl::StrCat("the file of the answer can't be read: ", error.message()))));

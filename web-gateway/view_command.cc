@@ -4,7 +4,6 @@
 
 #include <fcntl.h>
 #include <spawn.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
@@ -20,6 +19,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
+#include <sys/wait.h>
 
 #include "client-cli/flags.h"
 #include "client-cli/no_surface.h"
@@ -105,9 +105,8 @@ absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset&
 
 absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(flags.session));
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const std::unique_ptr<cli::Session> session,
-      cli::Session::Open(flags.session, view::kCommonViewport, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<cli::Session> session,
+                            cli::Session::Open(flags.session, view::kCommonViewport, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
       session->client().GetDataset(session->dataset_name(), session->timeout()));
