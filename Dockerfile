@@ -1,8 +1,9 @@
-# The three programs as images; deploy/README.md tells how to run them. The plain `docker build` of
+# The four programs as images; deploy/README.md tells how to run them. The plain `docker build` of
 # Debian's docker.io will do: BuildKit is not needed.
 #
 #   docker build --target coordinator -t isoscope-coordinator .
 #   docker build --target agent -t isoscope-agent .
+#   docker build --target gateway -t isoscope-gateway .
 #   docker build --target cli -t isoscope .
 #
 # BASE_IMAGE may name any Debian 12 image (--build-arg BASE_IMAGE=...).
@@ -15,7 +16,7 @@ RUN bash -euc '. scripts/packages.sh; install_packages "${ISOSCOPE_BUILD_PACKAGE
 COPY . .
 RUN bash scripts/build.sh
 
-# What the coordinator needs: neither geometry nor OpenGL.
+# What the coordinator and the gateway need: neither geometry nor OpenGL.
 FROM ${BASE_IMAGE} AS runtime
 COPY scripts/packages.sh /usr/share/isoscope/
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RUNTIME_PACKAGES[@]}"; \
@@ -42,6 +43,17 @@ HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
   CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
 USER isoscope
 ENTRYPOINT ["isoscope-coordinator"]
+
+# In a container the loopback address reaches nobody. So the gateway asks for a token, which its log has
+# unless ISOSCOPE_TOKEN gives one.
+FROM runtime AS gateway
+COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
+ENV ISOSCOPE_LISTEN=0.0.0.0:8080
+EXPOSE 8080
+HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
+  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
+USER isoscope
+ENTRYPOINT ["isoscope-gateway"]
 
 FROM rendering AS agent
 COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/

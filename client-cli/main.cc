@@ -1,4 +1,5 @@
-// The command line of Isoscope: the commands of client-cli and of bench in one program.
+// The command line of Isoscope: the commands of client-cli, of web-gateway and of bench in one
+// program.
 
 #include <unistd.h>
 
@@ -14,6 +15,7 @@
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
 #include "core/base/memory_info.h"
+#include "web-gateway/view_command.h"
 
 #ifdef __SANITIZE_ADDRESS__
 // Fontconfig keeps what it has found until the process ends.
@@ -34,6 +36,7 @@ int main(int argc, char** argv) {
                                        .err_is_terminal = isatty(STDERR_FILENO) == 1,
                                        .interrupt = interrupt};
   std::vector<isoscope::cli::Command> commands = isoscope::cli::Commands();
+  commands.push_back(isoscope::gateway::ViewCommand());
   for (isoscope::cli::Command& command : isoscope::bench::Commands()) {
     commands.push_back(std::move(command));
   }

@@ -186,8 +186,9 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   session->timeout_ = flags.timeout.value_or(absl::InfiniteDuration());
   if (flags.server) {
     session->dataset_name_ = flags.dataset.value_or("");
-    session->client_ = std::make_unique<ServiceClient>(rpc::MakeChannel(*flags.server),
-                                                       *flags.server, context.interrupt);
+    session->channel_ = rpc::MakeChannel(*flags.server);
+    session->client_ =
+        std::make_unique<ServiceClient>(session->channel_, *flags.server, context.interrupt);
     return session;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
@@ -201,8 +202,8 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   options.max_frame_duration = absl::Hours(24 * 365);
   options.expected_viewport = expected_viewport;
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
-  session->client_ =
-      std::make_unique<ServiceClient>(session->cluster_->Channel(), "", context.interrupt);
+  session->channel_ = session->cluster_->Channel();
+  session->client_ = std::make_unique<ServiceClient>(session->channel_, "", context.interrupt);
   return session;
 }
 

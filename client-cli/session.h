@@ -59,6 +59,8 @@ class Session {
       const Context& context);
 
   ServiceClient& client() { return *client_; }
+  // The channel of the client, for others that speak with the same coordinator.
+  [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
   // Of each request; infinite if the server's own limit holds.
@@ -69,6 +71,7 @@ class Session {
 
   EntryLock dataset_lock_;                    // of a cached dataset; outlives the cluster
   std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
+  std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<ServiceClient> client_;
   std::string dataset_name_;
   absl::Duration timeout_ = absl::InfiniteDuration();

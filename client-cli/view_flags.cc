@@ -16,6 +16,8 @@ namespace {
 namespace v1 = isoscope::v1;
 using view::NamedView;
 
+constexpr char kGroup[] = "Views";
+
 absl::StatusOr<NamedView> ParseView(absl::string_view text) {
   return ParseChoice<NamedView>(text, {{"front", NamedView::kFront},
                                        {"back", NamedView::kBack},
@@ -51,9 +53,8 @@ const char* FirstTurned(const CameraFlags& camera) {
 
 }  // namespace
 
-void AddViewFlags(CLI::App* app, ViewFlags* flags) {
-  const std::string group = "Views";
-  const auto add = [&](CLI::Option* option) { option->group(group); };
+void AddNamedViewFlags(CLI::App* app, ViewFlags* flags) {
+  const auto add = [&](CLI::Option* option) { option->group(kGroup); };
   add(AddFlag(app, "--view", "NAME", &flags->view, ParseView,
               "look from a side: front (the default: from +z, +y up), back, left (-x), right (+x), "
               "top (+y), bottom; where the patient is known (NIfTI, DICOM, NRRD with a space): "
@@ -62,6 +63,11 @@ void AddViewFlags(CLI::App* app, ViewFlags* flags) {
   add(AddFlag(app, "--fit", "volume|surface", &flags->fit, ParseFit,
               "what the picture frames: the whole volume (default), or the blocks that the surface "
               "meets, where nothing clips them"));
+}
+
+void AddViewFlags(CLI::App* app, ViewFlags* flags) {
+  const auto add = [&](CLI::Option* option) { option->group(kGroup); };
+  AddNamedViewFlags(app, flags);
   add(AddFlag(app, "--camera", "FILE.json", &flags->camera_file, ParseText,
               "the camera that --save-camera wrote; not with other flags of the camera"));
   add(AddFlag(app, "--save-camera", "FILE.json", &flags->save_camera_file, ParseText,

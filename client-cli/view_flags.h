@@ -25,7 +25,9 @@ struct ViewFlags {
   [[nodiscard]] bool fits_surface() const { return fit == isoscope::v1::CAMERA_FIT_SURFACE; }
 };
 
-// `flags` must outlive the parsing.
+// `flags` must outlive the parsing. Those that name no file alone: --view and --fit.
+void AddNamedViewFlags(CLI::App* app, ViewFlags* flags);
+// All of them.
 void AddViewFlags(CLI::App* app, ViewFlags* flags);
 
 // UsageError if the flags do not fit each other.

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs what is missing and builds the programs: build/release/bin/{isoscope,isoscope-agent,
-# isoscope-coordinator}. Works from any folder; does little when all is there.
+# isoscope-coordinator,isoscope-gateway}. Works from any folder; does little when all is there.
 set -euo pipefail
 
 usage() {
@@ -59,4 +59,4 @@ install_packages "${packages[@]}"
 cmake --preset release --log-level=WARNING \
   -DISOSCOPE_BUILD_TESTS="$with_tests" -DISOSCOPE_BUILD_BENCHMARKS="$with_tests"
 cmake --build --preset release --parallel "$jobs"
-echo "built: $PWD/build/release/bin/isoscope, isoscope-agent, isoscope-coordinator"
+echo "built: $PWD/build/release/bin/isoscope, isoscope-agent, isoscope-coordinator, isoscope-gateway"

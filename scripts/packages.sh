@@ -12,7 +12,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   build-essential cmake ninja-build ccache pkg-config ca-certificates
   libgrpc++-dev libprotobuf-dev protobuf-compiler protobuf-compiler-grpc libabsl-dev
   libtbb-dev libhwy-dev libzstd-dev liblz4-dev libpng-dev libjpeg62-turbo-dev libisal-dev liburing-dev libssl-dev
-  libspdlog-dev libcli11-dev nlohmann-json3-dev
+  libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev
   libwebp-dev libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core

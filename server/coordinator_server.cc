@@ -34,6 +34,7 @@ isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOpti
   capabilities.set_max_queued_frame_count(options.max_queued_frames);
   capabilities.set_max_message_bytes(rpc::kMaxMessageBytes);
   capabilities.set_max_frame_seconds(absl::ToDoubleSeconds(options.max_frame_duration));
+  capabilities.set_gateway_address(options.gateway_address);
   return capabilities;
 }
 

@@ -44,6 +44,8 @@ struct CoordinatorServerOptions {
   absl::Duration poll_interval = absl::Seconds(2);
   // The arena of the coordinator's computations; null: an arena of all cores.
   std::shared_ptr<tbb::task_arena> arena;
+  // The web gateway for people, as GetCapabilities tells it; empty: none.
+  std::string gateway_address = {};
   // The coordinator takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };

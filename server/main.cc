@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/time.h"
 #include <CLI/CLI.hpp>
@@ -25,6 +27,7 @@ struct Flags {
   std::vector<std::string> agents;
   double max_frame_seconds = 300;
   double poll_seconds = 2;
+  std::string gateway_address;
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
 };
 
@@ -33,6 +36,14 @@ constexpr char kExamples[] =
   isoscope-coordinator --agent dns:///isoscope-agents:50052      every address behind the name
   ISOSCOPE_AGENT="a:50052 b:50052" isoscope-coordinator --listen 0.0.0.0:50051
 )";
+
+// The complaint of CLI11 about an address that no browser opens; empty if it is one.
+std::string CheckGatewayAddress(const std::string& address) {
+  const bool is_web_address =
+      absl::StartsWith(address, "http://") || absl::StartsWith(address, "https://");
+  return is_web_address ? ""
+                        : absl::StrCat("'", address, "' is not http://HOST:PORT/ or https://...");
+}
 
 void AddFlags(CLI::App* app, Flags* flags) {
   constexpr double kMaxSeconds = 86400;
@@ -61,6 +72,11 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
       ->envname("ISOSCOPE_POLL_SECONDS")
       ->capture_default_str();
+  app->add_option("--gateway-address", flags->gateway_address,
+                  "Where people find the web gateway, as in https://host:8080/; clients ask for it")
+      ->type_name("URL")
+      ->check(CheckGatewayAddress)
+      ->envname("ISOSCOPE_GATEWAY_ADDRESS");
 }
 
 absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
@@ -76,6 +92,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.max_frame_duration = absl::Seconds(flags.max_frame_seconds);
   options.memory_limit_bytes = flags.memory_limit_bytes;
   options.poll_interval = absl::Seconds(flags.poll_seconds);
+  options.gateway_address = flags.gateway_address;
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));
   base::LogInfo("coordinator_started",

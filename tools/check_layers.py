@@ -40,6 +40,7 @@ MODULES = {
     "server": 7,
     "client-cli": 8,
     "bench": 9,
+    "web-gateway": 9,
 }
 
 # Programs put modules together: */main.cc may include all of them.
@@ -51,9 +52,10 @@ GRPC_FILES = re.compile(
     r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
     r"|server/(agent_client|agent_prober|agent_queries|dataset_catalog|frame_call|frame_runner|interact_frame|render_statistics)\.(h|cc)"
     r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
+    r"|web-gateway/(coordinator_client|interact_stream|gateway_server)\.(h|cc)"
 )
 # Who may name protobuf's headers and generated messages (*.pb.h).
-PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|(client-cli|bench)/.*")
+PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|(client-cli|bench|web-gateway)/.*")
 
 UNTESTED_HEADERS = {
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
@@ -127,7 +129,7 @@ def check_include(file, included):
         return None
     if included.endswith(".pb.h") or included.startswith("google/protobuf/"):
         if not PROTO_FILES.fullmatch(file):
-            return f"messages ({included}) are for core/rpc, servers, client-cli and bench"
+            return f"messages ({included}) are for core/rpc, servers, client-cli, bench and web-gateway"
         return None
     of_file, of_included = module_of(file), module_of(included)
     if of_included is None or of_file == of_included:

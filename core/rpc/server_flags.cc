@@ -4,12 +4,9 @@
 
 namespace isoscope::rpc {
 
-void AddServerFlags(CLI::App* app, ServerFlags* flags) {
-  constexpr double kMaxDrainSeconds = 86400;
-  app->add_option("--listen", flags->listen_address, "Address to serve on; port 0 takes a free one")
-      ->type_name("HOST:PORT")
-      ->envname("ISOSCOPE_LISTEN")
-      ->capture_default_str();
+namespace {
+
+void AddFrameFlags(CLI::App* app, ServerFlags* flags) {
   app->add_option("--max-concurrent-frames", flags->max_concurrent_frames,
                   "Frames that may be in work at a time")
       ->check(CLI::Range(1, 1024))
@@ -20,6 +17,19 @@ void AddServerFlags(CLI::App* app, ServerFlags* flags) {
       ->check(CLI::Range(0, 1 << 20))
       ->envname("ISOSCOPE_MAX_QUEUED_FRAMES")
       ->capture_default_str();
+}
+
+}  // namespace
+
+void AddServerFlags(CLI::App* app, ServerFlags* flags, bool has_frame_flags) {
+  constexpr double kMaxDrainSeconds = 86400;
+  app->add_option("--listen", flags->listen_address, "Address to serve on; port 0 takes a free one")
+      ->type_name("HOST:PORT")
+      ->envname("ISOSCOPE_LISTEN")
+      ->capture_default_str();
+  if (has_frame_flags) {
+    AddFrameFlags(app, flags);
+  }
   app->add_option("--drain-seconds", flags->drain_seconds,
                   "How long calls in work may take to end at shutdown")
       ->check(CLI::Range(0.0, kMaxDrainSeconds))

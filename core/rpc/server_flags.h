@@ -1,4 +1,4 @@
-// The flags that both servers' command lines have.
+// The flags that all servers' command lines have.
 
 #ifndef ISOSCOPE_CORE_RPC_SERVER_FLAGS_H_
 #define ISOSCOPE_CORE_RPC_SERVER_FLAGS_H_
@@ -19,8 +19,8 @@ struct ServerFlags {
 };
 
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
-// the parsing.
-void AddServerFlags(CLI::App* app, ServerFlags* flags);
+// the parsing. has_frame_flags: whether the program has the two limits of frames.
+void AddServerFlags(CLI::App* app, ServerFlags* flags, bool has_frame_flags);
 
 // Returns `listen_address` with the bound port instead of its own, for a log line.
 std::string BoundAddress(absl::string_view listen_address, int port);

@@ -63,7 +63,7 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
       "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once."));
   ServerFlags flags = program.defaults;
   program.add_flags(&app);
-  AddServerFlags(&app, &flags);
+  AddServerFlags(&app, &flags, program.has_frame_flags);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

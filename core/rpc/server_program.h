@@ -1,4 +1,4 @@
-// The main() that isoscope-coordinator and isoscope-agent share:
+// The main() that isoscope-coordinator, isoscope-agent and isoscope-gateway share:
 //
 //   parse the command line  ->  start the server  ->  wait for SIGTERM or SIGINT  ->  drain
 //
@@ -29,6 +29,7 @@ struct ServerProgram {
   std::string summary;   // one line of --help
   std::string examples;  // the last lines of --help, indented; end in a line feed
   ServerFlags defaults;
+  bool has_frame_flags = true;  // --max-concurrent-frames and --max-queued-frames
   // Adds the program's own flags. A callback of CLI11 that throws CLI::ParseError is wrong usage.
   std::function<void(CLI::App* app)> add_flags;
   // Starts the server once all flags are read, and logs that it serves. Returns an empty function

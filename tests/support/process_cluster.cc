@@ -25,6 +25,7 @@ namespace {
 constexpr char kIsoscope[] = ISOSCOPE_TEST_PROGRAM;
 constexpr char kAgent[] = ISOSCOPE_TEST_AGENT;
 constexpr char kCoordinator[] = ISOSCOPE_TEST_COORDINATOR;
+constexpr char kGateway[] = ISOSCOPE_TEST_GATEWAY;
 constexpr char kHoldingAgent[] = ISOSCOPE_TEST_HOLDING_AGENT;
 
 TestVolume MakeVolume(const testing::Field& field, const math::Index3& dims, double scale) {
@@ -131,7 +132,10 @@ absl::StatusOr<ServerProcess> StartHoldingAgent(const std::string& upstream_addr
 absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& agent_addresses,
                                                const std::vector<std::string>& flags,
                                                bool wait_until_ready) {
-  std::vector<std::string> argv{kCoordinator, "--listen", "127.0.0.1:0", "--poll-seconds", "86400"};
+  std::vector<std::string> argv{kCoordinator, "--poll-seconds", "86400"};
+  if (std::find(flags.begin(), flags.end(), "--listen") == flags.end()) {
+    Append({"--listen", "127.0.0.1:0"}, &argv);
+  }
   for (const std::string& address : agent_addresses) {
     Append({"--agent", address}, &argv);
   }
@@ -141,6 +145,14 @@ absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& a
     ISOSCOPE_RETURN_IF_ERROR(server.process->WaitForErrLine("dataset_ready").status());
   }
   return server;
+}
+
+absl::StatusOr<ServerProcess> StartGateway(const std::string& coordinator_address,
+                                           const std::vector<std::string>& flags) {
+  std::vector<std::string> argv{kGateway, "--listen", "127.0.0.1:0", "--server",
+                                coordinator_address};
+  Append(flags, &argv);
+  return StartServer(argv, "gateway_started");
 }
 
 absl::StatusOr<std::unique_ptr<ProcessCluster>> ProcessCluster::Start(

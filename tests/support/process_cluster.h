@@ -74,6 +74,10 @@ absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& a
                                                const std::vector<std::string>& flags = {},
                                                bool wait_until_ready = true);
 
+// isoscope-gateway on a free port of 127.0.0.1.
+absl::StatusOr<ServerProcess> StartGateway(const std::string& coordinator_address,
+                                           const std::vector<std::string>& flags = {});
+
 // A coordinator and one agent for each shard.
 class ProcessCluster {
  public:

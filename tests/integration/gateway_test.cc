@@ -1,0 +1,871 @@
+// The gateway as browsers and web back ends meet it: over real sockets, in front of a cluster of
+// real processes, and in front of fakes for what a real coordinator does not do on demand.
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <boost/asio/connect.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/websocket.hpp>
+#include <grpcpp/server_builder.h>
+#include <nlohmann/json.hpp>
+
+#include "core/base/coding.h"
+#include "core/base/mutex.h"
+#include "core/rpc/channel.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/interact_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "tests/support/process_cluster.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "web-gateway/gateway_server.h"
+
+namespace isoscope {
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+namespace websocket = beast::websocket;
+namespace v1 = isoscope::v1;
+using asio::ip::tcp;
+using boost::system::error_code;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::ProcessCluster;
+using testing::ServerProcess;
+using ::testing::StartsWith;
+
+constexpr char kRender[] = "/v1/datasets/d/render?isovalue=128&width=96&height=80";
+constexpr char kPostedFrame[] = R"({"isovalue":128,"viewport":{"widthPx":96,"heightPx":80}})";
+
+// A blocking connection to "HOST:PORT".
+class Connection {
+ public:
+  explicit Connection(const std::string& address) : socket_(io_) {
+    const std::vector<std::string> parts = absl::StrSplit(address, ':');
+    tcp::resolver resolver(io_);
+    asio::connect(socket_, resolver.resolve(parts[0], parts[1]));
+  }
+
+  void Send(const std::string& bytes) {
+    error_code ignored;  // the gateway may close while it is told nonsense
+    asio::write(socket_, asio::buffer(bytes), ignored);
+  }
+  // All that comes until the end of the connection.
+  std::string ReadAll() {
+    std::string all;
+    error_code error;
+    asio::read(socket_, asio::dynamic_buffer(all), error);
+    return all;
+  }
+  http::response<http::string_body> Ask(const http::request<http::string_body>& request) {
+    error_code error;
+    http::write(socket_, request, error);
+    http::response_parser<http::string_body> parser;
+    parser.body_limit(std::uint64_t{1} << 30);
+    parser.skip(request.method() == http::verb::head);
+    http::read(socket_, buffer_, parser, error);
+    EXPECT_FALSE(error) << error.message();
+    return parser.release();
+  }
+  void Close() { socket_.close(); }
+  tcp::socket& socket() { return socket_; }
+
+ private:
+  asio::io_context io_;
+  tcp::socket socket_;
+  beast::flat_buffer buffer_;
+};
+
+using Headers = std::vector<std::pair<std::string, std::string>>;
+
+http::request<http::string_body> MakeRequest(const std::string& address, http::verb method,
+                                             const std::string& target, const Headers& headers,
+                                             const std::string& body) {
+  http::request<http::string_body> request(method, target, 11);
+  request.set(http::field::host, address);
+  for (const auto& [name, value] : headers) {
+    request.set(name, value);
+  }
+  request.body() = body;
+  request.prepare_payload();
+  return request;
+}
+
+http::response<http::string_body> Get(const std::string& address, const std::string& target,
+                                      const Headers& headers = {}) {
+  return Connection(address).Ask(MakeRequest(address, http::verb::get, target, headers, ""));
+}
+
+http::response<http::string_body> Post(const std::string& address, const std::string& target,
+                                       const std::string& body, const Headers& headers = {}) {
+  return Connection(address).Ask(MakeRequest(address, http::verb::post, target, headers, body));
+}
+
+std::string HeaderOf(const http::response<http::string_body>& response, const std::string& name) {
+  const auto value = response[name];
+  return std::string(value.data(), value.size());
+}
+
+nlohmann::json Json(const std::string& text) {
+  nlohmann::json parsed = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  EXPECT_FALSE(parsed.is_discarded()) << text;
+  return parsed;
+}
+
+// A frame as it comes over the WebSocket.
+struct Frame {
+  nlohmann::json json;
+  std::string image;
+  std::string depths;
+
+  [[nodiscard]] std::int64_t number() const {
+    std::int64_t value = 0;
+    EXPECT_TRUE(absl::SimpleAtoi(json["frameNumber"].get<std::string>(), &value));
+    return value;
+  }
+  [[nodiscard]] bool is_exact() const { return json.value("isExact", false); }
+};
+
+// A page's WebSocket.
+class Viewer {
+ public:
+  explicit Viewer(const std::string& address, const std::string& target = "/v1/interact",
+                  const std::string& origin = "")
+      : connection_(address), socket_(connection_.socket()) {
+    socket_.set_option(
+        websocket::stream_base::decorator([origin](websocket::request_type& request) {
+          if (!origin.empty()) {
+            request.set(http::field::origin, origin);
+          }
+        }));
+    socket_.read_message_max(std::uint64_t{1} << 30);
+    socket_.handshake(answer_, address, target, error_);
+  }
+
+  // The status of the answer to the handshake; 101 if it is a WebSocket now.
+  [[nodiscard]] unsigned status() const { return answer_.result_int(); }
+  void Send(const std::string& text) {
+    socket_.text(true);
+    socket_.write(asio::buffer(text), error_);
+  }
+  void SendBinary(const std::string& bytes) {
+    socket_.binary(true);
+    socket_.write(asio::buffer(bytes), error_);
+  }
+  void SendState(int sequence, const std::string& frame, bool is_at_rest) {
+    Send(absl::StrCat(R"({"viewState":{"sequenceNumber":")", sequence, R"(","frame":)", frame,
+                      R"(,"isAtRest":)", is_at_rest ? "true" : "false", "}}"));
+  }
+  void SendShown(std::int64_t number) {
+    Send(absl::StrCat(R"({"frameShown":{"frameNumber":")", number, R"("}})"));
+  }
+  // The next frame; none at the end.
+  std::optional<Frame> Read() {
+    beast::flat_buffer buffer;
+    socket_.read(buffer, error_);
+    if (error_) {
+      return std::nullopt;
+    }
+    EXPECT_TRUE(socket_.got_binary());
+    const std::string bytes(static_cast<const char*>(buffer.cdata().data()), buffer.size());
+    const auto json_bytes = base::LoadLittleEndian<std::uint32_t>(bytes.data());
+    Frame frame{.json = Json(bytes.substr(4, json_bytes)), .image = {}, .depths = {}};
+    const auto image_bytes = frame.json["image"]["bytes"].get<std::size_t>();
+    frame.image = bytes.substr(4 + json_bytes, image_bytes);
+    frame.depths = bytes.substr(4 + json_bytes + image_bytes);
+    EXPECT_EQ(frame.depths.size(), frame.json["depthBytes"].get<std::size_t>());
+    return frame;
+  }
+  // Reads and acknowledges until the exact frame.
+  std::optional<Frame> ReadExact() {
+    while (std::optional<Frame> frame = Read()) {
+      SendShown(frame->number());
+      if (frame->is_exact() || frame->json.contains("error")) {
+        return frame;
+      }
+    }
+    return std::nullopt;
+  }
+  // Reads until the gateway closes. Returns the code and the reason.
+  std::pair<int, std::string> ReadClose() {
+    while (Read()) {
+    }
+    return {socket_.reason().code, std::string(socket_.reason().reason.c_str())};
+  }
+  void Drop() { connection_.Close(); }
+
+ private:
+  Connection connection_;
+  websocket::stream<tcp::socket&> socket_;
+  websocket::response_type answer_;
+  error_code error_;
+};
+
+class GatewayTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new testing::TempDir();
+    ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), folder_->Sub("d"),
+                                            /*shard_count=*/2, 8));
+    absl::StatusOr<std::unique_ptr<ProcessCluster>> cluster =
+        ProcessCluster::Start(folder_->Sub("d"), 2);
+    ISOSCOPE_ASSERT_OK(cluster);
+    cluster_ = cluster->release();
+    absl::StatusOr<ServerProcess> gateway = testing::StartGateway(cluster_->address());
+    ISOSCOPE_ASSERT_OK(gateway);
+    gateway_ = new ServerProcess(*std::move(gateway));
+  }
+  static void TearDownTestSuite() {
+    delete gateway_;
+    delete cluster_;
+    delete folder_;
+  }
+
+  [[nodiscard]] static const std::string& address() { return gateway_->address; }
+  // The picture that everybody must get.
+  static std::string ExpectedPng() {
+    const absl::StatusOr<v1::RenderIsosurfaceResponse> response =
+        testing::Render(cluster_->address(), testing::SmallRequest());
+    EXPECT_THAT(response, IsOk());
+    return response.ok() ? response->png() : "";
+  }
+
+  static testing::TempDir* folder_;
+  static ProcessCluster* cluster_;
+  static ServerProcess* gateway_;
+};
+
+testing::TempDir* GatewayTest::folder_ = nullptr;
+ProcessCluster* GatewayTest::cluster_ = nullptr;
+ServerProcess* GatewayTest::gateway_ = nullptr;
+
+TEST_F(GatewayTest, PicturesAreTheBytesOfRenderIsosurface) {
+  const std::string expected = ExpectedPng();
+  const auto by_name = Get(address(), kRender);
+  EXPECT_EQ(by_name.result_int(), 200U);
+  EXPECT_EQ(HeaderOf(by_name, "Content-Type"), "image/png");
+  EXPECT_EQ(HeaderOf(by_name, "X-Isoscope-Extent"), "96x80");
+  EXPECT_TRUE(by_name.body() == expected);
+  const auto posted = Post(address(), "/v1/datasets/d/render", kPostedFrame);
+  EXPECT_EQ(posted.result_int(), 200U) << posted.body();
+  EXPECT_TRUE(posted.body() == expected);
+  EXPECT_EQ(HeaderOf(posted, "Cache-Control"), "no-store");
+
+  const auto jpeg = Get(address(), absl::StrCat(kRender, "&format=jpeg"));
+  EXPECT_EQ(HeaderOf(jpeg, "Content-Type"), "image/jpeg");
+  EXPECT_THAT(jpeg.body(), StartsWith("\xff\xd8"));
+  const auto depth = Get(address(), absl::StrCat(kRender, "&format=depth"));
+  EXPECT_EQ(HeaderOf(depth, "Content-Type"), "application/octet-stream");
+  v1::RenderIsosurfaceRequest request = testing::SmallRequest();
+  request.mutable_output()->set_depth(true);
+  const auto response = testing::Render(cluster_->address(), request);
+  ISOSCOPE_ASSERT_OK(response);
+  EXPECT_TRUE(depth.body() == response->depth());
+}
+
+TEST_F(GatewayTest, APictureThatTheClientHasIsNotMadeAgain) {
+  const auto first = Get(address(), kRender);
+  const std::string etag = HeaderOf(first, "ETag");
+  EXPECT_THAT(etag, StartsWith("\""));
+  EXPECT_EQ(HeaderOf(first, "Cache-Control"), "public, no-cache");
+  const auto second = Get(address(), kRender, {{"If-None-Match", etag}});
+  EXPECT_EQ(second.result_int(), 304U);
+  EXPECT_EQ(second.body(), "");
+  EXPECT_EQ(HeaderOf(second, "ETag"), etag);
+  const auto other = Get(address(), absl::StrCat(kRender, "&azimuth=1"), {{"If-None-Match", etag}});
+  EXPECT_EQ(other.result_int(), 200U);
+
+  const std::string id = Json(Get(address(), "/v1/datasets/d").body())["datasetId"];
+  const auto by_id =
+      Get(address(), absl::StrCat("/v1/datasets/", id, "/render?isovalue=128&width=96&height=80"));
+  EXPECT_THAT(HeaderOf(by_id, "Cache-Control"), HasSubstr("immutable"));
+  EXPECT_TRUE(by_id.body() == first.body());
+  EXPECT_EQ(HeaderOf(Get(address(), absl::StrCat(kRender, "&culling=mask")), "Cache-Control"),
+            "no-store");
+}
+
+TEST_F(GatewayTest, FactsAreJson) {
+  EXPECT_EQ(Get(address(), "/healthz").body(), "ok\n");
+  EXPECT_GT(Json(Get(address(), "/v1/capabilities").body())["maxViewportPx"], 0);
+  EXPECT_EQ(Json(Get(address(), "/v1/status").body())["agents"].size(), 2U);
+  EXPECT_EQ(Json(Get(address(), "/v1/datasets").body())["datasets"][0]["name"], "d");
+  EXPECT_EQ(Json(Get(address(), "/v1/datasets/d").body())["shardCount"], 2);
+  EXPECT_FALSE(Json(Get(address(), "/v1/datasets/d/histogram?bins=16").body())["bins"].empty());
+  const auto page = Get(address(), "/");
+  EXPECT_THAT(HeaderOf(page, "Content-Security-Policy"), HasSubstr("default-src 'none'"));
+  EXPECT_EQ(HeaderOf(page, "X-Content-Type-Options"), "nosniff");
+}
+
+TEST_F(GatewayTest, PicksAndMeshesAreThoseOfTheService) {
+  const auto pick =
+      Post(address(), "/v1/datasets/d/pick",
+           absl::StrCat(R"({"frame":)", kPostedFrame, R"(,"pixels":[{"x":48,"y":40}]})"));
+  EXPECT_EQ(pick.result_int(), 200U) << pick.body();
+  EXPECT_EQ(Json(pick.body())["points"].size(), 1U);
+  const auto mesh = Get(address(), "/v1/datasets/d/mesh.glb?isovalue=128");
+  EXPECT_EQ(mesh.result_int(), 200U) << mesh.body();
+  EXPECT_EQ(HeaderOf(mesh, "Content-Type"), "model/gltf-binary");
+  EXPECT_THAT(mesh.body(), StartsWith("glTF"));
+  ASSERT_GE(mesh.body().size(), 12U);
+  EXPECT_EQ(base::LoadLittleEndian<std::uint32_t>(mesh.body().data() + 8), mesh.body().size());
+}
+
+TEST_F(GatewayTest, ErrorsSayWhatAndWhatIsAllowed) {
+  const struct {
+    std::string target;
+    unsigned status;
+    std::vector<std::string> said;
+  } cases[] = {
+      {"/v1/datasets/d/render", 400, {"INVALID_ARGUMENT", "isovalue"}},
+      {"/v1/datasets/d/render?isovalue=x", 400, {"isovalue", "'x'", "finite number"}},
+      {"/v1/datasets/d/render?isovalue=1&width=0", 400, {"width", "'0'", "1 to 65536"}},
+      {"/v1/datasets/d/render?isovalue=1&width=65536", 400, {"65536"}},
+      {"/v1/datasets/d/render?isovalue=1&camera=/etc/passwd", 400, {"no parameter 'camera'"}},
+      {"/v1/datasets/d/histogram?bins=5000", 400, {"bins", "'5000'", "4096"}},
+      {"/v1/datasets/d/histogram?bin=5", 400, {"'bin'"}},
+      {"/v1/datasets/e/render?isovalue=1", 404, {"NOT_FOUND", "'e'", "there are: d"}},
+      {"/v1/datasets/d/rendr", 404, {"mesh.glb"}},
+      {"/v1/datasets/d/pick", 405, {"POST"}},
+      {"/v2", 404, {"no page"}},
+      {"/absent.js", 404, {"absent.js"}},
+      {"/v1/interact", 426, {"WebSocket"}},
+      {"/%zz", 400, {"%"}},
+  };
+  for (const auto& c : cases) {
+    const auto response = Get(address(), c.target);
+    EXPECT_EQ(response.result_int(), c.status) << c.target << ": " << response.body();
+    const nlohmann::json json = Json(response.body());
+    EXPECT_TRUE(json.contains("code") && json.contains("message")) << response.body();
+    for (const std::string& said : c.said) {
+      EXPECT_THAT(response.body(), HasSubstr(said)) << c.target;
+    }
+    EXPECT_EQ(HeaderOf(response, "Cache-Control"), "no-store") << c.target;
+  }
+  for (const std::string& body :
+       {std::string("x"), std::string(R"({"isovaleu":1})"), std::string(R"({"dataset":"e"})"),
+        std::string(
+            R"({"isovalue":1,"viewport":{"widthPx":8,"heightPx":8},"output":{"depth":true}})")}) {
+    EXPECT_EQ(Post(address(), "/v1/datasets/d/render", body).result_int(), 400U) << body;
+  }
+}
+
+TEST_F(GatewayTest, HeadHasTheHeaderAlone) {
+  Connection connection(address());
+  const auto response = connection.Ask(MakeRequest(address(), http::verb::head, kRender, {}, ""));
+  EXPECT_EQ(response.result_int(), 200U);
+  EXPECT_EQ(response.body(), "");
+  EXPECT_EQ(HeaderOf(response, "Content-Length"), absl::StrCat(ExpectedPng().size()));
+  // The connection is good for another request.
+  EXPECT_EQ(connection.Ask(MakeRequest(address(), http::verb::get, "/healthz", {}, "")).body(),
+            "ok\n");
+}
+
+TEST_F(GatewayTest, HostileRequestsAreRefusedAndHarmNobody) {
+  const struct {
+    std::string name;
+    std::string bytes;
+    std::string answer;
+  } cases[] = {
+      {"garbage", "\x16\x03\x01 not http\r\n\r\n", "HTTP/1.1 400"},
+      {"long header", absl::StrCat("GET / HTTP/1.1\r\nX: ", std::string(20000, 'a'), "\r\n\r\n"),
+       "HTTP/1.1 431"},
+      {"long target", absl::StrCat("GET /", std::string(20000, 'a'), " HTTP/1.1\r\n\r\n"),
+       "HTTP/1.1 431"},
+      {"long body",
+       absl::StrCat("POST /v1/datasets/d/pick HTTP/1.1\r\nHost: localhost\r\n"
+                    "Content-Length: 2000000\r\n\r\n",
+                    std::string(2000, 'a')),
+       "HTTP/1.1 413"},
+      {"no host", "GET /healthz HTTP/1.1\r\nConnection: close\r\n\r\n", "HTTP/1.1 403"},
+      {"foreign host", "GET /v1/datasets HTTP/1.1\r\nHost: evil.org\r\nConnection: close\r\n\r\n",
+       "HTTP/1.1 403"},
+      {"other method",
+       "DELETE /v1/datasets HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
+       "HTTP/1.1 405"},
+      {"proxy", "CONNECT evil.org:443 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
+       "HTTP/1.1 400"},
+  };
+  for (const auto& c : cases) {
+    Connection connection(address());
+    connection.Send(c.bytes);
+    EXPECT_THAT(connection.ReadAll(), StartsWith(c.answer)) << c.name;
+  }
+  EXPECT_EQ(Get(address(), "/healthz").result_int(), 200U);
+}
+
+TEST_F(GatewayTest, AForeignPageGetsNothing) {
+  const Headers evil = {{"Origin", "http://evil.org"}};
+  EXPECT_EQ(Get(address(), "/v1/datasets", evil).result_int(), 403U);
+  EXPECT_EQ(Post(address(), "/v1/datasets/d/render", kPostedFrame, evil).result_int(), 403U);
+  EXPECT_EQ(Viewer(address(), "/v1/interact", "http://evil.org").status(), 403U);
+  EXPECT_EQ(Viewer(address(), "/v1/interact", "null").status(), 403U);
+  EXPECT_EQ(Viewer(address(), "/v1/interact", absl::StrCat("http://", address())).status(), 101U);
+  EXPECT_EQ(Viewer(address(), "/v1/other").status(), 404U);
+}
+
+TEST_F(GatewayTest, AllowedOriginsMayAskAndSeeTheAnswer) {
+  absl::StatusOr<ServerProcess> gateway =
+      testing::StartGateway(cluster_->address(), {"--allow-origin", "https://hub.org"});
+  ISOSCOPE_ASSERT_OK(gateway);
+  const Headers hub = {{"Origin", "https://hub.org"}};
+  const auto response = Get(gateway->address, "/v1/datasets", hub);
+  EXPECT_EQ(response.result_int(), 200U);
+  EXPECT_EQ(HeaderOf(response, "Access-Control-Allow-Origin"), "https://hub.org");
+  EXPECT_EQ(Viewer(gateway->address, "/v1/interact", "https://hub.org").status(), 101U);
+  const auto preflight = Connection(gateway->address)
+                             .Ask(MakeRequest(gateway->address, http::verb::options,
+                                              "/v1/datasets/d/render", hub, ""));
+  EXPECT_EQ(preflight.result_int(), 204U);
+  EXPECT_THAT(HeaderOf(preflight, "Access-Control-Allow-Methods"), HasSubstr("POST"));
+}
+
+TEST_F(GatewayTest, ATokenIsAskedForInEveryRequestForData) {
+  absl::StatusOr<ServerProcess> gateway =
+      testing::StartGateway(cluster_->address(), {"--token", "secret"});
+  ISOSCOPE_ASSERT_OK(gateway);
+  const std::string& guarded = gateway->address;
+  EXPECT_EQ(Get(guarded, "/").result_int(), 200U);
+  EXPECT_EQ(Get(guarded, "/healthz").result_int(), 200U);
+  EXPECT_EQ(Get(guarded, "/v1/datasets").result_int(), 401U);
+  EXPECT_EQ(Get(guarded, "/v1/datasets?token=Secret").result_int(), 401U);
+  EXPECT_EQ(Get(guarded, "/v1/datasets?token=secret").result_int(), 200U);
+  EXPECT_EQ(Get(guarded, "/v1/datasets", {{"Authorization", "Bearer secret"}}).result_int(), 200U);
+  EXPECT_EQ(HeaderOf(Get(guarded, absl::StrCat(kRender, "&token=secret")), "Cache-Control"),
+            "private, no-cache");
+  EXPECT_EQ(Viewer(guarded).status(), 401U);
+  EXPECT_EQ(Viewer(guarded, "/v1/interact?token=secret").status(), 101U);
+  gateway->process->Kill();
+  EXPECT_EQ(gateway->process->err().find("secret"), std::string::npos);
+}
+
+TEST_F(GatewayTest, AViewEndsInTheBytesOfRenderIsosurface) {
+  const std::string expected = ExpectedPng();
+  Viewer viewer(address());
+  ASSERT_EQ(viewer.status(), 101U);
+  viewer.SendState(1, kPostedFrame, /*is_at_rest=*/false);
+  std::optional<Frame> frame = viewer.ReadExact();
+  ASSERT_TRUE(frame.has_value());
+  ASSERT_FALSE(frame->json.contains("error")) << frame->json.dump();
+  EXPECT_TRUE(frame->image == expected);
+  EXPECT_EQ(frame->json["image"]["type"], "image/png");
+  EXPECT_EQ(frame->json["sequenceNumber"], "1");
+  viewer.SendState(2, kPostedFrame, /*is_at_rest=*/true);
+  frame = viewer.ReadExact();
+  ASSERT_TRUE(frame.has_value());
+  EXPECT_TRUE(frame->image == expected);
+}
+
+TEST_F(GatewayTest, MovingFramesAreJpegWithDepths) {
+  Viewer viewer(address());
+  bool has_moving = false;
+  for (int sequence = 1; sequence < 1000 && !has_moving; ++sequence) {
+    viewer.SendState(sequence, kPostedFrame, /*is_at_rest=*/false);
+    const std::optional<Frame> frame = viewer.Read();
+    ASSERT_TRUE(frame.has_value());
+    viewer.SendShown(frame->number());
+    if (!frame->is_exact()) {
+      has_moving = true;
+      EXPECT_EQ(frame->json["image"]["type"], "image/jpeg");
+      EXPECT_THAT(frame->image, StartsWith("\xff\xd8"));
+      const int width = frame->json["depthGrid"]["width"];
+      const int height = frame->json["depthGrid"]["height"];
+      EXPECT_EQ(frame->depths.size(), static_cast<std::size_t>(2 * width * height));
+    }
+  }
+  EXPECT_TRUE(has_moving);
+}
+
+TEST_F(GatewayTest, TwoViewersAndAPictureAtATime) {
+  const std::string expected = ExpectedPng();
+  std::vector<std::thread> clients;
+  std::vector<int> right(3, 0);
+  for (std::size_t i = 0; i < 2; ++i) {
+    clients.emplace_back([&, i] {
+      Viewer viewer(address());
+      for (int sequence = 1; sequence <= 10; ++sequence) {
+        viewer.SendState(sequence, kPostedFrame, /*is_at_rest=*/true);
+        const std::optional<Frame> frame = viewer.ReadExact();
+        right[i] += static_cast<int>(frame.has_value() && frame->image == expected);
+      }
+    });
+  }
+  clients.emplace_back([&] {
+    for (int i = 0; i < 10; ++i) {
+      right[2] += static_cast<int>(Get(address(), kRender).body() == expected);
+    }
+  });
+  for (std::thread& client : clients) {
+    client.join();
+  }
+  EXPECT_EQ(right, std::vector<int>({10, 10, 10}));
+}
+
+TEST_F(GatewayTest, WrongMessagesCloseTheSocketWithAReason) {
+  const struct {
+    std::string text;
+    std::string reason;
+  } cases[] = {
+      {"x", "InteractRequest"},
+      {"{}", "viewState"},
+      {R"({"viewState":{"sequenceNumer":"1"}})", "sequenceNumer"},
+      {R"({"viewState":{"sequenceNumber":"-5"}})", "sequence_number"},
+  };
+  for (const auto& c : cases) {
+    Viewer viewer(address());
+    viewer.Send(c.text);
+    const auto [code, reason] = viewer.ReadClose();
+    EXPECT_EQ(code, 1008) << c.text;
+    EXPECT_THAT(reason, HasSubstr(c.reason)) << c.text;
+  }
+  Viewer binary(address());
+  binary.SendBinary("x");
+  EXPECT_EQ(binary.ReadClose().first, 1008);
+  Viewer too_long(address());
+  too_long.Send(std::string(300 * 1024, ' '));
+  EXPECT_NE(too_long.ReadClose().first, 1000);
+  // A frame that fails is no wrong message: the stream goes on.
+  Viewer viewer(address());
+  viewer.SendState(1, R"({"dataset":"absent","isovalue":1,"viewport":{"widthPx":8,"heightPx":8}})",
+                   true);
+  const std::optional<Frame> failed = viewer.ReadExact();
+  ASSERT_TRUE(failed.has_value());
+  EXPECT_EQ(failed->json["error"]["code"], 5);
+  viewer.SendState(2, kPostedFrame, true);
+  const std::optional<Frame> frame = viewer.ReadExact();
+  ASSERT_TRUE(frame.has_value());
+  EXPECT_TRUE(frame->is_exact());
+}
+
+TEST_F(GatewayTest, ALostCoordinatorIsSaidAndFoundAgain) {
+  const std::vector<std::string> agents = {cluster_->agent_address(0), cluster_->agent_address(1)};
+  absl::StatusOr<ServerProcess> coordinator = testing::StartCoordinator(agents);
+  ISOSCOPE_ASSERT_OK(coordinator);
+  absl::StatusOr<ServerProcess> gateway = testing::StartGateway(coordinator->address);
+  ISOSCOPE_ASSERT_OK(gateway);
+  Viewer viewer(gateway->address);
+  viewer.SendState(1, kPostedFrame, true);
+  ASSERT_TRUE(viewer.ReadExact().has_value());
+
+  coordinator->process->Kill();
+  const auto [code, reason] = viewer.ReadClose();
+  EXPECT_EQ(code, 1011);
+  EXPECT_NE(reason, "");
+  const auto health = Get(gateway->address, "/healthz");
+  EXPECT_EQ(health.result_int(), 503U);
+  EXPECT_THAT(health.body(), HasSubstr(coordinator->address));
+  EXPECT_EQ(Json(Get(gateway->address, kRender).body())["code"], "UNAVAILABLE");
+  EXPECT_EQ(Viewer(gateway->address).ReadClose().first, 1011);
+
+  const std::string address = coordinator->address;
+  coordinator = testing::StartCoordinator(agents, {"--listen", address});
+  ISOSCOPE_ASSERT_OK(coordinator);
+  const absl::Time deadline = absl::Now() + testing::kPatience;
+  while (Get(gateway->address, "/healthz").result_int() != 200U && absl::Now() < deadline) {
+    absl::SleepFor(absl::Milliseconds(20));
+  }
+  EXPECT_TRUE(Get(gateway->address, kRender).body() == ExpectedPng());
+}
+
+TEST_F(GatewayTest, ShutdownClosesViewersAndEndsWithZero) {
+  for (const int signal : {SIGTERM, SIGINT}) {
+    absl::StatusOr<ServerProcess> gateway = testing::StartGateway(cluster_->address());
+    ISOSCOPE_ASSERT_OK(gateway);
+    Viewer viewer(gateway->address);
+    viewer.SendState(1, kPostedFrame, true);
+    ASSERT_TRUE(viewer.ReadExact().has_value());
+    Connection idle(gateway->address);
+    gateway->process->Signal(signal);
+    EXPECT_EQ(viewer.ReadClose().first, 1001);
+    EXPECT_EQ(idle.ReadAll(), "");
+    const absl::StatusOr<int> exit_code = gateway->process->Wait(testing::kPatience);
+    ISOSCOPE_ASSERT_OK(exit_code);
+    EXPECT_EQ(*exit_code, 0) << gateway->process->err();
+  }
+}
+
+TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
+  const testing::ProcessOptions options{.environment = {"XDG_CACHE_HOME=" + folder_->Sub("cache")}};
+  absl::StatusOr<std::unique_ptr<testing::Process>> view =
+      testing::StartIsoscope({"view", folder_->Sub("d"), "--no-open", "--renderer", "cpu",
+                              "--threads", "1", "--listen", "127.0.0.1:0", "--isovalue", "128"},
+                             options);
+  ISOSCOPE_ASSERT_OK(view);
+  const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
+  ISOSCOPE_ASSERT_OK(line);
+  EXPECT_THAT(*line, HasSubstr("/?dataset=d&isovalue=128"));
+  const std::string page = line->substr(std::string("http://").size());
+  const std::string host = page.substr(0, page.find('/'));
+  EXPECT_EQ(Get(host, "/").result_int(), 200U);
+  EXPECT_TRUE(Get(host, kRender).body() == ExpectedPng());
+  Viewer viewer(host, "/v1/interact", "http://" + host);
+  viewer.SendState(1, kPostedFrame, true);
+  const std::optional<Frame> frame = viewer.ReadExact();
+  ASSERT_TRUE(frame.has_value());
+  EXPECT_TRUE(frame->image == ExpectedPng());
+  (*view)->Signal(SIGINT);
+  const absl::StatusOr<int> exit_code = (*view)->Wait(testing::kPatience);
+  ISOSCOPE_ASSERT_OK(exit_code);
+  EXPECT_EQ(*exit_code, 0) << (*view)->err();
+  EXPECT_EQ((*view)->out(), *line + "\n");
+}
+
+TEST_F(GatewayTest, OffTheLoopbackAddressTheAddressHasAToken) {
+  absl::StatusOr<std::unique_ptr<testing::Process>> view =
+      testing::StartIsoscope({"view", "--server", cluster_->address(), "--listen", "0.0.0.0:0"});
+  ISOSCOPE_ASSERT_OK(view);
+  const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
+  ISOSCOPE_ASSERT_OK(line);
+  const std::size_t query = line->find("/?token=");
+  ASSERT_NE(query, std::string::npos) << *line;
+  const std::string port =
+      line->substr(line->rfind(':', query) + 1, query - line->rfind(':', query) - 1);
+  const std::string token = line->substr(query + 8, 32);
+  const std::string host = "127.0.0.1:" + port;
+  EXPECT_EQ(Get(host, "/v1/datasets").result_int(), 401U);
+  EXPECT_EQ(Get(host, "/v1/datasets?token=" + token).result_int(), 200U);
+}
+
+// --- in front of fakes, in this process ---
+
+// Renders until it is cancelled.
+class EndlessService final : public v1::IsosurfaceService::Service {
+ public:
+  grpc::Status RenderIsosurfaceStream(
+      grpc::ServerContext* context, const v1::RenderIsosurfaceStreamRequest* /*request*/,
+      grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* /*writer*/) override {
+    Change(&started_);
+    while (!context->IsCancelled()) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    Change(&cancelled_);
+    return grpc::Status::CANCELLED;
+  }
+  void AwaitStarted(int count) { Await(&started_, count); }
+  void AwaitCancelled(int count) { Await(&cancelled_, count); }
+
+ private:
+  void Change(int* counter) {
+    const base::MutexLock lock(&mutex_);
+    ++*counter;
+    changed_.SignalAll();
+  }
+  void Await(const int* counter, int count) {
+    base::MutexLock lock(&mutex_);
+    while (*counter < count) {
+      ASSERT_TRUE(changed_.WaitUntil(&mutex_, absl::Now() + testing::kPatience));
+    }
+  }
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  int started_ = 0;
+  int cancelled_ = 0;
+};
+
+class OneDataset final : public v1::DatasetService::Service {
+ public:
+  grpc::Status ListDatasets(grpc::ServerContext* /*context*/,
+                            const v1::ListDatasetsRequest* /*request*/,
+                            v1::ListDatasetsResponse* response) override {
+    response->add_datasets()->set_name("d");
+    return grpc::Status::OK;
+  }
+};
+
+// Sends frames at once, whatever is acknowledged, and keeps the numbers that are.
+class FloodService final : public v1::InteractService::Service {
+ public:
+  static constexpr int kFrames = 60;
+  static constexpr std::size_t kFrameBytes = std::size_t{1} << 20;
+
+  grpc::Status Interact(
+      grpc::ServerContext* /*context*/,
+      grpc::ServerReaderWriter<v1::InteractResponse, v1::InteractRequest>* stream) override {
+    v1::InteractRequest request;
+    stream->Read(&request);  // the state
+    std::thread writer([stream] {
+      for (int number = 1; number <= kFrames; ++number) {
+        v1::InteractResponse response;
+        response.set_frame_number(number);
+        response.mutable_frame()->set_jpeg(std::string(kFrameBytes, 'x'));
+        stream->Write(response);
+      }
+    });
+    while (stream->Read(&request)) {
+      const base::MutexLock lock(&mutex_);
+      shown_.push_back(request.frame_shown().frame_number());
+      changed_.SignalAll();
+    }
+    writer.join();
+    return grpc::Status::OK;
+  }
+  // The numbers that were acknowledged, once there are `count`.
+  std::vector<std::int64_t> AwaitShown(std::size_t count) {
+    base::MutexLock lock(&mutex_);
+    const absl::Time deadline = absl::Now() + testing::kPatience;
+    while (shown_.size() < count && changed_.WaitUntil(&mutex_, deadline)) {
+    }
+    return shown_;
+  }
+
+ private:
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  std::vector<std::int64_t> shown_;
+};
+
+class FakeBackedGateway {
+ public:
+  explicit FakeBackedGateway(const gateway::GatewayLimits& limits) {
+    grpc::ServerBuilder builder;
+    rpc::ConfigureServer(&builder);
+    builder.RegisterService(&endless);
+    builder.RegisterService(&datasets);
+    builder.RegisterService(&flood);
+    server_ = builder.BuildAndStart();
+    absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> started = gateway::GatewayServer::Start(
+        {.channel = server_->InProcessChannel(rpc::MakeChannelArguments()),
+         .listen_address = "127.0.0.1:0",
+         .limits = limits});
+    EXPECT_THAT(started, IsOk());
+    gateway = *std::move(started);
+    address = absl::StrCat("127.0.0.1:", gateway->port());
+  }
+  ~FakeBackedGateway() {
+    gateway.reset();
+    server_->Shutdown(std::chrono::system_clock::now());
+  }
+
+  EndlessService endless;
+  OneDataset datasets;
+  FloodService flood;
+  std::unique_ptr<gateway::GatewayServer> gateway;
+  std::string address;
+
+ private:
+  std::unique_ptr<grpc::Server> server_;
+};
+
+TEST(GatewayServerTest, AClientThatLeavesCancelsItsPicture) {
+  FakeBackedGateway fakes({});
+  Connection connection(fakes.address);
+  connection.Send(
+      absl::StrCat("POST /v1/datasets/d/render HTTP/1.1\r\nHost: localhost\r\n"
+                   "Content-Length: 2\r\n\r\n{}"));
+  fakes.endless.AwaitStarted(1);
+  connection.Close();
+  fakes.endless.AwaitCancelled(1);
+}
+
+TEST(GatewayServerTest, MorePicturesThanTheLimitAreRefused) {
+  FakeBackedGateway fakes({.max_pictures = 1});
+  Connection first(fakes.address);
+  first.Send(
+      "POST /v1/datasets/d/render HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n\r\n{}");
+  fakes.endless.AwaitStarted(1);
+  const auto refused = Post(fakes.address, "/v1/datasets/d/render", "{}");
+  EXPECT_EQ(refused.result_int(), 429U);
+  EXPECT_EQ(HeaderOf(refused, "Retry-After"), "1");
+  // Facts are still told.
+  EXPECT_EQ(Get(fakes.address, "/v1/datasets").result_int(), 200U);
+}
+
+TEST(GatewayServerTest, MoreConnectionsThanTheLimitAreRefused) {
+  FakeBackedGateway fakes({.max_connections = 2});
+  Connection first(fakes.address);
+  Connection second(fakes.address);
+  const auto ask = [&](Connection* connection) {
+    return connection->Ask(MakeRequest(fakes.address, http::verb::get, "/", {}, ""));
+  };
+  EXPECT_EQ(ask(&first).result_int(), 200U);
+  EXPECT_EQ(ask(&second).result_int(), 200U);
+  EXPECT_THAT(Connection(fakes.address).ReadAll(),
+              AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("--max-connections")));
+  EXPECT_EQ(ask(&first).result_int(), 200U);
+}
+
+TEST(GatewayServerTest, SlowRequestsAreDropped) {
+  FakeBackedGateway fakes(
+      {.request_timeout = absl::Milliseconds(100), .idle_timeout = absl::Milliseconds(100)});
+  Connection silent(fakes.address);
+  EXPECT_EQ(silent.ReadAll(), "");
+  Connection half_header(fakes.address);
+  half_header.Send("GET / HTTP/1.1\r\nHost: lo");
+  EXPECT_EQ(half_header.ReadAll(), "");
+  Connection half_body(fakes.address);
+  half_body.Send(
+      "POST /v1/datasets/d/pick HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n{");
+  EXPECT_EQ(half_body.ReadAll(), "");
+  Connection idle(fakes.address);
+  idle.Send("GET /v1/interact HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_THAT(idle.ReadAll(), StartsWith("HTTP/1.1 426"));
+}
+
+TEST(GatewayServerTest, FramesThatAreReplacedAreAcknowledgedOnceAndTheLastOneComes) {
+  FakeBackedGateway fakes({});
+  Viewer viewer(fakes.address);
+  ASSERT_EQ(viewer.status(), 101U);
+  viewer.SendState(1, "{}", false);
+  // Nothing is read while frames come, so most of them are replaced.
+  std::vector<std::int64_t> shown = fakes.flood.AwaitShown(FloodService::kFrames / 2);
+  std::set<std::int64_t> received;
+  std::optional<Frame> frame = viewer.Read();
+  while (frame && frame->number() < FloodService::kFrames) {
+    received.insert(frame->number());
+    frame = viewer.Read();
+  }
+  ASSERT_TRUE(frame.has_value());
+  received.insert(frame->number());
+  shown = fakes.flood.AwaitShown(FloodService::kFrames - received.size());
+  EXPECT_EQ(shown.size() + received.size(), static_cast<std::size_t>(FloodService::kFrames));
+  for (const std::int64_t number : shown) {
+    EXPECT_EQ(received.count(number), 0U) << number;
+    received.insert(number);
+  }
+  EXPECT_EQ(received.size(), static_cast<std::size_t>(FloodService::kFrames));
+}
+
+TEST(GatewayServerTest, AViewerThatDoesNotReadIsDroppedAndOthersGoOn) {
+  FakeBackedGateway fakes({.write_timeout = absl::Milliseconds(300)});
+  Viewer stalled(fakes.address);
+  stalled.SendState(1, "{}", false);
+  Viewer other(fakes.address);
+  other.SendState(1, "{}", false);
+  std::optional<Frame> frame = other.Read();
+  while (frame && frame->number() < FloodService::kFrames) {
+    frame = other.Read();
+  }
+  ASSERT_TRUE(frame.has_value());
+  // What lies in the buffers of the sockets still comes, and then the end without a close.
+  absl::SleepFor(absl::Seconds(1));
+  EXPECT_EQ(stalled.ReadClose().first, 0);
+}
+
+}  // namespace
+}  // namespace isoscope

@@ -1,0 +1,106 @@
+#include "web-gateway/access.h"
+
+#include <string>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::gateway {
+namespace {
+
+using testing::IsOk;
+using testing::StatusIs;
+using ::testing::HasSubstr;
+using ::testing::MatchesRegex;
+
+TEST(AccessTest, OriginMustBeTheHostOrAllowed) {
+  const AccessRules rules({.allowed_origins = {"https://hub.example.org"}});
+  const struct {
+    std::string origin;
+    std::string host;
+    bool is_allowed;
+  } cases[] = {
+      {"", "localhost:8080", true},  // no browser, or the same page
+      {"http://localhost:8080", "localhost:8080", true},
+      {"HTTP://LocalHost:8080", "localhost:8080", true},
+      {"https://localhost:8080", "localhost:8080", true},  // behind a proxy with TLS
+      {"https://hub.example.org", "localhost:8080", true},
+      {"https://HUB.example.org", "127.0.0.1:8080", true},
+      {"http://hub.example.org", "localhost:8080", false},
+      {"http://localhost:8081", "localhost:8080", false},
+      {"http://localhost", "localhost:8080", false},
+      {"http://127.0.0.1:8080", "localhost:8080", false},
+      {"http://evil.org", "localhost:8080", false},
+      {"http://localhost:8080.evil.org", "localhost:8080", false},
+      {"http://evil.org/localhost:8080", "localhost:8080", false},
+      {"null", "localhost:8080", false},
+      {"localhost:8080", "localhost:8080", false},
+      {"file://", "", false},
+      {"http://", "", false},
+  };
+  for (const auto& c : cases) {
+    EXPECT_EQ(rules.CheckSource(c.origin, c.host).ok(), c.is_allowed) << c.origin << " " << c.host;
+  }
+}
+
+TEST(AccessTest, ALoopbackGatewayTakesNoForeignNames) {
+  const AccessRules rules({.allowed_origins = {"https://hub.example.org:8000"}});
+  for (const char* host : {"localhost", "localhost:1", "a.localhost:1", "127.0.0.1:8080",
+                           "192.168.1.2:80", "[::1]:8080", "hub.example.org"}) {
+    EXPECT_THAT(rules.CheckSource("", host), IsOk()) << host;
+  }
+  for (const char* host : {"evil.org", "evil.org:8080", "localhost.evil.org", "", "1.2.3.4.evil",
+                           "127.0.0.1.evil.org", "1.2.3", "1.2.3.1234"}) {
+    EXPECT_THAT(rules.CheckSource("", host), StatusIs(absl::StatusCode::kPermissionDenied,
+                                                      HasSubstr("--allow-origin")))
+        << host;
+  }
+  // With a token a foreign page can't ask, and elsewhere the name is the operator's affair.
+  EXPECT_THAT(AccessRules({.token = "t"}).CheckSource("", "evil.org"), IsOk());
+  EXPECT_THAT(AccessRules({.listens_on_loopback = false}).CheckSource("", "host.org"), IsOk());
+}
+
+TEST(AccessTest, TokenComesAsParameterOrAsBearer) {
+  const AccessRules rules({.token = "secret"});
+  EXPECT_THAT(rules.CheckToken("secret", ""), IsOk());
+  EXPECT_THAT(rules.CheckToken("", "Bearer secret"), IsOk());
+  EXPECT_THAT(rules.CheckToken("", "bearer  secret "), IsOk());
+  for (const char* wrong : {"", "Secret", "secre", "secrets", " secret"}) {
+    EXPECT_THAT(rules.CheckToken(wrong, ""), StatusIs(absl::StatusCode::kUnauthenticated))
+        << wrong;
+  }
+  for (const char* wrong : {"secret", "Basic secret", "Bearer", "Bearer ", "Bearer secret2"}) {
+    EXPECT_THAT(rules.CheckToken("", wrong), StatusIs(absl::StatusCode::kUnauthenticated))
+        << wrong;
+  }
+  EXPECT_THAT(AccessRules({}).CheckToken("", ""), IsOk());
+}
+
+TEST(AccessTest, TokensAreLongAndDiffer) {
+  const std::string token = MakeToken();
+  EXPECT_THAT(token, MatchesRegex("[0-9a-f]{32}"));
+  EXPECT_NE(token, MakeToken());
+}
+
+TEST(AccessTest, LoopbackAddresses) {
+  for (const char* address : {"127.0.0.1:0", "127.1.2.3:80", "localhost:80", "[::1]:80"}) {
+    EXPECT_TRUE(IsLoopback(address)) << address;
+  }
+  for (const char* address : {"0.0.0.0:80", "[::]:80", "host:80", "127.evil.org:80", "10.0.0.1:1"}) {
+    EXPECT_FALSE(IsLoopback(address)) << address;
+  }
+}
+
+TEST(AccessTest, OriginsOfTheOption) {
+  EXPECT_EQ(ParseOrigin("https://Hub.Example.org").value(), "https://hub.example.org");
+  for (const char* text : {"", "*", "hub", "https://", "https://hub/", "ftp://hub", "http://u@h"}) {
+    EXPECT_THAT(ParseOrigin(text).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("https://HOST")))
+        << text;
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::gateway

@@ -1,0 +1,161 @@
+#include "web-gateway/render_query.h"
+
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::gateway {
+namespace {
+
+using testing::IsOk;
+using testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+namespace v1 = isoscope::v1;
+
+v1::Dataset MakeDataset() {
+  v1::Dataset dataset;
+  dataset.set_name("head");
+  v1::GridGeometry* const geometry = dataset.mutable_geometry();
+  geometry->mutable_sample_dims()->set_x(11);
+  geometry->mutable_sample_dims()->set_y(11);
+  geometry->mutable_sample_dims()->set_z(11);
+  geometry->mutable_spacing()->set_x(1);
+  geometry->mutable_spacing()->set_y(1);
+  geometry->mutable_spacing()->set_z(1);
+  return dataset;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceRequest> Parse(const std::string& query) {
+  const absl::StatusOr<Target> target = ParseTarget(absl::StrCat("/?", query));
+  EXPECT_THAT(target, IsOk());
+  return RenderRequestFromQuery(target->query, MakeDataset());
+}
+
+TEST(RenderQueryTest, ParametersAreTheFlagsOfTheCommandLine) {
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> request = Parse(
+      "isovalue=60&width=640&height=480&azimuth=30&elevation=-10&zoom=2&fit=surface&"
+      "background=1,1,1&samples=4&clip_plane=0,0,1,2&clip-plane=1,0,0,-3&clip-box=0,5,0,5,0,5&"
+      "color-by=z:turbo&light=1,1,1:2&ambient-occlusion=&silhouette=3:1,0,0&max_layers=4&"
+      "culling=none&region=1,2,30,40");
+  ASSERT_THAT(request, IsOk());
+  EXPECT_EQ(request->dataset(), "head");
+  EXPECT_EQ(request->surfaces(0).isovalue(), 60);  // color-by needs a surface
+  EXPECT_EQ(request->viewport().width_px(), 640);
+  EXPECT_EQ(request->viewport().height_px(), 480);
+  EXPECT_EQ(request->camera_fit(), v1::CAMERA_FIT_SURFACE);
+  EXPECT_EQ(request->background_color().red(), 1);
+  EXPECT_EQ(request->samples(), 4);
+  EXPECT_EQ(request->clip().half_spaces_size(), 2);
+  EXPECT_TRUE(request->clip().has_box());
+  EXPECT_EQ(request->lights_size(), 1);
+  EXPECT_TRUE(request->has_ambient_occlusion());
+  EXPECT_EQ(request->silhouette().width_px(), 3);
+  EXPECT_EQ(request->max_layers(), 4);
+  EXPECT_EQ(request->culling(), v1::CULLING_NONE);
+  EXPECT_EQ(request->region().width_px(), 30);
+  EXPECT_NE(request->camera().eye().x(), 5);  // turned
+  EXPECT_FALSE(request->has_output());
+}
+
+TEST(RenderQueryTest, SurfacesAreInTheOrderOfTheAddress) {
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> request =
+      Parse("surface=60:1,0,0:0.5&surface=30&format=jpeg&quality=80");
+  ASSERT_THAT(request, IsOk());
+  ASSERT_EQ(request->surfaces_size(), 2);
+  EXPECT_EQ(request->surfaces(0).isovalue(), 60);
+  EXPECT_EQ(request->surfaces(0).color().alpha(), 0.5F);
+  EXPECT_EQ(request->surfaces(1).isovalue(), 30);
+  EXPECT_EQ(request->output().image_format(), v1::OutputOptions::IMAGE_FORMAT_JPEG);
+  EXPECT_EQ(request->output().jpeg_quality(), 80);
+}
+
+TEST(RenderQueryTest, DepthIsAPlaneWithoutAPicture) {
+  const absl::StatusOr<v1::RenderIsosurfaceRequest> request = Parse("isovalue=60&format=depth");
+  ASSERT_THAT(request, IsOk());
+  EXPECT_EQ(request->output().image_format(), v1::OutputOptions::IMAGE_FORMAT_NONE);
+  EXPECT_TRUE(request->output().depth());
+}
+
+TEST(RenderQueryTest, WrongParametersAreNamedWithWhatIsAllowed) {
+  const struct {
+    std::string query;
+    std::vector<std::string> said;
+  } cases[] = {
+      {"", {"isovalue", "missing"}},
+      {"isovalue=abc", {"isovalue", "'abc'", "finite number"}},
+      {"isovalue=nan", {"isovalue", "'nan'"}},
+      {"isovalue=", {"isovalue", "no value"}},
+      {"isovalue=1&isovalue=2", {"isovalue", "2 times"}},
+      {"clip-plane=1&isovalue=1", {"clip-plane", "'1'"}},
+      {"isovalue=60&width=0", {"width", "'0'", "1 to 65536"}},
+      {"isovalue=60&width=65537", {"width", "65537"}},
+      {"isovalue=60&height=-1", {"height", "'-1'"}},
+      {"isovalue=60&azimuth=x", {"azimuth"}},
+      {"isovalue=60&zoom=0", {"zoom", "above 0"}},
+      {"isovalue=60&view=side", {"view", "'side'", "front"}},
+      {"isovalue=60&view=anterior", {"patient"}},
+      {"isovalue=60&fit=all", {"fit", "surface"}},
+      {"isovalue=60&eye=1,2,3&azimuth=3", {"eye", "azimuth"}},
+      {"isovalue=60&format=gif", {"format", "'gif'", "png, jpeg, depth"}},
+      {"isovalue=60&format=jpeg&quality=0", {"quality", "1 to 100"}},
+      {"isovalue=60&quality=90", {"quality", "format=jpeg"}},
+      {"isovalue=60&samples=5", {"samples", "1, 4, 9, 16"}},
+      {"isovalue=60&surface=70", {"surface", "isovalue"}},
+      {"isovalue=60&background=2,0,0", {"background"}},
+      {"isovalu=60", {"'isovalu'", "did you mean 'isovalue'"}},
+      {"isovalue=60&help=1", {"'help'"}},
+      {"isovalue=60&=1", {"''"}},
+      {"isovalue=60&--width=5", {"'--width'"}},
+      {"isovalue=60&output=x.png", {"'output'"}},
+  };
+  for (const auto& c : cases) {
+    const absl::Status status = Parse(c.query).status();
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument)) << c.query;
+    for (const std::string& said : c.said) {
+      EXPECT_THAT(std::string(status.message()), HasSubstr(said)) << c.query;
+    }
+    if (c.query.find("--") == std::string::npos) {
+      EXPECT_THAT(std::string(status.message()), Not(HasSubstr("--"))) << c.query;
+    }
+  }
+}
+
+TEST(RenderQueryTest, NoParameterReadsOrWritesAFileOfTheGateway) {
+  for (const char* name : {"camera", "save-camera", "save_camera", "like", "output", "depth",
+                           "normal", "stats", "config"}) {
+    EXPECT_THAT(Parse(absl::StrCat("isovalue=60&", name, "=/tmp/x")).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("no parameter")))
+        << name;
+  }
+}
+
+TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
+  const absl::StatusOr<MeshQuery> one =
+      MeshQueryFromQuery({{"isovalue", "60"}, {"clip_box", "0,1,0,1,0,1"}}, MakeDataset());
+  ASSERT_THAT(one, IsOk());
+  EXPECT_EQ(one->request.dataset(), "head");
+  EXPECT_EQ(one->request.isovalue(), 60);
+  EXPECT_TRUE(one->request.clip().has_box());
+  ASSERT_EQ(one->surfaces.size(), 1U);
+  const absl::StatusOr<MeshQuery> two = MeshQueryFromQuery(
+      {{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
+  ASSERT_THAT(two, IsOk());
+  EXPECT_EQ(two->request.surfaces_size(), 2);
+  EXPECT_EQ(two->surfaces[0].color->alpha, 1);
+  for (const QueryParameters& wrong :
+       {QueryParameters{}, QueryParameters{{"isovalue", "1"}, {"surface", "2"}},
+        QueryParameters{{"isovalue", "1"}, {"width", "2"}}}) {
+    EXPECT_THAT(MeshQueryFromQuery(wrong, MakeDataset()).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::gateway

@@ -1,0 +1,139 @@
+#include "web-gateway/access.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include <openssl/crypto.h>
+#include <openssl/rand.h>
+
+#include "core/base/check.h"
+
+namespace isoscope::gateway {
+namespace {
+
+constexpr std::size_t kTokenBytes = 16;
+constexpr std::size_t kMaxQuotedBytes = 100;
+
+std::string Quoted(absl::string_view text) {
+  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)), "'");
+}
+
+// "host:8080" or "[::1]:8080" without the port.
+absl::string_view HostOf(absl::string_view host_and_port) {
+  if (absl::StartsWith(host_and_port, "[")) {
+    const std::size_t end = host_and_port.find(']');
+    return end == absl::string_view::npos ? host_and_port : host_and_port.substr(0, end + 1);
+  }
+  return host_and_port.substr(0, host_and_port.find(':'));
+}
+
+// The part behind "://"; empty if the text has no scheme of the web.
+absl::string_view AuthorityOf(absl::string_view origin) {
+  for (const absl::string_view scheme :
+       {absl::string_view("http://"), absl::string_view("https://")}) {
+    if (absl::StartsWithIgnoreCase(origin, scheme)) {
+      return origin.substr(scheme.size());
+    }
+  }
+  return {};
+}
+
+bool IsIpv4(absl::string_view host) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(host, '.');
+  return parts.size() == 4 && std::all_of(parts.begin(), parts.end(), [](absl::string_view part) {
+           return !part.empty() && part.size() <= 3 &&
+                  std::all_of(part.begin(), part.end(), [](char c) {
+                    return absl::ascii_isdigit(static_cast<unsigned char>(c));
+                  });
+         });
+}
+
+bool IsLocalhost(absl::string_view host) {
+  return absl::EqualsIgnoreCase(host, "localhost") || absl::EndsWithIgnoreCase(host, ".localhost");
+}
+
+// Takes as long for each text of the token's length.
+bool Equals(absl::string_view given, absl::string_view token) {
+  return given.size() == token.size() &&
+         CRYPTO_memcmp(given.data(), token.data(), token.size()) == 0;
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> ParseOrigin(absl::string_view text) {
+  const absl::string_view authority = AuthorityOf(text);
+  if (authority.empty() || authority.find_first_of("/?#@ ") != absl::string_view::npos) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        Quoted(text), " is not an origin: http://HOST[:PORT] or https://HOST[:PORT], no path"));
+  }
+  return absl::AsciiStrToLower(text);
+}
+
+bool IsLoopback(absl::string_view host_and_port) {
+  const absl::string_view host = HostOf(host_and_port);
+  return IsLocalhost(host) || host == "[::1]" || (IsIpv4(host) && absl::StartsWith(host, "127."));
+}
+
+std::string MakeToken() {
+  std::array<unsigned char, kTokenBytes> bytes{};
+  ISOSCOPE_CHECK(RAND_bytes(bytes.data(), static_cast<int>(bytes.size())) == 1);
+  return absl::BytesToHexString(
+      absl::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+}
+
+bool AccessRules::IsAllowedOrigin(absl::string_view origin) const {
+  const std::string lower = absl::AsciiStrToLower(origin);
+  return std::find(options_.allowed_origins.begin(), options_.allowed_origins.end(), lower) !=
+         options_.allowed_origins.end();
+}
+
+absl::Status AccessRules::CheckSource(absl::string_view origin, absl::string_view host) const {
+  if (!origin.empty() && !IsAllowedOrigin(origin) &&
+      (host.empty() || !absl::EqualsIgnoreCase(AuthorityOf(origin), host))) {
+    return absl::PermissionDeniedError(absl::StrCat(
+        "the request comes from a page of ", Quoted(origin), ", and this is ", Quoted(host),
+        ": start the gateway with --allow-origin ORIGIN if that page may see its datasets"));
+  }
+  if (!options_.listens_on_loopback || has_token()) {
+    return absl::OkStatus();
+  }
+  const absl::string_view name = HostOf(host);
+  const bool is_allowed =
+      IsIpv4(name) || absl::StartsWith(name, "[") || IsLocalhost(name) ||
+      std::any_of(options_.allowed_origins.begin(), options_.allowed_origins.end(),
+                  [&](const std::string& allowed) {
+                    return absl::EqualsIgnoreCase(HostOf(AuthorityOf(allowed)), name);
+                  });
+  if (!is_allowed) {
+    return absl::PermissionDeniedError(
+        absl::StrCat("the request was sent to the name ", Quoted(name),
+                     ", which this gateway does not know to be its own: use localhost or "
+                     "127.0.0.1, or start it with --allow-origin http://HOST:PORT or --token"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AccessRules::CheckToken(absl::string_view parameter,
+                                     absl::string_view authorization) const {
+  if (!has_token() || Equals(parameter, options_.token)) {
+    return absl::OkStatus();
+  }
+  constexpr absl::string_view kBearer = "Bearer ";
+  if (absl::StartsWithIgnoreCase(authorization, kBearer) &&
+      Equals(absl::StripAsciiWhitespace(authorization.substr(kBearer.size())), options_.token)) {
+    return absl::OkStatus();
+  }
+  return absl::UnauthenticatedError(
+      parameter.empty() && authorization.empty()
+          ? "a token is asked for here: open the address that the gateway printed, with token=..., "
+            "or send 'Authorization: Bearer TOKEN'"
+          : "the token is wrong: open the address that the gateway printed when it started");
+}
+
+}  // namespace isoscope::gateway

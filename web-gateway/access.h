@@ -1,0 +1,63 @@
+// Who may ask: the token, the page that a request comes from, and the name that it was sent to.
+//
+// A browser sends requests to this machine for any page that it shows. Three things keep such a
+// page from a person's volumes:
+//
+//   Origin   names the page's own host. It must be the host of the request, or an allowed origin.
+//   Host     a page can point a name of its own at 127.0.0.1, and is then its own host. So a
+//   gateway
+//            on a loopback address takes only addresses in digits, localhost, and the hosts of
+//            allowed origins, unless it asks for a token.
+//   token    whoever leaves the loopback address asks for it, in each request to /v1/.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_ACCESS_H_
+#define ISOSCOPE_WEB_GATEWAY_ACCESS_H_
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::gateway {
+
+// "https://hub.example.org", in lower case, without a path. INVALID_ARGUMENT otherwise.
+absl::StatusOr<std::string> ParseOrigin(absl::string_view text);
+
+// Whether "HOST:PORT" names this machine's loopback device: 127.x.y.z, [::1] or localhost.
+bool IsLoopback(absl::string_view host_and_port);
+
+// 128 random bits as 32 hexadecimal digits.
+std::string MakeToken();
+
+struct AccessOptions {
+  std::string token = {};                         // empty: none is asked for
+  std::vector<std::string> allowed_origins = {};  // as ParseOrigin returns them
+  bool listens_on_loopback = true;
+};
+
+// Immutable, so thread-safe.
+class AccessRules {
+ public:
+  explicit AccessRules(AccessOptions options) : options_(std::move(options)) {}
+
+  // PERMISSION_DENIED if the request comes from another page, or was sent to a name that may be
+  // somebody else's; says which option allows it. `origin`: the header, empty if there is none.
+  [[nodiscard]] absl::Status CheckSource(absl::string_view origin, absl::string_view host) const;
+  // UNAUTHENTICATED unless one of the two is the token, or none is asked for. `authorization`: the
+  // header, "Bearer TOKEN".
+  [[nodiscard]] absl::Status CheckToken(absl::string_view parameter,
+                                        absl::string_view authorization) const;
+  // Whether answers may carry "Access-Control-Allow-Origin: origin".
+  [[nodiscard]] bool IsAllowedOrigin(absl::string_view origin) const;
+  [[nodiscard]] bool has_token() const { return !options_.token.empty(); }
+
+ private:
+  const AccessOptions options_;
+};
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_ACCESS_H_

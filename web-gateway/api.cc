@@ -1,0 +1,547 @@
+// Every request about a dataset goes the same way:
+//
+//   1  ListDatasets: the dataset that the address names, by name or by id
+//   2  for a picture: GetClusterStatus, the picture revision of its agents; with the dataset's id
+//   and
+//      the request it makes the ETag, and the work may end here with 304
+//   3  the call itself
+//
+// An Exchange is one request on its way. The functions that wait for answers hold it.
+
+#include "web-gateway/api.h"
+
+#include <cerrno>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "google/protobuf/io/coded_stream.h"
+#include "google/protobuf/io/zero_copy_stream_impl_lite.h"
+
+#include "client-cli/mesh_piece.h"
+#include "client-cli/mesh_writer.h"
+#include "core/base/status_macros.h"
+#include "web-gateway/etag.h"
+#include "web-gateway/json.h"
+#include "web-gateway/render_query.h"
+#include "web-gateway/static_files.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+using OutputOptions = v1::OutputOptions;
+
+constexpr std::size_t kMaxQuotedBytes = 100;
+constexpr std::int64_t kMaxMeshBytes = std::int64_t{1} << 30;
+
+std::string Quoted(absl::string_view text) {
+  return absl::StrCat("'", absl::CHexEscape(text.substr(0, kMaxQuotedBytes)), "'");
+}
+
+HttpResponse MethodNotAllowed(absl::string_view method, const std::string& allowed) {
+  HttpResponse response =
+      ErrorResponse(absl::InvalidArgumentError(absl::StrCat("the method is ", Quoted(method),
+                                                            ": this address "
+                                                            "takes ",
+                                                            allowed)),
+                    405);
+  response.headers.emplace_back("Allow", allowed);
+  return response;
+}
+
+// Bytes that depend on the content of the message alone.
+std::string Serialize(const google::protobuf::Message& message) {
+  std::string bytes;
+  google::protobuf::io::StringOutputStream stream(&bytes);
+  google::protobuf::io::CodedOutputStream coded(&stream);
+  coded.SetSerializationDeterministic(true);
+  message.SerializeToCodedStream(&coded);
+  coded.Trim();
+  return bytes;
+}
+
+std::string RevisionOf(const v1::GetClusterStatusResponse& cluster, const v1::Dataset& dataset) {
+  for (const v1::AgentStatus& agent : cluster.agents()) {
+    for (const v1::ServedShard& shard : agent.shards()) {
+      if (agent.state() == v1::AgentStatus::STATE_REACHABLE &&
+          shard.dataset_id() == dataset.dataset_id()) {
+        return agent.picture_revision();
+      }
+    }
+  }
+  return "";
+}
+
+// The one thing of a response that its request asks for, and its type.
+absl::Status TakePicture(const v1::RenderIsosurfaceRequest& request,
+                         v1::RenderIsosurfaceResponse* response, HttpResponse* answer) {
+  answer->content_type = "application/octet-stream";
+  switch (request.output().image_format()) {
+    case OutputOptions::IMAGE_FORMAT_JPEG:
+      answer->content_type = "image/jpeg";
+      answer->body = std::move(*response->mutable_jpeg());
+      return absl::OkStatus();
+    case OutputOptions::IMAGE_FORMAT_RGBA8:
+      answer->body = std::move(*response->mutable_rgba8());
+      return absl::OkStatus();
+    case OutputOptions::IMAGE_FORMAT_NONE:
+      answer->body =
+          std::move(request.output().depth()           ? *response->mutable_depth()
+                    : request.output().surface_index() ? *response->mutable_surface_index()
+                    : request.output().position()      ? *response->mutable_position()
+                                                       : *response->mutable_normal());
+      return absl::OkStatus();
+    default:
+      answer->content_type = "image/png";
+      answer->body = std::move(*response->mutable_png());
+      return absl::OkStatus();
+  }
+}
+
+// An answer is one picture or one plane. INVALID_ARGUMENT for a request of more, or of none.
+absl::Status CheckOneOutput(const OutputOptions& output) {
+  const int plane_count = static_cast<int>(output.depth()) +
+                          static_cast<int>(output.surface_index()) +
+                          static_cast<int>(output.position()) + static_cast<int>(output.normal());
+  const bool has_image = output.image_format() != OutputOptions::IMAGE_FORMAT_NONE;
+  if (plane_count + static_cast<int>(has_image) == 1) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("output asks for ", has_image ? "a picture and " : "", plane_count,
+                   " planes: an answer is one picture, or with IMAGE_FORMAT_NONE one plane"));
+}
+
+class Exchange : public std::enable_shared_from_this<Exchange> {
+ public:
+  Exchange(const ApiOptions& options, CoordinatorClient* client, std::atomic<int>* pictures,
+           HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
+           Api::Respond respond)
+      : options_(options),
+        client_(client),
+        pictures_(pictures),
+        request_(std::move(request)),
+        cancellation_(std::move(cancellation)),
+        respond_(std::move(respond)) {}
+  ~Exchange() {
+    if (is_picture_) {
+      pictures_->fetch_sub(1);
+    }
+  }
+  Exchange(const Exchange&) = delete;
+  Exchange& operator=(const Exchange&) = delete;
+
+  void Route() {
+    const std::vector<std::string>& path = request_.target.segments;
+    if (path.empty() || path[0] != "v1") {
+      const bool is_health = path.size() == 1 && path[0] == "healthz";
+      if (request_.method != "GET") {
+        Respond(MethodNotAllowed(request_.method, "GET"));
+      } else if (is_health) {
+        AnswerHealth();
+      } else {
+        Respond(ServeStaticFile(request_));
+      }
+      return;
+    }
+    if (path.size() == 2) {
+      RouteCluster(path[1]);
+    } else if (path.size() >= 3 && path[1] == "datasets") {
+      RouteDataset(path.size() == 3 ? "" : absl::StrJoin(path.begin() + 3, path.end(), "/"));
+    } else {
+      RespondUnknown();
+    }
+  }
+
+ private:
+  using Self = std::shared_ptr<Exchange>;
+
+  void Respond(HttpResponse response) { std::exchange(respond_, nullptr)(std::move(response)); }
+  void RespondError(const absl::Status& status) { Respond(ErrorResponse(status)); }
+  void RespondUnknown() {
+    RespondError(absl::NotFoundError(absl::StrCat(
+        "there is nothing at ",
+        Quoted(absl::StrCat("/", absl::StrJoin(request_.target.segments, "/"))),
+        ": /v1/capabilities, /v1/status, /v1/datasets, and below /v1/datasets/NAME: histogram, "
+        "render, pick, mesh.glb")));
+  }
+
+  // Answers with the message, or with the error.
+  template <typename Message>
+  std::function<void(absl::StatusOr<Message>)> AnswerWithJson() {
+    return [self = shared_from_this()](absl::StatusOr<Message> message) {
+      if (message.ok()) {
+        self->Respond(JsonResponse(ToJson(*message)));
+      } else {
+        self->RespondError(message.status());
+      }
+    };
+  }
+
+  // Whether the request has this method; answers 405 if not.
+  bool Takes(absl::string_view method) {
+    if (request_.method == method) {
+      return true;
+    }
+    Respond(MethodNotAllowed(request_.method, std::string(method)));
+    return false;
+  }
+
+  // Whether the address has no parameters left; answers 400 if it has.
+  bool TakesNoParameters() {
+    if (request_.target.query.empty()) {
+      return true;
+    }
+    RespondError(absl::InvalidArgumentError(
+        absl::StrCat("there is no parameter ", Quoted(request_.target.query[0].first), " here")));
+    return false;
+  }
+
+  void AnswerHealth() {
+    client_->GetCapabilities(
+        cancellation_, [self = shared_from_this()](
+                           const absl::StatusOr<v1::GetCapabilitiesResponse>& capabilities) {
+          HttpResponse response;
+          response.content_type = "text/plain; charset=utf-8";
+          response.headers = {{"Cache-Control", "no-store"}};
+          response.status = capabilities.ok() ? 200 : 503;
+          response.body =
+              capabilities.ok() ? "ok\n" : absl::StrCat(capabilities.status().message(), "\n");
+          self->Respond(std::move(response));
+        });
+  }
+
+  void RouteCluster(const std::string& name) {
+    if (name != "capabilities" && name != "status" && name != "datasets") {
+      RespondUnknown();
+    } else if (!Takes("GET") || !TakesNoParameters()) {
+      return;
+    } else if (name == "capabilities") {
+      client_->GetCapabilities(cancellation_, AnswerWithJson<v1::GetCapabilitiesResponse>());
+    } else if (name == "status") {
+      client_->GetClusterStatus(cancellation_, AnswerWithJson<v1::GetClusterStatusResponse>());
+    } else {
+      client_->ListDatasets(cancellation_, AnswerWithJson<v1::ListDatasetsResponse>());
+    }
+  }
+
+  void RouteDataset(const std::string& rest) {
+    using Step = void (Exchange::*)();
+    Step step = nullptr;
+    bool is_picture = true;
+    if (rest.empty() || rest == "histogram") {
+      step = rest.empty() ? &Exchange::AnswerDataset : &Exchange::AnswerHistogram;
+      is_picture = false;
+    } else if (rest == "render") {
+      step = request_.method == "POST" ? &Exchange::RenderPosted : &Exchange::RenderQueried;
+    } else if (rest == "pick") {
+      step = &Exchange::Pick;
+    } else if (rest == "mesh.glb") {
+      step = &Exchange::AnswerMesh;
+    } else {
+      RespondUnknown();
+      return;
+    }
+    const bool takes_post = rest == "pick" || rest == "render";
+    if (!(request_.method == "GET" && rest != "pick") &&
+        !(request_.method == "POST" && takes_post)) {
+      Respond(MethodNotAllowed(request_.method, rest == "pick"     ? "POST"
+                                                : rest == "render" ? "GET, POST"
+                                                                   : "GET"));
+      return;
+    }
+    if (is_picture && !CountPicture()) {
+      return;
+    }
+    FindDataset(step);
+  }
+
+  // Takes one of the places for pictures; answers 429 if there is none.
+  bool CountPicture() {
+    is_picture_ = true;  // given back by the destructor
+    if (pictures_->fetch_add(1) < options_.max_pictures) {
+      return true;
+    }
+    HttpResponse response = ErrorResponse(absl::ResourceExhaustedError(
+        absl::StrCat(options_.max_pictures,
+                     " pictures and meshes are in work, which is the gateway's limit "
+                     "(--max-pictures): ask again later")));
+    response.headers.emplace_back("Retry-After", "1");
+    Respond(std::move(response));
+    return false;
+  }
+
+  void FindDataset(void (Exchange::*next)()) {
+    client_->ListDatasets(cancellation_, [self = shared_from_this(),
+                                          next](absl::StatusOr<v1::ListDatasetsResponse> list) {
+      const absl::Status status = list.ok() ? self->TakeDataset(std::move(*list)) : list.status();
+      if (status.ok()) {
+        ((*self).*next)();
+      } else {
+        self->RespondError(status);
+      }
+    });
+  }
+
+  absl::Status TakeDataset(v1::ListDatasetsResponse list) {
+    const std::string& name = request_.target.segments[2];
+    std::vector<std::string> names;
+    v1::Dataset* by_id = nullptr;
+    for (v1::Dataset& dataset : *list.mutable_datasets()) {
+      if (dataset.name() == name) {
+        dataset_ = std::move(dataset);
+        return absl::OkStatus();
+      }
+      if (dataset.dataset_id() == name) {
+        by_id = &dataset;
+      }
+      names.push_back(dataset.name());
+    }
+    if (by_id != nullptr) {
+      dataset_ = std::move(*by_id);
+      is_by_id_ = true;
+      return absl::OkStatus();
+    }
+    return absl::NotFoundError(
+        absl::StrCat("there is no dataset ", Quoted(name), "; ",
+                     names.empty() ? "none is served"
+                                   : absl::StrCat("there are: ", absl::StrJoin(names, ", "))));
+  }
+
+  void AnswerDataset() {
+    if (TakesNoParameters()) {
+      Respond(JsonResponse(ToJson(dataset_)));
+    }
+  }
+
+  void AnswerHistogram() {
+    v1::GetHistogramRequest request;
+    request.set_dataset(dataset_.name());
+    const std::string bins = request_.target.TakeParameter("bins");
+    constexpr int kMaxBins = 4096;
+    int count = 0;
+    if (!bins.empty() && (!absl::SimpleAtoi(bins, &count) || count < 1 || count > kMaxBins)) {
+      RespondError(absl::InvalidArgumentError(
+          absl::StrCat("bins is ", Quoted(bins), ": a whole number from 1 to ", kMaxBins)));
+      return;
+    }
+    request.set_max_bin_count(count);
+    if (TakesNoParameters()) {
+      client_->GetHistogram(std::move(request), cancellation_,
+                            AnswerWithJson<v1::GetHistogramResponse>());
+    }
+  }
+
+  // Reads the body into `request`, whose frame `frame` gets the dataset of the address.
+  absl::Status ReadBody(google::protobuf::Message* request, v1::RenderIsosurfaceRequest* frame) {
+    ISOSCOPE_RETURN_IF_ERROR(FromJson(request_.body, request));
+    if (!frame->dataset().empty() && frame->dataset() != dataset_.name()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("dataset is ", Quoted(frame->dataset()), ", but the address names ",
+                       Quoted(dataset_.name()), ": leave it out of the body"));
+    }
+    frame->set_dataset(dataset_.name());
+    return absl::OkStatus();
+  }
+
+  void Pick() {
+    v1::PickSurfaceRequest request;
+    if (!TakesNoParameters()) {
+      return;
+    }
+    if (const absl::Status status = ReadBody(&request, request.mutable_frame()); !status.ok()) {
+      RespondError(status);
+      return;
+    }
+    client_->PickSurface(std::move(request), cancellation_,
+                         AnswerWithJson<v1::PickSurfaceResponse>());
+  }
+
+  void RenderPosted() {
+    if (!TakesNoParameters()) {
+      return;
+    }
+    absl::Status status = ReadBody(&render_, &render_);
+    if (status.ok()) {
+      status = CheckOneOutput(render_.output());
+    }
+    if (!status.ok()) {
+      RespondError(status);
+      return;
+    }
+    Render({{"Cache-Control", "no-store"}});
+  }
+
+  void RenderQueried() {
+    absl::StatusOr<v1::RenderIsosurfaceRequest> render =
+        RenderRequestFromQuery(request_.target.query, dataset_);
+    if (!render.ok()) {
+      RespondError(render.status());
+      return;
+    }
+    render_ = *std::move(render);
+    client_->GetClusterStatus(
+        cancellation_,
+        [self = shared_from_this()](const absl::StatusOr<v1::GetClusterStatusResponse>& cluster) {
+          if (cluster.ok()) {
+            self->RenderUnlessKnown(RevisionOf(*cluster, self->dataset_));
+          } else {
+            self->RespondError(cluster.status());
+          }
+        });
+  }
+
+  void RenderUnlessKnown(const std::string& picture_revision) {
+    if (render_.culling() == v1::CULLING_MASK) {
+      Render({{"Cache-Control", "no-store"}});  // approximate
+      return;
+    }
+    const std::string etag =
+        MakeEtag({dataset_.dataset_id(), picture_revision, Serialize(render_)});
+    const std::vector<std::pair<std::string, std::string>> headers = {
+        {"ETag", etag},
+        {"Cache-Control", absl::StrCat(options_.is_private ? "private, " : "public, ",
+                                       is_by_id_ ? "max-age=31536000, immutable" : "no-cache")}};
+    if (MatchesEtag(request_.if_none_match, etag)) {
+      HttpResponse response;
+      response.status = 304;
+      response.headers = headers;
+      Respond(std::move(response));
+      return;
+    }
+    Render(headers);
+  }
+
+  void Render(std::vector<std::pair<std::string, std::string>> headers) {
+    client_->Render(
+        render_, cancellation_,
+        [self = shared_from_this(),
+         headers = std::move(headers)](absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
+          if (!rendered.ok()) {
+            self->RespondError(rendered.status());
+            return;
+          }
+          HttpResponse response;
+          response.headers = headers;
+          response.headers.emplace_back(
+              "X-Isoscope-Extent",
+              absl::StrCat(rendered->extent().width_px(), "x", rendered->extent().height_px()));
+          response.headers.emplace_back("X-Isoscope-Camera", ToJson(rendered->camera()));
+          const absl::Status taken = TakePicture(self->render_, &*rendered, &response);
+          self->Respond(taken.ok() ? std::move(response) : ErrorResponse(taken));
+        });
+  }
+
+  void AnswerMesh() {
+    const absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
+    absl::Status status = query.status();
+    if (status.ok()) {
+      status = BeginMesh(*query);
+    }
+    if (!status.ok()) {
+      RespondError(status);
+      return;
+    }
+    client_->Export(
+        query->request, cancellation_,
+        [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
+          ISOSCOPE_ASSIGN_OR_RETURN(const cli::MeshPiece piece,
+                                    self->decoder_->Decode(chunk.surface_index(), chunk.positions(),
+                                                           chunk.normals(), chunk.triangles()));
+          ISOSCOPE_RETURN_IF_ERROR(self->CheckMeshSize());
+          return self->writer_->Add(piece);
+        },
+        [self = shared_from_this()](const absl::Status& exported) { self->EndMesh(exported); });
+  }
+
+  // Makes the file that the mesh goes to.
+  absl::Status BeginMesh(const MeshQuery& query) {
+    std::error_code error;
+    std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
+    // A folder of its own: nobody else can put a file of this name there.
+    if (error || mkdtemp(folder.data()) == nullptr) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("no folder for temporary files can be made (TMPDIR): ",
+                       error ? error.message() : std::system_category().message(errno)));
+    }
+    mesh_path_ = folder + "/mesh.glb";
+    const cli::MeshFileOptions file{
+        .path = mesh_path_, .format = cli::MeshFormat::kGlb, .surfaces = query.surfaces};
+    ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(file));
+    decoder_.emplace(static_cast<int>(query.surfaces.size()));
+    absl::StatusOr<std::unique_ptr<cli::MeshWriter>> writer = cli::MeshWriter::Create(file);
+    if (!writer.ok()) {
+      RemoveTemporaryFile(mesh_path_);
+      return writer.status();
+    }
+    writer_ = *std::move(writer);
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] absl::Status CheckMeshSize() const {
+    constexpr std::int64_t kVertexBytes = 6 * sizeof(float);
+    constexpr std::int64_t kTriangleBytes = 3 * sizeof(std::uint32_t);
+    const std::int64_t bytes =
+        kVertexBytes * decoder_->vertex_count() + kTriangleBytes * decoder_->triangle_count();
+    return bytes <= kMaxMeshBytes
+               ? absl::OkStatus()
+               : absl::ResourceExhaustedError(absl::StrCat(
+                     "the mesh has more than ", kMaxMeshBytes,
+                     " bytes, which is the gateway's limit: clip it, or use 'isoscope export'"));
+  }
+
+  void EndMesh(absl::Status status) {
+    if (status.ok()) {
+      status = writer_->Finish();
+    }
+    writer_.reset();  // without Finish, this removes the file
+    if (!status.ok()) {
+      RemoveTemporaryFile(mesh_path_);
+      RespondError(status);
+      return;
+    }
+    HttpResponse response;
+    response.content_type = "model/gltf-binary";
+    response.file_path = mesh_path_;
+    response.headers = {{"Cache-Control", "no-store"},
+                        {"Content-Disposition", "attachment; filename=\"mesh.glb\""}};
+    Respond(std::move(response));
+  }
+
+  const ApiOptions options_;
+  CoordinatorClient* const client_;
+  std::atomic<int>* const pictures_;
+  HttpRequest request_;
+  const std::shared_ptr<base::Cancellation> cancellation_;
+  Api::Respond respond_;
+  bool is_picture_ = false;
+
+  v1::Dataset dataset_;
+  bool is_by_id_ = false;
+  v1::RenderIsosurfaceRequest render_;
+  std::string mesh_path_;
+  std::optional<cli::MeshDecoder> decoder_;
+  std::unique_ptr<cli::MeshWriter> writer_;
+};
+
+}  // namespace
+
+void Api::Answer(HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
+                 Respond respond) {
+  std::make_shared<Exchange>(options_, client_, &pictures_in_work_, std::move(request),
+                             std::move(cancellation), std::move(respond))
+      ->Route();
+}
+
+}  // namespace isoscope::gateway

@@ -1,0 +1,45 @@
+// The HTTP interface without its transport (docs/gateway.md): takes requests, asks the coordinator,
+// and gives answers.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_API_H_
+#define ISOSCOPE_WEB_GATEWAY_API_H_
+
+#include <atomic>
+#include <functional>
+#include <memory>
+
+#include "core/base/cancellation.h"
+#include "web-gateway/coordinator_client.h"
+#include "web-gateway/http_message.h"
+
+namespace isoscope::gateway {
+
+struct ApiOptions {
+  // Pictures, picks and meshes in work at a time; more are answered with 429.
+  int max_pictures = 16;
+  // Whether answers are for one person, so that no shared cache keeps them.
+  bool is_private = false;
+};
+
+// Thread-safe.
+class Api {
+ public:
+  using Respond = std::function<void(HttpResponse)>;
+
+  // `client` outlives it, and all of its calls have ended before it is destroyed.
+  Api(ApiOptions options, CoordinatorClient* client) : options_(options), client_(client) {}
+
+  // Answers: calls `respond` once, on this thread or on one of gRPC's. When the cancellation fires,
+  // the work stops, and the answer comes soon.
+  void Answer(HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
+              Respond respond);
+
+ private:
+  const ApiOptions options_;
+  CoordinatorClient* const client_;
+  std::atomic<int> pictures_in_work_{0};
+};
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_API_H_

@@ -1,0 +1,4 @@
+// All of Boost.Asio and Boost.Beast that is not a template, compiled once.
+
+#include <boost/asio/impl/src.hpp>
+#include <boost/beast/src.hpp>

@@ -1,0 +1,273 @@
+// Calls own themselves: each is made on the heap, and deleted by its last reaction. It is deleted
+// before it is taken from the counter, so that nothing of gRPC's is used once the client is gone,
+// and no thread of gRPC's drops the last reference to the channel.
+
+#include "web-gateway/coordinator_client.h"
+
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include <grpcpp/client_context.h>
+#include <grpcpp/support/client_callback.h>
+
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/response_splitter.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// Of calls that are answered from what the coordinator has in memory.
+constexpr absl::Duration kQuickDuration = absl::Seconds(5);
+constexpr absl::Duration kHistogramDuration = absl::Seconds(60);
+
+// What every call has: deadline, cancellation, count.
+class CallBase {
+ public:
+  CallBase(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration)
+      : client_(client), cancel_(std::move(cancel)) {
+    client_->calls()->Add();
+    context_.set_deadline(absl::ToChronoTime(absl::Now() + duration));
+    if (cancel_ != nullptr) {
+      on_cancel_.emplace(*cancel_, [this] { context_.TryCancel(); });
+    }
+  }
+  CallBase(const CallBase&) = delete;
+  CallBase& operator=(const CallBase&) = delete;
+
+ protected:
+  ~CallBase() = default;
+
+  grpc::ClientContext* context() { return &context_; }
+  [[nodiscard]] absl::Status Explain(const grpc::Status& status) const {
+    return client_->Explain(rpc::ToAbslStatus(status));
+  }
+  // Deletes the call; last use of `call`.
+  template <typename Call>
+  static void Delete(Call* call) {
+    CallCounter* const calls = call->client_->calls();
+    delete call;
+    calls->Remove();
+  }
+
+ private:
+  CoordinatorClient* const client_;
+  const CoordinatorClient::Cancel cancel_;
+  grpc::ClientContext context_;
+  std::optional<base::Cancellation::Callback> on_cancel_;  // ends before the context
+};
+
+template <typename Request, typename Response>
+class UnaryCall final : public CallBase {
+ public:
+  using Done = CoordinatorClient::Done<Response>;
+
+  UnaryCall(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration,
+            Request request, Done done)
+      : CallBase(client, std::move(cancel), duration),
+        request_(std::move(request)),
+        done_(std::move(done)) {}
+
+  // begin(context, request, response, callback): the stub's method.
+  template <typename Begin>
+  void Start(const Begin& begin) {
+    begin(context(), &request_, &response_, [this](const grpc::Status& status) {
+      if (status.ok()) {
+        done_(std::move(response_));
+      } else {
+        done_(Explain(status));
+      }
+      Delete(this);
+    });
+  }
+
+ private:
+  friend class CallBase;
+
+  Request request_;
+  Response response_;
+  Done done_;
+};
+
+// A stream of answers, each given to `visit`.
+template <typename Request, typename Message>
+class ReadCall final : public CallBase, public grpc::ClientReadReactor<Message> {
+ public:
+  using Visit = std::function<absl::Status(Message*)>;
+  using Done = std::function<void(absl::Status)>;
+
+  ReadCall(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration,
+           Request request, Visit visit, Done done)
+      : CallBase(client, std::move(cancel), duration),
+        request_(std::move(request)),
+        visit_(std::move(visit)),
+        done_(std::move(done)) {}
+
+  // begin(context, request, reactor): the stub's method.
+  template <typename Begin>
+  void Start(const Begin& begin) {
+    begin(context(), &request_, this);
+    this->StartRead(&message_);
+    this->StartCall();
+  }
+
+  void OnReadDone(bool ok) override {
+    if (!ok) {
+      return;  // OnDone follows
+    }
+    visited_ = visit_(&message_);
+    if (visited_.ok()) {
+      this->StartRead(&message_);
+    } else {
+      context()->TryCancel();
+    }
+  }
+
+  void OnDone(const grpc::Status& status) override {
+    done_(visited_.ok() ? Explain(status) : visited_);
+    CallBase::Delete(this);
+  }
+
+ private:
+  friend class CallBase;
+
+  const Request request_;
+  const Visit visit_;
+  const Done done_;
+  Message message_;
+  absl::Status visited_ = absl::OkStatus();
+};
+
+// Starts the unary call `method` of the service that `stub` has.
+template <typename Request, typename Response, typename Async>
+void CallUnary(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration,
+               Request request, CoordinatorClient::Done<Response> done, Async* async,
+               void (Async::*method)(grpc::ClientContext*, const Request*, Response*,
+                                     std::function<void(grpc::Status)>)) {
+  auto* const call = new UnaryCall<Request, Response>(client, std::move(cancel), duration,
+                                                      std::move(request), std::move(done));
+  call->Start([&](grpc::ClientContext* context, const Request* sent, Response* received,
+                  std::function<void(grpc::Status)> callback) {
+    (async->*method)(context, sent, received, std::move(callback));
+  });
+}
+
+}  // namespace
+
+void CallCounter::Add() {
+  const base::MutexLock lock(&mutex_);
+  ++count_;
+}
+
+void CallCounter::Remove() {
+  const base::MutexLock lock(&mutex_);
+  if (--count_ == 0) {
+    none_.SignalAll();
+  }
+}
+
+void CallCounter::AwaitNone() {
+  base::MutexLock lock(&mutex_);
+  none_.Await(&mutex_, [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return count_ == 0; });
+}
+
+CoordinatorClient::CoordinatorClient(CoordinatorClientOptions options)
+    : options_(std::move(options)),
+      isosurface_(v1::IsosurfaceService::NewStub(options_.channel)),
+      dataset_(v1::DatasetService::NewStub(options_.channel)),
+      cluster_(v1::ClusterService::NewStub(options_.channel)),
+      interact_(v1::InteractService::NewStub(options_.channel)) {}
+
+CoordinatorClient::~CoordinatorClient() { calls_.AwaitNone(); }
+
+absl::Status CoordinatorClient::Explain(const absl::Status& status) const {
+  if (absl::IsUnavailable(status) && !options_.address.empty() &&
+      options_.channel->GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_READY) {
+    return absl::UnavailableError(
+        absl::StrCat("no coordinator answers at ", options_.address, " (", status.message(), ")"));
+  }
+  return status;
+}
+
+void CoordinatorClient::GetCapabilities(Cancel cancel, Done<v1::GetCapabilitiesResponse> done) {
+  CallUnary(this, std::move(cancel), kQuickDuration, v1::GetCapabilitiesRequest(), std::move(done),
+            cluster_->async(), &v1::ClusterService::Stub::async::GetCapabilities);
+}
+
+void CoordinatorClient::GetClusterStatus(Cancel cancel, Done<v1::GetClusterStatusResponse> done) {
+  CallUnary(this, std::move(cancel), kQuickDuration, v1::GetClusterStatusRequest(), std::move(done),
+            cluster_->async(), &v1::ClusterService::Stub::async::GetClusterStatus);
+}
+
+void CoordinatorClient::ListDatasets(Cancel cancel, Done<v1::ListDatasetsResponse> done) {
+  CallUnary(this, std::move(cancel), kQuickDuration, v1::ListDatasetsRequest(), std::move(done),
+            dataset_->async(), &v1::DatasetService::Stub::async::ListDatasets);
+}
+
+void CoordinatorClient::GetHistogram(v1::GetHistogramRequest request, Cancel cancel,
+                                     Done<v1::GetHistogramResponse> done) {
+  CallUnary(this, std::move(cancel), kHistogramDuration, std::move(request), std::move(done),
+            dataset_->async(), &v1::DatasetService::Stub::async::GetHistogram);
+}
+
+void CoordinatorClient::PickSurface(v1::PickSurfaceRequest request, Cancel cancel,
+                                    Done<v1::PickSurfaceResponse> done) {
+  CallUnary(this, std::move(cancel), options_.max_duration, std::move(request), std::move(done),
+            isosurface_->async(), &v1::IsosurfaceService::Stub::async::PickSurface);
+}
+
+void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, Cancel cancel,
+                               Done<v1::RenderIsosurfaceResponse> done) {
+  v1::RenderIsosurfaceStreamRequest in_parts;
+  *in_parts.mutable_request() = std::move(request);
+  struct Whole {
+    v1::RenderIsosurfaceResponse response;
+    std::size_t bytes = 0;
+  };
+  const auto whole = std::make_shared<Whole>();
+  const auto append = [whole, limit = options_.max_picture_bytes](
+                          v1::RenderIsosurfaceStreamResponse* message) -> absl::Status {
+    whole->bytes += message->ByteSizeLong();
+    if (whole->bytes > limit) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the picture has more than ", limit,
+                       " bytes, which is the gateway's limit: ask for a region of it, or for "
+                       "fewer pixels"));
+    }
+    rpc::AppendPart(std::move(*message->mutable_part()), &whole->response);
+    return absl::OkStatus();
+  };
+  auto* const call =
+      new ReadCall<v1::RenderIsosurfaceStreamRequest, v1::RenderIsosurfaceStreamResponse>(
+          this, std::move(cancel), options_.max_duration, std::move(in_parts), append,
+          [whole, done = std::move(done)](const absl::Status& status) {
+            if (status.ok()) {
+              done(std::move(whole->response));
+            } else {
+              done(status);
+            }
+          });
+  call->Start([this](grpc::ClientContext* context, const v1::RenderIsosurfaceStreamRequest* sent,
+                     grpc::ClientReadReactor<v1::RenderIsosurfaceStreamResponse>* reactor) {
+    isosurface_->async()->RenderIsosurfaceStream(context, sent, reactor);
+  });
+}
+
+void CoordinatorClient::Export(
+    v1::ExportIsosurfaceRequest request, Cancel cancel,
+    std::function<absl::Status(const v1::ExportIsosurfaceResponse&)> visit,
+    std::function<void(absl::Status)> done) {
+  auto* const call = new ReadCall<v1::ExportIsosurfaceRequest, v1::ExportIsosurfaceResponse>(
+      this, std::move(cancel), options_.max_duration, std::move(request),
+      [visit = std::move(visit)](v1::ExportIsosurfaceResponse* chunk) { return visit(*chunk); },
+      std::move(done));
+  call->Start([this](grpc::ClientContext* context, const v1::ExportIsosurfaceRequest* sent,
+                     grpc::ClientReadReactor<v1::ExportIsosurfaceResponse>* reactor) {
+    isosurface_->async()->ExportIsosurface(context, sent, reactor);
+  });
+}
+
+}  // namespace isoscope::gateway

@@ -1,0 +1,94 @@
+// The coordinator's public services as calls that never block: a function is called when the answer
+// is there, on a thread of gRPC.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
+#define ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <grpcpp/channel.h>
+
+#include "core/base/cancellation.h"
+#include "core/base/mutex.h"
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/interact_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+
+namespace isoscope::gateway {
+
+// Counts the calls that gRPC still holds. Thread-safe.
+class CallCounter {
+ public:
+  void Add();
+  void Remove();
+  // Blocks until there are none.
+  void AwaitNone();
+
+ private:
+  base::Mutex mutex_;
+  base::CondVar none_;
+  int count_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+struct CoordinatorClientOptions {
+  std::shared_ptr<grpc::Channel> channel;
+  std::string address = {};                              // for messages; empty: in this process
+  absl::Duration max_duration = absl::Minutes(5);        // of a picture, a pick, a mesh
+  std::size_t max_picture_bytes = std::size_t{1} << 28;  // of a picture with its planes
+};
+
+// Thread-safe. Each call ends early with CANCELLED once its cancellation fires. `done` is called
+// exactly once; it must not destroy the client.
+class CoordinatorClient {
+ public:
+  template <typename Response>
+  using Done = std::function<void(absl::StatusOr<Response>)>;
+  using Cancel = std::shared_ptr<base::Cancellation>;
+
+  explicit CoordinatorClient(CoordinatorClientOptions options);
+  // Waits until all calls have ended.
+  ~CoordinatorClient();
+
+  void GetCapabilities(Cancel cancel, Done<isoscope::v1::GetCapabilitiesResponse> done);
+  void GetClusterStatus(Cancel cancel, Done<isoscope::v1::GetClusterStatusResponse> done);
+  void ListDatasets(Cancel cancel, Done<isoscope::v1::ListDatasetsResponse> done);
+  void GetHistogram(isoscope::v1::GetHistogramRequest request, Cancel cancel,
+                    Done<isoscope::v1::GetHistogramResponse> done);
+  void PickSurface(isoscope::v1::PickSurfaceRequest request, Cancel cancel,
+                   Done<isoscope::v1::PickSurfaceResponse> done);
+  // RenderIsosurfaceStream, put together. RESOURCE_EXHAUSTED above max_picture_bytes.
+  void Render(isoscope::v1::RenderIsosurfaceRequest request, Cancel cancel,
+              Done<isoscope::v1::RenderIsosurfaceResponse> done);
+  // Gives each chunk to `visit`, in order, one at a time; its error ends the call and is the
+  // result.
+  void Export(isoscope::v1::ExportIsosurfaceRequest request, Cancel cancel,
+              std::function<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
+              std::function<void(absl::Status)> done);
+
+  // For InteractStream.
+  isoscope::v1::InteractService::Stub* interact() { return interact_.get(); }
+  CallCounter* calls() { return &calls_; }
+  // Waits until all calls have ended.
+  void AwaitCalls() { calls_.AwaitNone(); }
+  // The error of a call, with the address where nobody answers.
+  [[nodiscard]] absl::Status Explain(const absl::Status& status) const;
+
+ private:
+  const CoordinatorClientOptions options_;
+  const std::unique_ptr<isoscope::v1::IsosurfaceService::Stub> isosurface_;
+  const std::unique_ptr<isoscope::v1::DatasetService::Stub> dataset_;
+  const std::unique_ptr<isoscope::v1::ClusterService::Stub> cluster_;
+  const std::unique_ptr<isoscope::v1::InteractService::Stub> interact_;
+  CallCounter calls_;
+};
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_

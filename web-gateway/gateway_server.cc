@@ -1,0 +1,204 @@
+// Owns the threads, the listening socket and all parts. The order of the end matters: connections
+// first, then calls to the coordinator, whose callbacks still post to the threads, then the
+// threads.
+
+#include "web-gateway/gateway_server.h"
+
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/strand.hpp>
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "web-gateway/http_session.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+// How long connections may take to close once they are told to.
+constexpr absl::Duration kCloseGrace = absl::Seconds(5);
+// After an error of accept, such as too many open files.
+constexpr std::chrono::milliseconds kAcceptPause{100};
+
+constexpr absl::string_view kTooManyConnections =
+    "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\n"
+    "Retry-After: 1\r\nConnection: close\r\nContent-Length: 89\r\n\r\n"
+    "{\"code\":\"UNAVAILABLE\",\"message\":\"too many connections (--max-connections): retry "
+    "later\"}\n";
+
+class GatewayServerImpl final : public GatewayServer {
+ public:
+  explicit GatewayServerImpl(const GatewayOptions& options)
+      : connections_(options.limits.max_connections),
+        client_({.channel = options.channel,
+                 .address = options.coordinator_address,
+                 .max_duration = options.limits.max_picture_duration}),
+        api_({.max_pictures = options.limits.max_pictures,
+              .is_private = !options.access.token.empty()},
+             &client_),
+        parts_{.limits = options.limits,
+               .access = AccessRules(AccessFor(options)),
+               .client = &client_,
+               .api = &api_},
+        work_(asio::make_work_guard(io_)),
+        acceptor_(asio::make_strand(io_)),
+        accept_timer_(acceptor_.get_executor()) {}
+  ~GatewayServerImpl() override {
+    Shutdown(absl::ZeroDuration());
+    client_.AwaitCalls();
+    work_.reset();
+    io_.stop();
+    for (std::thread& thread : threads_) {
+      thread.join();
+    }
+  }
+
+  absl::Status Listen(const GatewayOptions& options) {
+    const std::string& address = options.listen_address;
+    const std::size_t colon = address.rfind(':');
+    const auto failed = [&](absl::string_view step, const error_code& error) {
+      return absl::UnavailableError(
+          absl::StrCat("can't listen on \"", address, "\": ", step, ": ", error.message()));
+    };
+    if (colon == std::string::npos) {
+      return absl::InvalidArgumentError(absl::StrCat("'", address, "' is not HOST:PORT"));
+    }
+    std::string host = address.substr(0, colon);
+    if (host.size() > 2 && host.front() == '[') {
+      host = host.substr(1, host.size() - 2);
+    }
+    error_code error;
+    tcp::resolver resolver(io_);
+    const auto found =
+        resolver.resolve(host, address.substr(colon + 1), tcp::resolver::passive, error);
+    if (error || found.empty()) {
+      return failed("the name is not known", error);
+    }
+    const tcp::endpoint endpoint = found.begin()->endpoint();
+    acceptor_.open(endpoint.protocol(), error);
+    if (!error) {
+      acceptor_.set_option(asio::socket_base::reuse_address(true), error);
+    }
+    if (!error) {
+      acceptor_.bind(endpoint, error);
+    }
+    if (!error) {
+      acceptor_.listen(asio::socket_base::max_listen_connections, error);
+    }
+    if (error) {
+      return failed("it is in use, or not an address of this machine", error);
+    }
+    port_ = acceptor_.local_endpoint().port();
+    asio::post(acceptor_.get_executor(), [this] { Accept(); });
+    for (int i = 0; i < options.thread_count; ++i) {
+      threads_.emplace_back([this] { io_.run(); });
+    }
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] int port() const override { return port_; }
+
+  void Shutdown(absl::Duration grace) override {
+    asio::post(acceptor_.get_executor(), [this] {
+      error_code ignored;
+      acceptor_.close(ignored);
+      accept_timer_.cancel();
+    });
+    connections_.Close(/*at_once=*/false);
+    if (!connections_.AwaitNone(absl::Now() + grace)) {
+      connections_.Close(/*at_once=*/true);
+      connections_.AwaitNone(absl::Now() + kCloseGrace);
+    }
+  }
+
+ private:
+  static AccessOptions AccessFor(const GatewayOptions& options) {
+    AccessOptions access = options.access;
+    access.listens_on_loopback = IsLoopback(options.listen_address);
+    return access;
+  }
+
+  void Accept() {
+    acceptor_.async_accept(asio::make_strand(io_), [this](error_code error, tcp::socket socket) {
+      if (!acceptor_.is_open()) {
+        return;
+      }
+      if (error) {
+        base::LogWarning("accept_failed", {{"error", error.message()}});
+        accept_timer_.expires_after(kAcceptPause);
+        accept_timer_.async_wait([this](error_code waited) {
+          if (!waited && acceptor_.is_open()) {
+            Accept();
+          }
+        });
+        return;
+      }
+      Take(std::move(socket));
+      Accept();
+    });
+  }
+
+  void Take(tcp::socket socket) {
+    error_code ignored;
+    socket.set_option(tcp::no_delay(true), ignored);
+    std::shared_ptr<Connections::Lease> lease = connections_.TryAdd();
+    if (lease != nullptr) {
+      ServeHttp(std::move(socket), &parts_, std::move(lease));
+      return;
+    }
+    // The buffer of a new socket has room for this.
+    socket.non_blocking(true, ignored);
+    socket.send(asio::buffer(kTooManyConnections.data(), kTooManyConnections.size()), 0, ignored);
+    socket.shutdown(tcp::socket::shutdown_both, ignored);
+  }
+
+  Connections connections_;
+  CoordinatorClient client_;
+  Api api_;
+  GatewayParts parts_;
+  asio::io_context io_;
+  asio::executor_work_guard<asio::io_context::executor_type> work_;
+  tcp::acceptor acceptor_;
+  asio::steady_timer accept_timer_;
+  int port_ = 0;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<GatewayServer>> GatewayServer::Start(const GatewayOptions& options) {
+  auto server = std::make_unique<GatewayServerImpl>(options);
+  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
+  return server;
+}
+
+std::string PageAddress(const std::string& listen_address, int port, const std::string& token) {
+  std::string host = listen_address.substr(0, listen_address.rfind(':'));
+  if (host == "0.0.0.0" || host == "[::]") {
+    constexpr std::size_t kMaxNameBytes = 256;
+    std::array<char, kMaxNameBytes> name{};
+    host = gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "localhost";
+  }
+  return absl::StrCat("http://", host, ":", port, "/", token.empty() ? "" : "?token=", token);
+}
+
+}  // namespace isoscope::gateway

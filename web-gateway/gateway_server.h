@@ -1,0 +1,61 @@
+// The running gateway: HTTP and WebSocket on one port, in front of one coordinator.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_GATEWAY_SERVER_H_
+#define ISOSCOPE_WEB_GATEWAY_GATEWAY_SERVER_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <grpcpp/channel.h>
+
+#include "web-gateway/access.h"
+
+namespace isoscope::gateway {
+
+// Limits of what a client may hold or cost.
+struct GatewayLimits {
+  int max_connections = 256;  // of all kinds; more are answered with 503
+  int max_pictures = 16;      // pictures, picks and meshes in work; more are answered with 429
+  // Of a picture, a pick or a mesh.
+  absl::Duration max_picture_duration = absl::Minutes(5);
+  // In which a request must have come whole, from its first byte on.
+  absl::Duration request_timeout = absl::Seconds(10);
+  // Between two requests of a connection; also the most silence of a WebSocket, whose client
+  // answers pings.
+  absl::Duration idle_timeout = absl::Seconds(60);
+  // In which a client must take a piece of an answer, or a frame.
+  absl::Duration write_timeout = absl::Seconds(20);
+};
+
+struct GatewayOptions {
+  std::shared_ptr<grpc::Channel> channel;         // to the coordinator
+  std::string coordinator_address = {};           // for messages; empty: in this process
+  std::string listen_address = "127.0.0.1:8080";  // "HOST:PORT"; port 0 takes a free one
+  AccessOptions access = {};                      // listens_on_loopback is set from the address
+  GatewayLimits limits = {};
+  int thread_count = 2;
+};
+
+// Thread-safe.
+class GatewayServer {
+ public:
+  // UNAVAILABLE: the address can't be bound. The coordinator need not be there yet.
+  static absl::StatusOr<std::unique_ptr<GatewayServer>> Start(const GatewayOptions& options);
+  // Calls Shutdown without grace.
+  virtual ~GatewayServer() = default;
+
+  [[nodiscard]] virtual int port() const = 0;
+  // Takes no new connections, closes WebSockets with 1001, lets answers in work end for at most
+  // `grace`, then cancels them. Blocks.
+  virtual void Shutdown(absl::Duration grace) = 0;
+};
+
+// The address of the page for people: "http://HOST:PORT/", with this machine's name in place of an
+// address that stands for all of its own, and with "?token=..." if there is one.
+std::string PageAddress(const std::string& listen_address, int port, const std::string& token);
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_GATEWAY_SERVER_H_

@@ -1,0 +1,86 @@
+#include "web-gateway/http_message.h"
+
+#include <filesystem>
+#include <system_error>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include <nlohmann/json.hpp>
+
+namespace isoscope::gateway {
+
+std::string HttpResponse::Header(absl::string_view name) const {
+  for (const auto& [key, value] : headers) {
+    if (absl::EqualsIgnoreCase(key, name)) {
+      return value;
+    }
+  }
+  return "";
+}
+
+int HttpStatusOf(absl::StatusCode code) {
+  switch (code) {
+    case absl::StatusCode::kOk:
+      return 200;
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kOutOfRange:
+      return 400;
+    case absl::StatusCode::kUnauthenticated:
+      return 401;
+    case absl::StatusCode::kPermissionDenied:
+      return 403;
+    case absl::StatusCode::kNotFound:
+      return 404;
+    case absl::StatusCode::kFailedPrecondition:
+    case absl::StatusCode::kAlreadyExists:
+    case absl::StatusCode::kAborted:
+      return 409;
+    case absl::StatusCode::kResourceExhausted:
+      return 429;
+    case absl::StatusCode::kCancelled:
+      return 499;
+    case absl::StatusCode::kUnimplemented:
+      return 501;
+    case absl::StatusCode::kUnavailable:
+      return 503;
+    case absl::StatusCode::kDeadlineExceeded:
+      return 504;
+    default:
+      return 500;
+  }
+}
+
+HttpResponse ErrorResponse(const absl::Status& status) {
+  return ErrorResponse(status, HttpStatusOf(status.code()));
+}
+
+HttpResponse ErrorResponse(const absl::Status& status, int http_status) {
+  const nlohmann::ordered_json json = {{"code", absl::StatusCodeToString(status.code())},
+                                       {"message", absl::StrCat(status.message())}};
+  constexpr int kOneLine = -1;
+  HttpResponse response =
+      JsonResponse(absl::StrCat(json.dump(kOneLine, ' ', /*ensure_ascii=*/false,
+                                          nlohmann::ordered_json::error_handler_t::replace),
+                                "\n"));
+  response.status = http_status;
+  if (http_status == 401) {
+    response.headers.emplace_back("WWW-Authenticate", "Bearer");
+  }
+  return response;
+}
+
+void RemoveTemporaryFile(const std::string& path) {
+  std::error_code ignored;
+  std::filesystem::remove(path, ignored);
+  std::filesystem::remove(std::filesystem::path(path).parent_path(), ignored);
+}
+
+HttpResponse JsonResponse(std::string json) {
+  HttpResponse response;
+  response.content_type = "application/json";
+  response.body = std::move(json);
+  response.headers.emplace_back("Cache-Control", "no-store");
+  return response;
+}
+
+}  // namespace isoscope::gateway

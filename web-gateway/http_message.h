@@ -1,0 +1,56 @@
+// Requests and answers of HTTP without a transport, and the status codes of errors.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_HTTP_MESSAGE_H_
+#define ISOSCOPE_WEB_GATEWAY_HTTP_MESSAGE_H_
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+
+#include "web-gateway/url.h"
+
+namespace isoscope::gateway {
+
+struct HttpRequest {
+  std::string method = "GET";  // GET (also for HEAD) or POST
+  Target target = {};          // without the token
+  std::string if_none_match = {};
+  std::string body = {};
+};
+
+struct HttpResponse {
+  int status = 200;
+  std::string content_type = {};
+  std::string body = {};
+  // A file in place of `body`, alone in its folder. Whoever sends it opens it and calls
+  // RemoveTemporaryFile.
+  std::string file_path = {};
+  std::vector<std::pair<std::string, std::string>> headers = {};
+
+  // The value of a header, for tests; "" without it.
+  [[nodiscard]] std::string Header(absl::string_view name) const;
+};
+
+// INVALID_ARGUMENT 400, UNAUTHENTICATED 401, PERMISSION_DENIED 403, NOT_FOUND 404,
+// FAILED_PRECONDITION 409, RESOURCE_EXHAUSTED 429, CANCELLED 499, UNIMPLEMENTED 501, UNAVAILABLE
+// 503, DEADLINE_EXCEEDED 504; 500 for all others.
+int HttpStatusOf(absl::StatusCode code);
+
+// The answer for an error: {"code": "INVALID_ARGUMENT", "message": "..."}, never kept by caches.
+HttpResponse ErrorResponse(const absl::Status& status);
+// The same with another status of HTTP, such as 405.
+HttpResponse ErrorResponse(const absl::Status& status, int http_status);
+
+// Removes a file and its folder, if nothing else is in it. The file stays for those that have it
+// open.
+void RemoveTemporaryFile(const std::string& path);
+
+// An answer with JSON that is made anew for each request.
+HttpResponse JsonResponse(std::string json);
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_HTTP_MESSAGE_H_

@@ -1,0 +1,397 @@
+// One connection of HTTP/1.1. Requests are answered one after the other:
+//
+//   state     what is under way                          ends by
+//   reading   the next request's header, then its body   the request, an error, a time-out
+//   working   the Api answers; the socket is watched      the answer; a client that leaves cancels
+//   it writing   the answer, piece by piece                  the last piece, a time-out of one
+//   piece
+//
+// A WebSocket's request ends the session: the connection goes on as a WebSocket.
+// Everything runs on the connection's strand, but for the Api's answer, which is posted to it.
+
+#include "web-gateway/http_session.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include <boost/asio/dispatch.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http/empty_body.hpp>
+#include <boost/beast/http/file_body.hpp>
+#include <boost/beast/http/parser.hpp>
+#include <boost/beast/http/read.hpp>
+#include <boost/beast/http/serializer.hpp>
+#include <boost/beast/http/write.hpp>
+#include <boost/beast/websocket/rfc6455.hpp>
+#include <sys/socket.h>
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace beast = boost::beast;
+namespace http = beast::http;
+using boost::asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr std::uint32_t kMaxHeaderBytes = 16 * 1024;
+constexpr std::uint64_t kMaxBodyBytes = 1024 * 1024;
+// Rest of a request that was refused, so long.
+constexpr int kDrainSeconds = 1;
+
+absl::string_view View(boost::string_view text) { return {text.data(), text.size()}; }
+
+class HttpSession : public std::enable_shared_from_this<HttpSession> {
+ public:
+  HttpSession(tcp::socket socket, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease)
+      : parts_(parts), lease_(std::move(lease)), stream_(std::move(socket)) {}
+
+  void Run() {
+    boost::asio::dispatch(stream_.get_executor(), [self = shared_from_this()] {
+      self->lease_->SetCloser([weak = self->weak_from_this()](bool at_once) {
+        if (const std::shared_ptr<HttpSession> session = weak.lock()) {
+          boost::asio::post(session->stream_.get_executor(),
+                            [session, at_once] { session->End(at_once); });
+        }
+      });
+      self->Read(self->parts_->limits.request_timeout);
+    });
+  }
+
+ private:
+  using Parser = http::request_parser<http::string_body>;
+
+  // The gateway shuts down.
+  void End(bool at_once) {
+    is_ending_ = true;
+    if (at_once && cancellation_ != nullptr) {
+      cancellation_->Cancel();
+    }
+    if (at_once || is_reading_) {
+      stream_.close();
+    }
+  }
+
+  void Read(absl::Duration timeout) {
+    if (is_ending_) {
+      Close();
+      return;
+    }
+    parser_.emplace();
+    parser_->header_limit(kMaxHeaderBytes);
+    parser_->body_limit(kMaxBodyBytes);
+    is_reading_ = true;
+    stream_.expires_after(absl::ToChronoMilliseconds(timeout));
+    http::async_read_header(
+        stream_, buffer_, *parser_,
+        [self = shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
+  }
+
+  void OnHeader(error_code error) {
+    if (error) {
+      OnReadError(error);
+      return;
+    }
+    if (beast::websocket::is_upgrade(parser_->get())) {
+      is_reading_ = false;
+      Upgrade();
+      return;
+    }
+    stream_.expires_after(absl::ToChronoMilliseconds(parts_->limits.request_timeout));
+    http::async_read(stream_, buffer_, *parser_,
+                     [self = shared_from_this()](error_code body_error, std::size_t) {
+                       if (body_error) {
+                         self->OnReadError(body_error);
+                       } else {
+                         self->OnRequest();
+                       }
+                     });
+  }
+
+  // A client that has left gets nothing; one that sends what is no HTTP is told so.
+  void OnReadError(error_code error) {
+    is_reading_ = false;
+    const bool is_http_error = error.category() == error_code(http::error::bad_method).category();
+    if (!is_http_error || error == http::error::end_of_stream ||
+        error == http::error::partial_message) {
+      Close();
+      return;
+    }
+    is_ending_ = true;
+    has_unread_bytes_ = true;
+    const int status = error == http::error::header_limit ? 431
+                       : error == http::error::body_limit ? 413
+                                                          : 400;
+    const std::string reason =
+        status == 431   ? absl::StrCat("the header is longer than ", kMaxHeaderBytes, " bytes")
+        : status == 413 ? absl::StrCat("the body is longer than ", kMaxBodyBytes, " bytes")
+                        : absl::StrCat("this is no HTTP/1.1: ", error.message());
+    WriteResponse(ErrorResponse(absl::InvalidArgumentError(reason), status));
+  }
+
+  [[nodiscard]] std::string Field(http::field name) const {
+    return absl::StrCat(View(parser_->get()[name]));
+  }
+
+  // Checks who asks. Returns the target without its token.
+  absl::StatusOr<Target> Admit() {
+    ISOSCOPE_ASSIGN_OR_RETURN(Target target, ParseTarget(View(parser_->get().target())));
+    const std::string token = target.TakeParameter("token");
+    ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckSource(origin_, Field(http::field::host)));
+    if (!target.segments.empty() && target.segments[0] == "v1") {
+      ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckToken(token, Field(http::field::authorization)));
+    }
+    return target;
+  }
+
+  void OnRequest() {
+    is_reading_ = false;
+    started_ = absl::Now();
+    origin_ = Field(http::field::origin);
+    const http::verb method = parser_->get().method();
+    is_head_ = method == http::verb::head;
+    if (!parser_->get().keep_alive()) {
+      is_ending_ = true;
+    }
+    absl::StatusOr<Target> target = Admit();
+    if (method == http::verb::options && parts_->access.IsAllowedOrigin(origin_)) {
+      WritePreflight();
+      return;
+    }
+    if (!target.ok()) {
+      WriteResponse(ErrorResponse(target.status()));
+      return;
+    }
+    if (*target == InteractTarget()) {
+      WriteResponse(ErrorResponse(
+          absl::FailedPreconditionError("/v1/interact is a WebSocket: open it as one"), 426));
+      return;
+    }
+    HttpRequest request{
+        .method = is_head_ ? "GET" : absl::StrCat(View(parser_->get().method_string())),
+        .target = *std::move(target),
+        .if_none_match = Field(http::field::if_none_match),
+        .body = std::move(parser_->get().body())};
+    cancellation_ = std::make_shared<base::Cancellation>();
+    // A client may wait for long, and says nothing meanwhile.
+    stream_.expires_never();
+    WatchClient();
+    parts_->api->Answer(std::move(request), cancellation_,
+                        [self = shared_from_this()](HttpResponse response) {
+                          boost::asio::post(self->stream_.get_executor(),
+                                            [self, response = std::move(response)]() mutable {
+                                              self->OnAnswer(std::move(response));
+                                            });
+                        });
+  }
+
+  // Cancels the work for a client that leaves before its answer.
+  void WatchClient() {
+    stream_.socket().async_wait(
+        tcp::socket::wait_read,
+        [self = shared_from_this(), cancellation = cancellation_](error_code error) {
+          if (error || cancellation != self->cancellation_) {
+            return;
+          }
+          char byte = 0;
+          const ssize_t count =
+              recv(self->stream_.socket().native_handle(), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+          if (count == 0 || (count < 0 && errno != EAGAIN && errno != EINTR)) {
+            cancellation->Cancel();
+          }
+        });
+  }
+
+  void OnAnswer(HttpResponse response) {
+    cancellation_ = nullptr;
+    error_code ignored;
+    stream_.socket().cancel(ignored);  // the watch
+    WriteResponse(std::move(response));
+  }
+
+  void Upgrade() {
+    origin_ = Field(http::field::origin);
+    is_ending_ = true;  // an error ends the connection
+    absl::StatusOr<Target> target = Admit();
+    if (!target.ok()) {
+      WriteResponse(ErrorResponse(target.status()));
+    } else if (*target != InteractTarget()) {
+      WriteResponse(ErrorResponse(absl::NotFoundError(
+          "there is no WebSocket at this address: it is /v1/interact, without parameters but "
+          "token")));
+    } else {
+      ServeWebSocket(std::move(stream_), parser_->release(), parts_, std::move(lease_));
+    }
+  }
+
+  static const Target& InteractTarget() {
+    static const Target target{.segments = {"v1", "interact"}};
+    return target;
+  }
+
+  template <typename Body>
+  http::response<Body> MakeHeader(int status) const {
+    http::response<Body> header;
+    header.version(11);
+    header.result(static_cast<unsigned>(status));
+    header.set(http::field::server, absl::StrCat("isoscope-gateway/", base::Version()));
+    header.set("X-Content-Type-Options", "nosniff");
+    header.set("Referrer-Policy", "no-referrer");  // addresses may hold the token
+    if (!origin_.empty() && parts_->access.IsAllowedOrigin(origin_)) {
+      header.set(http::field::access_control_allow_origin, origin_);
+      header.set(http::field::access_control_expose_headers,
+                 "ETag, X-Isoscope-Extent, X-Isoscope-Camera");
+      header.set(http::field::vary, "Origin");
+    }
+    header.keep_alive(!is_ending_);
+    return header;
+  }
+
+  void WritePreflight() {
+    auto response = MakeHeader<http::empty_body>(204);
+    response.set(http::field::access_control_allow_methods, "GET, POST");
+    response.set(http::field::access_control_allow_headers,
+                 "Authorization, Content-Type, If-None-Match");
+    response.set(http::field::access_control_max_age, "600");
+    Write(std::move(response));
+  }
+
+  void WriteResponse(HttpResponse response) {
+    base::LogDebug("http_request",
+                   {{"method", absl::StrCat(View(parser_->get().method_string()))},
+                    {"status", response.status},
+                    {"duration_ms", base::LogMilliseconds(absl::Now() - started_)}});
+    const auto fill = [&](auto* message) {
+      for (const auto& [name, value] : response.headers) {
+        message->set(name, value);
+      }
+      if (!response.content_type.empty()) {
+        message->set(http::field::content_type, response.content_type);
+      }
+    };
+    if (!response.file_path.empty()) {
+      WriteFile(response, fill);
+    } else if (is_head_ || response.status == 304) {
+      auto message = MakeHeader<http::empty_body>(response.status);
+      fill(&message);
+      if (response.status != 304) {
+        message.content_length(response.body.size());
+      }
+      Write(std::move(message));
+    } else {
+      auto message = MakeHeader<http::string_body>(response.status);
+      fill(&message);
+      message.body() = std::move(response.body);
+      message.prepare_payload();
+      Write(std::move(message));
+    }
+  }
+
+  template <typename Fill>
+  void WriteFile(const HttpResponse& response, const Fill& fill) {
+    auto message = MakeHeader<http::file_body>(response.status);
+    error_code error;
+    message.body().open(response.file_path.c_str(), beast::file_mode::scan, error);
+    RemoveTemporaryFile(response.file_path);
+    if (error) {
+      WriteResponse(ErrorResponse(absl::InternalError(
+          absl::StrCat("the file of the answer can't be read: ", error.message()))));
+      return;
+    }
+    fill(&message);
+    message.prepare_payload();
+    Write(std::move(message));
+  }
+
+  template <typename Body>
+  struct Outgoing {
+    explicit Outgoing(http::response<Body> response)
+        : message(std::move(response)), serializer(message) {}
+    http::response<Body> message;
+    http::response_serializer<Body> serializer;
+  };
+
+  template <typename Body>
+  void Write(http::response<Body> response) {
+    WriteNext(std::make_shared<Outgoing<Body>>(std::move(response)));
+  }
+
+  // Each piece has its own time-out: a long answer may take long, a reader that stalls may not.
+  template <typename Body>
+  void WriteNext(std::shared_ptr<Outgoing<Body>> outgoing) {
+    stream_.expires_after(absl::ToChronoMilliseconds(parts_->limits.write_timeout));
+    http::async_write_some(stream_, outgoing->serializer,
+                           [self = shared_from_this(), outgoing](error_code error, std::size_t) {
+                             if (error) {
+                               self->Close();
+                             } else if (!outgoing->serializer.is_done()) {
+                               self->WriteNext(outgoing);
+                             } else if (!outgoing->message.keep_alive() || self->is_ending_) {
+                               self->Close();
+                             } else {
+                               self->Read(self->parts_->limits.idle_timeout);
+                             }
+                           });
+  }
+
+  // Tells the peer that no more comes; the socket closes with this session.
+  void Close() {
+    error_code ignored;
+    stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+    if (has_unread_bytes_) {
+      stream_.expires_after(std::chrono::seconds(kDrainSeconds));
+      Drain();
+    } else {
+      lease_ = nullptr;
+    }
+  }
+
+  // Reads on for a moment: a socket that is closed with unread bytes takes the answer back.
+  void Drain() {
+    buffer_.clear();
+    constexpr std::size_t kPieceBytes = 4096;
+    stream_.async_read_some(buffer_.prepare(kPieceBytes),
+                            [self = shared_from_this()](error_code error, std::size_t) {
+                              if (error) {
+                                self->lease_ = nullptr;
+                              } else {
+                                self->Drain();
+                              }
+                            });
+  }
+
+  GatewayParts* const parts_;
+  std::shared_ptr<Connections::Lease> lease_;
+  beast::tcp_stream stream_;
+  beast::flat_buffer buffer_{kMaxHeaderBytes + kMaxBodyBytes};
+  std::optional<Parser> parser_;
+  std::shared_ptr<base::Cancellation> cancellation_;  // of the answer in work
+  std::string origin_;
+  absl::Time started_ = absl::Now();
+  bool is_head_ = false;
+  bool is_reading_ = false;
+  bool has_unread_bytes_ = false;
+  bool is_ending_ = false;  // no further request is read
+};
+
+}  // namespace
+
+void ServeHttp(tcp::socket socket, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease) {
+  std::make_shared<HttpSession>(std::move(socket), parts, std::move(lease))->Run();
+}
+
+}  // namespace isoscope::gateway

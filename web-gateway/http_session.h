@@ -1,0 +1,40 @@
+// The connections of a gateway, on Boost.Beast. Only this room's sources include this.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_HTTP_SESSION_H_
+#define ISOSCOPE_WEB_GATEWAY_HTTP_SESSION_H_
+
+#include <memory>
+
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core/tcp_stream.hpp>
+#include <boost/beast/http/message.hpp>
+#include <boost/beast/http/string_body.hpp>
+
+#include "web-gateway/access.h"
+#include "web-gateway/api.h"
+#include "web-gateway/connections.h"
+#include "web-gateway/coordinator_client.h"
+#include "web-gateway/gateway_server.h"
+
+namespace isoscope::gateway {
+
+// The parts of a gateway that its connections use; outlives them.
+struct GatewayParts {
+  GatewayLimits limits;
+  AccessRules access;
+  CoordinatorClient* client = nullptr;
+  Api* api = nullptr;
+};
+
+// Serves a connection until its end. `socket` has a strand of its own.
+void ServeHttp(boost::asio::ip::tcp::socket socket, GatewayParts* parts,
+               std::shared_ptr<Connections::Lease> lease);
+
+// Serves a WebSocket of /v1/interact. `upgrade`: the request that asks for it, checked.
+void ServeWebSocket(boost::beast::tcp_stream stream,
+                    boost::beast::http::request<boost::beast::http::string_body> upgrade,
+                    GatewayParts* parts, std::shared_ptr<Connections::Lease> lease);
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_HTTP_SESSION_H_

@@ -1,0 +1,30 @@
+#include "web-gateway/json.h"
+
+#include "absl/strings/str_cat.h"
+#include "google/protobuf/stubs/common.h"
+#include "google/protobuf/util/json_util.h"
+
+#include "core/base/check.h"
+
+namespace isoscope::gateway {
+
+std::string ToJson(const google::protobuf::Message& message) {
+  std::string json;
+  const auto status = google::protobuf::util::MessageToJsonString(message, &json);
+  ISOSCOPE_CHECK(status.ok());  // all messages are known, and have no Any
+  return json;
+}
+
+absl::Status FromJson(absl::string_view json, google::protobuf::Message* message) {
+  const auto status = google::protobuf::util::JsonStringToMessage(
+      google::protobuf::StringPiece(json.data(), json.size()), message);
+  if (status.ok()) {
+    return absl::OkStatus();
+  }
+  constexpr std::size_t kMaxReasonBytes = 300;
+  const std::string reason = status.message().as_string().substr(0, kMaxReasonBytes);
+  return absl::InvalidArgumentError(
+      absl::StrCat("this is no JSON of a ", message->GetDescriptor()->name(), ": ", reason));
+}
+
+}  // namespace isoscope::gateway

@@ -1,0 +1,23 @@
+// Messages as JSON, by protobuf's mapping: lowerCamelCase, int64 as text.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_JSON_H_
+#define ISOSCOPE_WEB_GATEWAY_JSON_H_
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "google/protobuf/message.h"
+
+namespace isoscope::gateway {
+
+// One line, without its end. Fields with their default value are left out.
+std::string ToJson(const google::protobuf::Message& message);
+
+// INVALID_ARGUMENT, with the name of the message: no JSON, a field that there is not, or a value of
+// another type.
+absl::Status FromJson(absl::string_view json, google::protobuf::Message* message);
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_JSON_H_

@@ -1,0 +1,37 @@
+// The parameters of GET .../render and .../mesh.glb: those of the command line, read by the same
+// code. "?isovalue=60&clip_plane=0,0,1,20" is "--isovalue=60 --clip-plane=0,0,1,20".
+
+#ifndef ISOSCOPE_WEB_GATEWAY_RENDER_QUERY_H_
+#define ISOSCOPE_WEB_GATEWAY_RENDER_QUERY_H_
+
+#include <vector>
+
+#include "absl/status/statusor.h"
+
+#include "client-cli/mesh_writer.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "web-gateway/url.h"
+
+namespace isoscope::gateway {
+
+// The request for a picture of `dataset`. Parameters: the flags of `isoscope render` that decide a
+// pixel, with '-' or '_', and
+//   format   png (default), jpeg, or depth: float32 of each pixel, little-endian
+//   quality  of a JPEG, 1 to 100
+// INVALID_ARGUMENT names the parameter, its value and what is allowed; also for a parameter that
+// there is not.
+absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> RenderRequestFromQuery(
+    const QueryParameters& query, const isoscope::v1::Dataset& dataset);
+
+struct MeshQuery {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  std::vector<cli::MeshSurface> surfaces;  // as many as the request has
+};
+// Parameters: isovalue, color, surface, clip-plane, clip-box. Errors as above.
+absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
+                                             const isoscope::v1::Dataset& dataset);
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_RENDER_QUERY_H_

@@ -1,0 +1,55 @@
+#include "web-gateway/static_files.h"
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+
+#include "web-gateway/etag.h"
+
+namespace isoscope::gateway {
+namespace {
+
+// Scripts and styles come from the program alone: nothing inline, no eval. Workers may be made of
+// blobs, as a module that is one file has to make them.
+constexpr char kContentSecurityPolicy[] =
+    "default-src 'none'; script-src 'self' blob:; worker-src 'self' blob:; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; font-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'";
+
+}  // namespace
+
+std::string ContentTypeOf(absl::string_view name) {
+  return absl::EndsWith(name, ".html")  ? "text/html; charset=utf-8"
+         : absl::EndsWith(name, ".js")  ? "text/javascript; charset=utf-8"
+         : absl::EndsWith(name, ".css") ? "text/css; charset=utf-8"
+         : absl::EndsWith(name, ".svg") ? "image/svg+xml"
+                                        : "application/octet-stream";
+}
+
+HttpResponse ServeStaticFile(const HttpRequest& request) {
+  const std::vector<std::string>& segments = request.target.segments;
+  const std::string name = segments.empty() ? "index.html" : segments[0];
+  for (const StaticFile& file : StaticFiles()) {
+    if (file.name != name || segments.size() > 1) {
+      continue;
+    }
+    HttpResponse response;
+    const std::string etag = MakeEtag({file.content});
+    response.headers = {{"ETag", etag},
+                        {"Cache-Control", "no-cache"},
+                        {"Content-Security-Policy", kContentSecurityPolicy}};
+    if (MatchesEtag(request.if_none_match, etag)) {
+      response.status = 304;
+      return response;
+    }
+    response.content_type = ContentTypeOf(file.name);
+    response.body = std::string(file.content);
+    return response;
+  }
+  constexpr std::size_t kMaxQuotedBytes = 100;
+  return ErrorResponse(absl::NotFoundError(
+      absl::StrCat("there is no page '/", absl::CHexEscape(name.substr(0, kMaxQuotedBytes)),
+                   "' here: '/' is the page, '/v1/datasets' lists the datasets")));
+}
+
+}  // namespace isoscope::gateway

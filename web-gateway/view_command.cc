@@ -1,0 +1,187 @@
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--no-open]
+
+#include "web-gateway/view_command.h"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdlib>
+#include <memory>
+#include <ostream>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/time.h"
+#include <sys/wait.h>
+
+#include "client-cli/flags.h"
+#include "client-cli/no_surface.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/session.h"
+#include "core/base/status_macros.h"
+#include "web-gateway/gateway_server.h"
+#include "web-gateway/url.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// The port that people remember; another one if it is taken.
+constexpr char kFirstAddress[] = "127.0.0.1:8080";
+constexpr char kOtherAddress[] = "127.0.0.1:0";
+// How long answers in work may take at the end.
+constexpr absl::Duration kGrace = absl::Seconds(2);
+
+struct ViewFlags {
+  cli::SessionFlags session;
+  std::optional<double> isovalue;
+  std::optional<std::string> listen_address;
+  bool has_no_open = false;
+};
+
+// Whether a browser can be opened where the address is read.
+bool IsDesktop() {
+  const auto is_set = [](const char* name) {
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets the environment
+    const char* const value = getenv(name);
+    return value != nullptr && *value != '\0';
+  };
+  return isatty(STDOUT_FILENO) == 1 && (is_set("DISPLAY") || is_set("WAYLAND_DISPLAY"));
+}
+
+// Opens the address in the desktop's browser. Whether that works is the desktop's affair: the
+// address is printed in any case.
+void OpenBrowser(const std::string& address) {
+  std::string program = "xdg-open";
+  std::string argument = address;
+  std::array<char*, 3> argv = {program.data(), argument.data(), nullptr};
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+  pid_t pid = -1;
+  if (posix_spawnp(&pid, program.c_str(), &actions, nullptr, argv.data(), environ) == 0) {
+    std::thread([pid] { waitpid(pid, nullptr, 0); }).detach();
+  }
+  posix_spawn_file_actions_destroy(&actions);
+}
+
+absl::StatusOr<std::unique_ptr<GatewayServer>> StartGateway(const ViewFlags& flags,
+                                                            GatewayOptions* options) {
+  options->listen_address = flags.listen_address.value_or(kFirstAddress);
+  if (!IsLoopback(options->listen_address)) {
+    options->access.token = MakeToken();
+  }
+  absl::StatusOr<std::unique_ptr<GatewayServer>> server = GatewayServer::Start(*options);
+  if (absl::IsUnavailable(server.status()) && !flags.listen_address) {
+    options->listen_address = kOtherAddress;
+    server = GatewayServer::Start(*options);
+  }
+  return server;
+}
+
+// The isovalue to begin with. Without a histogram any value will do: the page can change it.
+absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
+                                      cli::Session* session, const cli::Context& context) {
+  if (flags.isovalue) {
+    cli::WarnIfNoSurface(dataset, *flags.isovalue, context);
+    return *flags.isovalue;
+  }
+  v1::GetHistogramRequest request;
+  request.set_dataset(dataset.name());
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetHistogramResponse histogram,
+                            session->client().GetHistogram(request, session->timeout()));
+  return FirstIsovalue(histogram, dataset);
+}
+
+absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(flags.session));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<cli::Session> session,
+                            cli::Session::Open(flags.session, view::kCommonViewport, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const double isovalue,
+                            ChooseIsovalue(flags, dataset, session.get(), context));
+  GatewayOptions options;
+  options.channel = session->channel();
+  options.coordinator_address = flags.session.server.value_or("");
+  if (session->timeout() < absl::InfiniteDuration()) {
+    options.limits.max_picture_duration = session->timeout();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<GatewayServer> server,
+                            StartGateway(flags, &options));
+  const std::string address =
+      ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token),
+                  dataset.name(), isovalue);
+  *context.out << address << std::endl;
+  if (context.err_is_terminal) {
+    *context.err << "the page is at this address until Ctrl-C" << std::endl;
+  }
+  if (!flags.has_no_open && IsDesktop()) {
+    OpenBrowser(address);
+  }
+  context.interrupt->Wait();
+  server->Shutdown(kGrace);
+  return absl::OkStatus();
+}
+
+cli::Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<ViewFlags>();
+  cli::AddSessionFlags(app, &flags->session);
+  cli::AddRendererFlag(app, &flags->session);
+  cli::AddFlag(app, "--isovalue", "V", &flags->isovalue, cli::ParseNumber,
+               "the level to begin with, in field units (default: one that the samples suggest)");
+  cli::AddFlag(app, "--listen", "HOST:PORT", &flags->listen_address, cli::ParseHostPort,
+               absl::StrCat("where the page is; port 0 takes a free one; off the loopback address "
+                            "the page asks for a token, which its address has (default: ",
+                            kFirstAddress, ", or another port if that is taken)"));
+  app->add_flag("--no-open", flags->has_no_open,
+                "do not open a browser; it is opened on a desktop only");
+  return [flags](const cli::Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+double FirstIsovalue(const v1::GetHistogramResponse& histogram, const v1::Dataset& dataset) {
+  for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
+    if (suggestion.method() == v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES) {
+      return suggestion.isovalue();
+    }
+  }
+  if (!histogram.suggestions().empty()) {
+    return histogram.suggestions(0).isovalue();
+  }
+  // Halves first: the sum of two large values may be infinite.
+  return dataset.value_range().min() / 2 + dataset.value_range().max() / 2;
+}
+
+std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue) {
+  return absl::StrCat(page, page.find('?') == absl::string_view::npos ? "?" : "&",
+                      "dataset=", EscapeQueryValue(dataset),
+                      "&isovalue=", EscapeQueryValue(absl::StrFormat("%.9g", isovalue)));
+}
+
+cli::Command ViewCommand() {
+  return {.name = "view",
+          .summary = "Shows an isosurface in the browser, to be turned with the mouse",
+          .usage = "INPUT | DIR | --server HOST:PORT [OPTIONS]",
+          .examples =
+              "  isoscope view head.nii.gz\n"
+              "  isoscope view head.nii.gz --isovalue 60 --listen 127.0.0.1:9000 --no-open\n"
+              "  isoscope view --server localhost:50051 --dataset head\n"
+              "\nStarts everything in this process and prints the address of the page, alone, on\n"
+              "standard output. Ctrl-C ends it.\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::gateway
