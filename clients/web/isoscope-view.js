@@ -246,7 +246,7 @@ export function boxOfDataset(dataset) {
  * @returns {Camera}
  */
 export function turn(camera, dx, dy, roll = 0) {
-  const { right, up, forward } = basisOf(camera);
+  const { right, up } = basisOf(camera);
   const angle = Math.hypot(dx, dy) * Math.PI / 2;
   const toEye = sub(camera.eye, camera.target);
   let turned = { ...camera, up };
@@ -1306,7 +1306,8 @@ export class View extends EventTarget {
   /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
   getState() {
     const state = structuredClone(this.state);
-    if (this.camera && !(this.cameraFrom && !state.camera)) {
+    // Until the server has chosen, the state says what it chooses from.
+    if (this.camera && !this.cameraFrom) {
       state.camera = cameraToJson(this.camera);
     }
     return state;
@@ -1722,9 +1723,6 @@ export class View extends EventTarget {
     this.isDirty = false;
     this.sequence += 1;
     const frame = this.getState();
-    if (this.cameraFrom && !this.state.camera) {
-      delete frame.camera;
-    }
     frame.viewport = { widthPx: this.width, heightPx: this.height };
     const viewState = { sequenceNumber: String(this.sequence), frame, isAtRest: this.isResting,
       targetFramesPerSecond: this.options.targetFramesPerSecond ?? 30 };

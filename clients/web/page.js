@@ -2,7 +2,7 @@
 // state; controls write it, and are drawn from it whenever it changes.
 // @ts-check
 
-import { Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, cameraFromJson, mount } from './isoscope-view.js';
+import { Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount } from './isoscope-view.js';
 import { COLOR_MAPS, colorMapFromJson, colorMapToJson, quantityFromJson, quantityToJson, stateFromHash, stateToCommand,
   stateToHash } from './view-state.js';
 import { COLOR_MAP_POINTS } from './color-maps.js';
@@ -169,12 +169,15 @@ window.addEventListener('hashchange', () => {
   }
 });
 
-let isRedrawing = 0;
+let isRedrawing = false;
 function redraw() {
-  isRedrawing ||= requestAnimationFrame(() => {
-    isRedrawing = 0;
-    drawControls();
-  });
+  if (!isRedrawing) {
+    isRedrawing = true;
+    requestAnimationFrame(() => {
+      isRedrawing = false;
+      drawControls();
+    });
+  }
 }
 
 // ---- datasets ----
@@ -775,7 +778,7 @@ function drawPoints() {
 // ---- cost ----
 
 /** @type {number[][]} */
-const history_ = [];
+const recentSteps = [];
 const STEPS = ['occluderSelectionDuration', 'occluderRenderingDuration', 'visibilityCullingDuration', 'compositeDuration', 'encodeDuration'];
 
 /** @param {any} statistics */
@@ -784,8 +787,8 @@ function drawCost(statistics) {
     return;
   }
   const steps = STEPS.map((name) => milliseconds(statistics.durations?.[name] ?? '0'));
-  history_.push(steps);
-  history_.splice(0, Math.max(0, history_.length - 120));
+  recentSteps.push(steps);
+  recentSteps.splice(0, Math.max(0, recentSteps.length - 120));
   const canvas = page.times;
   const ratio = devicePixelRatio || 1;
   const width = canvas.clientWidth;
@@ -797,14 +800,14 @@ function drawCost(statistics) {
     context.scale(ratio, ratio);
     const style = getComputedStyle(document.documentElement);
     const colors = ['--warn', '--accent', '--bars', '--good', '--quiet'].map((name) => style.getPropertyValue(name));
-    const totals = history_.map((one) => one.reduce((a, b) => a + b, 0));
+    const totals = recentSteps.map((one) => one.reduce((a, b) => a + b, 0));
     const top = Math.max(10, ...totals) * 1.15;
-    history_.forEach((one, i) => {
+    recentSteps.forEach((one, i) => {
       let y = height;
       one.forEach((value, k) => {
         const tall = value / top * height;
         context.fillStyle = colors[k];
-        context.fillRect(width - (history_.length - i) * (width / 120), y - tall, Math.max(1, width / 120 - 0.6), tall);
+        context.fillRect(width - (recentSteps.length - i) * (width / 120), y - tall, Math.max(1, width / 120 - 0.6), tall);
         y -= tall;
       });
     });
