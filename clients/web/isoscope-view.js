@@ -287,6 +287,56 @@ export function zoomTo(camera, factor, point) {
   return { ...camera, eye: towards(camera.eye), target: towards(camera.target) };
 }
 
+/**
+ * Returns the camera moved so that what a frame shows is in the middle and fills most of the picture;
+ * specks of less than 0.3 % of it do not count. The server's own fit is to a sphere, which leaves room
+ * around most surfaces.
+ * @param {Camera} camera of the frame @param {DepthGrid} grid of the frame @param {number} aspect
+ * @returns {Camera}
+ */
+export function fillView(camera, grid, aspect) {
+  /** @type {Vec3[]} */
+  const points = [];
+  for (let j = 0; j < grid.height; ++j) {
+    for (let i = 0; i < grid.width; ++i) {
+      const depth = gridDepth(grid, i, j);
+      if (depth >= 0) {
+        points.push(unproject(camera, aspect, 2 * (i + 0.5) / grid.width - 1, 1 - 2 * (j + 0.5) / grid.height, depth));
+      }
+    }
+  }
+  if (points.length < 8) {
+    return camera;
+  }
+  /** @param {Camera} candidate */
+  const reach = (candidate) => {
+    const places = points.map((p) => project(candidate, aspect, p));
+    const specks = Math.floor(0.003 * places.length);
+    const ends = [places.map((at) => at.x), places.map((at) => at.y)].flatMap((values) => {
+      values.sort((a, b) => a - b);
+      return [values[specks], values[values.length - 1 - specks]];
+    });
+    const isInFront = candidate.height > 0 || places.every((at) => at.distance > 0);
+    return { x: (ends[0] + ends[1]) / 2, y: (ends[2] + ends[3]) / 2,
+      most: isInFront ? Math.max(ends[1] - ends[0], ends[3] - ends[2]) / 2 : Infinity };
+  };
+  let filled = camera;
+  let [low, high] = [0.5, 8];
+  for (let round = 0; round < 10; ++round) {
+    const factor = Math.sqrt(low * high);
+    let candidate = zoomTo(camera, factor, camera.target);
+    const { x, y } = reach(candidate);
+    candidate = pan(candidate, -x * aspect, -y, basisOf(candidate).distance);
+    if (reach(candidate).most <= 0.86) {
+      filled = candidate;
+      low = factor;
+    } else {
+      high = factor;
+    }
+  }
+  return filled;
+}
+
 // ---- warping a frame to another camera ----
 
 /** Two neighbours of the grid are of one surface up to this many cells of depth between them. */
@@ -1975,7 +2025,11 @@ export class View extends EventTarget {
     if (camera && (!this.camera || this.cameraFrom && sequence >= this.cameraFrom)) {
       this.camera = camera;
       this.cameraFrom = 0;
+      const isFitted = this.state.cameraFit === 'CAMERA_FIT_SURFACE';
       delete this.state.cameraFit;
+      if (isFitted && depths.length > 0) {
+        this.#fill(camera, header.depthGrid, depths, bitmap.width / bitmap.height);
+      }
       this.dispatchEvent(new CustomEvent('state', { detail: { state: this.getState(), isMoving: false } }));
     }
     const grid = depths.length > 0 ? { width: header.depthGrid.width, height: header.depthGrid.height,
@@ -2008,6 +2062,19 @@ export class View extends EventTarget {
     }
     this.root.style.background = `rgb(${[red, green, blue].map((c) => Math.round(255 * c)).join(' ')})`;
     this.dispatchEvent(new CustomEvent('frame', { detail: { header, isExact, width, height } }));
+  }
+
+  /**
+   * @param {Camera} camera @param {{width: number, height: number, near?: number, far?: number}} grid
+   * @param {Uint16Array} values @param {number} aspect
+   */
+  #fill(camera, grid, values, aspect) {
+    const { width, height, near = 0, far = 0 } = grid;
+    const filled = fillView(camera, { width, height, near: Number(near), far: Number(far), values }, aspect);
+    if (!isSameCamera(filled, camera)) {
+      this.camera = filled;
+      this.#change(false, null);
+    }
   }
 
   #draw() {

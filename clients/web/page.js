@@ -159,7 +159,9 @@ shown.addEventListener('state', () => {
   clearTimeout(hashTimer);
   hashTimer = window.setTimeout(() => {
 
-    history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
+    if (shown.hasState) {
+      history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
+    }
   }, 250);
 });
 window.addEventListener('hashchange', () => {
@@ -249,6 +251,11 @@ function suggestedIsovalue(dataset) {
   return best ? best.isovalue ?? 0 : (Number(min) + Number(max)) / 2;
 }
 
+function chartHint() {
+  return !histogram ? '' : histogram.hasSampleCounts ? 'Drag a line; double-click adds a surface.'
+    : 'Active blocks by isovalue: partition this dataset anew to count its samples.';
+}
+
 /** @param {any} dataset */
 async function loadHistogram(dataset) {
   if (histogramOf === dataset.name && histogram) {
@@ -258,7 +265,7 @@ async function loadHistogram(dataset) {
   histogram = null;
   try {
     histogram = await client.get(`v1/datasets/${encodeURIComponent(dataset.name)}/histogram?bins=256`);
-    page.hover.textContent = '';
+    page.hover.textContent = chartHint();
     page.hover.classList.remove('error');
   } catch (error) {
     page.hover.textContent = `No histogram: ${/** @type {Error} */ (error).message}`;
@@ -296,6 +303,7 @@ function fromChart(x) {
 }
 
 function drawHistogram() {
+  CHART.width = page.histogram.clientWidth || CHART.width;
   const bins = histogram?.bins ?? [];
   const counts = bins.map((/** @type {any} */ bin) => Number(histogram.hasSampleCounts ? bin.sampleCount ?? 0 : bin.activeBlockCount ?? 0));
   const top = Math.log1p(Math.max(1, ...counts));
@@ -382,8 +390,8 @@ function listenToHistogram() {
       changeSurface(dragged, { isovalue: value }, true);
     }
     const bin = (histogram?.bins ?? []).find((/** @type {any} */ one) => value >= (one.min ?? 0) && value < (one.max ?? 0));
-    page.hover.textContent = bin ? `${format(value)} · ${Number(bin.sampleCount ?? 0).toLocaleString('en')} samples · about ` +
-      `${Number(bin.estimatedTriangleCount ?? 0).toLocaleString('en', { notation: 'compact' })} triangles` : '';
+    page.hover.textContent = bin ? `${format(value)} · ${histogram.hasSampleCounts ? `${Number(bin.sampleCount ?? 0).toLocaleString('en')} samples · ` : ''}` +
+      `about ${Number(bin.estimatedTriangleCount ?? 0).toLocaleString('en', { notation: 'compact' })} triangles` : '';
   });
   const end = () => {
     if (dragged >= 0) {
@@ -393,7 +401,7 @@ function listenToHistogram() {
   };
   chart.addEventListener('pointerup', end);
   chart.addEventListener('pointercancel', end);
-  chart.addEventListener('pointerleave', () => { page.hover.textContent = histogram ? 'Drag a line; double-click adds a surface.' : page.hover.textContent; });
+  chart.addEventListener('pointerleave', () => { page.hover.textContent = chartHint() || page.hover.textContent; });
   chart.addEventListener('dblclick', (event) => addSurface(fromChart(x(event))));
   chart.addEventListener('keydown', (event) => {
     const index = Number(/** @type {Element} */ (event.target).getAttribute('data-surface') ?? NaN);

@@ -197,6 +197,25 @@ test('after 5 degrees at least 90 % of the covered pixels are within 2 pixels of
   }
 });
 
+test('a filled view has all of the surface in it, in the middle, and little room around', () => {
+  const size = { width: 400, height: 240 };
+  for (const camera of [undefined, view.cameraToJson({ eye: [260, 180, 90], target: [40, 60, 50], up: [0, 0, 1], fovYDegrees: 50, height: 0 }),
+    { eye: { x: 250, y: 80, z: 160 }, target: { x: 50, y: 50, z: 50 }, orthographic: { height: 180 } }]) {
+    const image = draw({ surfaces: [{ isovalue: 40 }], camera }, size);
+    const aspect = size.width / size.height;
+    const filled = view.fillView(image.camera, gridOf(image, 128), aspect);
+    const again = draw({ surfaces: [{ isovalue: 40 }], camera: view.cameraToJson(filled) }, size);
+    const rows = Array.from({ length: size.height }, (_, y) => y)
+      .filter((y) => again.depth.subarray(y * size.width, (y + 1) * size.width).some(Number.isFinite));
+    assert.ok(rows[0] > 2 && rows.at(-1) < size.height - 3, `rows ${rows[0]} to ${rows.at(-1)}`);
+    assert.ok(rows.length > 0.8 * size.height, `${rows.length} rows of ${size.height}`);
+    assert.ok(Math.abs(rows[0] + rows.at(-1) - size.height) < 0.06 * size.height, 'not in the middle');
+  }
+  const empty = { width: 4, height: 4, near: 1, far: 2, values: new Uint16Array(16).fill(65535) };
+  const camera = view.defaultCamera({ min: [0, 0, 0], max: [1, 1, 1] });
+  assert.deepEqual(view.fillView(camera, empty, 1), camera);
+});
+
 test('the relief is cut at jumps, whole elsewhere, and has nothing where there is only background', () => {
   // A far plane, a near step on its right half, background on the left.
   const values = new Uint16Array(64);
