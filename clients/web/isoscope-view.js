@@ -656,7 +656,8 @@ export function workerMain(scope, parse) {
       case 'data': receive(data.buffer); break;
       case 'shown':
         if (data.generation === generation) {
-          send(JSON.stringify({ frameShown: { frameNumber: String(data.frameNumber), decodeMs: data.decodeMs } }));
+          send(JSON.stringify({ frameShown: { frameNumber: String(data.frameNumber),
+            decodeDuration: `${(data.decodeMs / 1000).toFixed(6)}s` } }));
         }
         break;
       case 'close': close(); break;
@@ -1834,6 +1835,9 @@ export class View extends EventTarget {
     if (this.wasOpen) {
       this.counts.reconnects += 1;
     }
+    // A connection that soon ends again is tried less and less often.
+    clearTimeout(this.timers.steady);
+    this.timers.steady = setTimeout(() => { this.attempt = 0; }, 5000);
     this.isOpen = true;
     this.wasOpen = true;
     this.generation = generation;
@@ -1860,6 +1864,7 @@ export class View extends EventTarget {
     this.isDirty = true;
     clearTimeout(this.timers.open);
     clearTimeout(this.timers.slow);
+    clearTimeout(this.timers.steady);
     const seconds = Math.min(8, 0.5 * 2 ** this.attempt);
     this.attempt += 1;
     const what = reason ? `The connection ended: ${reason.replace(/\.*$/, '')}.`
@@ -1972,7 +1977,7 @@ export class View extends EventTarget {
   #acknowledge(message) {
     if (message.header.frameNumber) {
       this.worker.post({ kind: 'shown', generation: message.generation, frameNumber: message.header.frameNumber,
-        decodeMs: Math.round(message.decodeMs * 100) / 100 });
+        decodeMs: message.decodeMs });
     }
   }
 
@@ -2057,7 +2062,6 @@ export class View extends EventTarget {
     this.#acknowledge(message);
     if (sequence > this.errorSequence || isExact) {
       clearTimeout(this.timers.slow);
-      this.attempt = 0;
       this.#notice('', '');
     }
     this.root.style.background = `rgb(${[red, green, blue].map((c) => Math.round(255 * c)).join(' ')})`;
