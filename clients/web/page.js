@@ -53,7 +53,8 @@ const page = {
   state: byId('state', HTMLElement), legend: byId('legend', HTMLElement), points: byId('points', HTMLElement),
   hover: byId('hover', HTMLElement), surfaces: byId('surfaces', HTMLElement), quantity: byId('quantity', HTMLSelectElement),
   map: byId('map', HTMLSelectElement), rangeMin: byId('range-min', HTMLInputElement),
-  rangeMax: byId('range-max', HTMLInputElement), background: byId('background', HTMLInputElement),
+  rangeMax: byId('range-max', HTMLInputElement), opacityMin: byId('opacity-min', HTMLInputElement),
+  opacityMax: byId('opacity-max', HTMLInputElement), caps: byId('caps', HTMLSelectElement), background: byId('background', HTMLInputElement),
   lights: byId('lights', HTMLSelectElement), occlusion: byId('occlusion', HTMLInputElement),
   silhouette: byId('silhouette', HTMLInputElement), samples: byId('samples', HTMLSelectElement),
   parallel: byId('parallel', HTMLInputElement), box: byId('box', HTMLInputElement), clip: byId('clip', HTMLElement),
@@ -464,7 +465,8 @@ function drawSurfaces() {
 // ---- colour and light ----
 
 page.map.replaceChildren(...COLOR_MAPS.map((name) => make('option', { value: name }, name)));
-function changeColorBy() {
+/** @param {boolean} [isMoving] */
+function changeColorBy(isMoving) {
   const quantity = page.quantity.value;
   const isMapped = quantity !== 'none' && quantity !== 'normal';
   const [min, max] = [page.rangeMin.valueAsNumber, page.rangeMax.valueAsNumber];
@@ -473,21 +475,23 @@ function changeColorBy() {
     say('The greatest value of the colours must be above the least one.', true);
     return;
   }
+  const [atMin, atMax] = [page.opacityMin.valueAsNumber, page.opacityMax.valueAsNumber];
   const surfaces = structuredClone(shown.state.surfaces ?? []);
   for (const surface of surfaces) {
     delete surface.colorBy;
     if (quantity !== 'none') {
       surface.colorBy = { quantity: quantityToJson(quantity), ...(isMapped ? { colorMap: colorMapToJson(page.map.value) } : {}),
-        ...(isRange ? { range: { min, max } } : {}) };
+        ...(isRange ? { range: { min, max } } : {}), ...(isMapped && atMin * atMax < 1 ? { opacity: { atMin, atMax } } : {}) };
     }
   }
-  change({ surfaces });
+  change({ surfaces }, isMoving === true);
 }
 page.quantity.onchange = () => {
   page.rangeMin.value = page.rangeMax.value = '';
   changeColorBy();
 };
-page.map.onchange = page.rangeMin.onchange = page.rangeMax.onchange = changeColorBy;
+page.map.onchange = page.rangeMin.onchange = page.rangeMax.onchange = () => changeColorBy();
+page.opacityMin.oninput = page.opacityMax.oninput = () => changeColorBy(true);
 page.background.oninput = () => change({ backgroundColor: fromHex(page.background.value) }, true);
 
 /** @type {Record<string, any[] | undefined>} */
@@ -529,6 +533,8 @@ function drawLook() {
       input.placeholder = end === 'min' ? 'least' : 'greatest';
     }
   }
+  page.opacityMin.value = String(colorBy?.opacity ? colorBy.opacity.atMin ?? 0 : 1);
+  page.opacityMax.value = String(colorBy?.opacity ? colorBy.opacity.atMax ?? 0 : 1);
   page.background.value = toHex(state.backgroundColor);
   const words = lightWords(state.lights);
   page.lights.value = Object.keys(LIGHTS).find((name) => lightWords(LIGHTS[name]) === words) ?? 'custom';
@@ -561,6 +567,16 @@ function drawLegend(frame) {
 }
 
 // ---- clip ----
+
+/** @type {Record<string, any>} */
+const CAPS = { open: undefined, filled: {}, slice: { colorMap: 'COLOR_MAP_GREY' } };
+
+/** @param {any} clip @param {boolean} [isMoving] */
+function changeClip(clip, isMoving) {
+  const isCut = Object.keys(clip).length > 0;
+  // Without a cut there is nothing to fill, and the server says so.
+  change(isCut ? { clip } : { clip: undefined, caps: undefined }, isMoving);
+}
 
 /** @type {{element: HTMLElement, draw: () => void}[]} */
 let clipSliders = [];
@@ -599,7 +615,7 @@ function makeClipSlider(name, axis) {
     if (isWhole) {
       delete clip.box;
     }
-    change({ clip: Object.keys(clip).length > 0 ? clip : undefined }, isMoving);
+    changeClip(clip, isMoving);
   };
   let dragged = -1;
   /** @param {PointerEvent} event */
@@ -648,7 +664,8 @@ function makeClipSlider(name, axis) {
   } };
 }
 
-byId('clear-clip', HTMLElement).onclick = () => change({ clip: undefined });
+byId('clear-clip', HTMLElement).onclick = () => changeClip({});
+page.caps.onchange = () => change({ caps: CAPS[page.caps.value] });
 byId('add-plane', HTMLElement).onclick = () => {
   const { camera } = shown;
   const planes = shown.state.clip?.halfSpaces ?? [];
@@ -672,6 +689,9 @@ function drawClip() {
     page.clip.replaceChildren(...clipSliders.map((slider) => slider.element));
   }
   clipSliders.forEach((slider) => slider.draw());
+  const { caps, clip } = shown.state;
+  page.caps.value = !caps ? 'open' : caps.colorMap ? 'slice' : 'filled';
+  page.caps.disabled = !clip;
   const planes = shown.state.clip?.halfSpaces ?? [];
   /** @param {number} i @param {any} part @param {boolean} isMoving */
   const setPlane = (i, part, isMoving) => {
@@ -691,8 +711,7 @@ function drawClip() {
       make('button', { className: 'remove', 'aria-label': `Remove plane ${i + 1}`, onclick: () => {
         const halfSpaces = shown.state.clip.halfSpaces.filter((/** @type {any} */ __, /** @type {number} */ k) => k !== i);
         const { halfSpaces: gone, ...rest } = shown.state.clip;
-        const clip = halfSpaces.length > 0 ? { ...rest, halfSpaces } : rest;
-        change({ clip: Object.keys(clip).length > 0 ? clip : undefined });
+        changeClip(halfSpaces.length > 0 ? { ...rest, halfSpaces } : rest);
       } }, '✕'))));
   }
   const box = boxOfDataset(shown.dataset);

@@ -32,8 +32,9 @@ function colorByToWords(colorBy) {
   if (quantity === 'none' || quantity === 'normal') {
     return quantity;
   }
-  const range = colorBy.range ? `:${colorBy.range.min ?? 0},${colorBy.range.max ?? 0}` : '';
-  return `${quantity}:${colorMapFromJson(colorBy.colorMap)}${range}`;
+  const opacity = colorBy.opacity ? `:${colorBy.opacity.atMin ?? 0},${colorBy.opacity.atMax ?? 0}` : '';
+  const range = colorBy.range ? `:${colorBy.range.min ?? 0},${colorBy.range.max ?? 0}` : opacity && ':';
+  return `${quantity}:${colorMapFromJson(colorBy.colorMap)}${range}${opacity}`;
 }
 
 /**
@@ -70,6 +71,11 @@ export function stateToWords(state) {
   const box = state.clip?.box;
   if (box) {
     words.push(['clip-box', ['x', 'y', 'z'].map((axis) => `${box.min?.[axis] ?? 0},${box.max?.[axis] ?? 0}`).join()]);
+  }
+  if (state.caps) {
+    const { colorMap, range } = state.caps;
+    const ends = range ? `:${range.min ?? 0},${range.max ?? 0}` : '';
+    words.push(['caps', colorMap ? `${colorMapFromJson(colorMap)}${ends}` : '']);
   }
   for (const light of state.lights ?? []) {
     const color = light.color ? `:${rgb(light.color)}` : '';
@@ -111,7 +117,7 @@ export function stateToHash(state) {
  */
 export function stateToCommand(state, file) {
   const flags = stateToWords(state).map(([name, value]) =>
-    `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
+    value === '' ? `--${name}` : `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
   return ['isoscope render --server HOST:50051', ...flags, `--output ${file}`].join(' \\\n  ');
 }
 
@@ -174,16 +180,27 @@ export function stateFromHash(hash) {
       }
     },
     'color-by': (value) => {
-      const [quantity, map, ends] = value.split(':');
+      const [quantity, map, ends, opacities] = value.split(':');
       if (quantity !== 'none' && !QUANTITIES[quantity] || map && !COLOR_MAPS.includes(map)) {
         reader.problems.push(`color-by=${value.slice(0, 60)} of this link was left out: it is x, y, z, normal, gradient ` +
           `or none, then one of ${COLOR_MAPS.join(', ')}.`);
         return;
       }
-      const range = ends === undefined ? null : reader.numbers('color-by', ends, 2);
+      const range = ends ? reader.numbers('color-by', ends, 2) : null;
+      const opacity = opacities ? reader.numbers('color-by', opacities, 2) : null;
       colorings.push(quantity === 'none' ? null : {
         quantity: QUANTITIES[quantity], ...(map ? { colorMap: colorMapToJson(map) } : {}),
-        ...(range ? { range: { min: range[0], max: range[1] } } : {}) });
+        ...(range ? { range: { min: range[0], max: range[1] } } : {}),
+        ...(opacity ? { opacity: { atMin: opacity[0], atMax: opacity[1] } } : {}) });
+    },
+    caps: (value) => {
+      const [map, ends] = value.split(':');
+      const range = ends ? reader.numbers('caps', ends, 2) : null;
+      if (map && !COLOR_MAPS.includes(map)) {
+        reader.problems.push(`caps=${value.slice(0, 60)} of this link was left out: it is empty or one of ${COLOR_MAPS.join(', ')}.`);
+        return;
+      }
+      state.caps = { ...(map ? { colorMap: colorMapToJson(map) } : {}), ...(map && range ? { range: { min: range[0], max: range[1] } } : {}) };
     },
     eye: (value) => { camera.eye = reader.vec('eye', value); },
     target: (value) => { camera.target = reader.vec('target', value); },

@@ -10,7 +10,8 @@ const FULL = {
   dataset: 'a name/with &=#%:, ünd',
   surfaces: [
     { isovalue: 60.1, color: { red: 0.8627, green: 0.1, blue: 1 / 3, alpha: 0.35 },
-      colorBy: { quantity: 'QUANTITY_POSITION_X', colorMap: 'COLOR_MAP_COOL_WARM', range: { min: -1e-7, max: 3e22 } } },
+      colorBy: { quantity: 'QUANTITY_POSITION_X', colorMap: 'COLOR_MAP_COOL_WARM', range: { min: -1e-7, max: 3e22 },
+        opacity: { atMin: 0, atMax: 0.75 } } },
     { isovalue: -0.1 + 0.3, color: { red: 1, green: 1, blue: 0, alpha: 1 }, colorBy: { quantity: 'QUANTITY_NORMAL' } },
     { isovalue: 5e-324 },
   ],
@@ -18,6 +19,7 @@ const FULL = {
     perspective: { fovYDegrees: 29.999999999999996 } },
   clip: { halfSpaces: [{ normal: { x: 1, y: 0, z: -0.5 }, offset: 12.5 }, { normal: { x: 0, y: 1, z: 0 }, offset: -3 }],
     box: { min: { x: 1, y: 2, z: 3 }, max: { x: 4, y: 5.5, z: 6 } } },
+  caps: { colorMap: 'COLOR_MAP_GREY', range: { min: 0, max: 200 } },
   lights: [{ direction: { x: -1, y: 1, z: 2 }, intensity: 0.7, color: { red: 1, green: 0.5, blue: 0.25, alpha: 1 }, space: 'SPACE_WORLD' },
     { direction: { x: 0, y: 0, z: 1 }, intensity: 1, space: 'SPACE_WORLD' }],
   samples: 4, ambientOcclusion: { radiusPx: 24, strength: 0.5 },
@@ -32,7 +34,8 @@ test('a state with everything in it comes back from its hash, bit for bit', () =
 });
 
 test('a parallel camera, a fitted view and an empty state come back', () => {
-  for (const state of [{}, { dataset: 'x', cameraFit: 'CAMERA_FIT_SURFACE' },
+  for (const state of [{}, { clip: { box: { min: { x: 0, y: 0, z: 0 }, max: { x: 1, y: 1, z: 1 } } }, caps: {} },
+    { surfaces: [{ isovalue: 1, colorBy: { quantity: 'QUANTITY_POSITION_Y', colorMap: 'COLOR_MAP_GREY', opacity: { atMin: 1, atMax: 0 } } }] }, { dataset: 'x', cameraFit: 'CAMERA_FIT_SURFACE' },
     { camera: { eye: { x: 1, y: 0, z: 0 }, target: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 1, z: 0 }, orthographic: { height: 7.25 } } }]) {
     assert.deepEqual(stateFromHash(stateToHash(state)).state, state);
   }
@@ -46,9 +49,9 @@ test('the hash can be read by people, and survives a mail program that encodes i
 
 test('what is wrong in a link is left out with a sentence, and the rest is kept', () => {
   const { state, problems } = stateFromHash('#surface=x&surface=60:1,2&surface=30&eye=1,2&fov-y=&clip-box=1,2,3&' +
-    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=red');
+    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=heat&caps=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=red');
   assert.deepEqual(state, { surfaces: [{ isovalue: 30 }] });
-  assert.equal(problems.length, 12);
+  assert.equal(problems.length, 13);
   problems.forEach((sentence) => assert.match(sentence, /of this link was left out: .+\.$/));
 });
 
@@ -70,8 +73,8 @@ test('no link makes the reader throw', () => {
 });
 
 test('the command of a state quotes what a shell would read otherwise', () => {
-  const command = stateToCommand({ dataset: 'it\'s; rm -rf', surfaces: [{ isovalue: 60 }] }, 'a.png');
-  assert.equal(command, 'isoscope render --server HOST:50051 \\\n  --dataset \'it\'\\\'\'s; rm -rf\' \\\n  --surface 60 \\\n  --output a.png');
+  const command = stateToCommand({ dataset: 'it\'s; rm -rf', surfaces: [{ isovalue: 60 }], caps: {} }, 'a.png');
+  assert.equal(command, 'isoscope render --server HOST:50051 \\\n  --dataset \'it\'\\\'\'s; rm -rf\' \\\n  --surface 60 \\\n  --caps \\\n  --output a.png');
 });
 
 test('the legend has the colours of the pictures', () => {
