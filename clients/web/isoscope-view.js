@@ -792,8 +792,9 @@ void main() { color = texture(picture, place); }`;
  * @typedef {{width: number, height: number, camera: Camera, grid: DepthGrid | null, isExact: boolean,
  *   background: number[]}} ShownFrame
  * @typedef {{name: string, canvas: HTMLCanvasElement, show: (bitmap: ImageBitmap, frame: ShownFrame) => void,
- *   draw: (camera: Camera) => boolean, resize: (width: number, height: number) => void,
- *   destroy: () => void}} Screen show takes the bitmap over and closes it; draw says whether it warped.
+ *   draw: (camera: Camera) => boolean, finish: () => void, resize: (width: number, height: number) => void,
+ *   destroy: () => void}} Screen show takes the bitmap over and closes it; draw says whether it warped;
+ *   finish waits until it is drawn.
  */
 
 /** @param {string} className */
@@ -912,6 +913,9 @@ function makeGlScreen(lost) {
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, frame.grid.width * frame.grid.height);
       return true;
     },
+    finish() {
+      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    },
     destroy() {
       frame = null;
       gl.getExtension('WEBGL_lose_context')?.loseContext();
@@ -941,6 +945,7 @@ function makeBitmapScreen() {
     },
     resize() {},
     draw: () => false,
+    finish() {},
     destroy() {
       context.transferFromImageBitmap(null);
       canvas.remove();
@@ -1247,6 +1252,9 @@ canvas.overlay { pointer-events: none; }
 
 /** A view rests after this time without moves, in milliseconds. */
 const REST_MS = 120;
+/** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
+const MEASURED_WARPS = 7;
+const SLOW_WARP_MS = 25;
 /** A press that moves less than this is a click, in CSS pixels. */
 const CLICK_PX = 4;
 const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEEDED', 'NOT_FOUND', 'ALREADY_EXISTS',
@@ -1335,6 +1343,8 @@ export class View extends EventTarget {
     this.height = 1;
     this.ratio = 0;
     this.shownSequence = 0;
+    /** @type {number[]} */
+    this.warpTimes = [];
     this.host = document.createElement('div');
     this.root = document.createElement('div');
     this.overlay = makeCanvas('overlay');
@@ -1523,6 +1533,22 @@ export class View extends EventTarget {
     this.#listen();
   }
 
+  /**
+   * Some drivers draw slowly without saying so: the first warps are timed.
+   * @param {number} startedAt
+   */
+  #measureWarp(startedAt) {
+    if ((this.options.renderer ?? 'auto') !== 'auto' || this.warpTimes.length >= MEASURED_WARPS) {
+      return;
+    }
+    this.screen.finish();
+    this.warpTimes.push(performance.now() - startedAt);
+    const middle = [...this.warpTimes].sort((a, b) => a - b)[MEASURED_WARPS >> 1];
+    if (this.warpTimes.length === MEASURED_WARPS && middle > SLOW_WARP_MS) {
+      this.#leaveGl(`a warp takes ${Math.round(middle)} ms`);
+    }
+  }
+
   /** @param {string} why */
   #leaveGl(why) {
     if (this.isDestroyed || this.screen.name !== 'webgl2') {
@@ -1604,7 +1630,11 @@ export class View extends EventTarget {
     };
 
     root.addEventListener('pointerdown', (event) => {
-      root.setPointerCapture(event.pointerId);
+      try {
+        root.setPointerCapture(event.pointerId);
+      } catch {
+        // The pointer is gone already.
+      }
       root.focus({ preventScroll: true });
       const p = place(event);
       pointers.set(event.pointerId, p);
@@ -1807,6 +1837,10 @@ export class View extends EventTarget {
 
   #connect() {
     this.#status('connecting', '');
+    if (this.options.transport && !this.options.url) {
+      this.#useTransport(this.options.transport);
+      return;
+    }
     this.worker.post({ kind: 'open', url: this.client.socketAddress });
     clearTimeout(this.timers.open);
     this.timers.open = setTimeout(() => {
@@ -1895,6 +1929,9 @@ export class View extends EventTarget {
   /** Learns the box and the patient frame of the dataset, for the box, the axes and the named views. */
   async #describe() {
     const name = this.state.dataset ?? '';
+    if (this.options.transport && !this.options.url) {
+      return;
+    }
     try {
       const dataset = name ? await this.client.get(`v1/datasets/${encodeURIComponent(name)}`)
         : (await this.client.get('v1/datasets')).datasets?.[0];
@@ -2085,8 +2122,10 @@ export class View extends EventTarget {
     if (!this.camera) {
       return;
     }
+    const startedAt = performance.now();
     if (this.screen.draw(this.camera)) {
       this.counts.warpsDrawn += 1;
+      this.#measureWarp(startedAt);
     }
     const context = this.overlay.getContext('2d');
     const { red = 0, green = 0, blue = 0 } = this.state.backgroundColor ?? {};

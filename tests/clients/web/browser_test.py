@@ -228,6 +228,23 @@ class PictureTest(PageTest):
         self.until_exact()
         self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
 
+    def test_two_fingers_zoom_and_what_lies_between_them_stays(self):
+        self.open_and_wait()
+        distance = 'Math.hypot(...isoscope.view.camera.eye.map((v, i) => v - isoscope.view.camera.target[i]))'
+        far = self.js(f'return {distance}')
+        self.js('''const el = isoscope.view.root; const box = el.getBoundingClientRect();
+            const middle = [box.x + box.width / 2, box.y + box.height / 2];
+            const send = (type, pointerId, dx) => el.dispatchEvent(new PointerEvent(type, { pointerId, pointerType: 'touch',
+              clientX: middle[0] + dx, clientY: middle[1], buttons: 1, bubbles: true }));
+            send('pointerdown', 1, -50); send('pointerdown', 2, 50);
+            for (let i = 1; i <= 10; ++i) { send('pointermove', 1, -50 - 5 * i); send('pointermove', 2, 50 + 5 * i); }
+            send('pointerup', 1, -100); send('pointerup', 2, 100);''')
+        self.until_exact()
+        near = self.js(f'return {distance}')
+        self.assertTrue(0.4 < near / far < 0.75, f'{near} of {far}')
+        self.assertEqual([], self.js('return isoscope.view.pins'), 'fingers that move pick nothing')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
     def test_a_named_view_fits_the_surface_and_those_of_a_patient_come_with_its_frame(self):
         self.open_and_wait('#dataset=patient&surface=40')
         names = [button.get_attribute('textContent') for button in self.browser.find_elements(By.CSS_SELECTOR, '#views button')]
@@ -293,10 +310,13 @@ class ControlTest(PageTest):
             .move_by_offset(-bar.size['width'] // 2, 0).release().perform()
         self.until('isoscope.view.isExact && isoscope.view.state.clip?.box')
         self.assertLess(self.js('return isoscope.view.state.clip.box.max.x'), 70)
+        self.js('''const caps = document.getElementById('caps'); caps.value = 'slice'; caps.dispatchEvent(new Event('change'));''')
+        self.until_exact()
+        self.assertEqual({'colorMap': 'COLOR_MAP_GREY'}, self.gateway.control()['last']['frame']['caps'])
         self.assertLess(self.share_of_equal(self.picture(), before), 0.99)
         self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
         self.browser.find_element(By.ID, 'clear-clip').click()
-        self.until('isoscope.view.isExact && !isoscope.view.state.clip')
+        self.until('isoscope.view.isExact && !isoscope.view.state.clip && !isoscope.view.state.caps')
         self.assertEqual(1, self.share_of_equal(self.picture(), before))
 
     def test_a_clip_plane_is_added_moved_flipped_and_removed(self):
@@ -515,15 +535,21 @@ class WidgetTest(PageTest):
         self.js('window.leave()')
         self.assertEqual(0, self.js('return document.querySelectorAll("#cell .isoscope-view").length'))
 
+    def test_frames_come_through_the_kernel_where_there_is_no_gateway(self):
+        self.check_kernel('')
+
     def test_frames_come_through_the_kernel_where_the_gateway_is_out_of_reach(self):
+        self.check_kernel(self.gateway.url)
+
+    def check_kernel(self, url):
         self.open_and_wait()
         self.gateway.control(refuse=True)
         self.js('''window.sent = [];
-            window.model = { values: { url: location.origin + '/', state: { dataset: 'ball', surfaces: [{ isovalue: 55 }] } },
+            window.model = { values: { url: arguments[0], state: { dataset: 'ball', surfaces: [{ isovalue: 55 }] } },
               get(name) { return this.values[name]; }, set(name, value) { this.values[name] = value; }, save_changes() {},
               on(name, f) { if (name === 'msg:custom') window.fromKernel = f; }, off() {}, send(message) { sent.push(message); } };
             const el = document.createElement('div'); document.body.append(el);
-            import('./isoscope-view.js').then((m) => m.default.render({ model, el }));''')
+            import('./isoscope-view.js').then((m) => m.default.render({ model, el }));''', url)
         self.until('sent.some((m) => m.type === "isoscope/interact" && JSON.parse(m.text).viewState)')
         self.js('''const state = JSON.parse(sent.filter((m) => m.text?.includes('viewState')).at(-1).text).viewState;
             const error = new TextEncoder().encode(JSON.stringify({ sequenceNumber: state.sequenceNumber, frameNumber: '1',
