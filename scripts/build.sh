@@ -11,6 +11,8 @@ Usage: scripts/build.sh [--with-tests] [--jobs N]
   --jobs N      compile N files at a time (default: one for each core)
   -h, --help    this text
 
+ISOSCOPE_BROWSER_TESTS  off: with --with-tests, Chromium and Node are not installed
+
 Packages: scripts/packages.sh; what is missing is installed as root or through sudo.
 Programs: build/release/bin/
 USAGE
@@ -52,6 +54,9 @@ export CCACHE_BASEDIR="$PWD" CCACHE_NOHASHDIR=true
 packages=("${ISOSCOPE_BUILD_PACKAGES[@]}")
 if [ "$with_tests" = ON ]; then
   packages+=("${ISOSCOPE_TEST_PACKAGES[@]}" "${ISOSCOPE_DEMO_PACKAGES[@]}")
+  if [ "${ISOSCOPE_BROWSER_TESTS:-on}" != off ]; then
+    packages+=("${ISOSCOPE_BROWSER_PACKAGES[@]}")
+  fi
 fi
 install_packages "${packages[@]}"
 

@@ -30,6 +30,10 @@ ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 
 # What the tests and benchmarks need besides.
 ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 
+# What the tests of clients/web need, some 700 MB with all that they depend on; tests whose program is
+# missing are skipped, and say so.
+ISOSCOPE_BROWSER_PACKAGES=(nodejs node-typescript chromium chromium-driver python3-selenium)
+
 # The MRI heads that the quick start and some tests use.
 ISOSCOPE_DEMO_PACKAGES=(mricron-data)
 

@@ -11,7 +11,8 @@ Usage: scripts/test.sh [--quick]
   --quick     leave the sanitizers out
   -h, --help  this text
 
-ISOSCOPE_DATA_DIR  folder of real volumes that some tests use, if it is there
+ISOSCOPE_DATA_DIR       folder of real volumes that some tests use, if it is there
+ISOSCOPE_BROWSER_TESTS  off: Chromium and Node are not installed; tests of the page run if they are there
 USAGE
 }
 

@@ -1,0 +1,2246 @@
+// The surface under the mouse: one module without dependencies, for the page of the gateway, for other
+// pages (`mount`), and for notebooks (the default export is an anywidget module).
+//
+// How a picture comes and goes: a worker holds the WebSocket, takes messages apart and decodes the
+// pictures. The view sends its state whenever it changes, and again once it rests; the server answers
+// with frames. Each frame carries the camera that it shows and a coarse grid of depths. Until the next
+// one is here, the last one is drawn as a relief of that grid from the camera that the pointer has
+// asked for, in the animation frame after the move. A frame whose camera is the current one is drawn as
+// it is, pixel by pixel.
+//
+// Angles are radians, lengths world units, pixels those of the device, unless a name says otherwise.
+// @ts-check
+
+/**
+ * @typedef {[number, number, number]} Vec3
+ * @typedef {{x?: number, y?: number, z?: number}} Vec3Json
+ * @typedef {{eye?: Vec3Json, target?: Vec3Json, up?: Vec3Json, perspective?: {fovYDegrees?: number},
+ *   orthographic?: {height?: number}}} CameraJson A Camera of proto/isoscope/v1/geometry.proto.
+ * @typedef {{eye: Vec3, target: Vec3, up: Vec3, fovYDegrees: number, height: number}} Camera With a
+ *   `height` above 0 the projection is orthographic.
+ * @typedef {{right: Vec3, up: Vec3, forward: Vec3, distance: number}} Basis
+ * @typedef {{min: Vec3, max: Vec3}} Box
+ * @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON, without viewport and
+ *   output, which are the view's own.
+ * @typedef {Record<string, any>} DatasetJson A Dataset of proto/isoscope/v1/dataset.proto.
+ * @typedef {{width: number, height: number, near: number, far: number, values: Uint16Array}} DepthGrid
+ */
+
+// ---- vectors ----
+
+/** @param {Vec3} a @param {Vec3} b @returns {Vec3} */
+export const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+/** @param {Vec3} a @param {Vec3} b @returns {Vec3} */
+export const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+/** @param {Vec3} a @param {number} s @returns {Vec3} */
+export const scale = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
+/** @param {Vec3} a @param {Vec3} b */
+export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+/** @param {Vec3} a @param {Vec3} b @returns {Vec3} */
+export const cross = (a, b) => [
+  a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+/** @param {Vec3} a */
+export const length = (a) => Math.hypot(a[0], a[1], a[2]);
+/** @param {Vec3} a @returns {Vec3} */
+export const normalize = (a) => scale(a, 1 / length(a));
+/**
+ * Rotates `v` about the unit vector `axis`, right-handed.
+ * @param {Vec3} v @param {Vec3} axis @param {number} radians @returns {Vec3}
+ */
+export function rotate(v, axis, radians) {
+  const c = Math.cos(radians);
+  return add(add(scale(v, c), scale(cross(axis, v), Math.sin(radians))),
+    scale(axis, dot(axis, v) * (1 - c)));
+}
+
+/** @param {Vec3Json | undefined} v @returns {Vec3} */
+const vecFromJson = (v) => [Number(v?.x ?? 0), Number(v?.y ?? 0), Number(v?.z ?? 0)];
+/** @param {Vec3} v @returns {Vec3Json} */
+const vecToJson = (v) => ({ x: v[0], y: v[1], z: v[2] });
+
+// ---- cameras ----
+
+/**
+ * Returns the camera, or null if it is none that a server would take.
+ * @param {any} json @returns {Camera | null}
+ */
+export function cameraFromJson(json) {
+  if (!json || typeof json !== 'object' || !json.eye && !json.target) {
+    return null;
+  }
+  const up = json.up ? vecFromJson(json.up) : /** @type {Vec3} */ ([0, 1, 0]);
+  const camera = {
+    eye: vecFromJson(json.eye), target: vecFromJson(json.target), up,
+    fovYDegrees: Number(json.perspective?.fovYDegrees ?? 30),
+    height: Number(json.orthographic?.height ?? 0),
+  };
+  const forward = sub(camera.target, camera.eye);
+  const sine = length(cross(forward, up)) / (length(forward) * length(up));
+  const isFinite = [...camera.eye, ...camera.target, ...up, camera.fovYDegrees, camera.height]
+    .every(Number.isFinite);
+  const isAngle = camera.fovYDegrees > 0 && camera.fovYDegrees < 180;
+  return isFinite && sine >= 1e-6 && isAngle && camera.height >= 0 ? camera : null;
+}
+
+/** @param {Camera} camera @returns {CameraJson} */
+export function cameraToJson(camera) {
+  const projection = camera.height > 0 ? { orthographic: { height: camera.height } }
+    : { perspective: { fovYDegrees: camera.fovYDegrees } };
+  return { eye: vecToJson(camera.eye), target: vecToJson(camera.target), up: vecToJson(camera.up),
+    ...projection };
+}
+
+/** @param {Camera} camera @returns {Basis} */
+export function basisOf(camera) {
+  const toTarget = sub(camera.target, camera.eye);
+  const forward = normalize(toTarget);
+  const right = normalize(cross(forward, camera.up));
+  return { right, up: cross(right, forward), forward, distance: length(toTarget) };
+}
+
+/**
+ * Half the height of the picture in world units: perspective, at the distance 1.
+ * @param {Camera} camera
+ */
+export function halfHeightOf(camera) {
+  return camera.height > 0 ? camera.height / 2 : Math.tan(camera.fovYDegrees * Math.PI / 360);
+}
+
+/**
+ * World units that a unit of the picture's half height spans at a distance along the view axis.
+ * @param {Camera} camera @param {number} distance
+ */
+const spanAt = (camera, distance) => halfHeightOf(camera) * (camera.height > 0 ? 1 : distance);
+
+/** @param {Camera} a @param {Camera} b */
+export function isSameCamera(a, b) {
+  const size = length(sub(a.target, a.eye));
+  /** @param {Vec3} u @param {Vec3} v @param {number} s */
+  const near = (u, v, s) => length(sub(u, v)) <= 1e-9 * s;
+  return near(a.eye, b.eye, size) && near(a.target, b.target, size) && near(a.up, b.up, length(a.up)) &&
+    Math.abs(a.fovYDegrees - b.fovYDegrees) < 1e-9 && Math.abs(a.height - b.height) <= 1e-9 * a.height;
+}
+
+/**
+ * Projects a point: x to the right and y up, -1 to 1 at the picture's borders, and the distance along
+ * the view axis. In perspective, only distances above 0 are in front of the eye.
+ * @param {Camera} camera @param {number} aspect width / height @param {Vec3} p
+ * @returns {{x: number, y: number, distance: number}}
+ */
+export function project(camera, aspect, p) {
+  const { right, up, forward } = basisOf(camera);
+  const q = sub(p, camera.eye);
+  const distance = dot(q, forward);
+  const span = spanAt(camera, distance);
+  return { x: dot(q, right) / (span * aspect), y: dot(q, up) / span, distance };
+}
+
+/**
+ * Returns the point that project takes to (x, y, distance).
+ * @param {Camera} camera @param {number} aspect @param {number} x @param {number} y
+ * @param {number} distance @returns {Vec3}
+ */
+export function unproject(camera, aspect, x, y, distance) {
+  const { right, up, forward } = basisOf(camera);
+  const span = spanAt(camera, distance);
+  return add(camera.eye, add(scale(forward, distance),
+    add(scale(right, x * span * aspect), scale(up, y * span))));
+}
+
+/** @param {Vec3} center @param {number} radius @param {Vec3} side @param {Vec3} up @returns {Camera} */
+function cameraAround(center, radius, side, up) {
+  const fovYDegrees = 30;
+  const distance = (radius > 0 ? radius : 0.5) / Math.sin(fovYDegrees * Math.PI / 360);
+  return { eye: add(center, scale(side, distance)), target: center, up, fovYDegrees, height: 0 };
+}
+
+/**
+ * Returns the server's default camera of a box: from +z, +y up.
+ * @param {Box} box @returns {Camera}
+ */
+export function defaultCamera(box) {
+  const center = scale(add(box.min, box.max), 0.5);
+  return cameraAround(center, length(sub(box.max, box.min)) / 2, [0, 0, 1], [0, 1, 0]);
+}
+
+/**
+ * Returns the unit vector that points to a side of the patient: one of L R P A S I.
+ * @param {string} frame such as "LPS" @param {string} side @returns {Vec3}
+ */
+export function patientDirection(frame, side) {
+  const opposite = /** @type {Record<string, string>} */ (
+    { L: 'R', R: 'L', P: 'A', A: 'P', S: 'I', I: 'S' })[side];
+  /** @type {Vec3} */
+  const v = [0, 0, 0];
+  for (let axis = 0; axis < 3; ++axis) {
+    v[axis] = frame[axis] === side ? 1 : frame[axis] === opposite ? -1 : 0;
+  }
+  return v;
+}
+
+/** The named views, as the command line has them, and those of a patient. */
+export const WORLD_VIEWS = ['front', 'back', 'left', 'right', 'top', 'bottom'];
+export const PATIENT_VIEWS = ['anterior', 'posterior', 'left', 'right', 'superior', 'inferior'];
+
+/**
+ * Returns the default camera of a box from another side, as `isoscope render --view` does; null if
+ * there is no view of that name, or if it needs a patient frame and there is none.
+ * @param {string} name @param {Box} box @param {string} [patientFrame] @returns {Camera | null}
+ */
+export function namedCamera(name, box, patientFrame) {
+  /** @type {Record<string, [Vec3, Vec3]>} */
+  const world = {
+    front: [[0, 0, 1], [0, 1, 0]], back: [[0, 0, -1], [0, 1, 0]], left: [[-1, 0, 0], [0, 1, 0]],
+    right: [[1, 0, 0], [0, 1, 0]], top: [[0, 1, 0], [0, 0, -1]], bottom: [[0, -1, 0], [0, 0, 1]],
+  };
+  /** @type {Record<string, string>} */
+  const patient = { anterior: 'AS', posterior: 'PS', left: 'LS', right: 'RS', superior: 'SA', inferior: 'IA' };
+  let sides = world[name];
+  if (patientFrame && patient[name]) {
+    sides = [patientDirection(patientFrame, patient[name][0]), patientDirection(patientFrame, patient[name][1])];
+  }
+  if (!sides) {
+    return null;
+  }
+  const center = scale(add(box.min, box.max), 0.5);
+  return cameraAround(center, length(sub(box.max, box.min)) / 2, sides[0], sides[1]);
+}
+
+/**
+ * Returns the box around the samples of a dataset in world space; null if it has no geometry.
+ * @param {DatasetJson | null | undefined} dataset @returns {Box | null}
+ */
+export function boxOfDataset(dataset) {
+  const geometry = dataset?.geometry;
+  if (!geometry?.sampleDims || !geometry.spacing) {
+    return null;
+  }
+  const dims = vecFromJson(geometry.sampleDims);
+  const spacing = vecFromJson(geometry.spacing);
+  const origin = vecFromJson(geometry.origin);
+  /** @type {Vec3[]} */
+  const columns = (geometry.directionColumns ?? []).length === 3
+    ? geometry.directionColumns.map(vecFromJson) : [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  /** @type {Box} */
+  const box = { min: [Infinity, Infinity, Infinity], max: [-Infinity, -Infinity, -Infinity] };
+  for (let corner = 0; corner < 8; ++corner) {
+    let p = origin;
+    for (let axis = 0; axis < 3; ++axis) {
+      const at = (corner >> axis & 1) * (dims[axis] - 1) * spacing[axis];
+      p = add(p, scale(columns[axis], at));
+    }
+    for (let axis = 0; axis < 3; ++axis) {
+      box.min[axis] = Math.min(box.min[axis], p[axis]);
+      box.max[axis] = Math.max(box.max[axis], p[axis]);
+    }
+  }
+  return [...box.min, ...box.max].every(Number.isFinite) ? box : null;
+}
+
+// ---- moves of the pointer ----
+
+/**
+ * Turns the scene under the pointer about the target, as a trackball does. (dx, dy) is the move in
+ * halves of the picture's height, y up; one half is 90 degrees.
+ * @param {Camera} camera @param {number} dx @param {number} dy @param {number} [roll] counter-clockwise
+ * @returns {Camera}
+ */
+export function turn(camera, dx, dy, roll = 0) {
+  const { right, up } = basisOf(camera);
+  const angle = Math.hypot(dx, dy) * Math.PI / 2;
+  const toEye = sub(camera.eye, camera.target);
+  let turned = { ...camera, up };
+  if (angle > 0) {
+    const axis = normalize(add(scale(up, -dx), scale(right, dy)));
+    turned = { ...camera, eye: add(camera.target, rotate(toEye, axis, angle)),
+      up: normalize(rotate(up, axis, angle)) };
+  }
+  return roll === 0 ? turned : { ...turned, up: normalize(rotate(turned.up, basisOf(turned).forward, roll)) };
+}
+
+/**
+ * Moves the scene so that what lies at `distance` follows the pointer: (dx, dy) as for turn.
+ * @param {Camera} camera @param {number} dx @param {number} dy @param {number} distance
+ * @returns {Camera}
+ */
+export function pan(camera, dx, dy, distance) {
+  const { right, up } = basisOf(camera);
+  const span = spanAt(camera, distance);
+  const move = add(scale(right, -dx * span), scale(up, -dy * span));
+  return { ...camera, eye: add(camera.eye, move), target: add(camera.target, move) };
+}
+
+/**
+ * Brings the scene nearer by `factor` (above 1) or farther; the point under the pointer stays there.
+ * @param {Camera} camera @param {number} factor @param {Vec3} point @returns {Camera}
+ */
+export function zoomTo(camera, factor, point) {
+  if (camera.height > 0) {
+    const { forward } = basisOf(camera);
+    const move = scale(sub(point, camera.eye), 1 - 1 / factor);
+    const inPlane = sub(move, scale(forward, dot(move, forward)));
+    return { ...camera, eye: add(camera.eye, inPlane), target: add(camera.target, inPlane),
+      height: camera.height / factor };
+  }
+  /** @param {Vec3} p @returns {Vec3} */
+  const towards = (p) => add(point, scale(sub(p, point), 1 / factor));
+  return { ...camera, eye: towards(camera.eye), target: towards(camera.target) };
+}
+
+/**
+ * Returns the camera moved so that what a frame shows is in the middle and fills most of the picture;
+ * specks of less than 0.3 % of it do not count. The server's own fit is to a sphere, which leaves room
+ * around most surfaces.
+ * @param {Camera} camera of the frame @param {DepthGrid} grid of the frame @param {number} aspect
+ * @returns {Camera}
+ */
+export function fillView(camera, grid, aspect) {
+  /** @type {Vec3[]} */
+  const points = [];
+  for (let j = 0; j < grid.height; ++j) {
+    for (let i = 0; i < grid.width; ++i) {
+      const depth = gridDepth(grid, i, j);
+      if (depth >= 0) {
+        points.push(unproject(camera, aspect, 2 * (i + 0.5) / grid.width - 1, 1 - 2 * (j + 0.5) / grid.height, depth));
+      }
+    }
+  }
+  if (points.length < 8) {
+    return camera;
+  }
+  /** @param {Camera} candidate */
+  const reach = (candidate) => {
+    const places = points.map((p) => project(candidate, aspect, p));
+    const specks = Math.floor(0.003 * places.length);
+    const ends = [places.map((at) => at.x), places.map((at) => at.y)].flatMap((values) => {
+      values.sort((a, b) => a - b);
+      return [values[specks], values[values.length - 1 - specks]];
+    });
+    const isInFront = candidate.height > 0 || places.every((at) => at.distance > 0);
+    return { x: (ends[0] + ends[1]) / 2, y: (ends[2] + ends[3]) / 2,
+      most: isInFront ? Math.max(ends[1] - ends[0], ends[3] - ends[2]) / 2 : Infinity };
+  };
+  let filled = camera;
+  let [low, high] = [0.5, 8];
+  for (let round = 0; round < 10; ++round) {
+    const factor = Math.sqrt(low * high);
+    let candidate = zoomTo(camera, factor, camera.target);
+    const { x, y } = reach(candidate);
+    candidate = pan(candidate, -x * aspect, -y, basisOf(candidate).distance);
+    if (reach(candidate).most <= 0.86) {
+      filled = candidate;
+      low = factor;
+    } else {
+      high = factor;
+    }
+  }
+  return filled;
+}
+
+// ---- warping a frame to another camera ----
+
+/** Two neighbours of the grid are of one surface up to this many cells of depth between them. */
+const JUMP_CELLS = 6;
+
+/**
+ * Returns the depth of a point of the grid; below 0: background, or outside of the grid.
+ * @param {DepthGrid} grid @param {number} i @param {number} j
+ */
+export function gridDepth(grid, i, j) {
+  if (i < 0 || j < 0 || i >= grid.width || j >= grid.height) {
+    return -1;
+  }
+  const value = grid.values[j * grid.width + i];
+  return value === 65535 ? -1 : grid.near + (grid.far - grid.near) * value / 65534;
+}
+
+/**
+ * Returns the depth of a cell: of its own point; where that is background, of the farthest neighbour,
+ * so that the rim of a surface keeps its pixels.
+ * @param {DepthGrid} grid @param {number} i @param {number} j
+ */
+function cellDepth(grid, i, j) {
+  let depth = gridDepth(grid, i, j);
+  if (depth < 0) {
+    for (let k = 0; k < 9; ++k) {
+      depth = Math.max(depth, gridDepth(grid, i + k % 3 - 1, j + Math.floor(k / 3) - 1));
+    }
+  }
+  return depth;
+}
+
+/**
+ * Returns the depth at corner (a, b), each 0 or 1, of cell (i, j); below 0 if the cell shows nothing.
+ * Neighbours that are connected meet at one depth; others are cut.
+ * @param {DepthGrid} grid @param {number} i @param {number} j @param {number} a @param {number} b
+ * @param {number} jumpPerDepth @param {number} jump the greatest step between neighbours of one
+ *   surface is jump + jumpPerDepth * the lesser depth
+ */
+export function cornerDepth(grid, i, j, a, b, jumpPerDepth, jump) {
+  const own = cellDepth(grid, i, j);
+  if (own < 0) {
+    return -1;
+  }
+  let sum = 0;
+  let count = 0;
+  for (let k = 0; k < 4; ++k) {
+    const depth = gridDepth(grid, i + a - 1 + k % 2, j + b - 1 + (k >> 1));
+    if (depth >= 0 && Math.abs(depth - own) <= jump + jumpPerDepth * Math.min(depth, own)) {
+      sum += depth;
+      ++count;
+    }
+  }
+  return count > 0 ? sum / count : own;
+}
+
+/**
+ * @param {Camera} camera of the frame @param {number} gridHeight
+ * @returns {{jumpPerDepth: number, jump: number}}
+ */
+export function jumpOf(camera, gridHeight) {
+  const cell = JUMP_CELLS * 2 * halfHeightOf(camera) / gridHeight;
+  return camera.height > 0 ? { jumpPerDepth: 0, jump: cell } : { jumpPerDepth: cell, jump: 0 };
+}
+
+/**
+ * The way from a frame to another camera, for warpPoint and for the shader.
+ * @param {Camera} from @param {number} fromAspect @param {Camera} to @param {number} toAspect
+ */
+export function makeWarp(from, fromAspect, to, toAspect) {
+  const a = basisOf(from);
+  const b = basisOf(to);
+  const rows = [b.right, b.up, b.forward];
+  const columns = [a.right, a.up, a.forward];
+  const h0 = halfHeightOf(from);
+  const h1 = halfHeightOf(to);
+  return {
+    // Column-major, as the shader wants it.
+    matrix: columns.flatMap((column) => rows.map((row) => dot(row, column))),
+    offset: rows.map((row) => dot(row, sub(from.eye, to.eye))),
+    fromSpan: [h0 * fromAspect, h0],
+    toSpan: [h1 * toAspect, h1],
+    isFromPerspective: !(from.height > 0),
+    isToPerspective: !(to.height > 0),
+  };
+}
+
+/**
+ * Takes a point of the frame, u and v in [0, 1] from its top left corner, and its depth to the other
+ * camera's picture, as project does.
+ * @param {ReturnType<typeof makeWarp>} warp @param {number} u @param {number} v @param {number} depth
+ */
+export function warpPoint(warp, u, v, depth) {
+  const s = warp.isFromPerspective ? depth : 1;
+  const p = [(2 * u - 1) * warp.fromSpan[0] * s, (1 - 2 * v) * warp.fromSpan[1] * s, depth];
+  const m = warp.matrix;
+  /** @param {number} row */
+  const at = (row) => m[row] * p[0] + m[3 + row] * p[1] + m[6 + row] * p[2] + warp.offset[row];
+  const distance = at(2);
+  const t = warp.isToPerspective ? distance : 1;
+  return { x: at(0) / (warp.toSpan[0] * t), y: at(1) / (warp.toSpan[1] * t), distance };
+}
+
+/**
+ * Takes a point of the frame to the other camera by the grid alone, as the shader draws it: null where
+ * the relief has nothing.
+ * @param {DepthGrid} grid @param {ReturnType<typeof makeWarp>} warp @param {number} u
+ * @param {number} v @param {{jumpPerDepth: number, jump: number}} jump
+ */
+export function warpByGrid(grid, warp, u, v, jump) {
+  const i = Math.min(Math.floor(u * grid.width), grid.width - 1);
+  const j = Math.min(Math.floor(v * grid.height), grid.height - 1);
+  const fx = u * grid.width - i;
+  const fy = v * grid.height - j;
+  let depth = 0;
+  for (let k = 0; k < 4; ++k) {
+    const a = k % 2;
+    const b = k >> 1;
+    const corner = cornerDepth(grid, i, j, a, b, jump.jumpPerDepth, jump.jump);
+    if (corner < 0) {
+      return null;
+    }
+    depth += corner * (a ? fx : 1 - fx) * (b ? fy : 1 - fy);
+  }
+  return warpPoint(warp, u, v, depth);
+}
+
+// ---- messages and the worker ----
+
+/**
+ * Takes a message of the gateway apart: u32 length of JSON, JSON, picture, depths (docs/web.md). Throws
+ * an Error whose message says what is wrong. Self-contained: the worker is made of its source.
+ * @param {ArrayBuffer} buffer
+ * @returns {{header: any, image: Uint8Array, depths: Uint16Array}}
+ */
+export function parseMessage(buffer) {
+  /** @param {string} why @returns {never} */
+  const fail = (why) => {
+    throw new Error(`The server sent a message of ${buffer.byteLength} bytes that is no frame: ${why}.`);
+  };
+  if (buffer.byteLength < 4) {
+    fail('it is too short');
+  }
+  const view = new DataView(buffer);
+  const jsonBytes = view.getUint32(0, true);
+  if (jsonBytes > buffer.byteLength - 4) {
+    fail(`its header says that it has ${jsonBytes} bytes`);
+  }
+  /** @type {any} */
+  let header = null;
+  try {
+    header = JSON.parse(new TextDecoder('utf-8', { fatal: true }).decode(new Uint8Array(buffer, 4, jsonBytes)));
+  } catch {
+    fail('its header is no JSON');
+  }
+  if (header === null || typeof header !== 'object' || Array.isArray(header)) {
+    fail('its header is no object');
+  }
+  const imageBytes = header.image?.bytes ?? 0;
+  const depthBytes = header.depthBytes ?? 0;
+  for (const count of [imageBytes, depthBytes]) {
+    if (!Number.isSafeInteger(count) || count < 0) {
+      fail(`a size in its header is ${JSON.stringify(count)}`);
+    }
+  }
+  if (4 + jsonBytes + imageBytes + depthBytes !== buffer.byteLength) {
+    fail(`its parts have ${4 + jsonBytes + imageBytes + depthBytes} bytes`);
+  }
+  if (imageBytes > 0 && header.image.type !== 'image/jpeg' && header.image.type !== 'image/png') {
+    fail(`the type of its picture is ${JSON.stringify(header.image.type)}`);
+  }
+  const number = Number(header.frameNumber ?? 0);
+  if (!Number.isSafeInteger(number) || number < 0) {
+    fail(`its frame number is ${JSON.stringify(header.frameNumber)}`);
+  }
+  const grid = header.depthGrid;
+  if (depthBytes > 0 && !(grid && grid.width > 0 && grid.height > 0 && grid.width <= 4096 &&
+      2 * grid.width * grid.height === depthBytes)) {
+    fail(`its grid of depths has ${depthBytes} bytes`);
+  }
+  const start = 4 + jsonBytes;
+  const bytes = buffer.slice(start + imageBytes, start + imageBytes + depthBytes);
+  const depths = new Uint16Array(depthBytes / 2);
+  const source = new DataView(bytes);
+  for (let i = 0; i < depths.length; ++i) {
+    depths[i] = source.getUint16(2 * i, true);
+  }
+  return { header, image: new Uint8Array(buffer, start, imageBytes), depths };
+}
+
+/**
+ * Owns socket and decoding. One picture is decoded at a time, one waits; a third takes the place of the
+ * one that waits, which the server is told. Self-contained: it is started from its source.
+ * @param {{postMessage: (message: any, transfer?: any[]) => void,
+ *   onmessage: ((event: {data: any}) => void) | null}} scope
+ * @param {typeof parseMessage} parse
+ */
+export function workerMain(scope, parse) {
+  /** @type {WebSocket | null} */
+  let socket = null;
+  let generation = 0;
+  let isDecoding = false;
+  /** @type {{buffer: ArrayBuffer, receivedAt: number} | null} */
+  let waiting = null;
+
+  /** @param {string} text */
+  const send = (text) => {
+    if (socket && socket.readyState === 1) {
+      socket.send(text);
+    } else {
+      scope.postMessage({ kind: 'outgoing', text });
+    }
+  };
+
+  /** @param {ArrayBuffer} buffer */
+  const drop = (buffer) => {
+    try {
+      const { header } = parse(buffer);
+      scope.postMessage({ kind: 'dropped', sequence: Number(header.sequenceNumber ?? 0), bytes: buffer.byteLength });
+      if (header.frameNumber) {
+        send(JSON.stringify({ frameShown: { frameNumber: String(header.frameNumber) } }));
+      }
+    } catch (error) {
+      scope.postMessage({ kind: 'bad', sentence: String(/** @type {Error} */ (error).message) });
+    }
+  };
+
+  /** @param {ArrayBuffer} buffer @param {number} receivedAt */
+  const decode = async (buffer, receivedAt) => {
+    const mine = generation;
+    const startedAt = performance.now();
+    try {
+      const { header, image, depths } = parse(buffer);
+      /** @type {ImageBitmap | null} */
+      let bitmap = null;
+      if (image.byteLength > 0) {
+        const blob = new Blob([image], { type: header.image.type });
+        try {
+          bitmap = await createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none' });
+        } catch {
+          throw new Error(`The browser cannot decode the ${header.image.type} picture that the server sent.`);
+        }
+      }
+      if (mine !== generation) {
+        bitmap?.close();
+        return;
+      }
+      const now = performance.now();
+      scope.postMessage({
+        kind: 'frame', header, bitmap, depths, bytes: buffer.byteLength, generation: mine,
+        receivedAt: performance.timeOrigin + receivedAt, decodeMs: now - startedAt,
+      }, bitmap ? [bitmap, depths.buffer] : [depths.buffer]);
+    } catch (error) {
+      scope.postMessage({ kind: 'bad', sentence: String(/** @type {Error} */ (error).message) });
+    }
+  };
+
+  /** @param {ArrayBuffer} buffer */
+  const receive = async (buffer) => {
+    const receivedAt = performance.now();
+    if (isDecoding) {
+      if (waiting) {
+        drop(waiting.buffer);
+      }
+      waiting = { buffer, receivedAt };
+      return;
+    }
+    isDecoding = true;
+    /** @type {{buffer: ArrayBuffer, receivedAt: number} | null} */
+    let next = { buffer, receivedAt };
+    while (next) {
+      await decode(next.buffer, next.receivedAt);
+      next = waiting;
+      waiting = null;
+    }
+    isDecoding = false;
+  };
+
+  const close = () => {
+    ++generation;
+    waiting = null;
+    if (socket) {
+      socket.onopen = socket.onmessage = socket.onclose = null;
+      socket.close();
+      socket = null;
+    }
+  };
+
+  /** @param {string} url */
+  const open = (url) => {
+    close();
+    try {
+      socket = new WebSocket(url);
+    } catch (error) {
+      scope.postMessage({ kind: 'closed', code: 0, reason: String(/** @type {Error} */ (error).message) });
+      return;
+    }
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => scope.postMessage({ kind: 'open', generation });
+    socket.onmessage = (event) => {
+      if (event.data instanceof ArrayBuffer) {
+        receive(event.data);
+      } else {
+        scope.postMessage({ kind: 'bad', sentence: 'The server sent text where a frame was expected.' });
+      }
+    };
+    socket.onclose = (event) => {
+      close();
+      scope.postMessage({ kind: 'closed', code: event.code, reason: event.reason });
+    };
+  };
+
+  scope.onmessage = ({ data }) => {
+    switch (data.kind) {
+      case 'open': open(data.url); break;
+      case 'send': send(data.text); break;
+      case 'data': receive(data.buffer); break;
+      case 'shown':
+        if (data.generation === generation) {
+          send(JSON.stringify({ frameShown: { frameNumber: String(data.frameNumber),
+            decodeDuration: `${(data.decodeMs / 1000).toFixed(6)}s` } }));
+        }
+        break;
+      case 'close': close(); break;
+    }
+  };
+}
+
+/**
+ * Starts workerMain in a worker; where the page allows none, in the page.
+ * @param {(message: any) => void} receive @returns {{post: (message: any, transfer?: any[]) => void,
+ *   stop: () => void, isWorker: boolean}}
+ */
+function startWorker(receive) {
+  const inPage = () => {
+    /** @type {{postMessage: (m: any) => void, onmessage: ((e: {data: any}) => void) | null}} */
+    const scope = { postMessage: (message) => queueMicrotask(() => receive(message)), onmessage: null };
+    workerMain(scope, parseMessage);
+    return scope;
+  };
+  /** @type {ReturnType<typeof inPage> | null} */
+  let page = null;
+  /** @type {Worker | null} */
+  let worker = null;
+  /** @type {any[]} */
+  const unanswered = [];
+  try {
+    const source = `const parse = ${parseMessage};\n(${workerMain})(self, parse);`;
+    const url = URL.createObjectURL(new Blob([source], { type: 'text/javascript' }));
+    worker = new Worker(url);
+    worker.onmessage = (event) => {
+      unanswered.length = 0;
+      receive(event.data);
+    };
+    // A content security policy speaks up only here.
+    worker.onerror = () => {
+      if (!page && unanswered.length > 0) {
+        page = inPage();
+        worker?.terminate();
+        for (const message of unanswered.splice(0)) {
+          page.onmessage?.({ data: message });
+        }
+      }
+    };
+  } catch {
+    page = inPage();
+  }
+  return {
+    get isWorker() { return page === null; },
+    post(message, transfer = []) {
+      if (page) {
+        page.onmessage?.({ data: message });
+      } else {
+        if (message.kind === 'open') {
+          unanswered.push(message);
+        }
+        worker?.postMessage(message, transfer);
+      }
+    },
+    stop() {
+      page?.onmessage?.({ data: { kind: 'close' } });
+      worker?.terminate();
+    },
+  };
+}
+
+// ---- screens ----
+
+const VERTEX_SHADER = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp usampler2D;
+uniform usampler2D depths;
+uniform ivec2 grid;
+uniform vec4 depthRange;  // near, far, jump, jump for each unit of depth
+uniform mat3 turn;
+uniform vec3 offset;
+uniform vec4 spans;       // of the frame, of the canvas
+uniform bvec3 mode;       // flat, frame in perspective, canvas in perspective
+uniform vec2 flatScale;
+uniform vec2 clipPlanes;  // near, far
+out vec2 place;
+
+float depthAt(ivec2 at) {
+  if (any(lessThan(at, ivec2(0))) || any(greaterThanEqual(at, grid))) return -1.0;
+  uint value = texelFetch(depths, at, 0).r;
+  return value == 65535u ? -1.0 : mix(depthRange.x, depthRange.y, float(value) / 65534.0);
+}
+
+void main() {
+  ivec2 corner = ivec2(gl_VertexID & 1, gl_VertexID >> 1);
+  if (mode.x) {
+    place = vec2(corner);
+    gl_Position = vec4((2.0 * place.x - 1.0) * flatScale.x, (1.0 - 2.0 * place.y) * flatScale.y, 0.0, 1.0);
+    return;
+  }
+  ivec2 cell = ivec2(gl_InstanceID % grid.x, gl_InstanceID / grid.x);
+  place = vec2(cell + corner) / vec2(grid);
+  float own = depthAt(cell);
+  for (int k = 0; own < 0.0 && k < 1; ++k) {
+    for (int n = 0; n < 9; ++n) own = max(own, depthAt(cell + ivec2(n % 3 - 1, n / 3 - 1)));
+  }
+  if (own < 0.0) {
+    gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+    return;
+  }
+  float sum = 0.0;
+  float count = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    float depth = depthAt(cell + corner - 1 + ivec2(k & 1, k >> 1));
+    if (depth >= 0.0 && abs(depth - own) <= depthRange.z + depthRange.w * min(depth, own)) {
+      sum += depth;
+      count += 1.0;
+    }
+  }
+  float depth = count > 0.0 ? sum / count : own;
+  float s = mode.y ? depth : 1.0;
+  vec3 p = turn * vec3((2.0 * place.x - 1.0) * spans.x * s, (1.0 - 2.0 * place.y) * spans.y * s, depth) + offset;
+  float n = clipPlanes.x;
+  float f = clipPlanes.y;
+  gl_Position = mode.z ? vec4(p.xy / spans.zw, ((f + n) * p.z - 2.0 * f * n) / (f - n), p.z)
+                       : vec4(p.xy / spans.zw, (2.0 * p.z - f - n) / (f - n), 1.0);
+}`;
+
+const FRAGMENT_SHADER = `#version 300 es
+precision highp float;
+uniform sampler2D picture;
+in vec2 place;
+out vec4 color;
+void main() { color = texture(picture, place); }`;
+
+/**
+ * @typedef {{width: number, height: number, camera: Camera, grid: DepthGrid | null, isExact: boolean,
+ *   background: number[]}} ShownFrame
+ * @typedef {{name: string, canvas: HTMLCanvasElement, show: (bitmap: ImageBitmap, frame: ShownFrame) => void,
+ *   draw: (camera: Camera) => boolean, finish: () => void, resize: (width: number, height: number) => void,
+ *   destroy: () => void}} Screen show takes the bitmap over and closes it; draw says whether it warped;
+ *   finish waits until it is drawn.
+ */
+
+/** @param {string} className */
+function makeCanvas(className) {
+  const canvas = document.createElement('canvas');
+  canvas.className = className;
+  return canvas;
+}
+
+/**
+ * Draws on WebGL2; null where there is none.
+ * @param {(why: string) => void} lost called when the context is lost @returns {Screen | null}
+ */
+function makeGlScreen(lost) {
+  const canvas = makeCanvas('picture');
+  const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, preserveDrawingBuffer: false });
+  if (!gl) {
+    return null;
+  }
+  const program = /** @type {WebGLProgram} */ (gl.createProgram());
+  for (const [type, source] of /** @type {[number, string][]} */ (
+    [[gl.VERTEX_SHADER, VERTEX_SHADER], [gl.FRAGMENT_SHADER, FRAGMENT_SHADER]])) {
+    const shader = /** @type {WebGLShader} */ (gl.createShader(type));
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) {
+      console.warn(`isoscope: a shader does not compile here: ${gl.getShaderInfoLog(shader)}`);
+      return null;
+    }
+    gl.attachShader(program, shader);
+  }
+  gl.linkProgram(program);
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+    return null;
+  }
+  gl.useProgram(program);
+  /** @param {string} name */
+  const uniform = (name) => gl.getUniformLocation(program, name);
+  const at = {
+    depths: uniform('depths'), picture: uniform('picture'), grid: uniform('grid'),
+    depthRange: uniform('depthRange'), turn: uniform('turn'), offset: uniform('offset'),
+    spans: uniform('spans'), mode: uniform('mode'), flatScale: uniform('flatScale'),
+    clipPlanes: uniform('clipPlanes'),
+  };
+  gl.uniform1i(at.picture, 0);
+  gl.uniform1i(at.depths, 1);
+  const textures = [gl.createTexture(), gl.createTexture()];
+  textures.forEach((texture, unit) => {
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    for (const [name, value] of [[gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
+      [gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST]]) {
+      gl.texParameteri(gl.TEXTURE_2D, name, value);
+    }
+  });
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+  gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
+  canvas.addEventListener('webglcontextlost', (event) => {
+    event.preventDefault();
+    lost('the graphics driver took the canvas away');
+  });
+  /** @type {ShownFrame | null} */
+  let frame = null;
+
+  return {
+    name: 'webgl2',
+    canvas,
+    show(bitmap, shown) {
+      gl.activeTexture(gl.TEXTURE0);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
+      bitmap.close();
+      if (shown.grid) {
+        gl.activeTexture(gl.TEXTURE1);
+        gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16UI, shown.grid.width, shown.grid.height, 0,
+          gl.RED_INTEGER, gl.UNSIGNED_SHORT, shown.grid.values);
+      }
+      frame = shown;
+    },
+    resize(width, height) {
+      canvas.width = width;
+      canvas.height = height;
+    },
+    draw(camera) {
+      if (!frame || canvas.width === 0 || canvas.height === 0) {
+        return false;
+      }
+      const aspect = canvas.width / canvas.height;
+      const frameAspect = frame.width / frame.height;
+      const isFlat = isSameCamera(frame.camera, camera) || !frame.grid;
+      gl.viewport(0, 0, canvas.width, canvas.height);
+      gl.clearColor(frame.background[0], frame.background[1], frame.background[2], 1);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      const isPixelByPixel = isFlat && frame.width === canvas.width && frame.height === canvas.height;
+      gl.activeTexture(gl.TEXTURE0);
+      for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) {
+        gl.texParameteri(gl.TEXTURE_2D, name, isPixelByPixel ? gl.NEAREST : gl.LINEAR);
+      }
+      gl.uniform3i(at.mode, isFlat ? 1 : 0, frame.camera.height > 0 ? 0 : 1, camera.height > 0 ? 0 : 1);
+      if (isFlat || !frame.grid) {
+        gl.disable(gl.DEPTH_TEST);
+        // The height of the picture is that of the view; its sides may reach beyond, or not as far.
+        gl.uniform2f(at.flatScale, frameAspect / aspect, 1);
+        gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+        return false;
+      }
+      const warp = makeWarp(frame.camera, frameAspect, camera, aspect);
+      const jump = jumpOf(frame.camera, frame.grid.height);
+      gl.enable(gl.DEPTH_TEST);
+      gl.uniform2i(at.grid, frame.grid.width, frame.grid.height);
+      gl.uniform4f(at.depthRange, frame.grid.near, frame.grid.far, jump.jump, jump.jumpPerDepth);
+      gl.uniformMatrix3fv(at.turn, false, warp.matrix);
+      gl.uniform3f(at.offset, warp.offset[0], warp.offset[1], warp.offset[2]);
+      gl.uniform4f(at.spans, warp.fromSpan[0], warp.fromSpan[1], warp.toSpan[0], warp.toSpan[1]);
+      const reach = frame.grid.far + length(sub(frame.camera.eye, camera.eye)) + frame.grid.far - frame.grid.near;
+      gl.uniform2f(at.clipPlanes, camera.height > 0 ? -reach : reach * 1e-3, reach * 2);
+      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, frame.grid.width * frame.grid.height);
+      return true;
+    },
+    finish() {
+      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    },
+    destroy() {
+      frame = null;
+      gl.getExtension('WEBGL_lose_context')?.loseContext();
+      canvas.remove();
+    },
+  };
+}
+
+/**
+ * Shows pictures as they come, without WebGL: where that is done by the processor, this takes half of
+ * its time.
+ * @returns {Screen}
+ */
+function makeBitmapScreen() {
+  const canvas = makeCanvas('picture plain');
+  const context = /** @type {ImageBitmapRenderingContext} */ (canvas.getContext('bitmaprenderer'));
+  return {
+    name: 'bitmaprenderer',
+    canvas,
+    show(bitmap, shown) {
+      if (canvas.width !== shown.width || canvas.height !== shown.height) {
+        canvas.width = shown.width;
+        canvas.height = shown.height;
+      }
+      context.transferFromImageBitmap(bitmap);
+      bitmap.close();
+    },
+    resize() {},
+    draw: () => false,
+    finish() {},
+    destroy() {
+      context.transferFromImageBitmap(null);
+      canvas.remove();
+    },
+  };
+}
+
+/** Says whether WebGL2 is there and not done by the processor. */
+export function hasFastWebGl() {
+  const canvas = document.createElement('canvas');
+  const gl = canvas.getContext('webgl2');
+  if (!gl) {
+    return false;
+  }
+  const info = gl.getExtension('WEBGL_debug_renderer_info');
+  const name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  gl.getExtension('WEBGL_lose_context')?.loseContext();
+  return !/swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+// ---- what lies over the picture ----
+
+/**
+ * Returns the largest of 1, 2 and 5 times a power of ten that is at most `limit`.
+ * @param {number} limit above 0
+ */
+export function roundLength(limit) {
+  const power = 10 ** Math.floor(Math.log10(limit));
+  return [5, 2, 1].map((digit) => digit * power).find((value) => value <= limit * (1 + 1e-9)) ?? power;
+}
+
+const AXIS_COLORS = ['#ff6b6b', '#5fd08a', '#6aa8ff'];
+
+/**
+ * @typedef {{camera: Camera, frame: ShownFrame | null, box: Box | null, clipBox: Box | null,
+ *   patientFrame: string, pins: {position: Vec3, label?: string}[], ink: string, halo: string,
+ *   axes: boolean, scaleBar: boolean, showBox: boolean}} Scene
+ */
+
+/**
+ * Says whether the frame's relief hides a point.
+ * @param {ShownFrame | null} frame @param {Vec3} p
+ */
+function isHidden(frame, p) {
+  if (!frame?.grid) {
+    return false;
+  }
+  const at = project(frame.camera, frame.width / frame.height, p);
+  const i = Math.floor((at.x + 1) / 2 * frame.grid.width);
+  const j = Math.floor((1 - at.y) / 2 * frame.grid.height);
+  const depth = gridDepth(frame.grid, i, j);
+  return depth >= 0 && at.distance > depth + 2 * jumpOf(frame.camera, frame.grid.height).jumpPerDepth / JUMP_CELLS * depth;
+}
+
+/**
+ * @param {CanvasRenderingContext2D} context @param {number} width @param {number} height in CSS pixels
+ * @param {Scene} scene
+ */
+function drawOverlay(context, width, height, scene) {
+  const aspect = width / height;
+  /** @param {Vec3} p */
+  const toScreen = (p) => {
+    const at = project(scene.camera, aspect, p);
+    return { x: (at.x + 1) / 2 * width, y: (1 - at.y) / 2 * height,
+      isSeen: scene.camera.height > 0 || at.distance > 0 };
+  };
+  /** @param {Box} box @param {string} color */
+  const drawBox = (box, color) => {
+    context.strokeStyle = color;
+    context.lineWidth = 1.25;
+    for (let edge = 0; edge < 12; ++edge) {
+      const axis = edge >> 2;
+      /** @type {Vec3} */
+      const begin = [...box.min];
+      begin[(axis + 1) % 3] = edge & 1 ? box.max[(axis + 1) % 3] : box.min[(axis + 1) % 3];
+      begin[(axis + 2) % 3] = edge & 2 ? box.max[(axis + 2) % 3] : box.min[(axis + 2) % 3];
+      const pieces = 48;
+      let previous = toScreen(begin);
+      for (let k = 1; k <= pieces; ++k) {
+        /** @type {Vec3} */
+        const p = [...begin];
+        p[axis] = box.min[axis] + (box.max[axis] - box.min[axis]) * k / pieces;
+        const at = toScreen(p);
+        if (previous.isSeen && at.isSeen) {
+          context.globalAlpha = isHidden(scene.frame, p) ? 0.12 : 0.75;
+          context.beginPath();
+          context.moveTo(previous.x, previous.y);
+          context.lineTo(at.x, at.y);
+          context.stroke();
+        }
+        previous = at;
+      }
+    }
+    context.globalAlpha = 1;
+  };
+  /** @param {string} text @param {number} x @param {number} y @param {string} color */
+  const drawText = (text, x, y, color) => {
+    context.lineWidth = 3;
+    context.strokeStyle = scene.halo;
+    context.lineJoin = 'round';
+    context.strokeText(text, x, y);
+    context.fillStyle = color;
+    context.fillText(text, x, y);
+  };
+
+  context.clearRect(0, 0, width, height);
+  context.lineCap = 'round';
+  context.textAlign = 'center';
+  context.textBaseline = 'middle';
+  context.font = '600 12px system-ui, sans-serif';
+  if (scene.showBox && scene.box) {
+    drawBox(scene.box, scene.ink);
+  }
+  if (scene.showBox && scene.clipBox) {
+    drawBox(scene.clipBox, '#ffb454');
+  }
+
+  if (scene.pins.length === 2) {
+    const [a, b] = scene.pins.map((pin) => toScreen(pin.position));
+    context.setLineDash([5, 4]);
+    context.lineWidth = 1.5;
+    context.strokeStyle = '#ffb454';
+    context.beginPath();
+    context.moveTo(a.x, a.y);
+    context.lineTo(b.x, b.y);
+    context.stroke();
+    context.setLineDash([]);
+  }
+  for (const pin of scene.pins) {
+    const at = toScreen(pin.position);
+    if (at.isSeen) {
+      context.beginPath();
+      context.arc(at.x, at.y, 5, 0, 2 * Math.PI);
+      context.fillStyle = '#ffb454';
+      context.fill();
+      context.lineWidth = 2;
+      context.strokeStyle = '#1a1206';
+      context.stroke();
+      if (pin.label) {
+        drawText(pin.label, at.x, at.y - 15, '#ffb454');
+      }
+    }
+  }
+
+  if (scene.axes) {
+    const { right, up, forward } = basisOf(scene.camera);
+    const center = { x: 46, y: height - 46 };
+    const arm = 26;
+    const axes = [0, 1, 2].map((axis) => ({
+      x: right[axis], y: up[axis], depth: forward[axis], color: AXIS_COLORS[axis],
+      label: scene.patientFrame[axis] ?? 'XYZ'[axis],
+    })).sort((a, b) => b.depth - a.depth);
+    for (const axis of axes) {
+      const end = { x: center.x + arm * axis.x, y: center.y - arm * axis.y };
+      for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[scene.halo, 5], [axis.color, 2.5]])) {
+        context.strokeStyle = color;
+        context.lineWidth = lineWidth;
+        context.beginPath();
+        context.moveTo(center.x, center.y);
+        context.lineTo(end.x, end.y);
+        context.stroke();
+      }
+      const reach = Math.hypot(axis.x, axis.y);
+      const away = reach > 0.2 ? (arm * reach + 10) / reach : arm;
+      drawText(axis.label, center.x + away * axis.x, center.y - away * axis.y, axis.color);
+    }
+  }
+
+  if (scene.scaleBar) {
+    const span = spanAt(scene.camera, basisOf(scene.camera).distance) * 2 / height;
+    const barLength = roundLength(span * Math.min(160, width / 4));
+    const bar = barLength / span;
+    const x = width - 24;
+    const y = height - 24;
+    for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[scene.halo, 4], [scene.ink, 2]])) {
+      context.strokeStyle = color;
+      context.lineWidth = lineWidth;
+      context.beginPath();
+      context.moveTo(x - bar, y - 4);
+      context.lineTo(x - bar, y);
+      context.lineTo(x, y);
+      context.lineTo(x, y - 4);
+      context.stroke();
+    }
+    const unit = scene.patientFrame ? ' mm' : '';
+    drawText(`${Number(barLength.toPrecision(6))}${unit}`, x - bar / 2, y - 14, scene.ink);
+  }
+}
+
+// ---- the view ----
+
+/** The last of many numbers, and their percentiles. */
+class Samples {
+  constructor() {
+    /** @type {number[]} */
+    this.values = [];
+  }
+
+  /** @param {number} value */
+  add(value) {
+    this.values.push(value);
+    if (this.values.length > 512) {
+      this.values.shift();
+    }
+  }
+
+  summary() {
+    const sorted = [...this.values].sort((a, b) => a - b);
+    /** @param {number} share */
+    const at = (share) => sorted.length === 0 ? null : sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
+    return { count: sorted.length, p50: at(0.5), p95: at(0.95) };
+  }
+}
+
+/**
+ * Speaks to the HTTP side of a gateway. Every error is an Error with a sentence, `code` and `status`.
+ */
+export class Client {
+  /** @param {string} [url] of the gateway; default: the page's own folder @param {string} [token] */
+  constructor(url = '', token = '') {
+    this.base = new URL(url || './', document.baseURI);
+    if (!this.base.pathname.endsWith('/')) {
+      this.base.pathname = this.base.pathname.replace(/[^/]*$/, '');
+    }
+    this.token = token || this.base.searchParams.get('token') ||
+      new URL(document.baseURI).searchParams.get('token') || '';
+    this.base.search = '';
+    this.base.hash = '';
+  }
+
+  /** @param {string} path */
+  address(path) {
+    const address = new URL(path, this.base);
+    if (this.token) {
+      address.searchParams.set('token', this.token);
+    }
+    return address.href;
+  }
+
+  get socketAddress() {
+    return this.address('v1/interact').replace(/^http/, 'ws');
+  }
+
+  /** @param {string} path @param {RequestInit} [init] @returns {Promise<Response>} */
+  async request(path, init) {
+    let response;
+    try {
+      response = await fetch(this.address(path), init);
+    } catch (error) {
+      if (/** @type {Error} */ (error).name === 'AbortError') {
+        throw error;
+      }
+      throw Object.assign(new Error(`The gateway at ${this.base.href} does not answer. Is isoscope-gateway (or ` +
+        '`isoscope view`) still running, and is the network up?'), { code: 'UNAVAILABLE', status: 0 });
+    }
+    if (!response.ok) {
+      let body = { code: '', message: '' };
+      try {
+        body = await response.json();
+      } catch {
+        // Not ours: a proxy's page.
+      }
+      throw Object.assign(new Error(body.message || `The gateway answered with HTTP status ${response.status}.`),
+        { code: body.code || 'UNKNOWN', status: response.status });
+    }
+    return response;
+  }
+
+  /** @param {string} path @returns {Promise<any>} */
+  async get(path) {
+    return (await this.request(path)).json();
+  }
+
+  /** @param {string} path @param {any} body @param {AbortSignal} [signal] @returns {Promise<Response>} */
+  post(path, body, signal) {
+    return this.request(path, { method: 'POST', body: JSON.stringify(body), signal,
+      headers: { 'Content-Type': 'application/json' } });
+  }
+}
+
+const STYLE = `
+:host { display: block; position: relative; }
+.view { position: absolute; inset: 0; overflow: hidden; outline: none; touch-action: none; cursor: grab;
+  background: #000; user-select: none; -webkit-user-select: none; }
+.view:active { cursor: grabbing; }
+.view:focus-visible { box-shadow: inset 0 0 0 2px #6aa8ff; }
+canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
+canvas.plain { object-fit: contain; }
+canvas.overlay { pointer-events: none; }
+.notice { position: absolute; left: 50%; bottom: 26px; transform: translateX(-50%); box-sizing: border-box;
+  width: max-content; max-width: min(620px, calc(100% - 32px)); padding: 10px 16px; border-radius: 10px;
+  font: 14px/1.45 system-ui, sans-serif; color: #e6ecf5; background: rgba(22, 28, 38, .92);
+  border: 1px solid rgba(255, 255, 255, .14); box-shadow: 0 8px 30px rgba(0, 0, 0, .35);
+  user-select: text; -webkit-user-select: text; cursor: auto; white-space: pre-line; }
+.notice[hidden] { display: none; }
+.notice.error { border-color: #ff7b72; }
+.notice.error::before { content: ''; display: inline-block; width: 8px; height: 8px; margin-right: 10px;
+  border-radius: 50%; background: #ff7b72; }
+.notice.busy::before { content: ''; display: inline-block; width: 10px; height: 10px; margin-right: 10px;
+  border-radius: 50%; border: 2px solid #6aa8ff; border-right-color: transparent; box-sizing: border-box;
+  animation: spin .8s linear infinite; vertical-align: -1px; }
+@keyframes spin { to { transform: rotate(360deg); } }
+`;
+
+/** A view rests after this time without moves, in milliseconds. */
+const REST_MS = 120;
+/** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
+const MEASURED_WARPS = 7;
+const SLOW_WARP_MS = 25;
+/** A press that moves less than this is a click, in CSS pixels. */
+const CLICK_PX = 4;
+const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEEDED', 'NOT_FOUND', 'ALREADY_EXISTS',
+  'PERMISSION_DENIED', 'RESOURCE_EXHAUSTED', 'FAILED_PRECONDITION', 'ABORTED', 'OUT_OF_RANGE', 'UNIMPLEMENTED',
+  'INTERNAL', 'UNAVAILABLE', 'DATA_LOSS', 'UNAUTHENTICATED'];
+
+/**
+ * @typedef {object} Transport A way to the server besides the gateway's WebSocket.
+ * @property {string} name
+ * @property {(receive: (message: ArrayBuffer) => void) => void} open
+ * @property {(text: string) => void} send
+ * @property {() => void} close
+ *
+ * @typedef {object} Options
+ * @property {string} [url] address of the gateway; default: the page's own folder
+ * @property {string} [token] where the gateway asks for one
+ * @property {FrameRequest} [state] what to show, as setState takes it; default: nothing until that is called
+ * @property {'auto' | 'webgl2' | 'bitmaprenderer'} [renderer] default: auto, WebGL2 with a GPU
+ * @property {number} [targetFramesPerSecond] 1 to 120, default 30
+ * @property {number} [maxSide] the largest side of a picture in pixels; default 2048
+ * @property {boolean} [axes] @property {boolean} [scaleBar] default: both shown
+ * @property {boolean} [box] default: not shown
+ * @property {'always' | 'focused'} [wheel] when the wheel zooms; default: always
+ * @property {string} [label] what the view is, for screen readers
+ * @property {Transport} [transport] used where the gateway cannot be reached
+ */
+
+/**
+ * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height}; 'state'
+ * {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in pixels of the picture;
+ * 'status' {kind: 'connecting' | 'open' | 'closed', sentence}; 'notice' {sentence, isError}; 'dataset'.
+ */
+export class View extends EventTarget {
+  /** @param {HTMLElement} element @param {Options} [options] */
+  constructor(element, options = {}) {
+    super();
+    this.options = options;
+    this.client = new Client(options.url, options.token);
+    this.element = element;
+    /** @type {FrameRequest} */
+    this.state = {};
+    /** @type {Camera | null} */
+    this.camera = null;
+    /** @type {DatasetJson | null} */
+    this.dataset = null;
+    /** @type {{position: Vec3, label?: string}[]} */
+    this.pins = [];
+    this.decorations = { axes: options.axes ?? true, scaleBar: options.scaleBar ?? true, box: options.box ?? false };
+    /** @type {ShownFrame | null} */
+    this.frame = null;
+    this.isDestroyed = false;
+
+    // Of the connection.
+    this.isOpen = false;
+    this.wasOpen = false;
+    this.attempt = 0;
+    this.isByTransport = false;
+    this.generation = 0;
+    this.sequence = 0;
+    /** @type {Map<number, {sentAt: number, movedAt: number | null}>} */
+    this.sent = new Map();
+    /** Responses from this state on have the camera that the server chose; 0: none is awaited. */
+    this.cameraFrom = 0;
+    this.hasState = false;
+    this.isDirty = false;
+    this.isResting = true;
+    /** @type {number | null} */
+    this.movedAt = null;
+    this.errorSequence = -1;
+    /** @type {Record<string, ReturnType<typeof setTimeout> | undefined>} */
+    this.timers = {};
+    this.animation = 0;
+    /** @type {any} */
+    this.arrived = null;
+
+    this.counts = { framesShown: 0, exactShown: 0, framesDropped: 0, warpsDrawn: 0, bytesReceived: 0,
+      bitmapsMade: 0, bitmapsClosed: 0, reconnects: 0, statesSent: 0 };
+    this.latency = new Samples();
+    this.roundTrip = new Samples();
+    this.decode = new Samples();
+    this.localResponse = new Samples();
+    /** @type {number[]} */
+    this.shownTimes = [];
+
+    this.width = 1;
+    this.height = 1;
+    this.ratio = 0;
+    this.shownSequence = 0;
+    /** @type {number[]} */
+    this.warpTimes = [];
+    this.host = document.createElement('div');
+    this.root = document.createElement('div');
+    this.overlay = makeCanvas('overlay');
+    this.noticeElement = document.createElement('div');
+    /** @type {Screen} */
+    this.screen = this.#makeScreen();
+    this.#build();
+    this.worker = startWorker((message) => this.#receive(message));
+    this.resizer = new ResizeObserver(() => this.#resize());
+    this.resizer.observe(this.root);
+    this.#resize();
+    if (options.state) {
+      this.setState(options.state);
+    }
+    this.#connect();
+  }
+
+  // ---- what others call ----
+
+  /** What is shown: a RenderIsosurfaceRequest as JSON, with the camera of the pointer. */
+  getState() {
+    const state = structuredClone(this.state);
+    // Until the server has chosen, the state says what it chooses from.
+    if (this.camera && !this.cameraFrom) {
+      state.camera = cameraToJson(this.camera);
+    }
+    return state;
+  }
+
+  /**
+   * Replaces what is shown. Without a camera, the server chooses one. `isMoving`: more is to come, as
+   * from a slider; quick frames come first.
+   * @param {FrameRequest} state @param {{isMoving?: boolean}} [how]
+   */
+  setState(state, how = {}) {
+    const isMoving = how.isMoving ?? false;
+    const { viewport, output, ...rest } = structuredClone(state);
+    const isOther = (rest.dataset ?? '') !== (this.state.dataset ?? '');
+    this.state = rest;
+    this.hasState = true;
+    const camera = cameraFromJson(rest.camera);
+    if (rest.camera && !camera) {
+      this.#notice('The camera of this view is no camera: the default one is used.', 'error');
+      delete rest.camera;
+    }
+    const isFitted = rest.cameraFit === 'CAMERA_FIT_SURFACE';
+    if (camera && !isFitted) {
+      this.camera = camera;
+      this.cameraFrom = 0;
+    } else {
+      // The server's answer to this state, or a newer one, says which it is.
+      this.cameraFrom = this.sequence + 1;
+    }
+    if (isOther || !this.dataset) {
+      this.dataset = null;
+      this.#describe();
+    }
+    this.#change(isMoving, null);
+  }
+
+  /**
+   * Changes parts of the state; the camera stays, unless it is named.
+   * @param {FrameRequest} part @param {{isMoving?: boolean}} [how]
+   */
+  update(part, how) {
+    const state = { ...this.getState(), ...part };
+    for (const key of Object.keys(state)) {
+      if (state[key] === undefined || state[key] === null) {
+        delete state[key];
+      }
+    }
+    this.setState(state, how);
+  }
+
+  /** @param {Camera} camera */
+  setCamera(camera) {
+    this.#move(camera, performance.now());
+  }
+
+  /**
+   * Looks at the surface from a side, as large as it fits: 'front' ... 'inferior'.
+   * @param {string} name @returns {boolean} false if the dataset has no such side, or is not known yet
+   */
+  lookFrom(name) {
+    const box = boxOfDataset(this.dataset);
+    const camera = box && namedCamera(name, box, this.dataset?.patientFrame);
+    if (!camera) {
+      return false;
+    }
+    this.update({ camera: cameraToJson(camera), cameraFit: 'CAMERA_FIT_SURFACE' });
+    return true;
+  }
+
+  /** Lets the server choose the camera again. */
+  reset() {
+    this.update({ camera: undefined, cameraFit: 'CAMERA_FIT_SURFACE' });
+  }
+
+  /** @param {{axes?: boolean, scaleBar?: boolean, box?: boolean}} decorations */
+  decorate(decorations) {
+    Object.assign(this.decorations, decorations);
+    this.#schedule();
+  }
+
+  /**
+   * Marks points of the scene.
+   * @param {{position: Vec3, label?: string}[]} pins
+   */
+  setPins(pins) {
+    this.pins = pins;
+    this.#schedule();
+  }
+
+  /** Whether the exact frame of the current state is on the screen. */
+  get isExact() {
+    return this.frame !== null && this.frame.isExact && !this.isDirty && this.shownSequence === this.sequence;
+  }
+
+  /** Figures for people and tests; times in milliseconds. */
+  stats() {
+    const now = performance.now();
+    return {
+      ...this.counts,
+      bitmapsOpen: this.counts.bitmapsMade - this.counts.bitmapsClosed,
+      framesPerSecond: this.shownTimes.filter((time) => now - time < 1000).length,
+      latencyMs: this.latency.summary(),
+      localResponseMs: this.localResponse.summary(),
+      roundTripMs: this.roundTrip.summary(),
+      decodeMs: this.decode.summary(),
+      isExact: this.isExact,
+      isConnected: this.isOpen,
+      transport: this.isByTransport ? this.options.transport?.name ?? '' : 'gateway',
+      renderer: this.screen.name,
+      isInWorker: this.worker.isWorker,
+      width: this.frame?.width ?? 0,
+      height: this.frame?.height ?? 0,
+      notice: this.noticeElement.hidden ? '' : this.noticeElement.textContent ?? '',
+    };
+  }
+
+  /** Ends the connection, frees all pictures and removes the view from its element. */
+  destroy() {
+    this.isDestroyed = true;
+    Object.values(this.timers).forEach((timer) => clearTimeout(timer));
+    cancelAnimationFrame(this.animation);
+    this.resizer.disconnect();
+    this.#closeArrived();
+    this.options.transport?.close();
+    this.worker.stop();
+    this.screen.destroy();
+    this.host.remove();
+  }
+
+  // ---- elements ----
+
+  #makeScreen() {
+    const renderer = this.options.renderer ?? 'auto';
+    const isGl = renderer === 'webgl2' || renderer === 'auto' && hasFastWebGl();
+    return (isGl ? makeGlScreen((why) => this.#leaveGl(why)) : null) ?? makeBitmapScreen();
+  }
+
+  #build() {
+    this.host.className = 'isoscope-view';
+    this.host.style.position = 'absolute';
+    this.host.style.inset = '0';
+    if (getComputedStyle(this.element).position === 'static') {
+      this.element.style.position = 'relative';
+    }
+    const shadow = this.host.attachShadow({ mode: 'open' });
+    // Unlike a style element, this needs no leave of the page's content security policy.
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(STYLE);
+    shadow.adoptedStyleSheets = [sheet];
+    this.root.className = 'view';
+    this.root.tabIndex = 0;
+    this.root.setAttribute('role', 'application');
+    this.root.setAttribute('aria-label', this.options.label ?? 'Isosurface. Arrow keys turn it, plus and minus ' +
+      'zoom, with Shift arrow keys move it, 0 shows all of it.');
+    this.noticeElement.className = 'notice';
+    this.noticeElement.setAttribute('role', 'status');
+    this.noticeElement.hidden = true;
+    shadow.append(this.root);
+    this.root.append(this.overlay, this.noticeElement);
+    this.element.append(this.host);
+    this.root.prepend(this.screen.canvas);
+    this.#listen();
+  }
+
+  /**
+   * Some drivers draw slowly without saying so: the first warps are timed.
+   * @param {number} startedAt
+   */
+  #measureWarp(startedAt) {
+    if ((this.options.renderer ?? 'auto') !== 'auto' || this.warpTimes.length >= MEASURED_WARPS) {
+      return;
+    }
+    this.screen.finish();
+    this.warpTimes.push(performance.now() - startedAt);
+    const middle = [...this.warpTimes].sort((a, b) => a - b)[MEASURED_WARPS >> 1];
+    if (this.warpTimes.length === MEASURED_WARPS && middle > SLOW_WARP_MS) {
+      this.#leaveGl(`a warp takes ${Math.round(middle)} ms`);
+    }
+  }
+
+  /** @param {string} why */
+  #leaveGl(why) {
+    if (this.isDestroyed || this.screen.name !== 'webgl2') {
+      return;
+    }
+    console.warn(`isoscope: goes on without WebGL: ${why}`);
+    this.screen.canvas.remove();
+    this.screen = makeBitmapScreen();
+    this.root.prepend(this.screen.canvas);
+    this.#change(false, null);
+  }
+
+  #resize() {
+    const ratio = globalThis.devicePixelRatio || 1;
+    const { clientWidth, clientHeight } = this.root;
+    const limit = this.options.maxSide ?? 2048;
+    const shrink = Math.min(1, limit / (Math.max(clientWidth, clientHeight, 1) * ratio));
+    const width = Math.max(1, Math.round(clientWidth * ratio * shrink));
+    const height = Math.max(1, Math.round(clientHeight * ratio * shrink));
+    if (this.width === width && this.height === height && this.ratio === ratio) {
+      return;
+    }
+    this.width = width;
+    this.height = height;
+    this.ratio = ratio;
+    this.screen.resize(width, height);
+    this.overlay.width = Math.round(clientWidth * ratio);
+    this.overlay.height = Math.round(clientHeight * ratio);
+    this.#change(true, null);
+    this.#draw();
+  }
+
+  // ---- pointer and keys ----
+
+  /**
+   * The point of the scene under a point of the view; at the target's distance where there is none.
+   * @param {number} x @param {number} y of the view, -1 to 1, y up
+   */
+  #pointAt(x, y) {
+    const camera = /** @type {Camera} */ (this.camera);
+    const { frame } = this;
+    const aspect = this.aspect;
+    if (frame?.grid && isSameCamera(frame.camera, camera)) {
+      const i = Math.floor((x * aspect * frame.height / frame.width + 1) / 2 * frame.grid.width);
+      const j = Math.floor((1 - y) / 2 * frame.grid.height);
+      const depth = gridDepth(frame.grid, i, j);
+      if (depth > 0) {
+        return unproject(camera, aspect, x, y, depth);
+      }
+    }
+    return unproject(camera, aspect, x, y, basisOf(camera).distance);
+  }
+
+  get aspect() {
+    return this.width / this.height;
+  }
+
+  #listen() {
+    const { root } = this;
+    /** @type {Map<number, {x: number, y: number}>} */
+    const pointers = new Map();
+    /** @type {{x: number, y: number, time: number, button: number} | null} */
+    let press = null;
+    let panDistance = 1;
+    /** @param {{clientX: number, clientY: number}} event */
+    const place = (event) => {
+      const box = root.getBoundingClientRect();
+      return { x: event.clientX - box.left, y: event.clientY - box.top };
+    };
+    /** @param {{x: number, y: number}} p @returns {[number, number]} */
+    const toView = (p) => [2 * p.x / root.clientWidth - 1, 1 - 2 * p.y / root.clientHeight];
+    /** @param {number} pixels */
+    const toHalves = (pixels) => 2 * pixels / Math.max(1, root.clientHeight);
+    /** @param {{x: number, y: number}} p */
+    const grab = (p) => {
+      if (this.camera) {
+        panDistance = dot(sub(this.#pointAt(...toView(p)), this.camera.eye), basisOf(this.camera).forward);
+      }
+    };
+
+    root.addEventListener('pointerdown', (event) => {
+      try {
+        root.setPointerCapture(event.pointerId);
+      } catch {
+        // The pointer is gone already.
+      }
+      root.focus({ preventScroll: true });
+      const p = place(event);
+      pointers.set(event.pointerId, p);
+      press = pointers.size === 1 ? { ...p, time: event.timeStamp, button: event.button } : null;
+      grab(p);
+      event.preventDefault();
+    });
+    root.addEventListener('pointermove', (event) => {
+      const before = pointers.get(event.pointerId);
+      if (!before) {
+        return;
+      }
+      const p = place(event);
+      const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
+      if (press && Math.hypot(p.x - press.x, p.y - press.y) < CLICK_PX) {
+        return;
+      }
+      press = null;
+      pointers.set(event.pointerId, p);
+      const { camera } = this;
+      if (!camera) {
+        return;
+      }
+      const dx = toHalves(p.x - before.x);
+      const dy = -toHalves(p.y - before.y);
+      if (others.length === 1) {
+        // Both fingers keep their points: the middle pans, the distance zooms, the angle rolls.
+        const [other] = others;
+        const old = { x: before.x - other.x, y: before.y - other.y };
+        const now = { x: p.x - other.x, y: p.y - other.y };
+        const middle = { x: (p.x + other.x) / 2, y: (p.y + other.y) / 2 };
+        const factor = Math.hypot(now.x, now.y) / Math.max(1, Math.hypot(old.x, old.y));
+        const angle = Math.atan2(old.x * now.y - old.y * now.x, old.x * now.x + old.y * now.y);
+        let moved = pan(camera, dx / 2, dy / 2, panDistance);
+        moved = this.#zoomed(moved, factor, unproject(moved, this.aspect, ...toView(middle), panDistance));
+        this.#move(turn(moved, 0, 0, angle), event.timeStamp);
+      } else if (event.ctrlKey || event.metaKey) {
+        this.#move(this.#zoomed(camera, Math.exp(dy * 1.5), camera.target), event.timeStamp);
+      } else if (event.buttons & 6 || event.shiftKey) {
+        this.#move(pan(camera, dx, dy, panDistance), event.timeStamp);
+      } else {
+        this.#move(turn(camera, dx, dy), event.timeStamp);
+      }
+    });
+    /** @param {PointerEvent} event */
+    const release = (event) => {
+      if (!pointers.delete(event.pointerId)) {
+        return;
+      }
+      if (press && press.button === 0 && event.type === 'pointerup' && event.timeStamp - press.time < 500) {
+        this.#click(press.x / root.clientWidth, press.y / root.clientHeight);
+      }
+      press = null;
+      this.#rest();
+    };
+    root.addEventListener('pointerup', release);
+    root.addEventListener('pointercancel', release);
+    root.addEventListener('contextmenu', (event) => event.preventDefault());
+    root.addEventListener('dblclick', (event) => {
+      if (this.camera) {
+        const move = sub(this.#pointAt(...toView(place(event))), this.camera.target);
+        this.#move({ ...this.camera, eye: add(this.camera.eye, move), target: add(this.camera.target, move) },
+          event.timeStamp);
+      }
+    });
+    root.addEventListener('wheel', (event) => {
+      const isFocused = this.host?.shadowRoot?.activeElement === root;
+      if (this.options.wheel === 'focused' && !isFocused) {
+        return;
+      }
+      event.preventDefault();
+      if (this.camera) {
+        const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
+        const factor = Math.exp(-Math.max(-240, Math.min(240, event.deltaY * lines)) * 0.0016);
+        this.#move(this.#zoomed(this.camera, factor, this.#pointAt(...toView(place(event)))), event.timeStamp);
+      }
+    }, { passive: false });
+    root.addEventListener('keydown', (event) => this.#key(event));
+  }
+
+  /** @param {Camera} camera @param {number} factor @param {Vec3} point */
+  #zoomed(camera, factor, point) {
+    const zoomed = zoomTo(camera, factor, point);
+    const box = boxOfDataset(this.dataset);
+    const size = box ? length(sub(box.max, box.min)) : basisOf(camera).distance;
+    const reach = zoomed.height > 0 ? zoomed.height : basisOf(zoomed).distance;
+    return reach > size * 1e-4 && reach < size * 100 ? zoomed : camera;
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const { camera } = this;
+    if (!camera || event.altKey || event.ctrlKey || event.metaKey) {
+      return;
+    }
+    const step = 5 / 90;
+    /** @type {Record<string, [number, number]>} */
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const arrow = arrows[event.key];
+    const views = this.dataset?.patientFrame ? PATIENT_VIEWS : WORLD_VIEWS;
+    if (arrow && event.shiftKey) {
+      this.#move(pan(camera, arrow[0] * 0.1, arrow[1] * 0.1, basisOf(camera).distance), event.timeStamp);
+    } else if (arrow) {
+      this.#move(turn(camera, arrow[0] * step, arrow[1] * step), event.timeStamp);
+    } else if (event.key === ',' || event.key === '.') {
+      this.#move(turn(camera, 0, 0, (event.key === ',' ? 5 : -5) * Math.PI / 180), event.timeStamp);
+    } else if (event.key === '+' || event.key === '=' || event.key === '-') {
+      this.#move(this.#zoomed(camera, event.key === '-' ? 1 / 1.15 : 1.15, camera.target), event.timeStamp);
+    } else if (event.key === '0' || event.key === 'Home') {
+      this.reset();
+    } else if (event.key >= '1' && event.key <= '6') {
+      this.lookFrom(views[Number(event.key) - 1]);
+    } else if (event.key === 'p') {
+      const { distance } = basisOf(camera);
+      const height = camera.height > 0 ? 0 : 2 * spanAt({ ...camera, height: 0 }, distance);
+      this.#move({ ...camera, height }, event.timeStamp);
+    } else if (event.key === 'b') {
+      this.decorate({ box: !this.decorations.box });
+    } else {
+      return;
+    }
+    event.preventDefault();
+  }
+
+  /** @param {number} u @param {number} v from the top left, 0 to 1 */
+  #click(u, v) {
+    const { width, height } = this;
+    const detail = { x: Math.min(width - 1, Math.floor(u * width)), y: Math.min(height - 1, Math.floor(v * height)),
+      width, height };
+    this.dispatchEvent(new CustomEvent('click', { detail }));
+  }
+
+  // ---- state to the server ----
+
+  /** @param {Camera} camera @param {number} time of the event */
+  #move(camera, time) {
+    this.camera = camera;
+    this.cameraFrom = 0;
+    delete this.state.cameraFit;
+    this.#change(true, time);
+  }
+
+  /** @param {boolean} isMoving @param {number | null} time of the event */
+  #change(isMoving, time) {
+    this.isDirty = true;
+    this.isResting = !isMoving;
+    this.movedAt = time ?? this.movedAt;
+    clearTimeout(this.timers.rest);
+    if (isMoving) {
+      this.timers.rest = setTimeout(() => this.#rest(), REST_MS);
+    }
+    this.#schedule();
+    this.dispatchEvent(new CustomEvent('state', { detail: { state: this.getState(), isMoving } }));
+  }
+
+  #rest() {
+    clearTimeout(this.timers.rest);
+    if (!this.isResting) {
+      this.#change(false, null);
+    }
+  }
+
+  #send() {
+    if (!this.isOpen || !this.isDirty || !this.hasState) {
+      return;
+    }
+    this.isDirty = false;
+    this.sequence += 1;
+    const frame = this.getState();
+    frame.viewport = { widthPx: this.width, heightPx: this.height };
+    const viewState = { sequenceNumber: String(this.sequence), frame, isAtRest: this.isResting,
+      targetFramesPerSecond: this.options.targetFramesPerSecond ?? 30 };
+    this.sent.set(this.sequence, { sentAt: performance.timeOrigin + performance.now(), movedAt: this.movedAt });
+    for (const number of this.sent.keys()) {
+      if (number < this.sequence - 256) {
+        this.sent.delete(number);
+      }
+    }
+    this.movedAt = null;
+    this.counts.statesSent += 1;
+    this.worker.post({ kind: 'send', text: JSON.stringify({ viewState }) });
+    clearTimeout(this.timers.slow);
+    this.timers.slow = setTimeout(() => this.#sayWaiting(1), 1000);
+  }
+
+  /** @param {number} seconds */
+  #sayWaiting(seconds) {
+    if (this.isOpen && this.noticeElement.hidden) {
+      this.#notice('Drawing the picture …', 'busy');
+    }
+    if (this.isOpen && seconds === 1) {
+      this.timers.slow = setTimeout(() => {
+        this.#notice('No picture for 10 s. The first one of a large dataset can take long; if none comes, see the ' +
+          'log of isoscope-coordinator.', 'busy');
+      }, 9000);
+    }
+  }
+
+  // ---- connection ----
+
+  #connect() {
+    this.#status('connecting', '');
+    if (this.options.transport && !this.options.url) {
+      this.#useTransport(this.options.transport);
+      return;
+    }
+    this.worker.post({ kind: 'open', url: this.client.socketAddress });
+    clearTimeout(this.timers.open);
+    this.timers.open = setTimeout(() => {
+      if (this.isOpen || this.isDestroyed) {
+        return;
+      }
+      if (this.options.transport && !this.wasOpen) {
+        this.#useTransport(this.options.transport);
+      } else {
+        this.#notice(`Connecting to ${this.client.base.host} …`, 'busy');
+      }
+    }, 2000);
+  }
+
+  /** @param {Transport} transport */
+  #useTransport(transport) {
+    this.worker.post({ kind: 'close' });
+    this.isByTransport = true;
+    transport.open((buffer) => this.worker.post({ kind: 'data', buffer }, [buffer]));
+    this.#opened(this.generation);
+  }
+
+  /** @param {number} generation */
+  #opened(generation) {
+    clearTimeout(this.timers.open);
+    if (this.wasOpen) {
+      this.counts.reconnects += 1;
+    }
+    // A connection that soon ends again is tried less and less often.
+    clearTimeout(this.timers.steady);
+    this.timers.steady = setTimeout(() => { this.attempt = 0; }, 5000);
+    this.isOpen = true;
+    this.wasOpen = true;
+    this.generation = generation;
+    this.sent.clear();
+    this.#notice('', '');
+    this.#status('open', '');
+    if (!this.dataset) {
+      this.#describe();
+    }
+    this.#change(false, null);
+  }
+
+  /** @param {number} code @param {string} reason */
+  #closed(code, reason) {
+    if (this.isByTransport || this.isDestroyed) {
+      return;
+    }
+    if (this.options.transport && !this.wasOpen) {
+      this.#useTransport(this.options.transport);
+      return;
+    }
+    const wasOpen = this.isOpen;
+    this.isOpen = false;
+    this.isDirty = true;
+    clearTimeout(this.timers.open);
+    clearTimeout(this.timers.slow);
+    clearTimeout(this.timers.steady);
+    const seconds = Math.min(8, 0.5 * 2 ** this.attempt);
+    this.attempt += 1;
+    const what = reason ? `The connection ended: ${reason.replace(/\.*$/, '')}.`
+      : wasOpen || this.wasOpen ? `The connection to ${this.client.base.host} was lost.`
+        : `No connection to ${this.client.socketAddress.replace(/\?.*/, '')}. Is isoscope-gateway (or \`isoscope ` +
+          'view`) running there, and does a proxy in between pass WebSocket connections on?';
+    const sentence = `${what} Trying again in ${seconds} s.`;
+    this.#notice(sentence, 'error');
+    this.#status('closed', sentence);
+    clearTimeout(this.timers.retry);
+    this.timers.retry = setTimeout(() => this.#connect(), 1000 * seconds * (0.85 + 0.3 * Math.random()));
+    void code;
+  }
+
+  /** @param {string} kind @param {string} sentence */
+  #status(kind, sentence) {
+    this.dispatchEvent(new CustomEvent('status', { detail: { kind, sentence } }));
+  }
+
+  /** @param {string} sentence @param {'' | 'busy' | 'error'} kind */
+  #notice(sentence, kind) {
+    this.noticeElement.textContent = sentence;
+    this.noticeElement.className = `notice ${kind}`;
+    this.noticeElement.hidden = sentence === '';
+    this.dispatchEvent(new CustomEvent('notice', { detail: { sentence, isError: kind === 'error' } }));
+  }
+
+  /** Learns the box and the patient frame of the dataset, for the box, the axes and the named views. */
+  async #describe() {
+    const name = this.state.dataset ?? '';
+    if (this.options.transport && !this.options.url) {
+      return;
+    }
+    try {
+      const dataset = name ? await this.client.get(`v1/datasets/${encodeURIComponent(name)}`)
+        : (await this.client.get('v1/datasets')).datasets?.[0];
+      if (name === (this.state.dataset ?? '') && !this.isDestroyed && dataset) {
+        this.dataset = dataset.dataset ?? dataset;
+        this.dispatchEvent(new CustomEvent('dataset', { detail: this.dataset }));
+        this.#schedule();
+      }
+    } catch {
+      // The frame says what is wrong with the dataset; a lost gateway is asked again once it is back.
+    }
+  }
+
+  // ---- frames from the server ----
+
+  /** @param {any} message of the worker */
+  #receive(message) {
+    if (message.kind === 'frame' && message.bitmap) {
+      this.counts.bitmapsMade += 1;
+    }
+    if (this.isDestroyed) {
+      message.bitmap?.close();
+      return;
+    }
+    switch (message.kind) {
+      case 'open': this.#opened(message.generation); break;
+      case 'closed': this.#closed(message.code, message.reason); break;
+      case 'outgoing':
+        if (this.isByTransport) {
+          this.options.transport?.send(message.text);
+        }
+        break;
+      case 'dropped':
+        this.counts.framesDropped += 1;
+        this.counts.bytesReceived += message.bytes;
+        break;
+      case 'bad': this.#notice(`${message.sentence} Do server and page have the same version?`, 'error'); break;
+      case 'frame': this.#frame(message); break;
+    }
+  }
+
+  /** @param {any} message */
+  #frame(message) {
+    const { header } = message;
+    const sequence = Number(header.sequenceNumber ?? 0);
+    this.counts.bytesReceived += message.bytes;
+    this.decode.add(message.decodeMs);
+    const sent = this.sent.get(sequence);
+    if (sent) {
+      this.roundTrip.add(message.receivedAt - sent.sentAt);
+    }
+    if (header.error || !message.bitmap) {
+      message.bitmap?.close();
+      this.counts.bitmapsClosed += message.bitmap ? 1 : 0;
+      this.#failed(header.error ?? { code: 13, message: 'the server sent a frame without a picture' }, sequence);
+      this.#acknowledge(message);
+      return;
+    }
+    if (!cameraFromJson(header.frame?.camera) && !this.camera) {
+      this.#notice('The server sent a picture without the camera that it shows. Do server and page have the same ' +
+        'version?', 'error');
+    }
+    this.#closeArrived();
+    this.arrived = message;
+    this.#schedule();
+  }
+
+  /** Drops a frame that was decoded and not shown, and says so. */
+  #closeArrived() {
+    if (this.arrived) {
+      this.arrived.bitmap.close();
+      this.counts.bitmapsClosed += 1;
+      this.counts.framesDropped += 1;
+      this.#acknowledge(this.arrived);
+      this.arrived = null;
+    }
+  }
+
+  /** @param {any} message */
+  #acknowledge(message) {
+    if (message.header.frameNumber) {
+      this.worker.post({ kind: 'shown', generation: message.generation, frameNumber: message.header.frameNumber,
+        decodeMs: message.decodeMs });
+    }
+  }
+
+  /** @param {{code?: number, message?: string}} error @param {number} sequence */
+  #failed(error, sequence) {
+    clearTimeout(this.timers.slow);
+    this.errorSequence = sequence;
+    const text = (error.message ?? '').trim() || 'the server gives no reason';
+    const sentence = text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? '' : '.');
+    const code = Number(error.code ?? 2);
+    // These pass by themselves: an agent comes back, a queue empties.
+    const isPassing = [4, 8, 9, 14].includes(code);
+    this.#notice(`${sentence} (${CODES[code] ?? code})${isPassing ? ' Trying again.' : ''}`, 'error');
+    clearTimeout(this.timers.again);
+    if (isPassing) {
+      this.timers.again = setTimeout(() => this.#change(false, null), 2000);
+    }
+  }
+
+  // ---- animation frames ----
+
+  #schedule() {
+    if (!this.animation && !this.isDestroyed) {
+      this.animation = requestAnimationFrame(() => {
+        this.animation = 0;
+        this.#tick();
+      });
+    }
+  }
+
+  #tick() {
+    const movedAt = this.isDirty ? this.movedAt : null;
+    // The state goes out first: the server works while this draws.
+    this.#send();
+    if (this.arrived) {
+      this.#show();
+    }
+    this.#draw();
+    if (movedAt !== null) {
+      this.localResponse.add(performance.now() - movedAt);
+    }
+  }
+
+  #show() {
+    const message = this.arrived;
+    this.arrived = null;
+    const { header, bitmap, depths } = message;
+    const sequence = Number(header.sequenceNumber ?? 0);
+    const camera = cameraFromJson(header.frame?.camera) ?? this.camera;
+    if (camera && (!this.camera || this.cameraFrom && sequence >= this.cameraFrom)) {
+      this.camera = camera;
+      this.cameraFrom = 0;
+      const isFitted = this.state.cameraFit === 'CAMERA_FIT_SURFACE';
+      delete this.state.cameraFit;
+      if (isFitted && depths.length > 0) {
+        this.#fill(camera, header.depthGrid, depths, bitmap.width / bitmap.height);
+      }
+      this.dispatchEvent(new CustomEvent('state', { detail: { state: this.getState(), isMoving: false } }));
+    }
+    const grid = depths.length > 0 ? { width: header.depthGrid.width, height: header.depthGrid.height,
+      near: Number(header.depthGrid.near ?? 0), far: Number(header.depthGrid.far ?? 0), values: depths } : null;
+    const isExact = header.isExact === true;
+    const { red = 0, green = 0, blue = 0 } = this.state.backgroundColor ?? {};
+    const { width, height } = bitmap;
+    if (camera) {
+      this.frame = { width, height, camera, grid, isExact, background: [red, green, blue] };
+      this.screen.show(bitmap, this.frame);
+    } else {
+      bitmap.close();
+    }
+    this.counts.bitmapsClosed += 1;
+    this.counts.framesShown += 1;
+    this.counts.exactShown += isExact ? 1 : 0;
+    this.shownSequence = sequence;
+    const now = performance.now();
+    this.shownTimes = [...this.shownTimes.filter((time) => now - time < 1000), now];
+    const sent = this.sent.get(sequence);
+    if (sent && sent.movedAt !== null) {
+      this.latency.add(now - sent.movedAt);
+      sent.movedAt = null;
+    }
+    this.#acknowledge(message);
+    if (sequence > this.errorSequence || isExact) {
+      clearTimeout(this.timers.slow);
+      this.#notice('', '');
+    }
+    this.root.style.background = `rgb(${[red, green, blue].map((c) => Math.round(255 * c)).join(' ')})`;
+    this.dispatchEvent(new CustomEvent('frame', { detail: { header, isExact, width, height } }));
+  }
+
+  /**
+   * @param {Camera} camera @param {{width: number, height: number, near?: number, far?: number}} grid
+   * @param {Uint16Array} values @param {number} aspect
+   */
+  #fill(camera, grid, values, aspect) {
+    const { width, height, near = 0, far = 0 } = grid;
+    const filled = fillView(camera, { width, height, near: Number(near), far: Number(far), values }, aspect);
+    if (!isSameCamera(filled, camera)) {
+      this.camera = filled;
+      this.#change(false, null);
+    }
+  }
+
+  #draw() {
+    if (!this.camera) {
+      return;
+    }
+    const startedAt = performance.now();
+    if (this.screen.draw(this.camera)) {
+      this.counts.warpsDrawn += 1;
+      this.#measureWarp(startedAt);
+    }
+    const context = this.overlay.getContext('2d');
+    const { red = 0, green = 0, blue = 0 } = this.state.backgroundColor ?? {};
+    const isLight = 0.3 * red + 0.59 * green + 0.11 * blue > 0.55;
+    const { clientWidth, clientHeight } = this.root;
+    if (context && clientWidth > 0 && clientHeight > 0) {
+      const clip = this.state.clip?.box;
+      context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+      drawOverlay(context, clientWidth, clientHeight, {
+        camera: this.camera, frame: this.frame, box: boxOfDataset(this.dataset),
+        clipBox: clip ? { min: vecFromJson(clip.min), max: vecFromJson(clip.max) } : null,
+        patientFrame: this.dataset?.patientFrame ?? '', pins: this.pins,
+        ink: isLight ? '#1b2430' : '#e8eef7', halo: isLight ? 'rgba(255,255,255,.75)' : 'rgba(0,0,0,.6)',
+        axes: this.decorations.axes, scaleBar: this.decorations.scaleBar, showBox: this.decorations.box,
+      });
+    }
+  }
+}
+
+/**
+ * Shows a view in an element, which must have a height.
+ * @param {HTMLElement} element @param {Options} [options] @returns {View}
+ */
+export function mount(element, options) {
+  return new View(element, options);
+}
+
+// ---- anywidget ----
+
+/**
+ * @typedef {{get: (name: string) => any, set: (name: string, value: any) => void, save_changes: () => void,
+ *   on: (event: string, handler: (...args: any[]) => void) => void,
+ *   off: (event: string, handler: (...args: any[]) => void) => void,
+ *   send: (message: any) => void}} Model
+ */
+
+/**
+ * Frames through the kernel of a notebook: {type: 'isoscope/interact', text} there, {type:
+ * 'isoscope/frame'} with one buffer back, each as the WebSocket has them.
+ * @param {Model} model @returns {Transport}
+ */
+function kernelTransport(model) {
+  /** @type {((message: any, buffers: any[]) => void) | null} */
+  let handler = null;
+  return {
+    name: 'kernel',
+    open(receive) {
+      handler = (message, buffers) => {
+        if (message?.type === 'isoscope/frame' && buffers?.length > 0) {
+          const view = buffers[0];
+          receive(view instanceof ArrayBuffer ? view
+            : view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength));
+        }
+      };
+      model.on('msg:custom', handler);
+      model.send({ type: 'isoscope/open' });
+    },
+    send(text) { model.send({ type: 'isoscope/interact', text }); },
+    close() {
+      if (handler) {
+        model.off('msg:custom', handler);
+        model.send({ type: 'isoscope/close' });
+        handler = null;
+      }
+    },
+  };
+}
+
+/**
+ * The module that anywidget loads. Traits: `url`, `token`, `state` (both ways), `height` (CSS), `stats`
+ * and `picked` (from here).
+ */
+export default {
+  /** @param {{model: Model, el: HTMLElement}} context */
+  render({ model, el }) {
+    const box = document.createElement('div');
+    box.style.height = typeof model.get('height') === 'number' ? `${model.get('height')}px` : model.get('height') || '480px';
+    box.style.position = 'relative';
+    const pill = document.createElement('div');
+    Object.assign(pill.style, { position: 'absolute', top: '8px', right: '8px', font: '11px system-ui, sans-serif',
+      padding: '2px 8px', borderRadius: '9px', color: '#dbe4f0', background: 'rgba(22,28,38,.7)', pointerEvents: 'none',
+      zIndex: '1' });
+    el.append(box);
+    const state = model.get('state') ?? {};
+    const view = mount(box, { url: model.get('url') || undefined, token: model.get('token') || undefined, state,
+      wheel: 'focused', transport: kernelTransport(model) });
+    box.append(pill);
+    let last = JSON.stringify(state);
+    const onState = () => {
+      const next = model.get('state') ?? {};
+      if (JSON.stringify(next) !== last) {
+        last = JSON.stringify(next);
+        view.setState(next);
+      }
+    };
+    model.on('change:state', onState);
+    view.addEventListener('frame', (event) => {
+      const { isExact } = /** @type {CustomEvent} */ (event).detail;
+      const stats = view.stats();
+      pill.textContent = `${isExact ? 'exact' : 'moving'} · ${stats.transport}`;
+      if (isExact) {
+        const current = view.getState();
+        last = JSON.stringify(current);
+        model.set('state', current);
+        model.set('stats', stats);
+        model.save_changes();
+      }
+    });
+    view.addEventListener('click', (event) => {
+      model.set('picked', /** @type {CustomEvent} */ (event).detail);
+      model.save_changes();
+    });
+    return () => {
+      model.off('change:state', onState);
+      view.destroy();
+    };
+  },
+};

@@ -1,0 +1,292 @@
+// The state of the view as words of the command line: `surface=60:0.9,0.8,0.7:1&eye=...`. It is the
+// part of the page's address after '#', the query of GET .../render, and the flags of `isoscope
+// render`. Numbers come back with the same bits.
+// @ts-check
+
+/** @typedef {Record<string, any>} FrameRequest RenderIsosurfaceRequest as JSON. */
+
+export const COLOR_MAPS = ['viridis', 'magma', 'cividis', 'turbo', 'cool-warm', 'grey'];
+/** @type {Record<string, string>} */
+const QUANTITIES = {
+  x: 'QUANTITY_POSITION_X', y: 'QUANTITY_POSITION_Y', z: 'QUANTITY_POSITION_Z', normal: 'QUANTITY_NORMAL',
+  gradient: 'QUANTITY_GRADIENT_MAGNITUDE',
+};
+
+/** @param {string} name */
+export const colorMapToJson = (name) => `COLOR_MAP_${name.toUpperCase().replace('-', '_')}`;
+/** @param {string | undefined} json */
+export const colorMapFromJson = (json) => (json ?? 'COLOR_MAP_VIRIDIS').replace('COLOR_MAP_', '').toLowerCase().replace('_', '-');
+/** @param {string | undefined} json */
+export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) => QUANTITIES[name] === json) ?? 'none';
+/** @param {string} name */
+export const quantityToJson = (name) => QUANTITIES[name];
+
+/** @param {any} v */
+const vec = (v) => `${v?.x ?? 0},${v?.y ?? 0},${v?.z ?? 0}`;
+/** @param {any} c */
+const rgb = (c) => `${c?.red ?? 0},${c?.green ?? 0},${c?.blue ?? 0}`;
+
+/** @param {any} colorBy */
+function colorByToWords(colorBy) {
+  const quantity = quantityFromJson(colorBy?.quantity);
+  if (quantity === 'none' || quantity === 'normal') {
+    return quantity;
+  }
+  const opacity = colorBy.opacity ? `:${colorBy.opacity.atMin ?? 0},${colorBy.opacity.atMax ?? 0}` : '';
+  const range = colorBy.range ? `:${colorBy.range.min ?? 0},${colorBy.range.max ?? 0}` : opacity && ':';
+  return `${quantity}:${colorMapFromJson(colorBy.colorMap)}${range}${opacity}`;
+}
+
+/**
+ * Returns names and values, in the order of the command line's help.
+ * @param {FrameRequest} state @returns {[string, string][]}
+ */
+export function stateToWords(state) {
+  /** @type {[string, string][]} */
+  const words = [];
+  if (state.dataset) {
+    words.push(['dataset', state.dataset]);
+  }
+  for (const { isovalue = 0, color } of state.surfaces ?? []) {
+    const alpha = color?.alpha ?? 0;
+    words.push(['surface', `${isovalue}${color ? `:${rgb(color)}${alpha === 1 ? '' : `:${alpha}`}` : ''}`]);
+  }
+  if ((state.surfaces ?? []).some((/** @type {any} */ surface) => surface.colorBy)) {
+    for (const surface of state.surfaces) {
+      words.push(['color-by', colorByToWords(surface.colorBy)]);
+    }
+  }
+  const { camera } = state;
+  if (camera) {
+    words.push(['eye', vec(camera.eye)], ['target', vec(camera.target)], ['up', vec(camera.up)]);
+    words.push(camera.orthographic ? ['orthographic-height', String(camera.orthographic.height)]
+      : ['fov-y', String(camera.perspective?.fovYDegrees ?? 30)]);
+  }
+  if (state.cameraFit === 'CAMERA_FIT_SURFACE') {
+    words.push(['fit', 'surface']);
+  }
+  for (const plane of state.clip?.halfSpaces ?? []) {
+    words.push(['clip-plane', `${vec(plane.normal)},${plane.offset ?? 0}`]);
+  }
+  const box = state.clip?.box;
+  if (box) {
+    words.push(['clip-box', ['x', 'y', 'z'].map((axis) => `${box.min?.[axis] ?? 0},${box.max?.[axis] ?? 0}`).join()]);
+  }
+  if (state.caps) {
+    const { colorMap, range } = state.caps;
+    const ends = range ? `:${range.min ?? 0},${range.max ?? 0}` : '';
+    words.push(['caps', colorMap ? `${colorMapFromJson(colorMap)}${ends}` : '']);
+  }
+  for (const light of state.lights ?? []) {
+    const color = light.color ? `:${rgb(light.color)}` : '';
+    words.push(['light', `${vec(light.direction)}:${light.intensity ?? 1}${color}`]);
+  }
+  if (state.lights?.[0]?.space === 'SPACE_WORLD') {
+    words.push(['light-space', 'world']);
+  }
+  if (state.samples > 1) {
+    words.push(['samples', String(state.samples)]);
+  }
+  if (state.ambientOcclusion) {
+    const { radiusPx = 32, strength } = state.ambientOcclusion;
+    words.push(['ambient-occlusion', `${radiusPx || 32}${strength === undefined ? '' : `,${strength}`}`]);
+  }
+  if (state.silhouette) {
+    const { widthPx = 2, color } = state.silhouette;
+    words.push(['silhouette', `${widthPx || 2}${color ? `:${rgb(color)}` : ''}`]);
+  }
+  if (state.maxLayers) {
+    words.push(['max-layers', String(state.maxLayers)]);
+  }
+  if (state.backgroundColor) {
+    const alpha = state.backgroundColor.alpha ?? 0;
+    words.push(['background', `${rgb(state.backgroundColor)}${alpha === 1 ? '' : `,${alpha}`}`]);
+  }
+  return words;
+}
+
+/** @param {FrameRequest} state the part of an address after '#' */
+export function stateToHash(state) {
+  return stateToWords(state).map(([name, value]) =>
+    `${name}=${encodeURIComponent(value).replace(/%2C/g, ',').replace(/%3A/g, ':')}`).join('&');
+}
+
+/**
+ * The command that draws the same picture.
+ * @param {FrameRequest} state @param {string} file
+ */
+export function stateToCommand(state, file) {
+  const flags = stateToWords(state).map(([name, value]) =>
+    value === '' ? `--${name}` : `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
+  return ['isoscope render --server HOST:50051', ...flags, `--output ${file}`].join(' \\\n  ');
+}
+
+/** Reads values and notes what is wrong with them. */
+class Reader {
+  constructor() {
+    /** @type {string[]} */
+    this.problems = [];
+  }
+
+  /** @param {string} name @param {string} text @param {number} least @param {number} [most] */
+  numbers(name, text, least, most = least) {
+    const parts = text.split(',');
+    const values = parts.map((part) => part.trim() === '' ? NaN : Number(part));
+    if (values.length < least || values.length > most || !values.every(Number.isFinite)) {
+      const count = least === most ? `${least}` : `${least} to ${most}`;
+      this.problems.push(`${name}=${text.slice(0, 60)} of this link was left out: it needs ${count} numbers with commas ` +
+        'between them.');
+      return null;
+    }
+    return values;
+  }
+
+  /** @param {string} name @param {string} text */
+  vec(name, text) {
+    const v = this.numbers(name, text, 3);
+    return v && { x: v[0], y: v[1], z: v[2] };
+  }
+
+  /** @param {string} name @param {string} text @param {number} [alpha] */
+  color(name, text, alpha = 1) {
+    const v = this.numbers(name, text, 3, 4);
+    return v && { red: v[0], green: v[1], blue: v[2], alpha: v[3] ?? alpha };
+  }
+}
+
+/**
+ * Returns the state of the part of an address after '#', and a sentence for each part of it that is
+ * wrong and left out.
+ * @param {string} hash @returns {{state: FrameRequest, problems: string[]}}
+ */
+export function stateFromHash(hash) {
+  const reader = new Reader();
+  /** @type {FrameRequest} */
+  const state = {};
+  /** @type {any} */
+  const camera = {};
+  /** @type {any[]} */
+  const colorings = [];
+  /** @type {Record<string, (value: string) => void>} */
+  const words = {
+    dataset: (value) => { state.dataset = value; },
+    surface: (value) => {
+      const [level, color, opacity] = value.split(':');
+      const isovalue = reader.numbers('surface', level, 1);
+      const alpha = opacity === undefined ? [1] : reader.numbers('surface', opacity, 1);
+      const mixed = color === undefined ? undefined : reader.color('surface', color, alpha?.[0]);
+      if (isovalue && alpha && mixed !== null) {
+        (state.surfaces ??= []).push(mixed ? { isovalue: isovalue[0], color: mixed } : { isovalue: isovalue[0] });
+      }
+    },
+    'color-by': (value) => {
+      const [quantity, map, ends, opacities] = value.split(':');
+      if (quantity !== 'none' && !QUANTITIES[quantity] || map && !COLOR_MAPS.includes(map)) {
+        reader.problems.push(`color-by=${value.slice(0, 60)} of this link was left out: it is x, y, z, normal, gradient ` +
+          `or none, then one of ${COLOR_MAPS.join(', ')}.`);
+        return;
+      }
+      const range = ends ? reader.numbers('color-by', ends, 2) : null;
+      const opacity = opacities ? reader.numbers('color-by', opacities, 2) : null;
+      colorings.push(quantity === 'none' ? null : {
+        quantity: QUANTITIES[quantity], ...(map ? { colorMap: colorMapToJson(map) } : {}),
+        ...(range ? { range: { min: range[0], max: range[1] } } : {}),
+        ...(opacity ? { opacity: { atMin: opacity[0], atMax: opacity[1] } } : {}) });
+    },
+    caps: (value) => {
+      const [map, ends] = value.split(':');
+      const range = ends ? reader.numbers('caps', ends, 2) : null;
+      if (map && !COLOR_MAPS.includes(map)) {
+        reader.problems.push(`caps=${value.slice(0, 60)} of this link was left out: it is empty or one of ${COLOR_MAPS.join(', ')}.`);
+        return;
+      }
+      state.caps = { ...(map ? { colorMap: colorMapToJson(map) } : {}), ...(map && range ? { range: { min: range[0], max: range[1] } } : {}) };
+    },
+    eye: (value) => { camera.eye = reader.vec('eye', value); },
+    target: (value) => { camera.target = reader.vec('target', value); },
+    up: (value) => { camera.up = reader.vec('up', value); },
+    'fov-y': (value) => {
+      const angle = reader.numbers('fov-y', value, 1);
+      camera.perspective = angle && { fovYDegrees: angle[0] };
+    },
+    'orthographic-height': (value) => {
+      const height = reader.numbers('orthographic-height', value, 1);
+      camera.orthographic = height && { height: height[0] };
+    },
+    fit: (value) => { state.cameraFit = value === 'surface' ? 'CAMERA_FIT_SURFACE' : undefined; },
+    'clip-plane': (value) => {
+      const v = reader.numbers('clip-plane', value, 4);
+      if (v) {
+        ((state.clip ??= {}).halfSpaces ??= []).push({ normal: { x: v[0], y: v[1], z: v[2] }, offset: v[3] });
+      }
+    },
+    'clip-box': (value) => {
+      const v = reader.numbers('clip-box', value, 6);
+      if (v) {
+        (state.clip ??= {}).box = { min: { x: v[0], y: v[2], z: v[4] }, max: { x: v[1], y: v[3], z: v[5] } };
+      }
+    },
+    light: (value) => {
+      const [direction, strength, color] = value.split(':');
+      const to = reader.vec('light', direction);
+      const intensity = strength === undefined ? [1] : reader.numbers('light', strength, 1);
+      const tint = color === undefined ? undefined : reader.color('light', color);
+      if (to && intensity && tint !== null) {
+        (state.lights ??= []).push({ direction: to, intensity: intensity[0], ...(tint ? { color: tint } : {}) });
+      }
+    },
+    'light-space': () => {},
+    samples: (value) => {
+      const samples = reader.numbers('samples', value, 1);
+      if (samples && [1, 4, 9, 16].includes(samples[0])) {
+        state.samples = samples[0];
+      }
+    },
+    'ambient-occlusion': (value) => {
+      const v = reader.numbers('ambient-occlusion', value, 1, 2);
+      if (v) {
+        state.ambientOcclusion = { radiusPx: Math.round(v[0]), ...(v.length > 1 ? { strength: v[1] } : {}) };
+      }
+    },
+    silhouette: (value) => {
+      const [width, color] = value.split(':');
+      const widthPx = reader.numbers('silhouette', width, 1);
+      const tint = color === undefined ? undefined : reader.color('silhouette', color);
+      if (widthPx && tint !== null) {
+        state.silhouette = { widthPx: Math.round(widthPx[0]), ...(tint ? { color: tint } : {}) };
+      }
+    },
+    'max-layers': (value) => {
+      const layers = reader.numbers('max-layers', value, 1);
+      state.maxLayers = layers ? Math.round(layers[0]) : undefined;
+    },
+    background: (value) => { state.backgroundColor = reader.color('background', value) ?? undefined; },
+  };
+
+  const search = new URLSearchParams(hash.replace(/^#/, ''));
+  for (const [name, value] of search) {
+    if (Object.hasOwn(words, name)) {
+      words[name](value);
+    } else {
+      reader.problems.push(`${name.slice(0, 40)} of this link was left out: this page does not know it.`);
+    }
+  }
+  if (camera.eye && camera.target) {
+    state.camera = Object.fromEntries(Object.entries(camera).filter(([, value]) => value));
+  }
+  if (search.get('light-space') === 'world') {
+    state.lights?.forEach((/** @type {any} */ light) => { light.space = 'SPACE_WORLD'; });
+  }
+  (state.surfaces ?? []).forEach((/** @type {any} */ surface, /** @type {number} */ i) => {
+    const coloring = colorings.length === 1 ? colorings[0] : colorings[i];
+    if (coloring) {
+      surface.colorBy = coloring;
+    }
+  });
+  for (const key of Object.keys(state)) {
+    if (state[key] === undefined) {
+      delete state[key];
+    }
+  }
+  return { state, problems: reader.problems };
+}

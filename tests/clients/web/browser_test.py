@@ -1,0 +1,567 @@
+#!/usr/bin/env python3
+"""The page in a real browser, against mock_gateway.mjs: pictures are compared, times are not.
+
+    browser_test.py [unittest arguments]
+
+Ends with 77 (skipped) where node, chromium, chromedriver or selenium is missing.
+"""
+import base64
+import json
+import math
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import urllib.request
+import zlib
+
+try:
+    from selenium import webdriver
+    from selenium.webdriver.chrome.options import Options
+    from selenium.webdriver.chrome.service import Service
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+except ImportError:
+    webdriver = None
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+PATIENCE_S = 60  # a limit for waiting, far above what is needed
+
+
+def missing():
+    names = [name for name in ('node', 'chromium', 'chromedriver') if shutil.which(name) is None]
+    return names + (['python3-selenium'] if webdriver is None else [])
+
+
+def decode_png(data):
+    """Returns width, height and the rows of an 8-bit RGB or RGBA PNG as RGB tuples."""
+    width, height, _, kind = struct.unpack('>IIBB', data[16:26])
+    channels = {2: 3, 6: 4}[kind]
+    at, packed = 8, b''
+    while at < len(data):
+        size, = struct.unpack('>I', data[at:at + 4])
+        if data[at + 4:at + 8] == b'IDAT':
+            packed += data[at + 8:at + 8 + size]
+        at += 12 + size
+    raw, stride, rows = zlib.decompress(packed), width * channels, []
+    previous = bytearray(stride)
+    for y in range(height):
+        start = y * (stride + 1)
+        method, row = raw[start], bytearray(raw[start + 1:start + 1 + stride])
+        for i in range(stride):
+            left = row[i - channels] if i >= channels else 0
+            up, corner = previous[i], previous[i - channels] if i >= channels else 0
+            if method == 1:
+                row[i] = (row[i] + left) & 255
+            elif method == 2:
+                row[i] = (row[i] + up) & 255
+            elif method == 3:
+                row[i] = (row[i] + (left + up) // 2) & 255
+            elif method == 4:
+                p = left + up - corner
+                best = min((abs(p - left), 0, left), (abs(p - up), 1, up), (abs(p - corner), 2, corner))[2]
+                row[i] = (row[i] + best) & 255
+        rows.append([tuple(row[channels * x:channels * x + 3]) for x in range(width)])
+        previous = row
+    return width, height, rows
+
+
+class Gateway:
+    def __init__(self):
+        self.process = subprocess.Popen(['node', os.path.join(HERE, 'mock_gateway.mjs')], stdout=subprocess.PIPE, text=True)
+        self.port = int(self.process.stdout.readline())
+        self.url = f'http://127.0.0.1:{self.port}/'
+
+    def control(self, **what):
+        body = json.dumps(what).encode() if what else None
+        with urllib.request.urlopen(urllib.request.Request(self.url + 'control', data=body), timeout=PATIENCE_S) as reply:
+            return json.load(reply)
+
+    def post(self, path, body):
+        request = urllib.request.Request(self.url + path, data=json.dumps(body).encode())
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as reply:
+            return reply.read()
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+class PageTest(unittest.TestCase):
+    QUERY = '?theme=dark&max-side=420'
+
+    @classmethod
+    def setUpClass(cls):
+        cls.gateway = Gateway()
+        cls.profile = tempfile.mkdtemp(prefix='isoscope-browser-')
+        options = Options()
+        options.binary_location = shutil.which('chromium')
+        for argument in ('--headless=new', '--no-sandbox', '--disable-dev-shm-usage', '--force-device-scale-factor=1',
+                         '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--window-size=1000,640',
+                         f'--user-data-dir={cls.profile}'):
+            options.add_argument(argument)
+        options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
+        cls.browser = webdriver.Chrome(service=Service(shutil.which('chromedriver')), options=options)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.quit()
+        cls.gateway.stop()
+        shutil.rmtree(cls.profile, ignore_errors=True)
+
+    def setUp(self):
+        self.browser.get('about:blank')
+        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, reset=True)
+
+    def open(self, hash_='', query=None):
+        self.browser.get('about:blank')
+        self.browser.get(self.gateway.url + (self.QUERY if query is None else query) + hash_)
+
+    def open_and_wait(self, *args, **kwargs):
+        self.open(*args, **kwargs)
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+
+    def js(self, script, *args):
+        return self.browser.execute_script(script, *args)
+
+    def until(self, condition):
+        end = time.monotonic() + PATIENCE_S
+        while not self.js(f'return Boolean(window.isoscope && ({condition}))'):
+            if time.monotonic() > end:
+                notice = self.js('return window.isoscope ? JSON.stringify(isoscope.view.stats()) : document.body.innerText')
+                self.fail(f'never came: {condition}; the view says {notice}; '
+                          f'log: {self.browser.get_log("browser")}')
+            time.sleep(0.02)
+
+    def until_exact(self):
+        self.until('isoscope.view.isExact')
+
+    def notice(self):
+        return self.js('return isoscope.view.stats().notice')
+
+    def picture(self):
+        """What the view shows now, without the overlay, in the browser's own pixels."""
+        url = self.js('''const view = isoscope.view; const out = document.createElement('canvas');
+            out.width = view.width; out.height = view.height; view.screen.draw(view.camera);
+            const context = out.getContext('2d'); context.drawImage(view.screen.canvas, 0, 0, out.width, out.height);
+            return out.toDataURL('image/png');''')
+        return decode_png(base64.b64decode(url.split(',')[1]))
+
+    def reference(self):
+        """The server's own picture of the state that the view is in."""
+        state = self.js('return {...isoscope.view.getState(), viewport: {widthPx: isoscope.view.width, '
+                        'heightPx: isoscope.view.height}}')
+        return decode_png(self.gateway.post(f'v1/datasets/{state["dataset"]}/render', state))
+
+    @staticmethod
+    def share_of_equal(a, b, tolerance=0):
+        assert a[:2] == b[:2], f'{a[:2]} and {b[:2]}'
+        pairs = [(p, q) for row, other in zip(a[2], b[2]) for p, q in zip(row, other)]
+        return sum(all(abs(i - j) <= tolerance for i, j in zip(p, q)) for p, q in pairs) / len(pairs)
+
+    def drag(self, dx, dy, steps=4):
+        actions = ActionChains(self.browser, duration=10).move_to_element(self.browser.find_element(By.ID, 'view'))
+        actions = actions.click_and_hold()
+        for _ in range(steps):
+            actions = actions.move_by_offset(dx // steps, dy // steps)
+        actions.release().perform()
+
+
+class PictureTest(PageTest):
+    def test_the_picture_at_rest_is_the_server_s_in_every_pixel(self):
+        self.open_and_wait()
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        self.assertIn('exact', self.browser.find_element(By.ID, 'state').text)
+        self.assertEqual('', self.notice())
+
+    def test_without_a_link_the_suggested_isovalue_of_the_first_dataset_shows(self):
+        self.open_and_wait()
+        state = self.js('return isoscope.view.getState()')
+        self.assertEqual(('ball', 40), (state['dataset'], state['surfaces'][0]['isovalue']))
+        self.assertIn('101 × 101 × 101 uint8', self.browser.find_element(By.ID, 'facts').get_attribute('textContent'))
+
+    def test_a_drag_turns_camera_and_picture_and_rests_exact(self):
+        self.open_and_wait()
+        before, eye = self.picture(), self.js('return isoscope.view.camera.eye')
+        self.drag(120, 40)
+        self.until_exact()
+        after = self.js('return isoscope.view.camera.eye')
+        self.assertGreater(math.dist(eye, after), 5)
+        self.assertLess(self.share_of_equal(self.picture(), before), 0.99)
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        stats = self.js('return isoscope.view.stats()')
+        self.assertGreater(stats['framesShown'], stats['exactShown'], 'no moving frame was shown')
+
+    def test_moving_frames_come_before_the_exact_one_and_all_are_acknowledged(self):
+        self.open_and_wait()
+        self.drag(60, 60, steps=12)
+        self.until_exact()
+        time.sleep(0.3)
+        shown = self.gateway.control()['shown']
+        frames = self.js('const s = isoscope.view.stats(); return s.framesShown + s.framesDropped')
+        self.assertEqual(list(range(1, frames + 1)), sorted(shown), 'not each frame was acknowledged once')
+
+    def test_shift_drag_pans_wheel_zooms_to_the_pointer_and_keys_turn(self):
+        self.open_and_wait()
+        view = self.browser.find_element(By.ID, 'view')
+        target = self.js('return isoscope.view.camera.target')
+        ActionChains(self.browser, duration=10).key_down(Keys.SHIFT).perform()
+        self.drag(80, 0)
+        ActionChains(self.browser).key_up(Keys.SHIFT).perform()
+        self.assertGreater(math.dist(target, self.js('return isoscope.view.camera.target')), 1)
+        self.until_exact()
+        distance = 'Math.hypot(...isoscope.view.camera.eye.map((v, i) => v - isoscope.view.camera.target[i]))'
+        far = self.js(f'return {distance}')
+        ActionChains(self.browser).scroll_from_origin(ScrollOrigin.from_element(view), 0, -240).perform()
+        self.until(f'{distance} < {far * 0.95}')
+        self.until_exact()
+        eye = self.js('return isoscope.view.camera.eye')
+        ActionChains(self.browser).send_keys(Keys.ARROW_LEFT).send_keys('b').perform()
+        self.until(f'isoscope.view.camera.eye[0] !== {eye[0]} && isoscope.view.decorations.box')
+        self.until_exact()
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_two_fingers_zoom_and_what_lies_between_them_stays(self):
+        self.open_and_wait()
+        distance = 'Math.hypot(...isoscope.view.camera.eye.map((v, i) => v - isoscope.view.camera.target[i]))'
+        far = self.js(f'return {distance}')
+        self.js('''const el = isoscope.view.root; const box = el.getBoundingClientRect();
+            const middle = [box.x + box.width / 2, box.y + box.height / 2];
+            const send = (type, pointerId, dx) => el.dispatchEvent(new PointerEvent(type, { pointerId, pointerType: 'touch',
+              clientX: middle[0] + dx, clientY: middle[1], buttons: 1, bubbles: true }));
+            send('pointerdown', 1, -50); send('pointerdown', 2, 50);
+            for (let i = 1; i <= 10; ++i) { send('pointermove', 1, -50 - 5 * i); send('pointermove', 2, 50 + 5 * i); }
+            send('pointerup', 1, -100); send('pointerup', 2, 100);''')
+        self.until_exact()
+        near = self.js(f'return {distance}')
+        self.assertTrue(0.4 < near / far < 0.75, f'{near} of {far}')
+        self.assertEqual([], self.js('return isoscope.view.pins'), 'fingers that move pick nothing')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_a_named_view_fits_the_surface_and_those_of_a_patient_come_with_its_frame(self):
+        self.open_and_wait('#dataset=patient&surface=40')
+        names = [button.get_attribute('textContent') for button in self.browser.find_elements(By.CSS_SELECTOR, '#views button')]
+        self.assertEqual(['Anterior', 'Posterior', 'Left', 'Right', 'Superior', 'Inferior', 'Fit'], names)
+        self.browser.find_element(By.CSS_SELECTOR, '[data-view=anterior]').click()
+        self.until('isoscope.view.isExact && !isoscope.view.state.cameraFit && isoscope.view.camera.up[2] === 1')
+        camera = self.js('return isoscope.view.camera')
+        self.assertLess(camera['eye'][1], camera['target'][1], 'anterior is -y of LPS')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_every_bitmap_is_closed(self):
+        self.open_and_wait()
+        for _ in range(3):
+            self.drag(80, -30, steps=10)
+        self.until_exact()
+        stats = self.js('return isoscope.view.stats()')
+        self.assertGreater(stats['bitmapsMade'], 3)
+        self.assertEqual(0, stats['bitmapsOpen'])
+        self.assertEqual(stats['bitmapsMade'], stats['framesShown'] + stats['framesDropped'])
+        self.js('isoscope.view.destroy()')
+        self.assertEqual(0, self.js('return document.querySelectorAll(".isoscope-view").length'))
+        self.assertEqual(0, self.js('return isoscope.view.stats().bitmapsOpen'))
+
+    def test_the_page_obeys_its_content_security_policy_and_logs_no_error(self):
+        self.open_and_wait()
+        errors = [entry for entry in self.browser.get_log('browser') if entry['level'] == 'SEVERE']
+        self.assertEqual([], [entry for entry in errors if 'favicon' not in entry['message']])
+        self.assertTrue(self.js('return isoscope.view.stats().isInWorker'))
+
+
+class ControlTest(PageTest):
+    def test_dragging_the_line_of_the_histogram_changes_the_surface(self):
+        self.open_and_wait()
+        before = self.picture()
+        handle = self.browser.find_element(By.CSS_SELECTOR, '#histogram .handle circle')
+        ActionChains(self.browser, duration=10).move_to_element(handle).click_and_hold().move_by_offset(40, 0) \
+            .move_by_offset(30, 0).release().perform()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces[0].isovalue > 50')
+        self.assertLess(self.share_of_equal(self.picture(), before), 0.99)
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        field = self.browser.find_element(By.CSS_SELECTOR, '#surfaces input[type=number]').get_attribute('value')
+        self.assertEqual(self.js('return isoscope.view.state.surfaces[0].isovalue'), float(field))
+
+    def test_a_surface_is_added_by_a_double_click_and_removed(self):
+        self.open_and_wait()
+        chart = self.browser.find_element(By.ID, 'histogram')
+        ActionChains(self.browser).move_to_element_with_offset(chart, 80, 0).double_click().perform()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.length === 2')
+        outer, inner = self.js('return isoscope.view.state.surfaces')
+        self.assertGreater(inner['isovalue'], outer['isovalue'])
+        self.assertEqual((0.4, 1), (outer['color']['alpha'], inner['color']['alpha']))
+        self.browser.find_elements(By.CSS_SELECTOR, '#surfaces .remove')[0].click()
+        self.until('isoscope.view.isExact && isoscope.view.state.surfaces.length === 1')
+        self.assertEqual(inner['isovalue'], self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+    def test_the_clip_box_cuts_the_picture_and_clearing_it_brings_all_back(self):
+        self.open_and_wait()
+        before = self.picture()
+        bar = self.browser.find_element(By.CSS_SELECTOR, '#clip .slider')
+        self.js('arguments[0].scrollIntoView()', bar)
+        thumb = self.browser.find_element(By.CSS_SELECTOR, '#clip [data-axis=x][data-end=high]')
+        ActionChains(self.browser, duration=10).move_to_element(thumb).click_and_hold() \
+            .move_by_offset(-bar.size['width'] // 2, 0).release().perform()
+        self.until('isoscope.view.isExact && isoscope.view.state.clip?.box')
+        self.assertLess(self.js('return isoscope.view.state.clip.box.max.x'), 70)
+        self.js('''const caps = document.getElementById('caps'); caps.value = 'slice'; caps.dispatchEvent(new Event('change'));''')
+        self.until_exact()
+        self.assertEqual({'colorMap': 'COLOR_MAP_GREY'}, self.gateway.control()['last']['frame']['caps'])
+        self.assertLess(self.share_of_equal(self.picture(), before), 0.99)
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+        self.browser.find_element(By.ID, 'clear-clip').click()
+        self.until('isoscope.view.isExact && !isoscope.view.state.clip && !isoscope.view.state.caps')
+        self.assertEqual(1, self.share_of_equal(self.picture(), before))
+
+    def test_a_clip_plane_is_added_moved_flipped_and_removed(self):
+        self.open_and_wait()
+        before = self.picture()
+        self.js('document.getElementById("add-plane").click()')
+        self.until('isoscope.view.isExact && isoscope.view.state.clip?.halfSpaces.length === 1')
+        self.assertLess(self.share_of_equal(self.picture(), before), 0.999)
+        normal = self.js('return isoscope.view.state.clip.halfSpaces[0].normal')
+        self.js('document.querySelector("#planes .small").click()')
+        self.until('isoscope.view.isExact')
+        self.assertEqual(-normal['z'], self.js('return isoscope.view.state.clip.halfSpaces[0].normal.z'))
+        self.js('document.querySelector("#planes .remove").click()')
+        self.until('isoscope.view.isExact && !isoscope.view.state.clip')
+
+    def test_a_click_picks_a_point_and_two_give_their_distance(self):
+        self.open_and_wait()
+        view = self.browser.find_element(By.ID, 'view')
+        ActionChains(self.browser).move_to_element_with_offset(view, 10, 10).click().perform()
+        self.until('isoscope.view.pins.length === 1')
+        ActionChains(self.browser).move_to_element_with_offset(view, -40, 20).click().perform()
+        self.until('isoscope.view.pins.length === 2')
+        a, b = (pin['position'] for pin in self.js('return isoscope.view.pins'))
+        # On the ball of the isovalue 40.
+        for point in (a, b):
+            self.assertAlmostEqual(28 * 1.2, math.dist(point, (50, 50, 50)), places=6)
+        text = self.browser.find_element(By.ID, 'points').text
+        self.assertIn(f'{math.dist(a, b):.5g}', text)
+        self.assertIn('of shard 1', text)
+        ActionChains(self.browser).move_to_element_with_offset(view, -view.size['width'] // 2 + 8, 0).click().perform()
+        self.until('isoscope.view.pins.length === 0')
+
+    def test_colour_by_sends_quantity_and_map_and_shows_the_legend(self):
+        self.open_and_wait()
+        self.js('''const q = document.getElementById('quantity'); q.value = 'z'; q.dispatchEvent(new Event('change'));''')
+        self.until('isoscope.view.isExact && !document.getElementById("legend").hidden')
+        self.assertEqual({'quantity': 'QUANTITY_POSITION_Z', 'colorMap': 'COLOR_MAP_VIRIDIS'},
+                         self.js('return isoscope.view.state.surfaces[0].colorBy'))
+        self.assertIn('position z', self.browser.find_element(By.ID, 'legend').text)
+
+    def test_the_toggles_of_light_reach_the_server(self):
+        self.open_and_wait()
+        self.js('''for (const id of ['occlusion', 'silhouette']) document.getElementById(id).click();
+            for (const [id, value] of [['samples', '4'], ['lights', 'studio']]) {
+              const element = document.getElementById(id); element.value = value;
+              element.dispatchEvent(new Event('change')); }''')
+        self.until_exact()
+        frame = self.gateway.control()['last']['frame']
+        self.assertEqual((4, 3, {'radiusPx': 32}, {'widthPx': 2}), (frame['samples'], len(frame['lights']),
+                         frame['ambientOcclusion'], frame['silhouette']))
+
+    def test_a_download_asks_for_the_size_and_the_state_of_the_view(self):
+        self.open_and_wait()
+        self.browser.find_element(By.ID, 'save').click()
+        self.assertIn('isoscope render --server', self.browser.find_element(By.ID, 'command').text)
+        self.js('''document.getElementById('width').value = 90; document.getElementById('height').value = 60;
+            document.getElementById('transparent').click(); document.getElementById('save-png').click();''')
+        self.until('/B$/.test(document.getElementById("save-note").textContent)')
+        render = self.gateway.control()['renders'][-1]
+        self.assertEqual(({'widthPx': 90, 'heightPx': 60}, 4), (render['viewport'], render['samples']))
+        self.assertEqual(0, render['backgroundColor']['alpha'])
+        self.assertEqual(self.js('return isoscope.view.getState().camera'), render['camera'])
+
+
+class LinkTest(PageTest):
+    def test_a_link_reopens_the_same_view_to_the_pixel(self):
+        self.open_and_wait('#dataset=ball&surface=30:0.2,0.6,0.9&surface=70:1,0.5,0&clip-plane=-1,0.25,0,-60')
+        self.drag(100, -60)
+        self.until_exact()
+        self.browser.find_element(By.ID, 'link').click()
+        url, state, picture = self.browser.current_url, self.js('return isoscope.view.getState()'), self.picture()
+        self.browser.get('about:blank')
+        self.browser.get(url)
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.assertEqual(state, self.js('return isoscope.view.getState()'))
+        self.assertEqual(1, self.share_of_equal(self.picture(), picture))
+
+    def test_a_link_pasted_into_the_open_page_is_followed(self):
+        self.open_and_wait()
+        self.js('location.hash = "#dataset=patient&surface=65"')
+        self.until('isoscope.view.isExact && isoscope.view.state.dataset === "patient"')
+        self.assertEqual(65, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+    def test_a_broken_link_says_what_is_left_out_and_shows_the_rest(self):
+        self.open_and_wait('#dataset=ball&surface=55&clip-box=1,2,x&nonsense=1')
+        self.until('!document.getElementById("toast").hidden')
+        toast = self.browser.find_element(By.ID, 'toast').text
+        self.assertIn('clip-box=1,2,x', toast)
+        self.assertIn('nonsense', toast)
+        self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+
+class FailureTest(PageTest):
+    def test_a_failed_frame_is_a_sentence_and_the_next_good_one_removes_it(self):
+        self.open_and_wait()
+        self.gateway.control(fail={'code': 14, 'message': 'agent 10.0.0.7:50061 was lost; it has shards 0, 3'})
+        self.drag(30, 0)
+        self.until('/was lost/.test(isoscope.view.stats().notice)')
+        self.assertIn('Agent 10.0.0.7:50061 was lost; it has shards 0, 3. (UNAVAILABLE) Trying again.', self.notice())
+        self.gateway.control(fail=None)
+        # By itself: nobody moves.
+        self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
+
+    def test_an_unknown_dataset_of_a_link_is_a_sentence_on_the_view(self):
+        self.gateway.control(fail={'code': 5, 'message': 'dataset "gone": there are: "ball", "patient"'})
+        self.open('#dataset=gone&surface=1')
+        self.until('/there are: "ball", "patient"/.test(isoscope.view.stats().notice)')
+        self.assertIn('NOT_FOUND', self.notice())
+
+    def test_a_lost_connection_is_said_and_comes_back_by_itself_with_the_state(self):
+        self.open_and_wait()
+        self.drag(60, 20)
+        self.until_exact()
+        picture = self.picture()
+        self.gateway.control(refuse=True, drop=[1011, 'the coordinator at 127.0.0.1:50051 does not answer'])
+        self.until('/coordinator at 127.0.0.1:50051 does not answer. Trying again in/.test(isoscope.view.stats().notice)')
+        self.assertEqual('not connected', self.browser.find_element(By.ID, 'state').text)
+        self.gateway.control(refuse=False)
+        self.until('isoscope.view.isExact && isoscope.view.stats().reconnects === 1')
+        self.assertEqual('', self.notice())
+        self.assertEqual(1, self.share_of_equal(self.picture(), picture))
+
+    def test_a_page_whose_stream_is_refused_says_what_to_do_and_connects_later(self):
+        self.gateway.control(refuse=True)
+        self.open()
+        self.until('/Is isoscope-gateway .* running there, and does a proxy/.test(isoscope.view.stats().notice)')
+        self.gateway.control(refuse=False)
+        self.until('isoscope.view.isExact')
+
+    def test_a_server_that_does_not_answer_is_said(self):
+        self.gateway.control(mute=True)
+        self.open('#dataset=ball&surface=40')
+        self.until('/Drawing the picture/.test(isoscope.view.stats().notice)')
+        self.gateway.control(mute=False)
+        self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
+
+    def test_bytes_that_are_no_frame_are_said_and_do_no_harm(self):
+        self.open_and_wait()
+        picture = self.picture()
+        header = json.dumps({'sequenceNumber': '99', 'frameNumber': '9', 'image': {'type': 'image/png', 'bytes': 4},
+                             'frame': {'camera': {}}}).encode()
+        for raw in (b'', b'\xff\xff\xff\xff', struct.pack('<I', len(header)) + header + b'junk'):
+            self.gateway.control(raw=base64.b64encode(raw).decode() or 'AA==')
+            self.js('isoscope.view.update({maxLayers: 3})')
+            self.until('/no frame|cannot decode/.test(isoscope.view.stats().notice)')
+            self.assertEqual(1, self.share_of_equal(self.picture(), picture))
+        self.gateway.control(raw=None)
+        self.js('isoscope.view.update({maxLayers: 4})')
+        self.until('isoscope.view.isExact && isoscope.view.stats().notice === ""')
+
+    def test_a_server_that_is_gone_is_said_where_one_looks(self):
+        other = Gateway()
+        self.browser.get(other.url + self.QUERY)
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        other.stop()
+        self.until('/was lost. Trying again in/.test(isoscope.view.stats().notice)')
+        self.js('document.getElementById("save").click(); document.getElementById("save-png").click();')
+        self.until('/does not answer/.test(document.getElementById("save-note").textContent)')
+
+
+class WarpTest(PageTest):
+    """WebGL2 by the processor: the same shaders, slowly."""
+    QUERY = '?theme=dark&max-side=420&renderer=webgl2'
+
+    def test_the_picture_at_rest_is_exact_with_webgl_too(self):
+        self.open_and_wait()
+        self.assertEqual('webgl2', self.js('return isoscope.view.stats().renderer'))
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_the_last_frame_is_warped_to_the_pointer_s_camera_until_the_next_one_comes(self):
+        self.open_and_wait()
+        before = self.picture()
+        self.gateway.control(mute=True)
+        # 5 degrees, which the server does not answer.
+        self.js('const v = isoscope.view; window.turned = (dx) => import("./isoscope-view.js").then(m => v.setCamera(m.turn(v.camera, dx, 0)));'
+                'turned(5 / 90);')
+        self.until('isoscope.view.stats().warpsDrawn > 0')
+        warped = self.picture()
+        truth = self.reference()
+        background = truth[2][0][0]
+        covered = [(p, q) for row, other in zip(warped[2], truth[2]) for p, q in zip(row, other) if q != background]
+        self.assertGreater(len(covered), 5000)
+        close = sum(max(abs(i - j) for i, j in zip(p, q)) <= 40 for p, q in covered) / len(covered)
+        print(f'warp by WebGL: {100 * close:.1f} % of {len(covered)} covered pixels look like the true picture', file=sys.stderr)
+        self.assertGreater(close, 0.9)
+        same = sum(max(abs(i - j) for i, j in zip(p, q)) <= 40 for row, other in zip(before[2], truth[2])
+                   for p, q in zip(row, other) if q != background) / len(covered)
+        self.assertGreater(close, same, 'the warp is no nearer to the truth than the old picture')
+        self.gateway.control(mute=False)
+        self.until_exact()
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+    def test_a_lost_graphics_context_falls_back_and_shows_the_picture_again(self):
+        self.open_and_wait()
+        self.js('isoscope.view.screen.canvas.getContext("webgl2").getExtension("WEBGL_lose_context").loseContext()')
+        self.until('isoscope.view.stats().renderer === "bitmaprenderer" && isoscope.view.isExact')
+        self.until('isoscope.view.stats().framesShown >= 2')
+        self.until_exact()
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
+
+
+class WidgetTest(PageTest):
+    """The default export, as anywidget calls it."""
+
+    def test_render_shows_the_state_of_the_model_and_writes_it_back(self):
+        self.open_and_wait()
+        self.js('''window.model = { values: { url: location.origin + '/', height: 200, state: { dataset: 'ball', surfaces: [{ isovalue: 55 }] } },
+              handlers: {}, saved: 0, get(name) { return this.values[name]; }, set(name, value) { this.values[name] = value; },
+              save_changes() { this.saved += 1; }, on(name, f) { this.handlers[name] = f; }, off() {}, send() {} };
+            const el = document.createElement('div'); el.id = 'cell'; el.style.width = '300px'; document.body.append(el);
+            import('./isoscope-view.js').then((m) => { window.leave = m.default.render({ model, el }); });''')
+        self.until('window.model.saved > 0 && model.values.state.camera && model.values.stats.isExact')
+        self.assertEqual(55, self.js('return model.values.state.surfaces[0].isovalue'))
+        self.js('model.values.state = { dataset: "ball", surfaces: [{ isovalue: 70 }] }; model.saved = 0; model.handlers["change:state"]();')
+        self.until('model.saved > 0 && model.values.state.surfaces[0].isovalue === 70')
+        self.js('window.leave()')
+        self.assertEqual(0, self.js('return document.querySelectorAll("#cell .isoscope-view").length'))
+
+    def test_frames_come_through_the_kernel_where_there_is_no_gateway(self):
+        self.check_kernel('')
+
+    def test_frames_come_through_the_kernel_where_the_gateway_is_out_of_reach(self):
+        self.check_kernel(self.gateway.url)
+
+    def check_kernel(self, url):
+        self.open_and_wait()
+        self.gateway.control(refuse=True)
+        self.js('''window.sent = [];
+            window.model = { values: { url: arguments[0], state: { dataset: 'ball', surfaces: [{ isovalue: 55 }] } },
+              get(name) { return this.values[name]; }, set(name, value) { this.values[name] = value; }, save_changes() {},
+              on(name, f) { if (name === 'msg:custom') window.fromKernel = f; }, off() {}, send(message) { sent.push(message); } };
+            const el = document.createElement('div'); document.body.append(el);
+            import('./isoscope-view.js').then((m) => m.default.render({ model, el }));''', url)
+        self.until('sent.some((m) => m.type === "isoscope/interact" && JSON.parse(m.text).viewState)')
+        self.js('''const state = JSON.parse(sent.filter((m) => m.text?.includes('viewState')).at(-1).text).viewState;
+            const error = new TextEncoder().encode(JSON.stringify({ sequenceNumber: state.sequenceNumber, frameNumber: '1',
+              error: { code: 9, message: 'from the kernel' } }));
+            const bytes = new Uint8Array(4 + error.length); new DataView(bytes.buffer).setUint32(0, error.length, true);
+            bytes.set(error, 4); fromKernel({ type: 'isoscope/frame' }, [new DataView(bytes.buffer)]);''')
+        self.until('[...document.querySelectorAll(".isoscope-view")].some((e) => /From the kernel/.test(e.shadowRoot.textContent))')
+        self.until('sent.some((m) => m.text?.includes("frameShown"))')
+
+
+if __name__ == '__main__':
+    if missing():
+        print('skipped: the page is tested in a browser, and these are missing: ' + ', '.join(missing()), file=sys.stderr)
+        sys.exit(77)
+    unittest.main(verbosity=2)

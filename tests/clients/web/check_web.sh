@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Runs one check of clients/web; ends with 77 (skipped) where its program is missing:
+#   check_web.sh types | unit | browser
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")"
+
+# require PROGRAM PACKAGE
+require() {
+  if ! command -v "$1" >/dev/null; then
+    echo "skipped: $1 is missing; Debian has it in $2" >&2
+    exit 77
+  fi
+}
+
+case "${1:-}" in
+  types)
+    require tsc node-typescript
+    tsc --project tsconfig.json
+    ;;
+  unit)
+    require node nodejs
+    node --test view_test.mjs view_state_test.mjs
+    ;;
+  browser)
+    # Debian's own: another Python first on the PATH has no python3-selenium.
+    exec /usr/bin/python3 browser_test.py
+    ;;
+  *)
+    echo "usage: check_web.sh types | unit | browser" >&2
+    exit 2
+    ;;
+esac

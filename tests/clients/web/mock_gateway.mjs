@@ -1,0 +1,386 @@
+// A gateway for tests, without a server behind it: it serves clients/web, answers /v1/... for two
+// datasets, and draws their surface, a sphere with a bump, by casting rays, with exact depths. Its
+// pictures are PNG also while the view moves (`isExact` tells). What goes wrong is asked for by POST
+// /control.
+//
+//   node mock_gateway.mjs     prints its port on standard output
+//
+// POST /control {...}: `fail`: {code, message} for frames | null; `mute`: whether to answer no state;
+// `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
+// `refuse`: whether new streams are refused; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, last: the
+// newest state, picks: n, renders: [requests]}.
+import { createHash } from 'node:crypto';
+import { readFile } from 'node:fs/promises';
+import { createServer } from 'node:http';
+import { join, normalize } from 'node:path';
+import { fileURLToPath, pathToFileURL } from 'node:url';
+import { deflateSync, crc32 as zlibCrc32 } from 'node:zlib';
+
+import * as view from '../../../clients/web/isoscope-view.js';
+
+const folder = fileURLToPath(new URL('../../../clients/web/', import.meta.url));
+
+// ---- PNG ----
+
+const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, n) => {
+  let c = n;
+  for (let k = 0; k < 8; ++k) {
+    c = c & 1 ? 0xedb88320 ^ (c >>> 1) : c >>> 1;
+  }
+  return c >>> 0;
+});
+const crc32 = zlibCrc32 ?? ((bytes) => {
+  let c = 0xffffffff;
+  for (const byte of bytes) {
+    c = CRC_TABLE[(c ^ byte) & 255] ^ (c >>> 8);
+  }
+  return (c ^ 0xffffffff) >>> 0;
+});
+
+function chunk(name, data) {
+  const bytes = Buffer.concat([Buffer.from(name, 'latin1'), data]);
+  const out = Buffer.alloc(bytes.length + 8);
+  out.writeUInt32BE(data.length, 0);
+  bytes.copy(out, 4);
+  out.writeUInt32BE(crc32(bytes), bytes.length + 4);
+  return out;
+}
+
+export function encodePng(width, height, rgb) {
+  const rows = Buffer.alloc(height * (1 + 3 * width));
+  for (let y = 0; y < height; ++y) {
+    rgb.copy(rows, y * (1 + 3 * width) + 1, y * 3 * width, (y + 1) * 3 * width);
+  }
+  const header = Buffer.alloc(13);
+  header.writeUInt32BE(width, 0);
+  header.writeUInt32BE(height, 4);
+  header.set([8, 2, 0, 0, 0], 8);
+  return Buffer.concat([Buffer.from([137, 80, 78, 71, 13, 10, 26, 10]), chunk('IHDR', header),
+    chunk('IDAT', deflateSync(rows, { level: 1 })), chunk('IEND', Buffer.alloc(0))]);
+}
+
+// ---- the scene ----
+
+const DATASETS = ['ball', 'patient'].map((name) => ({
+  name, datasetId: name === 'ball' ? '0'.repeat(32) : '1'.repeat(32), source: `${name}.nrrd`,
+  geometry: { sampleDims: { x: '101', y: '101', z: '101' }, spacing: { x: 1, y: 1, z: 1 }, origin: {},
+    directionColumns: [{ x: 1 }, { y: 1 }, { z: 1 }] },
+  sampleType: 'SAMPLE_TYPE_UINT8', valueRange: { max: 100 }, blockCells: { x: '8', y: '8', z: '8' },
+  blockCount: '2197', shardCount: 2, patientFrame: name === 'patient' ? 'LPS' : undefined,
+}));
+const BOX = view.boxOfDataset(DATASETS[0]);
+
+// Two spheres; the greater the isovalue, the smaller they are.
+const spheresOf = (isovalue) => {
+  const size = Math.max(0, 100 - isovalue) / 50;
+  return [{ center: [50, 50, 50], radius: 28 * size }, { center: [68, 60, 76], radius: 9 * size }];
+};
+
+const json = (v) => [v?.x ?? 0, v?.y ?? 0, v?.z ?? 0];
+
+function cameraOf(request) {
+  const camera = view.cameraFromJson(request.camera) ?? view.defaultCamera(BOX);
+  if (request.cameraFit === 'CAMERA_FIT_SURFACE') {
+    const center = [50, 50, 50];
+    camera.eye = view.add(center, view.scale(view.sub(camera.eye, center), 0.6));
+    camera.target = center;
+  }
+  return camera;
+}
+
+function surfacesOf(request) {
+  return request.surfaces ?? [{ isovalue: request.isovalue ?? 0, color: request.baseColor }];
+}
+
+// Returns what the ray through a point of the picture hits first, or null.
+function cast(request, camera, basis, aspect, x, y) {
+  const span = view.halfHeightOf(camera);
+  const across = view.add(view.scale(basis.right, x * span * aspect), view.scale(basis.up, y * span));
+  const from = camera.height > 0 ? view.add(camera.eye, across) : camera.eye;
+  const ray = camera.height > 0 ? basis.forward : view.add(basis.forward, across);
+  const box = request.clip?.box && { min: json(request.clip.box.min), max: json(request.clip.box.max) };
+  const planes = (request.clip?.halfSpaces ?? []).map((plane) => [json(plane.normal), plane.offset ?? 0]);
+  const isKept = (p) => (!box || p.every((value, axis) => value >= box.min[axis] && value <= box.max[axis])) &&
+    planes.every(([normal, offset]) => view.dot(normal, p) >= offset);
+  let best = null;
+  surfacesOf(request).forEach((surface, index) => {
+    for (const { center, radius } of spheresOf(surface.isovalue ?? 0)) {
+      const q = view.sub(from, center);
+      const a = view.dot(ray, ray);
+      const b = view.dot(q, ray);
+      const root = b * b - a * (view.dot(q, q) - radius * radius);
+      for (const sign of root > 0 ? [-1, 1] : []) {
+        const depth = (-b + sign * Math.sqrt(root)) / a;
+        const position = view.add(from, view.scale(ray, depth));
+        if (depth > 0 && (!best || depth < best.depth) && isKept(position)) {
+          best = { depth, position, index, normal: view.scale(view.sub(position, center), 1 / radius), surface };
+        }
+      }
+    }
+  });
+  return best;
+}
+
+export function draw(request, { width, height }) {
+  const camera = cameraOf(request);
+  const basis = view.basisOf(camera);
+  const rgb = Buffer.alloc(3 * width * height);
+  const depth = new Float64Array(width * height).fill(Infinity);
+  const { red = 0, green = 0, blue = 0 } = request.backgroundColor ?? {};
+  for (let y = 0; y < height; ++y) {
+    for (let x = 0; x < width; ++x) {
+      const at = y * width + x;
+      const hit = cast(request, camera, basis, width / height, 2 * (x + 0.5) / width - 1, 1 - 2 * (y + 0.5) / height);
+      let color = [red, green, blue];
+      if (hit) {
+        const c = hit.surface.color ?? { red: 0.86, green: 0.78, blue: 0.7 };
+        // Stripes, so that a turn shows.
+        const stripe = Math.sin(hit.position[0] / 3) * Math.sin(hit.position[1] / 3) > 0 ? 1 : 0.75;
+        const light = stripe * (0.15 + 0.85 * Math.abs(view.dot(hit.normal, basis.forward)));
+        color = [c.red ?? 0, c.green ?? 0, c.blue ?? 0].map((channel) => channel * light);
+        depth[at] = hit.depth;
+      }
+      color.forEach((channel, k) => { rgb[3 * at + k] = Math.round(255 * Math.min(1, channel)); });
+    }
+  }
+  return { width, height, rgb, depth, camera };
+}
+
+export function gridOf(image, columns) {
+  const rows = Math.max(1, Math.round(columns * image.height / image.width));
+  const depths = [];
+  for (let j = 0; j < rows; ++j) {
+    for (let i = 0; i < columns; ++i) {
+      depths.push(image.depth[Math.floor((j + 0.5) / rows * image.height) * image.width +
+        Math.floor((i + 0.5) / columns * image.width)]);
+    }
+  }
+  const finite = depths.filter(Number.isFinite);
+  const near = Math.min(...finite, Infinity) === Infinity ? 0 : Math.min(...finite);
+  const far = Math.max(near + 1e-6, ...finite);
+  const values = Uint16Array.from(depths, (depth) => Number.isFinite(depth)
+    ? Math.round((depth - near) / (far - near) * 65534) : 65535);
+  return { width: columns, height: rows, near, far, values };
+}
+
+// ---- the server ----
+
+const control = { fail: null, mute: false, raw: null, refuse: false };
+const seen = { shown: [], states: 0, last: null, picks: 0, renders: [] };
+const streams = new Set();
+
+function webSocketFrame(opcode, data) {
+  const header = data.length < 126 ? Buffer.from([0x80 | opcode, data.length])
+    : data.length < 65536 ? Buffer.from([0x80 | opcode, 126, data.length >> 8, data.length & 255])
+      : Buffer.alloc(10);
+  if (header.length === 10) {
+    header[0] = 0x80 | opcode;
+    header[1] = 127;
+    header.writeBigUInt64BE(BigInt(data.length), 2);
+  }
+  return Buffer.concat([header, data]);
+}
+
+function answer(stream, state, isExact) {
+  const number = ++stream.frames;
+  const base = { sequenceNumber: state.sequenceNumber, frameNumber: String(number) };
+  let header = { ...base, error: control.fail, image: { type: 'image/png', bytes: 0 }, depthBytes: 0 };
+  let parts = [];
+  if (control.raw) {
+    stream.socket.write(webSocketFrame(2, Buffer.from(control.raw, 'base64')));
+    return;
+  }
+  if (!control.fail) {
+    const { widthPx, heightPx } = state.frame.viewport;
+    const shrink = isExact ? 1 : 2;
+    const image = draw(state.frame, { width: Math.max(1, Math.round(widthPx / shrink)), height: Math.max(1, Math.round(heightPx / shrink)) });
+    const grid = gridOf(image, 128);
+    const png = encodePng(image.width, image.height, image.rgb);
+    const colorBy = surfacesOf(state.frame)[0]?.colorBy;
+    header = { ...base, isExact: isExact || undefined,
+      frame: { camera: view.cameraToJson(image.camera), extent: { widthPx: image.width, heightPx: image.height },
+        colorings: colorBy ? [{ colorBy: { range: { max: 100 }, ...colorBy } }] : [],
+        statistics: { triangleCount: '1000', activeBlockCount: '20', visibleBlockCount: '12', culledBlockCount: '8',
+          durations: { occluderRenderingDuration: '0.004s', encodeDuration: '0.001s' },
+          agents: [0, 1].map((i) => ({ agentAddress: `agent-${i}:50061`, shardIndices: [i], triangleCount: '500',
+            extractDuration: '0.002s', renderDuration: '0.001s', busyDuration: '0.004s' })) } },
+      depthGrid: { width: grid.width, height: grid.height, near: grid.near, far: grid.far },
+      image: { type: 'image/png', bytes: png.length }, depthBytes: 2 * grid.values.length };
+    parts = [png, Buffer.from(grid.values.buffer)];
+  }
+  const text = Buffer.from(JSON.stringify(header));
+  const size = Buffer.alloc(4);
+  size.writeUInt32LE(text.length, 0);
+  stream.socket.write(webSocketFrame(2, Buffer.concat([size, text, ...parts])));
+}
+
+// Draws the newest state; the exact picture follows when none has come for 120 ms.
+function work(stream) {
+  clearTimeout(stream.timer);
+  const state = stream.newest;
+  if (!state || control.mute) {
+    return;
+  }
+  stream.timer = setTimeout(() => {
+    answer(stream, state, Boolean(state.isAtRest));
+    if (!state.isAtRest) {
+      stream.timer = setTimeout(() => answer(stream, state, true), 120);
+    }
+  }, 5);
+}
+
+function receive(stream, text) {
+  const message = JSON.parse(text);
+  if (message.frameShown) {
+    seen.shown.push(Number(message.frameShown.frameNumber));
+  } else if (message.viewState) {
+    if (!(Number(message.viewState.sequenceNumber) > stream.sequence)) {
+      close(stream, 1008, 'sequence numbers must rise');
+      return;
+    }
+    stream.sequence = Number(message.viewState.sequenceNumber);
+    stream.newest = message.viewState;
+    seen.states += 1;
+    seen.last = message.viewState;
+    work(stream);
+  }
+}
+
+function close(stream, code, reason) {
+  const data = Buffer.concat([Buffer.from([code >> 8, code & 255]), Buffer.from(reason)]);
+  clearTimeout(stream.timer);
+  stream.newest = null;
+  streams.delete(stream);
+  stream.socket.end(webSocketFrame(8, data));
+}
+
+function upgrade(request, socket) {
+  if (control.refuse || !request.url.startsWith('/v1/interact')) {
+    socket.end('HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\n\r\n');
+    return;
+  }
+  const key = request.headers['sec-websocket-key'] + '258EAFA5-E914-47DA-95CA-C5AB0DC85B11';
+  socket.write('HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: ' +
+    `${createHash('sha1').update(key).digest('base64')}\r\n\r\n`);
+  const stream = { socket, frames: 0, sequence: 0, newest: null, timer: 0 };
+  streams.add(stream);
+  let bytes = Buffer.alloc(0);
+  socket.on('data', (data) => {
+    bytes = Buffer.concat([bytes, data]);
+    while (bytes.length >= 6) {
+      const opcode = bytes[0] & 15;
+      let length = bytes[1] & 127;
+      let start = 2;
+      if (length === 126) {
+        length = bytes.readUInt16BE(2);
+        start = 4;
+      } else if (length === 127) {
+        length = Number(bytes.readBigUInt64BE(2));
+        start = 10;
+      }
+      if (bytes.length < start + 4 + length) {
+        return;
+      }
+      const mask = bytes.subarray(start, start + 4);
+      const text = Buffer.from(bytes.subarray(start + 4, start + 4 + length).map((byte, i) => byte ^ mask[i & 3]));
+      bytes = bytes.subarray(start + 4 + length);
+      if (opcode === 1) {
+        receive(stream, text.toString());
+      } else if (opcode === 8) {
+        close(stream, 1000, '');
+      }
+    }
+  });
+  const gone = () => {
+    clearTimeout(stream.timer);
+    streams.delete(stream);
+  };
+  socket.on('close', gone);
+  socket.on('error', gone);
+}
+
+const TYPES = { html: 'text/html; charset=utf-8', js: 'text/javascript', css: 'text/css', svg: 'image/svg+xml' };
+
+async function respond(request, body, reply) {
+  const url = new URL(request.url, 'http://mock');
+  const parts = url.pathname.split('/').slice(1).map(decodeURIComponent);
+  const send = (value) => reply(200, 'application/json', JSON.stringify(value));
+  const fail = (status, code, message) => reply(status, 'application/json', JSON.stringify({ code, message }));
+  if (url.pathname === '/control') {
+    if (request.method === 'POST') {
+      const { drop, reset, ...rest } = JSON.parse(body);
+      if (reset) {
+        Object.assign(seen, { shown: [], states: 0, last: null, picks: 0, renders: [] });
+      }
+      Object.assign(control, rest);
+      if (drop) {
+        [...streams].forEach((stream) => close(stream, drop[0], drop[1]));
+      }
+      [...streams].forEach(work);
+    }
+    send(seen);
+  } else if (url.pathname === '/v1/datasets') {
+    send({ datasets: DATASETS });
+  } else if (url.pathname === '/v1/status') {
+    send({ agents: [] });
+  } else if (parts[1] === 'datasets') {
+    const dataset = DATASETS.find((one) => one.name === parts[2]);
+    if (!dataset) {
+      fail(404, 'NOT_FOUND', `dataset "${parts[2]}": there are: "ball", "patient"`);
+    } else if (parts.length === 3) {
+      send(dataset);
+    } else if (parts[3] === 'histogram') {
+      send({ bins: Array.from({ length: 50 }, (_, i) => ({ min: 2 * i, max: 2 * i + 2, sampleCount: String((50 - i) ** 3),
+        estimatedTriangleCount: '1000' })), hasSampleCounts: true,
+      suggestions: [{ method: 'METHOD_BETWEEN_CLASSES', isovalue: 40, insideFraction: 0.3 }] });
+    } else if (parts[3] === 'pick') {
+      const { frame, pixels } = JSON.parse(body);
+      const { widthPx, heightPx } = frame.viewport;
+      const camera = cameraOf(frame);
+      seen.picks += 1;
+      send({ points: pixels.map(({ x = 0, y = 0 }) => {
+        const hit = cast(frame, camera, view.basisOf(camera), widthPx / heightPx, 2 * (x + 0.5) / widthPx - 1, 1 - 2 * (y + 0.5) / heightPx);
+        return hit ? { isHit: true, position: { x: hit.position[0], y: hit.position[1], z: hit.position[2] }, depth: hit.depth,
+          surfaceIndex: hit.index, normal: { x: hit.normal[0], y: hit.normal[1], z: hit.normal[2] }, blockId: '7', shardIndex: 1 } : {};
+      }) });
+    } else if (parts[3] === 'render') {
+      const frame = JSON.parse(body);
+      seen.renders.push(frame);
+      const image = draw(frame, { width: frame.viewport.widthPx, height: frame.viewport.heightPx });
+      reply(200, 'image/png', encodePng(image.width, image.height, image.rgb));
+    } else {
+      fail(404, 'NOT_FOUND', `there is no ${url.pathname}`);
+    }
+  } else {
+    const name = normalize(url.pathname === '/' ? 'index.html' : url.pathname.slice(1));
+    const type = TYPES[name.split('.').at(-1)];
+    try {
+      reply(200, type, name.startsWith('..') || !type ? null : await readFile(join(folder, name)));
+    } catch {
+      fail(404, 'NOT_FOUND', `there is no ${url.pathname}`);
+    }
+  }
+}
+
+function serve() {
+  const server = createServer((request, response) => {
+    const chunks = [];
+    request.on('data', (data) => chunks.push(data));
+    request.on('end', () => {
+      const reply = (status, type, body) => {
+        response.writeHead(status, { 'Content-Type': type, 'Cache-Control': 'no-store',
+          'Content-Security-Policy': 'default-src \'none\'; script-src \'self\'; style-src \'self\'; worker-src \'self\' blob:; ' +
+            'img-src \'self\' blob: data:; connect-src \'self\'; base-uri \'none\'; form-action \'none\'' });
+        response.end(body);
+      };
+      respond(request, Buffer.concat(chunks).toString(), reply).catch((error) =>
+        reply(400, 'application/json', JSON.stringify({ code: 'INVALID_ARGUMENT', message: String(error) })));
+    });
+  });
+  server.on('upgrade', upgrade);
+  server.listen(0, '127.0.0.1', () => console.log(server.address().port));
+}
+
+if (import.meta.url === pathToFileURL(process.argv[1]).href) {
+  serve();
+}

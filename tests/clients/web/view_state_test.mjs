@@ -1,0 +1,87 @@
+// The state in the page's address: what is written is read again, number for number.
+import assert from 'node:assert/strict';
+import { readFileSync } from 'node:fs';
+import { test } from 'node:test';
+
+import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
+import { COLOR_MAPS, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
+
+const FULL = {
+  dataset: 'a name/with &=#%:, ünd',
+  surfaces: [
+    { isovalue: 60.1, color: { red: 0.8627, green: 0.1, blue: 1 / 3, alpha: 0.35 },
+      colorBy: { quantity: 'QUANTITY_POSITION_X', colorMap: 'COLOR_MAP_COOL_WARM', range: { min: -1e-7, max: 3e22 },
+        opacity: { atMin: 0, atMax: 0.75 } } },
+    { isovalue: -0.1 + 0.3, color: { red: 1, green: 1, blue: 0, alpha: 1 }, colorBy: { quantity: 'QUANTITY_NORMAL' } },
+    { isovalue: 5e-324 },
+  ],
+  camera: { eye: { x: 0.1 + 0.2, y: -1e-17, z: 1e300 }, target: { x: 1, y: 2, z: 3 }, up: { x: 0, y: 0, z: 1 },
+    perspective: { fovYDegrees: 29.999999999999996 } },
+  clip: { halfSpaces: [{ normal: { x: 1, y: 0, z: -0.5 }, offset: 12.5 }, { normal: { x: 0, y: 1, z: 0 }, offset: -3 }],
+    box: { min: { x: 1, y: 2, z: 3 }, max: { x: 4, y: 5.5, z: 6 } } },
+  caps: { colorMap: 'COLOR_MAP_GREY', range: { min: 0, max: 200 } },
+  lights: [{ direction: { x: -1, y: 1, z: 2 }, intensity: 0.7, color: { red: 1, green: 0.5, blue: 0.25, alpha: 1 }, space: 'SPACE_WORLD' },
+    { direction: { x: 0, y: 0, z: 1 }, intensity: 1, space: 'SPACE_WORLD' }],
+  samples: 4, ambientOcclusion: { radiusPx: 24, strength: 0.5 },
+  silhouette: { widthPx: 3, color: { red: 1, green: 0, blue: 0, alpha: 1 } }, maxLayers: 12,
+  backgroundColor: { red: 0.0431, green: 0.05, blue: 0.08, alpha: 0.5 },
+};
+
+test('a state with everything in it comes back from its hash, bit for bit', () => {
+  const { state, problems } = stateFromHash(`#${stateToHash(FULL)}`);
+  assert.deepEqual(problems, []);
+  assert.deepEqual(state, FULL);
+});
+
+test('a parallel camera, a fitted view and an empty state come back', () => {
+  for (const state of [{}, { clip: { box: { min: { x: 0, y: 0, z: 0 }, max: { x: 1, y: 1, z: 1 } } }, caps: {} },
+    { surfaces: [{ isovalue: 1, colorBy: { quantity: 'QUANTITY_POSITION_Y', colorMap: 'COLOR_MAP_GREY', opacity: { atMin: 1, atMax: 0 } } }] }, { dataset: 'x', cameraFit: 'CAMERA_FIT_SURFACE' },
+    { camera: { eye: { x: 1, y: 0, z: 0 }, target: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 1, z: 0 }, orthographic: { height: 7.25 } } }]) {
+    assert.deepEqual(stateFromHash(stateToHash(state)).state, state);
+  }
+});
+
+test('the hash can be read by people, and survives a mail program that encodes it', () => {
+  const hash = stateToHash({ dataset: 'head', surfaces: [{ isovalue: 60, color: { red: 1, green: 0.5, blue: 0, alpha: 1 } }] });
+  assert.equal(hash, 'dataset=head&surface=60:1,0.5,0');
+  assert.deepEqual(stateFromHash(hash.replace(/,/g, '%2C').replace(/:/g, '%3A')), stateFromHash(hash));
+});
+
+test('what is wrong in a link is left out with a sentence, and the rest is kept', () => {
+  const { state, problems } = stateFromHash('#surface=x&surface=60:1,2&surface=30&eye=1,2&fov-y=&clip-box=1,2,3&' +
+    'clip-plane=0,0,NaN,1&light=Infinity,0,0&color-by=heat&caps=heat&bogus=1&__proto__=1&constructor=2&samples=5&background=red');
+  assert.deepEqual(state, { surfaces: [{ isovalue: 30 }] });
+  assert.equal(problems.length, 13);
+  problems.forEach((sentence) => assert.match(sentence, /of this link was left out: .+\.$/));
+});
+
+test('no link makes the reader throw', () => {
+  let seed = 7;
+  const random = (n) => {
+    seed = (seed * 48271) % 2147483647;
+    return seed % n;
+  };
+  const alphabet = [...'surface=60:1,2&eye%#;+ -.eE0NaNé\u0000'];
+  const whole = [...stateToHash(FULL)];
+  for (let i = 0; i < 2000; ++i) {
+    const text = [...whole];
+    for (let k = 0; k < 1 + random(8); ++k) {
+      text[random(text.length)] = alphabet[random(alphabet.length)];
+    }
+    stateFromHash(text.join(''));
+  }
+});
+
+test('the command of a state quotes what a shell would read otherwise', () => {
+  const command = stateToCommand({ dataset: 'it\'s; rm -rf', surfaces: [{ isovalue: 60 }], caps: {} }, 'a.png');
+  assert.equal(command, 'isoscope render --server HOST:50051 \\\n  --dataset \'it\'\\\'\'s; rm -rf\' \\\n  --surface 60 \\\n  --caps \\\n  --output a.png');
+});
+
+test('the legend has the colours of the pictures', () => {
+  const source = readFileSync(new URL('../../../core/picture/color_map.cc', import.meta.url), 'utf8');
+  for (const [name, word] of [['viridis', 'Viridis'], ['magma', 'Magma'], ['cividis', 'Cividis'], ['turbo', 'Turbo'], ['cool-warm', 'CoolWarm']]) {
+    const table = source.match(new RegExp(`k${word} = \\{([^}]*)\\}`))?.[1].match(/0x[0-9a-f]{6}/g)?.map((hex) => hex.replace('0x', '#'));
+    assert.deepEqual(COLOR_MAP_POINTS[name], table);
+  }
+  assert.deepEqual(Object.keys(COLOR_MAP_POINTS), COLOR_MAPS);
+});
