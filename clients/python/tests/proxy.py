@@ -8,6 +8,9 @@ from concurrent import futures
 
 import grpc
 
+from isoscope._proto.interact_service_pb2 import InteractRequest
+from isoscope._proto.isosurface_service_pb2_grpc import IsosurfaceServiceStub
+
 
 class _Passer(grpc.GenericRpcHandler):
     def __init__(self, proxy):
@@ -15,6 +18,12 @@ class _Passer(grpc.GenericRpcHandler):
 
     def service(self, details):
         proxy, method = self._proxy, details.method
+        if method.endswith("/Interact") and proxy.interact is not None:
+            return grpc.stream_stream_rpc_method_handler(
+                lambda requests, context: proxy.interact(requests, IsosurfaceServiceStub(proxy.upstream)),
+                InteractRequest.FromString,
+                lambda response: response.SerializeToString(),
+            )
 
         def pass_on(request, context):
             proxy.check(method, context)
@@ -33,12 +42,14 @@ class Proxy:
 
     failures: (code, sentence) of the next calls, instead of passing them on.
     token: what the calls must bring.
+    interact: (requests, stub) -> responses, in place of InteractService.Interact.
     seen: (method, metadata, seconds left) of every call.
     """
 
-    def __init__(self, address, *, credentials=None, token=None):
+    def __init__(self, address, *, credentials=None, token=None, interact=None):
         self.upstream = grpc.insecure_channel(address, [("grpc.max_receive_message_length", -1)])
         self.token = token
+        self.interact = interact
         self.failures = []
         self.seen = []
         self._server = grpc.server(futures.ThreadPoolExecutor(4), handlers=[_Passer(self)])

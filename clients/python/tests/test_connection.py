@@ -107,7 +107,7 @@ def test_tls_checks_the_server_and_encrypts_the_token(client, dataset, certifica
         with pytest.raises(isoscope.UnavailableError, match="certificate"):
             isoscope.connect(proxy.address, tls=True, server_name="isoscope.test", connect_timeout=5)
         with pytest.raises(isoscope.UnavailableError):
-            isoscope.connect(proxy.address, ca_file=certificates / "ca.pem", server_name="other.test", connect_timeout=5)
+            isoscope.connect(proxy.address, connect_timeout=5, **{**tls, "server_name": "other.test"})
         with pytest.raises(isoscope.UnavailableError, match="tls=True"):
             isoscope.connect(proxy.address, connect_timeout=5)
 

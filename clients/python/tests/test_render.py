@@ -19,7 +19,8 @@ SIZE = {"size": (160, 120)}
 def by_command(run, client, tmp_path, *flags):
     """The PNG of `isoscope render` from the same server, as the server sent it."""
     path = tmp_path / "by_command.png"
-    run("render", "--server", client.address, "--no-metadata", "--width", 160, "--height", 120, "--output", path, *flags)
+    size = ("--width", 160, "--height", 120)
+    run("render", "--server", client.address, "--no-metadata", *size, "--output", path, *flags)
     return path.read_bytes()
 
 
@@ -31,14 +32,18 @@ def by_command(run, client, tmp_path, *flags):
         ({"azimuth": 33.3, "elevation": -20, "zoom": 1.7}, ("--azimuth", 33.3, "--elevation", -20, "--zoom", 1.7)),
         ({"view": "left", "azimuth": 10}, ("--view", "left", "--azimuth", 10)),
         ({"view": "top", "fit": "surface"}, ("--view", "top", "--fit", "surface")),
-        ({"camera": ((90, 30, 80), (20, 40, 10), (0, 0, 1))}, ("--eye", "90,30,80", "--target", "20,40,10", "--up", "0,0,1")),
+        ({"camera": ((90, 30, 80), (20, 40, 10), (0, 0, 1))},
+         ("--eye", "90,30,80", "--target", "20,40,10", "--up", "0,0,1")),
         ({"background": (0.2, 0.4, 0.6, 0.5)}, ("--background", "0.2,0.4,0.6,0.5")),
-        ({"clip": isoscope.Clip(planes=[(1, 0, 0, 20)], box=(0, 40, 10, 60, 2, 20))}, ("--clip-plane", "1,0,0,20", "--clip-box", "0,40,10,60,2,20")),
-        ({"lights": [Light((1, 1, 2), 0.8), Light((-1, 0, 0), 0.4)]}, ("--light", "1,1,2:0.8", "--light", "-1,0,0:0.4")),
+        ({"clip": isoscope.Clip(planes=[(1, 0, 0, 20)], box=(0, 40, 10, 60, 2, 20))},
+         ("--clip-plane", "1,0,0,20", "--clip-box", "0,40,10,60,2,20")),
+        ({"lights": [Light((1, 1, 2), 0.8), Light((-1, 0, 0), 0.4)]},
+         ("--light", "1,1,2:0.8", "--light", "-1,0,0:0.4")),
         ({"color_by": ColorBy("z", "turbo", (0, 20))}, ("--color-by", "z:turbo:0,20")),
         ({"color_by": ColorBy("normal")}, ("--color-by", "normal")),
         ({"samples": 4}, ("--samples", 4)),
-        ({"ambient_occlusion": True, "silhouette": Silhouette(3, "red")}, ("--ambient-occlusion", "--silhouette", "3:1,0,0")),
+        ({"ambient_occlusion": True, "silhouette": Silhouette(3, "red")},
+         ("--ambient-occlusion", "--silhouette", "3:1,0,0")),
         ({"culling": "none"}, ("--culling", "none")),
         ({"region": (40, 30, 50, 60)}, ("--region", "40,30,50,60")),
     ],

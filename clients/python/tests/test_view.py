@@ -2,8 +2,10 @@
 
 import base64
 import json
+import queue
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import types
@@ -12,7 +14,9 @@ import pytest
 
 import isoscope
 from isoscope import viewer
+from isoscope._proto import interact_service_pb2 as interact_pb
 from isoscope.errors import InvalidArgumentError
+from proxy import Proxy
 
 GATEWAY = "http://localhost:8080/"
 
@@ -33,14 +37,16 @@ def module(tmp_path, monkeypatch):
     return path
 
 
-def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(client, dataset):
+def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(dataset, module, monkeypatch):
+    monkeypatch.setitem(sys.modules, "anywidget", None)
     view = dataset.view(127.5, size=(120, 90))
+    assert view.widget is None
     bundle = view._repr_mimebundle_()
     png = dataset.render(127.5, size=(120, 90)).png
     assert base64.b64decode(bundle["image/png"]) == png
     assert base64.b64encode(png).decode() in bundle["text/html"]
     assert "start the web gateway" in bundle["text/html"] and "<script" not in bundle["text/html"]
-    assert "no gateway" in repr(view) and view.widget is None and view.picked is None
+    assert "the exact picture" in repr(view) and view.picked is None
 
 
 def test_the_suggested_isovalue_is_the_default(dataset):
@@ -84,7 +90,29 @@ class AnyWidget:
 
     def __init__(self, **values):
         self.picked = None
+        self.handlers, self.sent = [], queue.Queue()
         self.__dict__.update(values)
+
+    def on_msg(self, handler):
+        self.handlers.append(handler)
+
+    def send(self, content, buffers):
+        self.sent.put((content, buffers))
+
+    def receive(self, content):
+        """A message from the browser."""
+        for handler in self.handlers:
+            handler(self, content, [])
+
+    def frame(self):
+        """The next frame that goes to the browser: JSON, image, depths."""
+        content, (message,) = self.sent.get(timeout=30)
+        assert content == {"type": "isoscope/frame"}
+        (size,) = struct.unpack_from("<I", message)
+        values = json.loads(message[4 : 4 + size])
+        end = 4 + size + values["image"]["bytes"]
+        assert len(message) == end + values["depthBytes"]
+        return values, message[4 + size : end], message[end:]
 
     def _repr_mimebundle_(self):
         return {"application/vnd.jupyter.widget-view+json": {"model_id": "m"}, "text/plain": "a widget"}, {}
@@ -128,3 +156,59 @@ def isoscope_state(frame):
             "perspective": {"fovYDegrees": camera.fov_y},
         }
     }  # fmt: skip
+
+
+def state_message(sequence_number, frame, **state):
+    view_state = {"sequenceNumber": str(sequence_number), "frame": frame, **state}
+    return {"type": "isoscope/interact", "text": json.dumps({"viewState": view_state})}
+
+
+def test_frames_come_through_the_kernel_where_the_browser_asks_for_it(client, anywidget):
+    def interact(requests, upstream):
+        """A server's side: a moving frame for each state, the exact one at rest."""
+        for number, request in enumerate(requests, 1):
+            if request.HasField("frame_shown"):
+                continue
+            frame = upstream.RenderIsosurface(request.view_state.frame, timeout=30)
+            response = interact_pb.InteractResponse(
+                sequence_number=request.view_state.sequence_number, frame_number=number, frame=frame,
+                is_exact=request.view_state.is_at_rest,
+            )  # fmt: skip
+            response.depth_grid.width, response.depth_grid.depths = 2, b"\1\0\2\0"
+            yield response
+
+    with Proxy(client.address, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
+        dataset = through["shells"]
+        view = dataset.view(127.5, size=(64, 48))
+        assert "the kernel" in repr(view)
+        frame = {**view.state, "viewport": {"widthPx": 64, "heightPx": 48}, "dataset": "another"}
+        view.widget.receive({"type": "isoscope/open"})
+        view.widget.receive(state_message(5, frame, isAtRest=True))
+        values, image, depths = view.widget.frame()
+        assert values["sequenceNumber"] == "5" and values["isExact"] and values["image"]["type"] == "image/png"
+        assert image == dataset.render(127.5, size=(64, 48)).png and depths == b"\1\0\2\0"
+        assert "png" not in values["frame"] and values["frame"]["camera"]["eye"]
+        view.widget.receive({"type": "isoscope/interact", "text": '{"frameShown": {"frameNumber": "1"}}'})
+        view.widget.receive({"type": "isoscope/interact", "text": '{"viewState": {"unknown": 1}}'})
+        assert "unknown" in view.widget.frame()[0]["error"]["message"]
+        view.widget.receive(state_message(6, {**frame, "isovalue": 60}))
+        assert view.widget.frame()[1] == dataset.render(60, size=(64, 48)).png
+        view.widget.receive({"type": "isoscope/close"})
+        view.widget.receive(state_message(7, frame))
+        view.widget.receive({"type": "isoscope/open"})
+        view.widget.receive(state_message(8, frame))
+        assert view.widget.frame()[0]["sequenceNumber"] == "8"
+
+
+def test_the_browser_hears_why_no_frame_comes_through_the_kernel(client, anywidget):
+    def interact(requests, upstream):
+        next(requests)
+        raise Exception("refused")
+        yield
+
+    with Proxy(client.address, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
+        view = through["shells"].view(127.5, size=(64, 48))
+        view.widget.receive({"type": "isoscope/open"})
+        view.widget.receive(state_message(3, {}))
+        values, image, _ = view.widget.frame()
+        assert values["sequenceNumber"] == "3" and "refused" in values["error"]["message"] and image == b""

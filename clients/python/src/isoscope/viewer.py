@@ -2,7 +2,8 @@
 
 The browser's part is one module, isoscope-view.js of clients/web, which talks to the web gateway;
 Python is not in the way of a frame. With anywidget installed it is a widget whose state comes back to
-Python; without, as in Debian's Notebook 6.4, the module is inlined in the cell's HTML. Either way the
+Python, and which gets its frames through the kernel where the browser can't reach the gateway; without,
+as in Debian's Notebook 6.4, the module is inlined in the cell's HTML. Either way the
 cell holds the exact PNG: a saved notebook shows it without a gateway, a kernel or a browser's memory.
 """
 
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from google.protobuf import json_format
 
 from isoscope import _wire
+from isoscope._kernel_frames import KernelFrames
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope.camera import Camera, CameraLike
 from isoscope.errors import FailedPreconditionError, InvalidArgumentError
@@ -89,9 +91,15 @@ class View:
         self._frame: Frame | None = None
         self._frame_request: bytes = b""
         self.widget: Any = None
-        cls = _widget_class() if gateway else None
+        cls = _widget_class()
         if cls is not None:
-            self.widget = cls(url=gateway, token=token, state=self._state(), height=size[1])
+            widget = self.widget = cls(url=gateway, token=token, state=self._state(), height=size[1])
+            # For browsers that can't reach the gateway: the module says when.
+            def send(content: dict[str, Any], buffers: list[bytes]) -> None:
+                widget.send(content, buffers=buffers)
+
+            frames = KernelFrames(dataset._client, send, dataset.name)
+            widget.on_msg(lambda _, content, buffers: frames.handle(content))
 
     @property
     def state(self) -> dict[str, Any]:
@@ -136,11 +144,11 @@ class View:
         return f"View({self.dataset.name!r}, {self._how()})"
 
     def _how(self) -> str:
-        if not self.gateway:
-            return "the exact picture: no gateway"
         if module_path() is None:
             return f"the exact picture: this package was built without {_MODULE}"
-        return f"{'widget' if self.widget is not None else 'inlined'}, frames from {self.gateway}"
+        if self.widget is not None:
+            return f"widget, frames from {self.gateway + ', else' if self.gateway else ''} the kernel"
+        return f"inlined, frames from {self.gateway}" if self.gateway else "the exact picture: no gateway"
 
     def _current(self) -> pb.RenderIsosurfaceRequest:
         """Returns a copy of the request that is shown."""
@@ -198,11 +206,11 @@ class View:
         )
 
     def _hint(self) -> str:
-        if self.gateway:
+        if module_path() is None:
             return f"The exact picture. This package was built without {_MODULE}: build the wheel from a checkout."
         return (
             "The exact picture. For the surface under the mouse, start the web gateway beside the coordinator "
-            f"({self.dataset._client.address}) and pass view(gateway='http://HOST:PORT/')."
+            f"({self.dataset._client.address}) and pass view(gateway='http://HOST:PORT/'), or install anywidget."
         )
 
 
