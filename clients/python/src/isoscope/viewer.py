@@ -209,8 +209,9 @@ class View:
         if module_path() is None:
             return f"The exact picture. This package was built without {_MODULE}: build the wheel from a checkout."
         return (
-            "The exact picture. For the surface under the mouse, start the web gateway beside the coordinator "
-            f"({self.dataset._client.address}) and pass view(gateway='http://HOST:PORT/'), or install anywidget."
+            "The exact picture. For the surface under the mouse, start the web gateway: "
+            f"'isoscope-gateway --server {self.dataset._client.address} --allow-origin ORIGIN', with the origin of this "
+            "page, such as http://localhost:8888, and pass view(gateway='http://localhost:8080/'); or install anywidget."
         )
 
 
