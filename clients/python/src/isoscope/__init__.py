@@ -1,0 +1,114 @@
+"""Isoscope: isosurfaces of volumes too large for one machine, as exact pictures and meshes.
+
+    import isoscope
+
+    with isoscope.connect("host:50051") as client:
+        head = client["head"]
+        frame = head.render(isovalue=60, view="anterior", size=(800, 600))
+        frame.save("head.png")
+        frame.depth                     # float32, shape (600, 800)
+        points, triangles = head.mesh(60)
+
+`isoscope.serve("head.nii.gz")` starts the programs of this machine; `isoscope.aio` has the same for
+asyncio. World coordinates are those of the volume; colours are sRGB; row 0 of a picture is the top.
+"""
+
+from isoscope import _environment  # before gRPC is imported
+from isoscope._channel import DEFAULT_PORT, DEFAULT_TIMEOUT
+from isoscope import aio, errors
+from isoscope._version import __version__
+from isoscope.camera import VIEWS, Camera
+from isoscope.client import Client, Dataset, connect
+from isoscope.data import (
+    AgentState,
+    AgentStatistics,
+    Capabilities,
+    DatasetInfo,
+    Histogram,
+    Mesh,
+    PickedPoint,
+    Statistics,
+    Suggestion,
+    SurfaceColoring,
+    SurfaceStatistics,
+)
+from isoscope.errors import (
+    CancelledError,
+    DataLossError,
+    DeadlineExceededError,
+    FailedPreconditionError,
+    InternalError,
+    InvalidArgumentError,
+    IsoscopeError,
+    NotFoundError,
+    PermissionDeniedError,
+    ProgramError,
+    ResourceExhaustedError,
+    UnauthenticatedError,
+    UnavailableError,
+    UnimplementedError,
+)
+from isoscope.frame import Frame
+from isoscope.local import serve
+from isoscope.look import (
+    AmbientOcclusion,
+    Caps,
+    Clip,
+    ColorBy,
+    Light,
+    Material,
+    Plane,
+    Silhouette,
+    Surface,
+)
+from isoscope.viewer import View
+
+__all__ = [
+    "DEFAULT_PORT",
+    "DEFAULT_TIMEOUT",
+    "VIEWS",
+    "AgentState",
+    "AgentStatistics",
+    "AmbientOcclusion",
+    "CancelledError",
+    "Camera",
+    "Capabilities",
+    "Caps",
+    "Client",
+    "Clip",
+    "ColorBy",
+    "DataLossError",
+    "Dataset",
+    "DatasetInfo",
+    "DeadlineExceededError",
+    "FailedPreconditionError",
+    "Frame",
+    "Histogram",
+    "InternalError",
+    "InvalidArgumentError",
+    "IsoscopeError",
+    "Light",
+    "Material",
+    "Mesh",
+    "NotFoundError",
+    "PermissionDeniedError",
+    "PickedPoint",
+    "Plane",
+    "ProgramError",
+    "ResourceExhaustedError",
+    "Silhouette",
+    "Statistics",
+    "Suggestion",
+    "Surface",
+    "SurfaceColoring",
+    "SurfaceStatistics",
+    "UnauthenticatedError",
+    "UnavailableError",
+    "UnimplementedError",
+    "View",
+    "__version__",
+    "aio",
+    "connect",
+    "errors",
+    "serve",
+]

@@ -1,0 +1,256 @@
+"""Connections: addresses, TLS, tokens, message sizes, retries; one channel for each process."""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import os
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import grpc
+
+from isoscope._version import __version__
+from isoscope.errors import CancelledError, InvalidArgumentError
+
+
+DEFAULT_PORT = 50051
+#: Deadline of a call in seconds, unless the client or the call says otherwise.
+DEFAULT_TIMEOUT = 120.0
+#: Deadline of the first call, which finds out whether a server is there.
+CONNECT_TIMEOUT = 10.0
+_MAX_MESSAGE_BYTES = 256 << 20
+_MIB = 1 << 20
+
+# Only what cannot have been done, and all calls are idempotent: a call is tried four times within some
+# two seconds, as long as no part of its answer has come.
+_SERVICE_CONFIG = {
+    "methodConfig": [
+        {
+            "name": [
+                {"service": f"isoscope.v1.{service}"}
+                for service in ("IsosurfaceService", "DatasetService", "ClusterService")
+            ],
+            "retryPolicy": {
+                "maxAttempts": 4,
+                "initialBackoff": "0.2s",
+                "maxBackoff": "1.5s",
+                "backoffMultiplier": 2.5,
+                "retryableStatusCodes": ["UNAVAILABLE"],
+            },
+        }
+    ]
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where and how to connect.
+
+    Attributes:
+        address: a gRPC target: HOST:PORT, or unix:PATH.
+        tls: whether the connection is encrypted.
+        ca_file, cert_file, key_file: PEM files; without `ca_file` gRPC's own roots hold.
+        server_name: name that the server's certificate has, where it isn't that of the address.
+        token: sent as `authorization: Bearer` with each call.
+        metadata: more pairs for each call.
+        timeout: deadline of a call, seconds.
+    """
+
+    address: str
+    tls: bool = False
+    ca_file: str | None = None
+    cert_file: str | None = None
+    key_file: str | None = None
+    server_name: str | None = None
+    token: str | None = field(default=None, repr=False)
+    metadata: tuple[tuple[str, str], ...] = field(default=(), repr=False)
+    timeout: float = DEFAULT_TIMEOUT
+
+    def call_metadata(self) -> tuple[tuple[str, str], ...]:
+        """Returns the metadata of each call."""
+        return self.metadata + ((("authorization", f"Bearer {self.token}"),) if self.token else ())
+
+    def credentials(self) -> Any:
+        """Returns gRPC's credentials; InvalidArgumentError if a file can't be read."""
+        return grpc.ssl_channel_credentials(
+            root_certificates=_read(self.ca_file, "ca_file"),
+            private_key=_read(self.key_file, "key_file"),
+            certificate_chain=_read(self.cert_file, "cert_file"),
+        )
+
+    def options(self) -> list[tuple[str, Any]]:
+        """Returns the options of a channel: those of our C++ clients, and retries."""
+        options: list[tuple[str, Any]] = [
+            ("grpc.primary_user_agent", f"isoscope-python/{__version__}"),
+            ("grpc.max_receive_message_length", _MAX_MESSAGE_BYTES),
+            ("grpc.max_send_message_length", _MAX_MESSAGE_BYTES),
+            ("grpc.enable_retries", 1),
+            ("grpc.service_config", json.dumps(_SERVICE_CONFIG)),
+            ("grpc.keepalive_time_ms", 10_000),
+            ("grpc.keepalive_timeout_ms", 5_000),
+            ("grpc.http2.max_pings_without_data", 0),
+            ("grpc.initial_reconnect_backoff_ms", 50),
+            ("grpc.max_reconnect_backoff_ms", 1_000),
+            ("grpc.min_reconnect_backoff_ms", 5_000),
+            ("grpc.enable_http_proxy", 0),
+            ("grpc.use_local_subchannel_pool", 1),
+            ("grpc.http2.lookahead_bytes", _MIB),
+            ("grpc.http2.max_frame_size", _MIB),
+            ("grpc.experimental.tcp_read_chunk_size", _MIB // 4),
+            ("grpc.experimental.tcp_min_read_chunk_size", _MIB // 16),
+        ]
+        if self.server_name:
+            options.append(("grpc.ssl_target_name_override", self.server_name))
+        return options
+
+
+def _read(path: str | None, name: str) -> bytes | None:
+    if path is None:
+        return None
+    try:
+        with open(path, "rb") as file:
+            return file.read()
+    except OSError as error:
+        raise InvalidArgumentError(f"{name}: can't read {path!r}: {error.strerror}") from error
+
+
+def make_target(
+    address: str,
+    *,
+    tls: bool | None,
+    ca_file: str | os.PathLike[str] | None,
+    cert_file: str | os.PathLike[str] | None,
+    key_file: str | os.PathLike[str] | None,
+    server_name: str | None,
+    token: str | None,
+    allow_insecure_token: bool,
+    metadata: Sequence[tuple[str, str]],
+    timeout: float,
+) -> Target:
+    """Returns a checked target; InvalidArgumentError says what does not fit."""
+    if address.startswith(("http://", "https://")):
+        raise InvalidArgumentError(
+            f"address {address!r}: that is the form of a web gateway's address; give the coordinator's, HOST:PORT "
+            f"(default port: {DEFAULT_PORT})"
+        )
+    if (cert_file is None) != (key_file is None):
+        raise InvalidArgumentError("cert_file and key_file belong together: give both or neither")
+    if not timeout > 0:
+        raise InvalidArgumentError(f"timeout {timeout!r}: must be above 0 seconds")
+    files = {"ca_file": ca_file, "cert_file": cert_file, "key_file": key_file, "server_name": server_name}
+    if tls is False and any(value is not None for value in files.values()):
+        raise InvalidArgumentError("tls=False can't be given with ca_file, cert_file, key_file or server_name")
+    secure = any(value is not None for value in files.values()) if tls is None else tls
+    full = _with_port(address)
+    if token and not secure and not allow_insecure_token and not _is_local(full):
+        raise InvalidArgumentError(
+            f"a token would go to {full} unencrypted: pass tls=True or ca_file=..., or allow_insecure_token=True where "
+            "the way there is encrypted by other means"
+        )
+    paths = {
+        name: None if value is None else os.fspath(value) for name, value in files.items() if name != "server_name"
+    }
+    return Target(
+        address=full,
+        tls=secure,
+        server_name=server_name,
+        token=token,
+        metadata=tuple((str(key).lower(), str(value)) for key, value in metadata),
+        timeout=timeout,
+        **paths,
+    )
+
+
+def _with_port(address: str) -> str:
+    """Adds the default port to a host without one."""
+    text = address.strip()
+    if not text:
+        raise InvalidArgumentError("address is empty: give the coordinator's, HOST:PORT")
+    if text.startswith(("unix:", "dns:", "ipv4:", "ipv6:", "xds:")):
+        return text
+    if text.startswith("["):
+        return text if "]:" in text else f"{text}:{DEFAULT_PORT}"
+    if text.count(":") > 1:
+        return f"[{text}]:{DEFAULT_PORT}"
+    host, colon, port = text.partition(":")
+    if colon and not (port.isdigit() and 0 < int(port) < 65536):
+        raise InvalidArgumentError(f"address {address!r}: the port must be a number from 1 to 65535, as in HOST:PORT")
+    if not host:
+        raise InvalidArgumentError(f"address {address!r}: the host is missing; give HOST:PORT")
+    return text if colon else f"{text}:{DEFAULT_PORT}"
+
+
+def _is_local(address: str) -> bool:
+    if address.startswith("unix:"):
+        return True
+    host = address.rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class ProcessChannel:
+    """A channel that is made when it is first used, and anew in a forked child. Thread-safe."""
+
+    def __init__(self, target: Target, make: Callable[[Target], Any]) -> None:
+        self._target = target
+        self._make = make
+        self._lock = threading.Lock()
+        self._pid = -1
+        self._channel: Any = None
+        self._closed = False
+        os.register_at_fork(after_in_child=_renew_lock(self))
+
+    def get(self) -> Any:
+        """Returns this process's channel; CancelledError if the client is closed."""
+        with self._lock:
+            if self._closed:
+                raise CancelledError(f"the client of {self._target.address} is closed")
+            if self._channel is None or self._pid != os.getpid():
+                # The parent's is left alone: its sockets and threads are the parent's.
+                self._channel = self._make(self._target)
+                self._pid = os.getpid()
+            return self._channel
+
+    def take_to_close(self) -> Any:
+        """Returns the channel to close, or None, and refuses calls from now on."""
+        with self._lock:
+            channel = self._channel if self._pid == os.getpid() else None
+            self._channel, self._closed = None, True
+            return channel
+
+
+def _renew_lock(channel: ProcessChannel) -> Callable[[], None]:
+    """Returns what a forked child does: another thread of the parent may have held the lock."""
+    import weakref
+
+    alive = weakref.ref(channel)
+
+    def renew() -> None:
+        one = alive()
+        if one is not None:
+            one._lock = threading.Lock()
+
+    return renew
+
+
+def make_channel(target: Target) -> Any:
+    """Returns a blocking channel."""
+    if target.tls:
+        return grpc.secure_channel(target.address, target.credentials(), target.options())
+    return grpc.insecure_channel(target.address, target.options())
+
+
+def make_aio_channel(target: Target) -> Any:
+    """Returns a channel of the running event loop."""
+    import grpc.aio
+
+    if target.tls:
+        return grpc.aio.secure_channel(target.address, target.credentials(), target.options())
+    return grpc.aio.insecure_channel(target.address, target.options())

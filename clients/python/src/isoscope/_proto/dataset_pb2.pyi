@@ -1,0 +1,80 @@
+from isoscope._proto import geometry_pb2 as _geometry_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Mapping, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+SAMPLE_TYPE_FLOAT32: SampleType
+SAMPLE_TYPE_FLOAT64: SampleType
+SAMPLE_TYPE_INT16: SampleType
+SAMPLE_TYPE_INT32: SampleType
+SAMPLE_TYPE_INT8: SampleType
+SAMPLE_TYPE_UINT16: SampleType
+SAMPLE_TYPE_UINT32: SampleType
+SAMPLE_TYPE_UINT8: SampleType
+SAMPLE_TYPE_UNSPECIFIED: SampleType
+
+class Dataset(_message.Message):
+    __slots__ = ["block_cells", "block_count", "dataset_id", "geometry", "max_gradient_magnitude", "missing_shards", "name", "patient_frame", "sample_type", "samples_digest", "shard_count", "source", "value_range"]
+    BLOCK_CELLS_FIELD_NUMBER: _ClassVar[int]
+    BLOCK_COUNT_FIELD_NUMBER: _ClassVar[int]
+    DATASET_ID_FIELD_NUMBER: _ClassVar[int]
+    GEOMETRY_FIELD_NUMBER: _ClassVar[int]
+    MAX_GRADIENT_MAGNITUDE_FIELD_NUMBER: _ClassVar[int]
+    MISSING_SHARDS_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    PATIENT_FRAME_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_DIGEST_FIELD_NUMBER: _ClassVar[int]
+    SAMPLE_TYPE_FIELD_NUMBER: _ClassVar[int]
+    SHARD_COUNT_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    VALUE_RANGE_FIELD_NUMBER: _ClassVar[int]
+    block_cells: Dimensions
+    block_count: int
+    dataset_id: str
+    geometry: GridGeometry
+    max_gradient_magnitude: float
+    missing_shards: _containers.RepeatedScalarFieldContainer[int]
+    name: str
+    patient_frame: str
+    sample_type: SampleType
+    samples_digest: str
+    shard_count: int
+    source: str
+    value_range: ValueRange
+    def __init__(self, name: _Optional[str] = ..., dataset_id: _Optional[str] = ..., source: _Optional[str] = ..., geometry: _Optional[_Union[GridGeometry, _Mapping]] = ..., sample_type: _Optional[_Union[SampleType, str]] = ..., value_range: _Optional[_Union[ValueRange, _Mapping]] = ..., block_cells: _Optional[_Union[Dimensions, _Mapping]] = ..., block_count: _Optional[int] = ..., shard_count: _Optional[int] = ..., missing_shards: _Optional[_Iterable[int]] = ..., samples_digest: _Optional[str] = ..., patient_frame: _Optional[str] = ..., max_gradient_magnitude: _Optional[float] = ...) -> None: ...
+
+class Dimensions(_message.Message):
+    __slots__ = ["x", "y", "z"]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    x: int
+    y: int
+    z: int
+    def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ..., z: _Optional[int] = ...) -> None: ...
+
+class GridGeometry(_message.Message):
+    __slots__ = ["direction_columns", "origin", "sample_dims", "spacing"]
+    DIRECTION_COLUMNS_FIELD_NUMBER: _ClassVar[int]
+    ORIGIN_FIELD_NUMBER: _ClassVar[int]
+    SAMPLE_DIMS_FIELD_NUMBER: _ClassVar[int]
+    SPACING_FIELD_NUMBER: _ClassVar[int]
+    direction_columns: _containers.RepeatedCompositeFieldContainer[_geometry_pb2.Vec3]
+    origin: _geometry_pb2.Vec3
+    sample_dims: Dimensions
+    spacing: _geometry_pb2.Vec3
+    def __init__(self, sample_dims: _Optional[_Union[Dimensions, _Mapping]] = ..., spacing: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., origin: _Optional[_Union[_geometry_pb2.Vec3, _Mapping]] = ..., direction_columns: _Optional[_Iterable[_Union[_geometry_pb2.Vec3, _Mapping]]] = ...) -> None: ...
+
+class ValueRange(_message.Message):
+    __slots__ = ["max", "min"]
+    MAX_FIELD_NUMBER: _ClassVar[int]
+    MIN_FIELD_NUMBER: _ClassVar[int]
+    max: float
+    min: float
+    def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ...) -> None: ...
+
+class SampleType(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = []

@@ -1,0 +1,422 @@
+"""What a server answers: datasets, histograms, statistics, picked points, meshes."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from isoscope.camera import Camera, Vec3, default_camera, named_camera
+from isoscope.errors import IsoscopeError
+
+if TYPE_CHECKING:
+    from isoscope.look import ColorBy
+
+__all__ = [
+    "AgentState",
+    "AgentStatistics",
+    "Capabilities",
+    "DatasetInfo",
+    "Histogram",
+    "Mesh",
+    "PickedPoint",
+    "Statistics",
+    "Suggestion",
+    "SurfaceColoring",
+    "SurfaceStatistics",
+]
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """Version and limits of a server.
+
+    Attributes:
+        version: as `isoscope-coordinator --version` prints it.
+        max_viewport: largest side of a picture, pixels.
+        max_concurrent_frames: most frames in work at a time; more wait.
+        max_queued_frames: most frames that wait; more are refused with ResourceExhaustedError.
+        max_message_bytes: largest message.
+        max_frame_seconds: longest time of a frame.
+        gateway_address: address of the web gateway, such as "https://host:8080/"; "" if there is none.
+    """
+
+    version: str
+    max_viewport: int
+    max_concurrent_frames: int
+    max_queued_frames: int
+    max_message_bytes: int
+    max_frame_seconds: float
+    gateway_address: str = ""
+
+
+@dataclass(frozen=True)
+class AgentState:
+    """One agent of the cluster, as the coordinator last saw it.
+
+    Attributes:
+        address: as the coordinator dials it.
+        is_reachable: whether it answers; `message` says why not.
+        message: "" if all is well.
+        version, renderer, picture_revision: for people.
+        shards: (dataset name, shard index, number of blocks) of each shard that it serves.
+    """
+
+    address: str
+    is_reachable: bool
+    message: str
+    version: str
+    renderer: str
+    picture_revision: str
+    shards: tuple[tuple[str, int, int], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetInfo:
+    """Describes a partitioned volume.
+
+    Attributes:
+        name: name in the cluster.
+        id: digest of content and partitioning, 32 hexadecimal digits.
+        source: file name of the volume, for people.
+        dims: samples along x, y, z; a numpy array of the volume has the shape dims[::-1].
+        spacing: world units between samples along x, y, z.
+        origin: world position of sample (0, 0, 0).
+        direction: the world directions of the index axes: three vectors, of x, of y, of z.
+        dtype: type of the samples.
+        range: smallest and largest sample; None if all are NaN.
+        block_cells: cells of a block along x, y, z.
+        block_count: number of blocks.
+        shard_count: number of shards.
+        missing_shards: shards that no agent serves; empty if frames can be rendered.
+        samples_digest: digest of samples and grid, however they were partitioned; "" if unknown.
+        patient_frame: sides of the patient that +x, +y, +z point to, such as "LPS"; "" if there is none.
+        max_gradient: bound of the gradient's length, field units per world unit; None if unknown.
+    """
+
+    name: str
+    id: str
+    source: str
+    dims: tuple[int, int, int]
+    spacing: Vec3
+    origin: Vec3
+    direction: tuple[Vec3, Vec3, Vec3]
+    dtype: np.dtype[Any]
+    range: tuple[float, float] | None
+    block_cells: tuple[int, int, int]
+    block_count: int
+    shard_count: int
+    missing_shards: tuple[int, ...] = ()
+    samples_digest: str = ""
+    patient_frame: str = ""
+    max_gradient: float | None = None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether all shards are served, so that frames can be rendered."""
+        return not self.missing_shards
+
+    @property
+    def world_from_index(self) -> npt.NDArray[np.float64]:
+        """Matrix of shape (4, 4): world position (x, y, z, 1) of an index position (i, j, k, 1)."""
+        matrix = np.eye(4)
+        for axis in (0, 1, 2):
+            matrix[:3, axis] = np.asarray(self.direction[axis]) * self.spacing[axis]
+        matrix[:3, 3] = self.origin
+        return matrix
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float, float, float]:
+        """World box of the samples: (x_min, x_max, y_min, y_max, z_min, z_max), as PyVista's bounds."""
+        lower, upper = self._box()
+        return (lower[0], upper[0], lower[1], upper[1], lower[2], upper[2])
+
+    @property
+    def center(self) -> Vec3:
+        """Middle of the bounds, world space."""
+        return self.default_camera.target
+
+    @property
+    def default_camera(self) -> Camera:
+        """The camera that sees all of the volume along -z with +y up."""
+        return default_camera(*self._box())
+
+    def camera(self, view: str = "front", azimuth: float = 0, elevation: float = 0, zoom: float = 1) -> Camera:
+        """Returns the camera from a side (isoscope.VIEWS), turned (degrees) and zoomed from there."""
+        camera = named_camera(view, *self._box(), self.patient_frame)
+        camera = camera.azimuth(azimuth) if azimuth else camera
+        camera = camera.elevation(elevation) if elevation else camera
+        return camera.zoom(zoom) if zoom != 1 else camera
+
+    def _box(self) -> tuple[Vec3, Vec3]:
+        """Least and greatest world coordinates, in the order of operations of the C++ code."""
+        columns = [[d * s for d in column] for column, s in zip(self.direction, self.spacing)]
+        corners = []
+        for corner in np.ndindex(2, 2, 2):
+            index = [float(self.dims[axis] - 1) if corner[axis] else 0.0 for axis in (0, 1, 2)]
+            corners.append(
+                [
+                    columns[0][row] * index[0]
+                    + columns[1][row] * index[1]
+                    + columns[2][row] * index[2]
+                    + self.origin[row]
+                    for row in (0, 1, 2)
+                ]
+            )
+        lower = tuple(min(corner[row] for corner in corners) for row in (0, 1, 2))
+        upper = tuple(max(corner[row] for corner in corners) for row in (0, 1, 2))
+        return (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
+
+    def _repr_html_(self) -> str:
+        return html_table(
+            self.name,
+            [
+                ("samples", f"{self.dims[0]} × {self.dims[1]} × {self.dims[2]}, {self.dtype.name}"),
+                ("spacing", " × ".join(f"{value:g}" for value in self.spacing)),
+                ("range", "no finite sample" if self.range is None else f"{self.range[0]:g} to {self.range[1]:g}"),
+                ("source", self.source),
+                ("patient frame", self.patient_frame or "none"),
+                ("shards", f"{self.shard_count}" + ("" if self.is_ready else f", missing {self.missing_shards}")),
+            ],
+        )
+
+
+def html_table(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Returns a small table for notebooks."""
+    cells = "".join(
+        f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+        f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
+        for name, value in rows
+    )
+    return f"<table><caption style='text-align:left'><b>{html.escape(title)}</b></caption>{cells}</table>"
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """An isovalue that is worth a look.
+
+    Attributes:
+        method: "between_classes" (Otsu 1979) or "one_percent" (encloses 1 % of the samples).
+        isovalue: in field units.
+        inside_fraction: share of the samples that are inside (>= isovalue), in (0, 1).
+    """
+
+    method: Literal["between_classes", "one_percent", "unknown"]
+    isovalue: float
+    inside_fraction: float
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Samples by value, and what the surface at each value costs. Arrays have one element for each bin.
+
+    Attributes:
+        edges: float64, shape (bins + 1,): bin i holds edges[i] <= value < edges[i + 1], field units.
+        counts: int64: samples in each bin; all 0 without `has_counts`.
+        active_blocks: int64: blocks that the surface in the middle of the bin meets.
+        active_bytes: int64: their size in the shards: the most that a first frame reads.
+        triangles: int64: estimated triangles of that surface, mostly within a factor of 2.
+        has_counts: whether samples were counted when the volume was partitioned.
+        nan_count, negative_infinity_count, positive_infinity_count: samples outside of all bins.
+        suggestions: isovalues that are worth a look.
+    """
+
+    edges: npt.NDArray[np.float64]
+    counts: npt.NDArray[np.int64]
+    active_blocks: npt.NDArray[np.int64]
+    active_bytes: npt.NDArray[np.int64]
+    triangles: npt.NDArray[np.int64]
+    has_counts: bool
+    nan_count: int
+    negative_infinity_count: int
+    positive_infinity_count: int
+    suggestions: tuple[Suggestion, ...]
+
+    @property
+    def centers(self) -> npt.NDArray[np.float64]:
+        """Middle of each bin, field units, shape (bins,)."""
+        return (self.edges[:-1] + self.edges[1:]) / 2
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    def __repr__(self) -> str:
+        ends = f"{self.edges[0]:g} to {self.edges[-1]:g}" if len(self) else "empty"
+        return f"Histogram({len(self)} bins, {ends}, {int(self.counts.sum())} samples)"
+
+
+@dataclass(frozen=True)
+class SurfaceStatistics:
+    """Cost of one surface of a frame: triangles, and grid edges that it crosses, in the drawn blocks."""
+
+    triangles: int
+    vertices: int
+
+
+@dataclass(frozen=True)
+class AgentStatistics:
+    """Cost of one agent's part in a frame. Seconds are wall time.
+
+    Attributes:
+        address: as the coordinator dialled it.
+        shards: shards that it worked on.
+        active_blocks, visible_blocks: blocks that a surface meets; that were drawn.
+        triangles: extracted for this frame.
+        read_bytes: read from disk.
+        busy_seconds: all its work; extract_seconds and render_seconds are parts of it.
+    """
+
+    address: str
+    shards: tuple[int, ...]
+    active_blocks: int
+    visible_blocks: int
+    triangles: int
+    read_bytes: int
+    busy_seconds: float
+    extract_seconds: float
+    render_seconds: float
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Cost of one frame, over all agents. Seconds are wall time in the coordinator.
+
+    Attributes:
+        active_blocks: blocks that a surface meets and that are not clipped.
+        visible_blocks: blocks that were extracted and drawn.
+        culled_blocks: active blocks outside the view, or hidden.
+        occluding_blocks: blocks that were drawn first.
+        triangles: extracted for this frame, of all surfaces.
+        vertices: grid edges that cross an isovalue, in the drawn blocks.
+        read_bytes: read from shards; bytes found in a cache don't count.
+        network_bytes: of messages between coordinator and agents.
+        png_bytes: size of the PNG; 0 if none was asked for.
+        truncated_pixels: pixels with more translucent fragments than max_layers.
+        step_seconds: wall time by step: "occluder_selection", "occluder_rendering",
+            "visibility_culling", "composite", "encode".
+        agents: parts of the agents.
+        surfaces: by surface, in the order of the request.
+    """
+
+    active_blocks: int
+    visible_blocks: int
+    culled_blocks: int
+    occluding_blocks: int
+    triangles: int
+    vertices: int
+    read_bytes: int
+    network_bytes: int
+    png_bytes: int
+    truncated_pixels: int
+    step_seconds: dict[str, float] = field(default_factory=dict)
+    agents: tuple[AgentStatistics, ...] = ()
+    surfaces: tuple[SurfaceStatistics, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Time of the frame in the coordinator."""
+        return sum(self.step_seconds.values())
+
+
+@dataclass(frozen=True)
+class SurfaceColoring:
+    """How a surface with a `color_by` was coloured: with the map and range that were used, for a legend."""
+
+    surface: int
+    color_by: ColorBy
+
+
+@dataclass(frozen=True)
+class PickedPoint:
+    """What one pixel shows.
+
+    Attributes:
+        pixel: (column, row), row 0 at the top.
+        position: point on the surface, world space.
+        depth: distance from the eye along the view axis, world units.
+        surface: index of the surface in the request, from 0.
+        normal: unit vector towards smaller values, world space; None if the surface has none there.
+        gradient: of the field, field units per world unit; None where it is not finite.
+        block: id of the block that drew it.
+        shard: shard that holds the block; None if unknown.
+    """
+
+    pixel: tuple[int, int]
+    position: Vec3
+    depth: float
+    surface: int
+    normal: Vec3 | None
+    gradient: Vec3 | None
+    block: int
+    shard: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Whole isosurfaces as one mesh, each welded.
+
+    Attributes:
+        points: float32, shape (n, 3): world positions.
+        normals: float32, shape (n, 3): unit vectors towards smaller values, or 0.
+        triangles: int64, shape (m, 3): indices of points, counter-clockwise seen from the side where
+            the field is below the isovalue.
+        triangle_surface: uint8, shape (m,): index of the surface of each triangle.
+        isovalues: isovalue of each surface.
+    """
+
+    points: npt.NDArray[np.float32]
+    normals: npt.NDArray[np.float32]
+    triangles: npt.NDArray[np.int64]
+    triangle_surface: npt.NDArray[np.uint8]
+    isovalues: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{value:g}" for value in self.isovalues)
+        return f"Mesh({len(self.points)} points, {len(self.triangles)} triangles, isovalues {values})"
+
+    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
+        """Gives points, triangles: `points, triangles = mesh`."""
+        yield self.points
+        yield self.triangles
+
+    @property
+    def area(self) -> float:
+        """Sum of the areas of all triangles, world units squared."""
+        return float(self._cross().sum())
+
+    def surface(self, index: int) -> Mesh:
+        """Returns one surface alone, its points numbered anew."""
+        if not -len(self.isovalues) <= index < len(self.isovalues):
+            raise IndexError(f"surface {index}: the mesh has {len(self.isovalues)}")
+        index %= len(self.isovalues)
+        triangles = self.triangles[self.triangle_surface == index]
+        used, renumbered = np.unique(triangles, return_inverse=True)
+        return Mesh(
+            self.points[used],
+            self.normals[used],
+            renumbered.reshape(-1, 3).astype(np.int64),
+            np.zeros(len(triangles), np.uint8),
+            (self.isovalues[index],),
+        )
+
+    def to_pyvista(self) -> Any:
+        """Returns a pyvista.PolyData with point normals "Normals" and cell data "surface"."""
+        try:
+            import pyvista
+        except ImportError as error:
+            raise IsoscopeError("to_pyvista needs PyVista: pip install pyvista") from error
+        faces = np.empty((len(self.triangles), 4), np.int64)
+        faces[:, 0] = 3
+        faces[:, 1:] = self.triangles
+        poly = pyvista.PolyData(self.points, faces.ravel())
+        poly.point_data["Normals"] = self.normals
+        poly.cell_data["surface"] = self.triangle_surface
+        return poly
+
+    def _cross(self) -> npt.NDArray[np.float64]:
+        a, b, c = (self.points[self.triangles[:, corner]].astype(np.float64) for corner in (0, 1, 2))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)

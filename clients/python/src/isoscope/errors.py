@@ -1,0 +1,195 @@
+"""Errors: one class for each gRPC status code, with the server's sentence as message.
+
+Each is an `IsoscopeError`; where Python has a class of the same meaning, it is that as well, so that
+`except ValueError`, `except LookupError`, `except ConnectionError` and `except TimeoutError` work.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+import grpc
+
+__all__ = [
+    "CancelledError",
+    "DataLossError",
+    "DeadlineExceededError",
+    "FailedPreconditionError",
+    "InternalError",
+    "InvalidArgumentError",
+    "IsoscopeError",
+    "NotFoundError",
+    "PermissionDeniedError",
+    "ProgramError",
+    "ResourceExhaustedError",
+    "UnauthenticatedError",
+    "UnavailableError",
+    "UnimplementedError",
+]
+
+
+class IsoscopeError(Exception):
+    """Base of all errors of this package.
+
+    Attributes:
+        code: name of the gRPC status code, such as "INVALID_ARGUMENT"; "UNKNOWN" where there is none.
+        message: a sentence for people: what is wrong, where, and what is allowed.
+    """
+
+    code = "UNKNOWN"
+
+    def __init__(self, message: str, code: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        if code is not None:
+            self.code = code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (type(self), (self.message, self.code))
+
+
+class InvalidArgumentError(IsoscopeError, ValueError):
+    """An argument is out of its range; the message names it, its value and the allowed values."""
+
+    code = "INVALID_ARGUMENT"
+
+
+class NotFoundError(IsoscopeError, LookupError):
+    """There is no dataset of that name; the message lists the datasets."""
+
+    code = "NOT_FOUND"
+
+
+class FailedPreconditionError(IsoscopeError):
+    """The dataset's shards are not all served, or the agents don't fit each other."""
+
+    code = "FAILED_PRECONDITION"
+
+
+class ResourceExhaustedError(IsoscopeError):
+    """Too many frames wait (try later), or the picture needs more memory than the server may use."""
+
+    code = "RESOURCE_EXHAUSTED"
+
+
+class UnavailableError(IsoscopeError, ConnectionError):
+    """No server answers, or an agent was lost during the frame; was tried again before it came here."""
+
+    code = "UNAVAILABLE"
+
+
+class DeadlineExceededError(IsoscopeError, TimeoutError):
+    """The call's time was up."""
+
+    code = "DEADLINE_EXCEEDED"
+
+
+class CancelledError(IsoscopeError):
+    """The call was cancelled, or the client was closed meanwhile."""
+
+    code = "CANCELLED"
+
+
+class DataLossError(IsoscopeError):
+    """A shard is damaged; the message names the place. For whoever runs the server."""
+
+    code = "DATA_LOSS"
+
+
+class InternalError(IsoscopeError):
+    """A bug of the server."""
+
+    code = "INTERNAL"
+
+
+class UnimplementedError(IsoscopeError):
+    """The server is too old for this call, or is no Isoscope server."""
+
+    code = "UNIMPLEMENTED"
+
+
+class UnauthenticatedError(IsoscopeError, PermissionError):
+    """The server wants a token or a client certificate, or does not accept this one."""
+
+    code = "UNAUTHENTICATED"
+
+
+class PermissionDeniedError(IsoscopeError, PermissionError):
+    """The token is valid and does not allow this."""
+
+    code = "PERMISSION_DENIED"
+
+
+class ProgramError(IsoscopeError, OSError):
+    """A local program of `isoscope.serve` is not installed, or ended with an error."""
+
+    code = "FAILED_PRECONDITION"
+
+
+_CLASSES: dict[str, type[IsoscopeError]] = {
+    cls.code: cls
+    for cls in (
+        InvalidArgumentError,
+        NotFoundError,
+        FailedPreconditionError,
+        ResourceExhaustedError,
+        UnavailableError,
+        DeadlineExceededError,
+        CancelledError,
+        DataLossError,
+        InternalError,
+        UnimplementedError,
+        UnauthenticatedError,
+        PermissionDeniedError,
+    )
+}
+_CLASSES["OUT_OF_RANGE"] = InvalidArgumentError
+
+# How the sentences of gRPC itself begin when no server was reached: the server's own never do.
+_NO_CONNECTION = (
+    "failed to connect",
+    "connections to all backends",
+    "dns resolution failed",
+    "name resolution",
+    "empty address list",
+    "connection refused",
+    "connect failed",
+    "no such file",
+    "socket closed",
+    "connection reset",
+    "recvmsg",
+    "ssl_error",
+    "handshak",
+    "timeout occurred",
+    "tcp handshaker",
+)
+
+
+def explain(error: grpc.RpcError, address: str, timeout: float | None, secure: bool) -> IsoscopeError:
+    """Returns what a call's error means: of the class of its code, with a sentence that helps."""
+    code = error.code().name if isinstance(error.code(), grpc.StatusCode) else "UNKNOWN"
+    details = error.details() or ""
+    if code == "UNAVAILABLE" and any(words in details.lower() for words in _NO_CONNECTION):
+        details = (
+            f"no coordinator answers at {address} ({details}); "
+            + (
+                "check the address, and that it speaks TLS with a certificate for that name"
+                if secure
+                else f"start one with 'isoscope serve DIR --listen {address}' or isoscope-coordinator, or, where "
+                "the server wants TLS, pass tls=True or ca_file=..."
+            )
+        )
+    elif code == "DEADLINE_EXCEEDED" and details.lower() in ("", "deadline exceeded"):
+        details = f"no answer from {address} within {timeout:g} s; pass timeout=SECONDS for a longer wait"
+    elif code == "UNIMPLEMENTED":
+        details = f"{address} does not know this call ({details}): it is an older coordinator, or none"
+    elif not details:
+        details = f"{address} answered {code} without a message"
+    return _CLASSES.get(code, IsoscopeError)(details, code)
+
+
+def raise_explained(
+    error: grpc.RpcError, address: str, timeout: float | None, secure: bool
+) -> NoReturn:
+    """Raises what `explain` returns; the gRPC error stays as its cause."""
+    raise explain(error, address, timeout, secure) from error

@@ -1,0 +1,262 @@
+"""`isoscope.serve`: starts the programs of this machine for one volume, and connects to them."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import weakref
+from collections.abc import Sequence
+from typing import IO, Any, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from isoscope._channel import DEFAULT_TIMEOUT
+from isoscope.client import Client, connect
+from isoscope.errors import InvalidArgumentError, ProgramError
+
+__all__ = ["find_program", "serve"]
+
+_NUMPY_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
+
+# Ends the program when this process closes its end of the pipe, however it ends; and on SIGTERM. In a
+# session of its own, so that Ctrl-C in a notebook reaches only the notebook.
+_KEEPER = """
+exec 3<&0
+"$@" </dev/null 3<&- &
+child=$!
+trap 'kill $child 2>/dev/null' TERM INT
+(cat <&3; kill $child) >/dev/null 2>&1 &
+exec 3<&-
+wait $child
+status=$?
+while kill -0 $child 2>/dev/null; do wait $child; status=$?; done
+exit $status
+"""
+
+
+def find_program() -> str:
+    """Returns the path of the program `isoscope`: $ISOSCOPE_BIN (the program, or its folder), else the PATH.
+
+    Raises:
+        ProgramError: it is not installed.
+    """
+    named = os.environ.get("ISOSCOPE_BIN")
+    if named:
+        path = os.path.join(named, "isoscope") if os.path.isdir(named) else named
+        if os.path.isfile(path) and os.access(path, os.X_OK):
+            return path
+        raise ProgramError(f"$ISOSCOPE_BIN is {named!r}: there is no program 'isoscope' that can be run")
+    found = shutil.which("isoscope")
+    if found is None:
+        raise ProgramError(
+            "the program 'isoscope' is not installed here: put its folder on the PATH or into $ISOSCOPE_BIN "
+            "(in a checkout, scripts/build.sh makes build/release/bin), or use isoscope.connect('HOST:PORT')"
+        )
+    return found
+
+
+def serve(
+    source: Union[str, os.PathLike[str], npt.NDArray[Any]],
+    *,
+    name: str | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    spacing: Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+    dims: Sequence[int] | None = None,
+    dtype: npt.DTypeLike | None = None,
+    shards: int = 1,
+    renderer: str = "auto",
+    threads: int | None = None,
+    memory_limit: str | None = None,
+    timeout: float = DEFAULT_TIMEOUT,
+) -> Client:
+    """Serves a volume from this machine and returns a connected client; closing it ends the programs.
+
+        client = isoscope.serve("head.nii.gz")
+        client.dataset().render(isovalue=60)
+
+        client = isoscope.serve(array, spacing=(0.5, 0.5, 1.0))    # array[z, y, x]
+
+    Args:
+        source: a dataset folder; or a volume that `isoscope partition` takes: NIfTI, NRRD, MetaImage,
+            VTI, HDF5 (file.h5:/dataset), DICOM, TIFF or raw samples; or a numpy array of shape
+            (nz, ny, nx).
+        name: name of the dataset; default: from the file's name.
+        folder: folder to keep the dataset in, which must not exist yet; default: a temporary one,
+            removed when the client is closed.
+        spacing: world units between samples along x, y, z: of an array, or of raw samples.
+        origin: world position of the first sample: of an array, or of raw samples.
+        dims: samples along x, y, z: of raw samples.
+        dtype: type of raw samples, little-endian.
+        shards: shards to cut a volume into, one agent each.
+        renderer: "auto", "egl" or "cpu".
+        threads: threads of all agents together; default: one for each core.
+        memory_limit: of all agents together, as in "2G"; default: a quarter of the machine's.
+        timeout: deadline of the client's calls, seconds.
+
+    Raises:
+        ProgramError: the program is not installed, or ended with an error, which the message quotes.
+    """
+    program = find_program()
+    server = _Server()
+    try:
+        dataset = _dataset_folder(
+            program, source, server, name=name, folder=folder, spacing=spacing, origin=origin, dims=dims,
+            dtype=dtype, shards=shards,
+        )  # fmt: skip
+        flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
+        flags += [] if threads is None else ["--threads", str(threads)]
+        flags += [] if memory_limit is None else ["--memory-limit", memory_limit]
+        client = connect(server.start([program, "serve", dataset, *flags]), timeout=timeout)
+    except BaseException:
+        server.close()
+        raise
+    client._on_close = server.close
+    # A client that nobody holds any more takes its programs along.
+    weakref.finalize(client, server.close)
+    return client
+
+
+def _dataset_folder(
+    program: str,
+    source: str | os.PathLike[str] | npt.NDArray[Any],
+    server: _Server,
+    *,
+    name: str | None,
+    folder: str | os.PathLike[str] | None,
+    spacing: Sequence[float] | None,
+    origin: Sequence[float] | None,
+    dims: Sequence[int] | None,
+    dtype: npt.DTypeLike | None,
+    shards: int,
+) -> str:
+    """Returns a dataset folder for `source`, made by `isoscope partition` if it isn't one."""
+    if isinstance(source, np.ndarray):
+        if dims is not None or dtype is not None:
+            raise InvalidArgumentError("dims and dtype are for raw files: an array has its own")
+        path, dims, dtype = server.write_array(source), source.shape[::-1], _sample_type(source)
+        name = name or "array"
+    else:
+        path = os.fspath(source)
+        if os.path.isfile(os.path.join(path, "manifest.json")):
+            return path
+    if folder is None:
+        stem = name or pathlib.PurePath(path.partition(":")[0]).name.split(".")[0] or "volume"
+        folder = os.path.join(server.scratch(), stem)
+    elif name is not None:
+        raise InvalidArgumentError("name and folder exclude each other: a dataset has the name of its folder")
+    command = [program, "partition", path, "--output", os.fspath(folder), "--shards", str(shards)]
+    if dims is not None:
+        command += ["--dims", _joined(dims), "--type", np.dtype(dtype if dtype is not None else "uint8").name]
+        command += ["--spacing", _joined(spacing)] if spacing is not None else []
+        command += ["--origin", _joined(origin)] if origin is not None else []
+    elif spacing is not None or origin is not None or dtype is not None:
+        raise InvalidArgumentError("spacing, origin and dtype are for arrays and for raw files, which need dims too")
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
+    if done.returncode != 0:
+        raise ProgramError(f"isoscope partition failed: {_last_line(done.stderr)}")
+    return os.fspath(folder)
+
+
+def _sample_type(array: npt.NDArray[Any]) -> np.dtype[Any]:
+    if array.dtype == np.bool_:
+        return np.dtype(np.uint8)
+    if array.dtype.name not in _NUMPY_TYPES:
+        raise InvalidArgumentError(
+            f"array of {array.dtype.name}: must be one of {', '.join(_NUMPY_TYPES)}; convert it with array.astype(...)"
+        )
+    return array.dtype
+
+
+def _joined(values: Sequence[float]) -> str:
+    return ",".join(repr(value) for value in np.asarray(values).tolist())
+
+
+def _last_line(text: str) -> str:
+    lines = [line for line in text.splitlines() if line.strip()]
+    return lines[-1].strip() if lines else "it said nothing"
+
+
+class _Server:
+    """The programs and the scratch folder of one `serve`. Only the process that made it ends it."""
+
+    def __init__(self) -> None:
+        self._pid = os.getpid()
+        self._process: subprocess.Popen[str] | None = None
+        self._scratch: str | None = None
+        self._log: IO[str] | None = None
+        atexit.register(self.close)
+
+    def scratch(self) -> str:
+        """Returns a folder that goes when this is closed."""
+        if self._scratch is None:
+            self._scratch = tempfile.mkdtemp(prefix="isoscope-")
+        return self._scratch
+
+    def write_array(self, array: npt.NDArray[Any]) -> str:
+        """Writes the samples of array[z, y, x], x fastest, little-endian; returns the path."""
+        if array.ndim != 3 or min(array.shape) < 2:
+            raise InvalidArgumentError(
+                f"array of shape {array.shape}: must be (nz, ny, nx), with at least 2 samples on each axis"
+            )
+        samples = array.astype(_sample_type(array).newbyteorder("<"), order="C", copy=False)
+        path = os.path.join(self.scratch(), "samples.raw")
+        samples.tofile(path)
+        return path
+
+    def start(self, command: list[str]) -> str:
+        """Starts the server and returns the address that it prints once frames can be rendered."""
+        self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")
+        self._process = subprocess.Popen(
+            ["/bin/sh", "-c", _KEEPER, "isoscope-serve", *command],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            start_new_session=True,
+        )
+        assert self._process.stdout is not None
+        address = self._process.stdout.readline().strip()
+        if not address:
+            self._process.wait()
+            self._log.seek(0)
+            raise ProgramError(f"isoscope serve failed: {_last_line(self._log.read())}")
+        # Nothing more is read: it prints nothing more.
+        return address
+
+    def close(self) -> None:
+        """Ends the programs and removes the scratch folder. Any number of times."""
+        if os.getpid() != self._pid:
+            return
+        atexit.unregister(self.close)
+        process, self._process = self._process, None
+        if process is not None:
+            _end(process)
+        if self._log is not None:
+            self._log.close()
+        scratch, self._scratch = self._scratch, None
+        if scratch is not None:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """Lets frames in work finish, for a while; then kills."""
+    with contextlib.suppress(ProcessLookupError):
+        process.terminate()
+    try:
+        process.wait(timeout=15)
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with contextlib.suppress(OSError):
+                pipe.close()

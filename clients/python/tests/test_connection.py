@@ -1,0 +1,271 @@
+"""Connections: retries, deadlines, tokens, TLS, forks, closing."""
+
+import asyncio
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+
+import grpc
+import pytest
+
+import isoscope
+from proxy import Proxy, make_certificates
+
+LOST = (grpc.StatusCode.UNAVAILABLE, "agent 127.0.0.1:1 was lost: it served shards 0, 1 of \"shells\"")
+
+
+@pytest.fixture
+def proxy(client):
+    with Proxy(client.address) as proxy:
+        yield proxy
+
+
+def test_unavailable_is_tried_again_until_it_works(proxy, dataset):
+    with isoscope.connect(proxy.address) as through:
+        expected = dataset.render(127.5, size=32).png
+        again = through["shells"]
+        proxy.seen.clear()
+        proxy.failures = [LOST, LOST]
+        assert again.render(127.5, size=32).png == expected
+        assert len(proxy.seen) == 3
+        proxy.failures = [LOST]
+        assert [one.name for one in through.datasets()] == ["shells"]
+
+
+def test_unavailable_for_good_is_the_servers_sentence_after_four_tries(proxy):
+    with isoscope.connect(proxy.address) as through:
+        dataset = through["shells"]
+        proxy.seen.clear()
+        proxy.failures = [LOST] * 9
+        with pytest.raises(isoscope.UnavailableError, match="served shards 0, 1") as caught:
+            dataset.mesh(127.5)
+        assert "no coordinator answers" not in str(caught.value)
+        assert len(proxy.seen) == 4
+
+
+@pytest.mark.parametrize("code", ["RESOURCE_EXHAUSTED", "INTERNAL", "DATA_LOSS", "FAILED_PRECONDITION"])
+def test_no_other_error_is_tried_again(proxy, code):
+    with isoscope.connect(proxy.address) as through:
+        proxy.seen.clear()
+        proxy.failures = [(grpc.StatusCode[code], "a sentence")] * 2
+        with pytest.raises(isoscope.IsoscopeError, match="a sentence") as caught:
+            through.datasets()
+        assert caught.value.code == code and len(proxy.seen) == 1
+
+
+def test_every_call_has_a_deadline_and_the_metadata(proxy):
+    with isoscope.connect(proxy.address, timeout=50, token="s3cret", metadata=[("X-Trace", "7")]) as through:
+        dataset = through["shells"]
+        dataset.render(127.5, size=16).pick(3, 3)
+        dataset.mesh(127.5)
+        dataset.histogram()
+        through.agents()
+        dataset.render(127.5, size=16, timeout=5)
+    assert len(proxy.seen) == 8
+    for method, metadata, left in proxy.seen:
+        assert metadata["authorization"] == "Bearer s3cret" and metadata["x-trace"] == "7", method
+        assert 0 < left <= 52, method  # gRPC rounds up on the way
+    assert proxy.seen[-1][2] <= 6 and proxy.seen[0][2] <= 11
+
+
+def test_a_missing_or_wrong_token_is_unauthenticated_with_the_servers_sentence(client):
+    with Proxy(client.address, token="right") as proxy:
+        for token in (None, "wrong"):
+            with pytest.raises(isoscope.UnauthenticatedError, match="a token is needed") as caught:
+                isoscope.connect(proxy.address, token=token)
+            assert isinstance(caught.value, PermissionError)
+        with isoscope.connect(proxy.address, token="right") as through:
+            assert through["shells"].dims == (48, 40, 32)
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory):
+    if shutil.which("openssl") is None:
+        pytest.skip("no program openssl to make certificates with")
+    return make_certificates(tmp_path_factory.mktemp("certificates"))
+
+
+def read(path):
+    return path.read_bytes()
+
+
+def test_tls_checks_the_server_and_encrypts_the_token(client, dataset, certificates):
+    credentials = grpc.ssl_server_credentials([(read(certificates / "server.key"), read(certificates / "server.pem"))])
+    with Proxy(client.address, credentials=credentials, token="t") as proxy:
+        tls = {"ca_file": certificates / "ca.pem", "server_name": "isoscope.test", "token": "t"}
+        with isoscope.connect(proxy.address, **tls) as through:
+            assert through["shells"].render(127.5, size=40).png == dataset.render(127.5, size=40).png
+
+        async def by_aio():
+            async with isoscope.aio.connect(proxy.address, **tls) as through:
+                return (await (await through.dataset("shells")).render(127.5, size=40)).png
+
+        assert asyncio.run(by_aio()) == dataset.render(127.5, size=40).png
+        with pytest.raises(isoscope.UnavailableError, match="certificate"):
+            isoscope.connect(proxy.address, tls=True, server_name="isoscope.test", connect_timeout=5)
+        with pytest.raises(isoscope.UnavailableError):
+            isoscope.connect(proxy.address, connect_timeout=5, **{**tls, "server_name": "other.test"})
+        with pytest.raises(isoscope.UnavailableError, match="tls=True"):
+            isoscope.connect(proxy.address, connect_timeout=5)
+
+
+def test_a_server_that_wants_a_client_certificate_gets_it(client, certificates):
+    credentials = grpc.ssl_server_credentials(
+        [(read(certificates / "server.key"), read(certificates / "server.pem"))], read(certificates / "ca.pem"), True
+    )
+    with Proxy(client.address, credentials=credentials) as proxy:
+        tls = {"ca_file": certificates / "ca.pem", "server_name": "isoscope.test", "connect_timeout": 5}
+        own = {"cert_file": certificates / "client.pem", "key_file": certificates / "client.key"}
+        with isoscope.connect(proxy.address, **tls, **own) as through:
+            assert "shells" in through
+        with pytest.raises(isoscope.UnavailableError):
+            isoscope.connect(proxy.address, **tls)
+
+
+def test_no_server_is_said_with_what_to_start():
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    with pytest.raises(isoscope.UnavailableError, match=f"no coordinator answers at localhost:{port}.*isoscope serve"):
+        isoscope.connect(f"localhost:{port}")
+
+
+def test_a_server_that_never_answers_is_given_up_at_the_deadline():
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        with pytest.raises((isoscope.DeadlineExceededError, isoscope.UnavailableError)):
+            isoscope.connect(f"127.0.0.1:{silent.getsockname()[1]}", connect_timeout=0.5)
+
+
+def test_a_call_past_its_deadline_says_its_time(dataset):
+    with pytest.raises(isoscope.DeadlineExceededError, match="within 1e-06 s.*timeout=SECONDS"):
+        dataset.render(127.5, timeout=1e-6)
+
+
+def test_a_closed_client_refuses_calls_and_closes_again(client):
+    other = isoscope.connect(client.address)
+    dataset = other["shells"]
+    other.close()
+    other.close()
+    for call in (other.datasets, lambda: dataset.render(1), lambda: dataset.mesh(1)):
+        with pytest.raises(isoscope.CancelledError, match="closed"):
+            call()
+
+
+FORKS = """
+import multiprocessing, sys
+import isoscope
+
+dataset = isoscope.connect(sys.argv[1])["shells"]
+expected = dataset.render(127.5, size=48).png
+context = multiprocessing.get_context("fork")
+
+def child(queue):
+    queue.put(dataset.render(127.5, size=48).png == expected)
+
+queue = context.Queue()
+children = [context.Process(target=child, args=(queue,)) for _ in range(3)]
+for one in children:
+    one.start()
+print([queue.get(timeout=30) for _ in children], dataset.render(127.5, size=48).png == expected)
+"""
+
+
+def test_a_forked_child_has_a_connection_of_its_own(client):
+    """In a process of its own: gRPC forks only where no call and no server of the process is at work."""
+    command = [sys.executable, "-c", FORKS, client.address]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "[True, True, True] True", done.stderr
+
+
+def test_threads_share_a_client(dataset):
+    expected = {angle: dataset.render(127.5, size=32, azimuth=angle).png for angle in (0, 40, 80)}
+    wrong = []
+
+    def work(angle):
+        for _ in range(5):
+            if dataset.render(127.5, size=32, azimuth=angle).png != expected[angle]:
+                wrong.append(angle)
+
+    threads = [threading.Thread(target=work, args=(angle,)) for angle in expected for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+
+
+def test_the_async_client_does_what_the_blocking_one_does(client, dataset):
+    async def all_of_it():
+        async with isoscope.aio.connect(client.address) as through:
+            assert [one.name for one in await through.datasets()] == ["shells"]
+            assert (await through.capabilities()) == client.capabilities()
+            assert [agent.address for agent in await through.agents()] == [one.address for one in client.agents()]
+            shells = await through.dataset("shells")
+            assert shells.bounds == dataset.bounds and (await shells.refresh()) == shells
+            angles = (0, 30, 60, 90)
+            frames = await asyncio.gather(
+                *[shells.render(127.5, size=40, azimuth=angle, planes=["depth"]) for angle in angles]
+            )
+            for angle, frame in zip(angles, frames):
+                same = dataset.render(127.5, size=40, azimuth=angle)
+                assert frame.png == same.png and (frame.depth == same.depth).all()
+            assert await shells.pick((20, 20), frame=frames[0]) == dataset.pick((20, 20), 127.5, size=40)
+            assert await shells.pick([(0, 0)], 127.5, size=40) == [None]
+            assert (await shells.mesh(127.5)).area == dataset.mesh(127.5).area
+            assert (await shells.histogram()).edges.tolist() == dataset.histogram().edges.tolist()
+            assert await shells.suggestions() == dataset.suggestions()
+            with pytest.raises(isoscope.IsoscopeError, match='planes=\\["normal"\\]'):
+                frames[0].normal
+            with pytest.raises(isoscope.IsoscopeError, match="frame=frame"):
+                frames[0].pick(1, 1)
+            with pytest.raises(LookupError, match="shells"):
+                await through.dataset("head")
+            with pytest.raises(isoscope.DeadlineExceededError):
+                await shells.render(127.5, timeout=1e-6)
+        with pytest.raises(isoscope.CancelledError, match="closed"):
+            await shells.render(127.5)
+        with pytest.raises(ConnectionError, match="no coordinator answers"):
+            await isoscope.aio.connect("localhost:1")
+
+    asyncio.run(all_of_it())
+
+
+def test_a_cancelled_task_ends_its_call(client):
+    async def cancel():
+        async with isoscope.aio.connect(client.address) as through:
+            shells = await through.dataset("shells")
+            task = asyncio.create_task(shells.render(127.5, size=3000, samples=4))
+            await asyncio.sleep(0.05)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert (await shells.render(127.5, size=16)).width == 16
+
+    asyncio.run(cancel())
+
+
+def test_both_clients_have_the_same_names_and_arguments():
+    import inspect
+
+    def public(cls):
+        return {name for name in vars(cls) if not name.startswith("_")}
+
+    blocking_only = {"view"}
+    assert public(isoscope.Dataset) - blocking_only == public(isoscope.aio.Dataset)
+    assert public(isoscope.Client) == public(isoscope.aio.Client)
+    for name in ("render", "pick", "mesh", "histogram"):
+        blocking, awaited = (inspect.signature(getattr(cls, name)) for cls in (isoscope.Dataset, isoscope.aio.Dataset))
+        assert blocking.parameters == awaited.parameters, name
+    assert inspect.signature(isoscope.connect).parameters == inspect.signature(isoscope.aio.connect).parameters
+
+
+def test_grpc_is_told_of_forks_unless_the_environment_says_otherwise():
+    code = "import isoscope, os; print(os.environ['GRPC_ENABLE_FORK_SUPPORT'])"
+    for value, expected in ((None, "1"), ("0", "0")):
+        environment = {key: text for key, text in os.environ.items() if key != "GRPC_ENABLE_FORK_SUPPORT"}
+        environment.update({} if value is None else {"GRPC_ENABLE_FORK_SUPPORT": value})
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+        assert done.stdout.strip() == expected, done.stderr

@@ -1,0 +1,81 @@
+"""The web back ends of examples/: each runs, gives the exact picture, and passes refusals on."""
+
+import importlib.util
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+
+import pytest
+
+from conftest import ROOT
+
+
+def free_port():
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        return unused.getsockname()[1]
+
+
+def get(url):
+    """Returns the HTTP status and the body."""
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(url, timeout=30) as response:
+            return response.status, response.read()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read()
+
+
+def check_endpoint(command, cwd, port, dataset):
+    process = subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        for _ in range(200):
+            try:
+                socket.create_connection(("127.0.0.1", port), 1).close()
+                break
+            except OSError:
+                assert process.poll() is None, process.stderr.read()
+                time.sleep(0.1)
+        base = f"http://127.0.0.1:{port}"
+        status, body = get(f"{base}/shells.png?isovalue=127.5&width=120&height=90")
+        assert status == 200 and body == dataset.render(127.5, size=(120, 90)).png
+        status, body = get(f"{base}/head.png?isovalue=1")
+        assert status == 404 and b'there are: "shells"' in body
+        status, body = get(f"{base}/shells.png?isovalue=1&width=0")
+        assert status == 400 and b"viewport.width_px is 0" in body
+        status, body = get(f"{base}/shells.png?isovalue=127.5&width=1400&height=1200")
+        assert status == 200 and body == dataset.render(127.5, size=(1400, 1200)).png
+    finally:
+        process.terminate()
+        process.wait(20)
+        process.stderr.close()
+
+
+def test_the_python_back_end_serves_exact_pictures(client, dataset):
+    if importlib.util.find_spec("aiohttp") is None:
+        pytest.skip("no aiohttp (python3-aiohttp)")
+    port = free_port()
+    script = ROOT / "examples" / "python" / "picture_server.py"
+    check_endpoint([sys.executable, script, "--server", client.address, "--port", str(port)], ROOT, port, dataset)
+
+
+def test_the_node_back_end_serves_exact_pictures(client, dataset, tmp_path):
+    if shutil.which("npm") is None or shutil.which("node") is None:
+        pytest.skip("no node and npm")
+    # A copy: npm writes beside package.json.
+    folder = tmp_path / "examples" / "node"
+    shutil.copytree(ROOT / "examples" / "node", folder, ignore=shutil.ignore_patterns("node_modules"))
+    shutil.copytree(ROOT / "proto", tmp_path / "proto")
+    command = ["npm", "install", "--no-audit", "--no-fund", "--no-package-lock", "--fetch-timeout=30000"]
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    except subprocess.TimeoutExpired:
+        pytest.skip("npm install takes more than two minutes")
+    if done.returncode != 0:
+        pytest.skip(f"npm can't install here: {done.stderr.strip()[-200:]}")
+    port = free_port()
+    check_endpoint(["node", "picture_server.js", client.address, str(port)], folder, port, dataset)

@@ -1,0 +1,153 @@
+"""`isoscope.serve`: starts, serves, cleans up, and says what is wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import isoscope
+from isoscope.errors import InvalidArgumentError, ProgramError
+
+
+def children_of(pid):
+    done = subprocess.run(["ps", "-A", "-o", "pid=,ppid=,args="], capture_output=True, text=True, check=True)
+    rows = [line.split(None, 2) for line in done.stdout.splitlines()]
+    return [(int(row[0]), row[2]) for row in rows if int(row[1]) == pid and len(row) == 3]
+
+
+def is_alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_until(condition, seconds=20):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
+    return condition()
+
+
+def test_a_volume_file_is_served_and_everything_is_gone_afterwards(volume):
+    before = set(children_of(os.getpid()))
+    client = isoscope.serve(volume)
+    (keeper,) = [pid for pid, args in set(children_of(os.getpid())) - before if "isoscope-serve" in args]
+    servers = [pid for pid, args in children_of(keeper) if "isoscope serve" in args and "sh -c" not in args]
+    scratch = [args.split(" serve ")[1].split()[0] for pid, args in children_of(keeper) if pid in servers][0]
+    assert client.dataset().name == "shells" and os.path.isdir(scratch)
+    client.close()
+    assert wait_until(lambda: not any(map(is_alive, servers)))
+    assert not os.path.exists(os.path.dirname(scratch))
+
+
+def test_an_array_is_served_in_its_order(programs):
+    array = np.zeros((4, 5, 6), np.int16)
+    array[:, :, 3:] = 100
+    with isoscope.serve(array[:, :, ::1], spacing=(2, 1, 1), origin=(10, 0, 0)) as client:
+        dataset = client.dataset("array")
+        assert dataset.dims == (6, 5, 4) and dataset.dtype == np.int16 and dataset.range == (0, 100)
+        assert np.allclose(dataset.mesh(50).points[:, 0], 10 + 2 * 2.5)
+    view = np.asfortranarray(array).astype(">i2")
+    with isoscope.serve(view) as client:
+        assert np.allclose(client.dataset().mesh(50).points[:, 0], 2.5)
+    with isoscope.serve(array > 0, name="mask") as client:
+        assert client["mask"].range == (0, 1)
+
+
+def test_a_raw_file_is_served_with_its_dims(programs, tmp_path):
+    samples = np.linspace(0, 1, 4 * 5 * 6, dtype="<f4")
+    samples.tofile(tmp_path / "field.raw")
+    with isoscope.serve(tmp_path / "field.raw", dims=(6, 5, 4), dtype="float32", folder=tmp_path / "kept") as client:
+        assert client["kept"].range == (0, 1)
+    assert (tmp_path / "kept" / "manifest.json").is_file()
+    with isoscope.serve(tmp_path / "kept") as client:
+        assert client["kept"].dims == (6, 5, 4)
+
+
+@pytest.mark.parametrize(
+    "array, words",
+    [
+        (np.zeros((3, 3)), "shape"), (np.zeros((3, 3, 1)), "at least 2"),
+        (np.zeros((3, 3, 3), complex), "complex128"), (np.zeros((3, 3, 3), np.int64), "int64"),
+    ],
+)  # fmt: skip
+def test_arrays_that_are_no_volumes_are_refused(programs, array, words):
+    with pytest.raises(InvalidArgumentError, match=words):
+        isoscope.serve(array)
+
+
+def test_a_missing_program_is_said_with_what_to_do(monkeypatch, tmp_path, volume):
+    monkeypatch.delenv("ISOSCOPE_BIN")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ProgramError, match="not installed here.*ISOSCOPE_BIN.*isoscope.connect"):
+        isoscope.serve(volume)
+    monkeypatch.setenv("ISOSCOPE_BIN", str(tmp_path / "nothing"))
+    with pytest.raises(ProgramError, match="ISOSCOPE_BIN is"):
+        isoscope.serve(volume)
+
+
+def test_the_programs_own_sentence_is_the_error(programs, tmp_path, folder):
+    with pytest.raises(ProgramError, match="isoscope partition failed.*nothing.nrrd"):
+        isoscope.serve(tmp_path / "nothing.nrrd")
+    with pytest.raises(ProgramError, match="isoscope serve failed.*odd"):
+        isoscope.serve(folder, renderer="odd")
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "manifest.json").write_text("{}")
+    with pytest.raises(ProgramError, match="isoscope serve failed.*manifest"):
+        isoscope.serve(tmp_path / "broken")
+
+
+@pytest.mark.parametrize("how", ["returns", "is killed"])
+def test_the_server_ends_with_the_process_that_started_it(programs, folder, how):
+    code = (
+        "import isoscope, sys, time\n"
+        f"client = isoscope.serve({str(folder)!r})\n"
+        "print(client.address, flush=True)\n" + ("" if how == "returns" else "time.sleep(60)\n")
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    address = process.stdout.readline().strip()
+    if how == "is killed":
+        process.send_signal(signal.SIGKILL)
+    process.wait(60)
+    process.stdout.close()
+
+    def is_gone():
+        try:
+            isoscope.connect(address, connect_timeout=2).close()
+        except isoscope.IsoscopeError:
+            return True
+        return False
+
+    assert wait_until(is_gone)
+
+
+def test_an_interrupt_of_the_notebook_leaves_the_server_alone(programs, folder):
+    code = (
+        "import isoscope, os, signal, time\n"
+        f"client = isoscope.serve({str(folder)!r})\n"
+        "try:\n"
+        "    os.killpg(0, signal.SIGINT)\n"
+        "    time.sleep(10)\n"
+        "except KeyboardInterrupt:\n"
+        "    pass\n"
+        "time.sleep(0.3)\n"
+        "print(client['shells'].render(127.5, size=16).width)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, start_new_session=True)
+    assert done.stdout.strip() == "16", done.stderr
+
+
+def test_a_forked_childs_end_leaves_the_server_alone(folder):
+    with isoscope.serve(folder) as client:
+        pid = os.fork()
+        if pid == 0:
+            client.close()
+            os._exit(0)
+        os.waitpid(pid, 0)
+        assert client["shells"].dims == (48, 40, 32)

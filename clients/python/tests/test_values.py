@@ -1,0 +1,275 @@
+"""Cameras, colours, regions, addresses, errors and PNGs: what needs no server."""
+
+import math
+import pickle
+import struct
+import zlib
+
+import grpc
+import numpy as np
+import pytest
+
+import isoscope
+from isoscope import _png, _wire
+from isoscope._channel import make_target
+from isoscope.errors import DataLossError, InvalidArgumentError, explain
+from isoscope.look import as_clip, parse_color
+
+
+def info(**changes):
+    values = dict(
+        name="v", id="0" * 32, source="v.nrrd", dims=(11, 21, 31), spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0),
+        direction=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), dtype=np.dtype("u1"), range=(0.0, 255.0),
+        block_cells=(8, 8, 8), block_count=1, shard_count=1,
+    )  # fmt: skip
+    return isoscope.DatasetInfo(**{**values, **changes})
+
+
+def test_default_camera_frames_the_sphere_around_the_volume():
+    camera = info().default_camera
+    radius = math.sqrt(10**2 + 20**2 + 30**2) / 2
+    assert camera.target == (5, 10, 15)
+    assert camera.fov_y == 30
+    assert camera.eye[:2] == (5, 10)
+    assert camera.distance == pytest.approx(radius / math.sin(math.radians(15)))
+
+
+def test_azimuth_of_90_degrees_looks_from_plus_x_and_elevation_from_plus_y():
+    front = info().default_camera
+    right = front.azimuth(90)
+    assert np.subtract(right.eye, right.target) == pytest.approx([front.distance, 0, 0], abs=1e-9)
+    above = front.elevation(45)
+    assert np.subtract(above.eye, above.target) == pytest.approx(
+        np.array([0, 1, 1]) * front.distance / math.sqrt(2), abs=1e-9
+    )
+    assert np.dot(above.up, np.subtract(above.eye, above.target)) == pytest.approx(0, abs=1e-9)
+
+
+def test_elevation_to_the_pole_is_an_error_that_says_so():
+    with pytest.raises(InvalidArgumentError, match="elevation 90 degrees"):
+        isoscope.Camera((0, 0, 1), (0, 0, 0)).elevation(90)
+
+
+def test_zoom_divides_angle_or_height_and_keeps_the_short_decimal():
+    camera = isoscope.Camera((0, 0, 10), (0, 0, 0))
+    assert camera.zoom(2).fov_y == 15
+    assert camera.orthographic(4).zoom(2).height == 2
+    assert camera.orthographic().height == pytest.approx(20 * math.tan(math.radians(15)))
+    for factor in (0, -1, math.nan, math.inf):
+        with pytest.raises(InvalidArgumentError, match="zoom"):
+            camera.zoom(factor)
+
+
+def test_patient_views_follow_the_patient_frame():
+    lps = info(patient_frame="LPS").camera("anterior")
+    assert np.subtract(lps.eye, lps.target)[1] < 0 and lps.up == (0, 0, 1)
+    ras = info(patient_frame="RAS").camera("anterior")
+    assert np.subtract(ras.eye, ras.target)[1] > 0
+    assert np.subtract(*[getattr(info(patient_frame="LPS").camera("left"), end) for end in ("eye", "target")])[0] > 0
+    assert np.subtract(*[getattr(info().camera("left"), end) for end in ("eye", "target")])[0] < 0
+    with pytest.raises(InvalidArgumentError, match="no patient frame"):
+        info().camera("superior")
+    with pytest.raises(InvalidArgumentError, match="front, back, left"):
+        info().camera("sideways")
+
+
+def test_camera_comes_back_from_json_and_from_messages_with_the_same_bits(tmp_path):
+    for camera in (
+        isoscope.Camera((0.1, 1 / 3, 1e300), (-0.0, 2.0, 3.0), (0, 1, 0.1), fov_y=1 / 7),
+        isoscope.Camera((1, 2, 3), (4, 5, 6), height=math.pi),
+    ):
+        camera.save(tmp_path / "c.json")
+        assert isoscope.Camera.load(tmp_path / "c.json") == camera
+        assert _wire.camera_from_proto(_wire.camera_to_proto(camera)) == camera
+    for wrong in ({}, {"eye": [1, 2], "target": [0, 0, 0], "perspective": {"fov_y_degrees": 3}}, {"eyes": 1}):
+        with pytest.raises(InvalidArgumentError, match="camera"):
+            isoscope.Camera.from_dict(wrong)
+
+
+def test_bounds_and_world_from_index_follow_direction_spacing_and_origin():
+    turned = info(
+        dims=(3, 5, 9), spacing=(2.0, 1.0, 0.5), origin=(10.0, 0.0, 1.0),
+        direction=((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    )  # fmt: skip
+    assert turned.bounds == (6, 10, 0, 4, 1, 5)
+    assert (turned.world_from_index @ [2, 4, 8, 1])[:3] == pytest.approx([6, 4, 5])
+    assert turned.center == (8, 2, 3)
+
+
+@pytest.mark.parametrize(
+    "color, expected",
+    [
+        ("#ff0000", (1, 0, 0, 1)), ("#0f0", (0, 1, 0, 1)), ("#0000ff80", (0, 0, 1, 128 / 255)),
+        ("White", (1, 1, 1, 1)), ((0.25, 0.5, 1), (0.25, 0.5, 1, 1)), (np.array([0, 0, 0, 0.5]), (0, 0, 0, 0.5)),
+    ],
+)  # fmt: skip
+def test_colors_are_hex_names_or_numbers(color, expected):
+    assert parse_color(color, "color") == expected
+
+
+@pytest.mark.parametrize("color", ["#12", "nocolor", "", (1, 2, 3), (0, 0), 7, (0, 0, math.nan), "#gggggg"])
+def test_wrong_colors_are_errors_that_show_the_value(color):
+    with pytest.raises(InvalidArgumentError, match="color .*must be '#rrggbb'"):
+        parse_color(color, "color")
+
+
+def test_plane_through_a_point_keeps_the_side_of_its_normal():
+    plane = isoscope.Plane.through((1, 2, 3), (0, 2, 0))
+    assert (plane.normal, plane.offset) == ((0, 2, 0), 4)
+
+
+def test_clip_is_a_plane_a_box_or_both():
+    assert as_clip((0, 1, 2, 3, 4, 5)).box == (0, 1, 2, 3, 4, 5)
+    region, caps = _wire.clip_to_proto(isoscope.Clip(planes=[(1, 0, 0, 5)], box=(0, 1, 2, 3, 4, 6), caps=True))
+    assert region.half_spaces[0].offset == 5 and region.box.max.z == 6 and caps is not None
+    with pytest.raises(InvalidArgumentError, match="x_min, x_max"):
+        _wire.clip_to_proto((1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    "look, words",
+    [
+        ({}, "isovalue=..."), ({"isovalue": 1, "surfaces": [1]}, "not both"), ({"surfaces": []}, "1 to 16"),
+        ({"isovalue": "x"}, "isovalue 'x'"), ({"isovalue": 1, "size": (1.5, 2)}, "size"),
+        ({"isovalue": 1, "size": 2**40}, "size"), ({"isovalue": 1, "region": (1, 2)}, "region"),
+        ({"isovalue": 1, "max_layers": "a"}, "max_layers 'a'"), ({"isovalue": 1, "fit": "all"}, "fit 'all'"),
+        ({"isovalue": 1, "camera": ((0, 0, 1), (0, 0, 0)), "view": "front"}, "camera can't"),
+        ({"isovalue": 1, "camera": "front"}, "isoscope.Camera"),
+        ({"isovalue": 1, "camera": ((0, 0), (1, 2, 3))}, "eye"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_named_before_anything_is_sent(look, words):
+    isovalue = look.pop("isovalue", None)
+    with pytest.raises(InvalidArgumentError, match=words):
+        _wire.frame_request(info(), isovalue, **look)
+
+
+# ------------------------------------------------------------------------------------ PNG
+
+
+def filtered_png(pixels, filters):
+    """A PNG whose rows have the given filters, written pixel by pixel as the standard says."""
+    height, width, channels = pixels.shape
+    raw = bytearray()
+    for y in range(height):
+        kind = filters[y % len(filters)]
+        raw.append(kind)
+        for x in range(width):
+            for channel in range(channels):
+                left = int(pixels[y, x - 1, channel]) if x else 0
+                up = int(pixels[y - 1, x, channel]) if y else 0
+                corner = int(pixels[y - 1, x - 1, channel]) if x and y else 0
+                estimate = left + up - corner
+                paeth = min((left, up, corner), key=lambda side: abs(estimate - side))
+                guess = (0, left, up, (left + up) // 2, paeth)[kind]
+                raw.append((int(pixels[y, x, channel]) - guess) % 256)
+
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    packed = zlib.compress(bytes(raw))
+    header = struct.pack(">IIBBBBB", width, height, 8, {3: 2, 4: 6}[channels], 0, 0, 0)
+    half = len(packed) // 2
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"tEXt", b"k\0v")
+        + chunk(b"IDAT", packed[:half]) + chunk(b"IDAT", packed[half:]) + chunk(b"IEND", b"")
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("filters", [(0,), (1,), (2,), (3,), (4,), (0, 2, 2, 1, 4, 3, 2)])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_png_of_every_filter_is_decoded(filters, channels):
+    pixels = np.random.default_rng(3).integers(0, 256, (11, 7, channels), dtype=np.uint8)
+    assert (_png.decode(filtered_png(pixels, filters)) == pixels).all()
+    assert (_png.decode(_png.encode(pixels)) == pixels).all()
+
+
+def test_damaged_pngs_are_data_loss_and_never_something_else():
+    png = filtered_png(np.zeros((3, 4, 3), np.uint8), (2,))
+    rng = np.random.default_rng(5)
+    for cut in range(len(png)):
+        with pytest.raises(DataLossError):
+            _png.decode(png[:cut])
+    for _ in range(300):
+        damaged = bytearray(png)
+        damaged[rng.integers(len(png))] ^= int(rng.integers(1, 256))
+        try:
+            _png.decode(bytes(damaged))
+        except DataLossError:
+            pass
+
+
+# ------------------------------------------------------------------------------------ addresses, errors
+
+
+def target(address, **changes):
+    values = dict(
+        tls=None, ca_file=None, cert_file=None, key_file=None, server_name=None, token=None,
+        allow_insecure_token=False, metadata=(), timeout=1,
+    )  # fmt: skip
+    return make_target(address, **{**values, **changes})
+
+
+@pytest.mark.parametrize(
+    "address, full",
+    [
+        ("host", "host:50051"), ("host:1", "host:1"), ("::1", "[::1]:50051"), ("[::1]:7", "[::1]:7"),
+        ("unix:/tmp/s", "unix:/tmp/s"), ("dns:///h:1", "dns:///h:1"),
+    ],
+)  # fmt: skip
+def test_addresses_get_the_default_port(address, full):
+    assert target(address).address == full
+
+
+@pytest.mark.parametrize("address", ["", "host:port", "host:0", "host:99999", ":1", "http://host:1/"])
+def test_wrong_addresses_are_errors_that_say_what_is_expected(address):
+    with pytest.raises(InvalidArgumentError, match="HOST:PORT"):
+        target(address)
+
+
+def test_a_token_leaves_this_machine_only_encrypted():
+    assert target("localhost:1", token="t").call_metadata() == (("authorization", "Bearer t"),)
+    assert target("127.0.0.1:1", token="t").token == "t"
+    with pytest.raises(InvalidArgumentError, match="unencrypted"):
+        target("host:1", token="t")
+    assert target("host:1", token="t", tls=True).tls
+    assert not target("host:1", token="t", allow_insecure_token=True).tls
+    assert "secret" not in repr(target("localhost", token="secret"))
+
+
+def test_tls_arguments_fit_each_other():
+    assert target("h", ca_file="ca.pem").tls
+    with pytest.raises(InvalidArgumentError, match="belong together"):
+        target("h", cert_file="c.pem")
+    with pytest.raises(InvalidArgumentError, match="tls=False"):
+        target("h", tls=False, ca_file="ca.pem")
+    with pytest.raises(InvalidArgumentError, match="can't read 'missing.pem'"):
+        target("h", ca_file="missing.pem").credentials()
+
+
+class Failed(grpc.RpcError):
+    def __init__(self, code, details):
+        self._code, self._details = code, details
+
+    def code(self):
+        return self._code
+
+    def details(self):
+        return self._details
+
+
+@pytest.mark.parametrize("code", [code for code in grpc.StatusCode if code is not grpc.StatusCode.OK])
+def test_every_code_is_an_isoscope_error_with_the_servers_sentence(code):
+    error = explain(Failed(code, "dataset \"x\" is odd"), "h:1", 1.0, False)
+    assert isinstance(error, isoscope.IsoscopeError)
+    assert error.code == code.name
+    assert 'dataset "x" is odd' in str(error)
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), again.code) == (type(error), str(error), error.code)
+
+
+def test_errors_are_also_pythons_own_classes():
+    assert issubclass(isoscope.NotFoundError, LookupError)
+    assert issubclass(isoscope.InvalidArgumentError, ValueError)
+    assert issubclass(isoscope.UnavailableError, ConnectionError)
+    assert issubclass(isoscope.DeadlineExceededError, TimeoutError)
