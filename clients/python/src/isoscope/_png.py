@@ -1,7 +1,7 @@
 """Reads and writes the PNGs of this service with numpy and zlib alone: 8 bits a channel, RGB or RGBA.
 
-Isoscope filters rows with "up" (PNG filter type 2), so that whole columns are sums. The other
-filters are read too, row by row.
+Isoscope filters rows with "up" (PNG filter type 2), whose inverse adds whole rows. The other filters
+are read too, some of them pixel by pixel.
 """
 
 from __future__ import annotations
@@ -83,8 +83,10 @@ def _unfilter(
         pixels = rows.reshape(len(rows), -1, channels)
         out[:] = np.cumsum(pixels, axis=1, dtype=np.uint8).reshape(rows.shape)
     elif kind == 2:
-        np.cumsum(rows, axis=0, dtype=np.uint8, out=out)
-        out += above
+        # Row by row: whole rows of bytes are added at once, where a sum down the columns takes one byte at a time.
+        for row, to in zip(rows, out):
+            np.add(row, above, out=to)
+            above = to
     elif kind in (3, 4):
         for row, to in zip(rows, out):
             _unfilter_row(kind, row, above, to, channels)

@@ -33,10 +33,13 @@ exec 3<&0
 child=$!
 trap 'kill $child 2>/dev/null' TERM INT
 (cat <&3; kill $child) >/dev/null 2>&1 &
+watcher=$!
 exec 3<&-
 wait $child
 status=$?
 while kill -0 $child 2>/dev/null; do wait $child; status=$?; done
+# Its number may soon be another program's.
+kill $watcher 2>/dev/null
 exit $status
 """
 
