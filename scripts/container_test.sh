@@ -9,14 +9,15 @@ usage() {
   cat <<'USAGE'
 Usage: scripts/container_test.sh [--no-build] [VOLUME [ISOVALUE]]
 
-  --no-build  use the images isoscope, isoscope-agent and isoscope-coordinator as they are
+  --no-build  use the images isoscope, isoscope-agent, isoscope-coordinator and isoscope-gateway as
+              they are
   -h, --help  this text
 
 VOLUME defaults to the MRI head of Debian's mricron-data, ISOVALUE to 60.
 
 BASE_IMAGE     what the images are built on (default: debian:bookworm-slim)
 BUILD_OPTIONS  more options for `docker build`, such as --network host
-TEST_PORT      port of this host that the coordinator is published on (default: 50951)
+TEST_PORT      port of this host that the coordinator is published on (default: 50951); the gateway has the next one
 USAGE
 }
 
@@ -111,8 +112,10 @@ eventually() {
 work="$(mktemp -d)"
 project="isoscope-test-$$"
 agents=(agent-0 agent-1 agent-2 agent-3)
+# The gateway is apart: it has a place for temporary files.
 services=(coordinator "${agents[@]}")
 export ISOSCOPE_DATASET="$work/head" ISOSCOPE_PUBLISH="127.0.0.1:$port" ISOSCOPE_RENDERER=cpu
+export ISOSCOPE_GATEWAY_PUBLISH="127.0.0.1:$((port + 1))"
 export ISOSCOPE_AGENT_MEMORY=2g ISOSCOPE_COORDINATOR_MEMORY=1g ISOSCOPE_THREADS=0
 
 run_compose() {
@@ -161,14 +164,14 @@ is_complete() {
 
 are_healthy() {
   local service
-  for service in "${services[@]}"; do
+  for service in "${services[@]}" gateway; do
     [ "$(inspect "$service" '{{.State.Health.Status}}')" = healthy ] || return
   done
 }
 
 if [ "$build" = true ]; then
   echo "== images"
-  for target in coordinator agent cli; do
+  for target in coordinator agent gateway cli; do
     image="isoscope-$target"
     [ "$target" = cli ] && image=isoscope
     # shellcheck disable=SC2086  # several options
@@ -180,7 +183,7 @@ if [ "$build" = true ]; then
     }
   done
 fi
-for image in isoscope-coordinator isoscope-agent isoscope; do
+for image in isoscope-coordinator isoscope-agent isoscope-gateway isoscope; do
   check "$image runs: $(docker run --rm "$image" --version)" docker run --rm "$image" --version
   check_equal "$image is not root" "$(docker run --rm --entrypoint id "$image" -u)" 10001
   echo "      size $(($(docker image inspect --format '{{.Size}}' "$image") / 1000000)) MB"
@@ -254,7 +257,7 @@ echo "== end"
 start="$SECONDS"
 check "compose stop" run_compose stop
 check "within the drain time ($((SECONDS - start)) s)" test $((SECONDS - start)) -lt 30
-for service in "${services[@]}"; do
+for service in "${services[@]}" gateway; do
   check_equal "$service ended with exit code 0" "$(inspect "$service" '{{.State.ExitCode}}')" 0
 done
 

@@ -723,7 +723,17 @@ class FloodService final : public v1::InteractService::Service {
       changed_.SignalAll();
     }
     writer.join();
+    const base::MutexLock lock(&mutex_);
+    ++ended_;
+    changed_.SignalAll();
     return grpc::Status::OK;
+  }
+  // Waits until a stream has ended.
+  void AwaitEnd() {
+    base::MutexLock lock(&mutex_);
+    while (ended_ == 0) {
+      ASSERT_TRUE(changed_.WaitUntil(&mutex_, absl::Now() + testing::kPatience));
+    }
   }
   // The numbers that were acknowledged, once there are `count`.
   std::vector<std::int64_t> AwaitShown(std::size_t count) {
@@ -738,6 +748,7 @@ class FloodService final : public v1::InteractService::Service {
   base::Mutex mutex_;
   base::CondVar changed_;
   std::vector<std::int64_t> shown_;
+  int ended_ = 0;
 };
 
 class FakeBackedGateway {
@@ -862,8 +873,8 @@ TEST(GatewayServerTest, AViewerThatDoesNotReadIsDroppedAndOthersGoOn) {
     frame = other.Read();
   }
   ASSERT_TRUE(frame.has_value());
+  fakes.flood.AwaitEnd();
   // What lies in the buffers of the sockets still comes, and then the end without a close.
-  absl::SleepFor(absl::Seconds(1));
   EXPECT_EQ(stalled.ReadClose().first, 0);
 }
 
