@@ -11,28 +11,29 @@ from google.protobuf import symbol_database as _symbol_database
 _sym_db = _symbol_database.Default()
 
 
+from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb2
 from isoscope._proto import isosurface_service_pb2 as isoscope_dot_v1_dot_isosurface__service__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\"isoscope/v1/interact_service.proto\x12\x0bisoscope.v1\x1a$isoscope/v1/isosurface_service.proto\"w\n\x0fInteractRequest\x12,\n\nview_state\x18\x01 \x01(\x0b\x32\x16.isoscope.v1.ViewStateH\x00\x12.\n\x0b\x66rame_shown\x18\x02 \x01(\x0b\x32\x17.isoscope.v1.FrameShownH\x00\x42\x06\n\x04kind\"\x8f\x01\n\tViewState\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x33\n\x05\x66rame\x18\x02 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\x12 \n\x18target_frames_per_second\x18\x03 \x01(\x01\x12\x12\n\nis_at_rest\x18\x04 \x01(\x08\"5\n\nFrameShown\x12\x14\n\x0c\x66rame_number\x18\x01 \x01(\x03\x12\x11\n\tdecode_ms\x18\x02 \x01(\x01\"\xdd\x01\n\x10InteractResponse\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x14\n\x0c\x66rame_number\x18\x02 \x01(\x03\x12\x10\n\x08is_exact\x18\x03 \x01(\x08\x12\x34\n\x05\x66rame\x18\x04 \x01(\x0b\x32%.isoscope.v1.RenderIsosurfaceResponse\x12*\n\ndepth_grid\x18\x05 \x01(\x0b\x32\x16.isoscope.v1.DepthGrid\x12&\n\x05\x65rror\x18\x06 \x01(\x0b\x32\x17.isoscope.v1.FrameError\"U\n\tDepthGrid\x12\r\n\x05width\x18\x01 \x01(\x05\x12\x0e\n\x06height\x18\x02 \x01(\x05\x12\x0c\n\x04near\x18\x03 \x01(\x01\x12\x0b\n\x03\x66\x61r\x18\x04 \x01(\x01\x12\x0e\n\x06\x64\x65pths\x18\x05 \x01(\x0c\"+\n\nFrameError\x12\x0c\n\x04\x63ode\x18\x01 \x01(\x05\x12\x0f\n\x07message\x18\x02 \x01(\t2^\n\x0fInteractService\x12K\n\x08Interact\x12\x1c.isoscope.v1.InteractRequest\x1a\x1d.isoscope.v1.InteractResponse(\x01\x30\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\"isoscope/v1/interact_service.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\x1a$isoscope/v1/isosurface_service.proto\"w\n\x0fInteractRequest\x12,\n\nview_state\x18\x01 \x01(\x0b\x32\x16.isoscope.v1.ViewStateH\x00\x12.\n\x0b\x66rame_shown\x18\x02 \x01(\x0b\x32\x17.isoscope.v1.FrameShownH\x00\x42\x06\n\x04kind\"\x8f\x01\n\tViewState\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x33\n\x05\x66rame\x18\x02 \x01(\x0b\x32$.isoscope.v1.RenderIsosurfaceRequest\x12 \n\x18target_frames_per_second\x18\x03 \x01(\x01\x12\x12\n\nis_at_rest\x18\x04 \x01(\x08\"V\n\nFrameShown\x12\x14\n\x0c\x66rame_number\x18\x01 \x01(\x03\x12\x32\n\x0f\x64\x65\x63ode_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xdd\x01\n\x10InteractResponse\x12\x17\n\x0fsequence_number\x18\x01 \x01(\x03\x12\x14\n\x0c\x66rame_number\x18\x02 \x01(\x03\x12\x10\n\x08is_exact\x18\x03 \x01(\x08\x12\x34\n\x05\x66rame\x18\x04 \x01(\x0b\x32%.isoscope.v1.RenderIsosurfaceResponse\x12*\n\ndepth_grid\x18\x05 \x01(\x0b\x32\x16.isoscope.v1.DepthGrid\x12&\n\x05\x65rror\x18\x06 \x01(\x0b\x32\x17.isoscope.v1.FrameError\"U\n\tDepthGrid\x12\r\n\x05width\x18\x01 \x01(\x05\x12\x0e\n\x06height\x18\x02 \x01(\x05\x12\x0c\n\x04near\x18\x03 \x01(\x01\x12\x0b\n\x03\x66\x61r\x18\x04 \x01(\x01\x12\x0e\n\x06\x64\x65pths\x18\x05 \x01(\x0c\"+\n\nFrameError\x12\x0c\n\x04\x63ode\x18\x01 \x01(\x05\x12\x0f\n\x07message\x18\x02 \x01(\t2^\n\x0fInteractService\x12K\n\x08Interact\x12\x1c.isoscope.v1.InteractRequest\x1a\x1d.isoscope.v1.InteractResponse(\x01\x30\x01\x62\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.interact_service_pb2', globals())
 if _descriptor._USE_C_DESCRIPTORS == False:
 
   DESCRIPTOR._options = None
-  _INTERACTREQUEST._serialized_start=89
-  _INTERACTREQUEST._serialized_end=208
-  _VIEWSTATE._serialized_start=211
-  _VIEWSTATE._serialized_end=354
-  _FRAMESHOWN._serialized_start=356
-  _FRAMESHOWN._serialized_end=409
-  _INTERACTRESPONSE._serialized_start=412
-  _INTERACTRESPONSE._serialized_end=633
-  _DEPTHGRID._serialized_start=635
-  _DEPTHGRID._serialized_end=720
-  _FRAMEERROR._serialized_start=722
-  _FRAMEERROR._serialized_end=765
-  _INTERACTSERVICE._serialized_start=767
-  _INTERACTSERVICE._serialized_end=861
+  _INTERACTREQUEST._serialized_start=121
+  _INTERACTREQUEST._serialized_end=240
+  _VIEWSTATE._serialized_start=243
+  _VIEWSTATE._serialized_end=386
+  _FRAMESHOWN._serialized_start=388
+  _FRAMESHOWN._serialized_end=474
+  _INTERACTRESPONSE._serialized_start=477
+  _INTERACTRESPONSE._serialized_end=698
+  _DEPTHGRID._serialized_start=700
+  _DEPTHGRID._serialized_end=785
+  _FRAMEERROR._serialized_start=787
+  _FRAMEERROR._serialized_end=830
+  _INTERACTSERVICE._serialized_start=832
+  _INTERACTSERVICE._serialized_end=926
 # @@protoc_insertion_point(module_scope)

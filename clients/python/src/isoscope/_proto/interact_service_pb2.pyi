@@ -1,3 +1,4 @@
+from google.protobuf import duration_pb2 as _duration_pb2
 from isoscope._proto import isosurface_service_pb2 as _isosurface_service_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
@@ -28,12 +29,12 @@ class FrameError(_message.Message):
     def __init__(self, code: _Optional[int] = ..., message: _Optional[str] = ...) -> None: ...
 
 class FrameShown(_message.Message):
-    __slots__ = ["decode_ms", "frame_number"]
-    DECODE_MS_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ["decode_duration", "frame_number"]
+    DECODE_DURATION_FIELD_NUMBER: _ClassVar[int]
     FRAME_NUMBER_FIELD_NUMBER: _ClassVar[int]
-    decode_ms: float
+    decode_duration: _duration_pb2.Duration
     frame_number: int
-    def __init__(self, frame_number: _Optional[int] = ..., decode_ms: _Optional[float] = ...) -> None: ...
+    def __init__(self, frame_number: _Optional[int] = ..., decode_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class InteractRequest(_message.Message):
     __slots__ = ["frame_shown", "view_state"]
