@@ -39,7 +39,7 @@
 
 namespace isoscope::render {
 
-// Fragment i of a batch lies at (x[i], y[i]) of the picture.
+// A fragment of a cap, at pixel (x, y) of the picture.
 struct CapFragment {
   int x = 0;
   int y = 0;
