@@ -2,8 +2,8 @@
 // pages (`mount`), and for notebooks (the default export is an anywidget module).
 //
 // How a picture comes and goes: a worker holds the WebSocket, takes messages apart and decodes the
-// pictures. The view sends its state whenever it changes, and again once it rests; the server answers
-// with frames. Each frame carries the camera that it shows and a coarse grid of depths. Until the next
+// pictures. The view sends its state whenever it changes; the server answers with quick frames, and
+// with the exact one when no state has come for 120 ms. Each frame carries the camera that it shows and a coarse grid of depths. Until the next
 // one is here, the last one is drawn as a relief of that grid from the camera that the pointer has
 // asked for, in the animation frame after the move. A frame whose camera is the current one is drawn as
 // it is, pixel by pixel.
@@ -904,13 +904,17 @@ function makeGlScreen(lost) {
       const jump = jumpOf(frame.camera, frame.grid.height);
       gl.enable(gl.DEPTH_TEST);
       gl.uniform2i(at.grid, frame.grid.width, frame.grid.height);
-      gl.uniform4f(at.depthRange, frame.grid.near, frame.grid.far, jump.jump, jump.jumpPerDepth);
       gl.uniformMatrix3fv(at.turn, false, warp.matrix);
       gl.uniform3f(at.offset, warp.offset[0], warp.offset[1], warp.offset[2]);
       gl.uniform4f(at.spans, warp.fromSpan[0], warp.fromSpan[1], warp.toSpan[0], warp.toSpan[1]);
       const reach = frame.grid.far + length(sub(frame.camera.eye, camera.eye)) + frame.grid.far - frame.grid.near;
       gl.uniform2f(at.clipPlanes, camera.height > 0 ? -reach : reach * 1e-3, reach * 2);
-      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, frame.grid.width * frame.grid.height);
+      // First without cuts: what was hidden is filled with what lies around it. Then, over it, cut.
+      for (const [any, perDepth] of [[1e30, 0], [jump.jump, jump.jumpPerDepth]]) {
+        gl.clear(gl.DEPTH_BUFFER_BIT);
+        gl.uniform4f(at.depthRange, frame.grid.near, frame.grid.far, any, perDepth);
+        gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, frame.grid.width * frame.grid.height);
+      }
       return true;
     },
     finish() {
@@ -1250,8 +1254,6 @@ canvas.overlay { pointer-events: none; }
 @keyframes spin { to { transform: rotate(360deg); } }
 `;
 
-/** A view rests after this time without moves, in milliseconds. */
-const REST_MS = 120;
 /** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
 const MEASURED_WARPS = 7;
 const SLOW_WARP_MS = 25;
@@ -1305,6 +1307,8 @@ export class View extends EventTarget {
     this.decorations = { axes: options.axes ?? true, scaleBar: options.scaleBar ?? true, box: options.box ?? false };
     /** @type {ShownFrame | null} */
     this.frame = null;
+    /** @type {{grid: DepthGrid, camera: Camera, scene: string} | null} */
+    this.lastGrid = null;
     this.isDestroyed = false;
 
     // Of the connection.
@@ -1314,13 +1318,12 @@ export class View extends EventTarget {
     this.isByTransport = false;
     this.generation = 0;
     this.sequence = 0;
-    /** @type {Map<number, {sentAt: number, movedAt: number | null}>} */
+    /** @type {Map<number, {scene: string, sentAt: number, movedAt: number | null}>} */
     this.sent = new Map();
     /** Responses from this state on have the camera that the server chose; 0: none is awaited. */
     this.cameraFrom = 0;
     this.hasState = false;
     this.isDirty = false;
-    this.isResting = true;
     /** @type {number | null} */
     this.movedAt = null;
     this.errorSequence = -1;
@@ -1688,7 +1691,6 @@ export class View extends EventTarget {
         this.#click(press.x / root.clientWidth, press.y / root.clientHeight);
       }
       press = null;
-      this.#rest();
     };
     root.addEventListener('pointerup', release);
     root.addEventListener('pointercancel', release);
@@ -1780,21 +1782,9 @@ export class View extends EventTarget {
   /** @param {boolean} isMoving @param {number | null} time of the event */
   #change(isMoving, time) {
     this.isDirty = true;
-    this.isResting = !isMoving;
     this.movedAt = time ?? this.movedAt;
-    clearTimeout(this.timers.rest);
-    if (isMoving) {
-      this.timers.rest = setTimeout(() => this.#rest(), REST_MS);
-    }
     this.#schedule();
     this.dispatchEvent(new CustomEvent('state', { detail: { state: this.getState(), isMoving } }));
-  }
-
-  #rest() {
-    clearTimeout(this.timers.rest);
-    if (!this.isResting) {
-      this.#change(false, null);
-    }
   }
 
   #send() {
@@ -1805,9 +1795,12 @@ export class View extends EventTarget {
     this.sequence += 1;
     const frame = this.getState();
     frame.viewport = { widthPx: this.width, heightPx: this.height };
-    const viewState = { sequenceNumber: String(this.sequence), frame, isAtRest: this.isResting,
+    // Never at rest: the server sends the exact frame by itself 120 ms after the last state, and the
+    // quick frame before it is the one with depths, which the next move needs.
+    const viewState = { sequenceNumber: String(this.sequence), frame,
       targetFramesPerSecond: this.options.targetFramesPerSecond ?? 30 };
-    this.sent.set(this.sequence, { sentAt: performance.timeOrigin + performance.now(), movedAt: this.movedAt });
+    const scene = JSON.stringify({ ...frame, camera: null, viewport: null });
+    this.sent.set(this.sequence, { scene, sentAt: performance.timeOrigin + performance.now(), movedAt: this.movedAt });
     for (const number of this.sent.keys()) {
       if (number < this.sequence - 256) {
         this.sent.delete(number);
@@ -1996,7 +1989,18 @@ export class View extends EventTarget {
     }
     this.#closeArrived();
     this.arrived = message;
+    const grid = this.#gridOf(message);
+    const camera = cameraFromJson(header.frame?.camera);
+    if (grid && camera) {
+      this.lastGrid = { grid, camera, scene: sent?.scene ?? '' };
+    }
     this.#schedule();
+  }
+
+  /** @param {any} message @returns {DepthGrid | null} */
+  #gridOf({ header, depths }) {
+    return depths.length > 0 ? { width: header.depthGrid.width, height: header.depthGrid.height,
+      near: Number(header.depthGrid.near ?? 0), far: Number(header.depthGrid.far ?? 0), values: depths } : null;
   }
 
   /** Drops a frame that was decoded and not shown, and says so. */
@@ -2061,7 +2065,7 @@ export class View extends EventTarget {
   #show() {
     const message = this.arrived;
     this.arrived = null;
-    const { header, bitmap, depths } = message;
+    const { header, bitmap } = message;
     const sequence = Number(header.sequenceNumber ?? 0);
     const camera = cameraFromJson(header.frame?.camera) ?? this.camera;
     if (camera && (!this.camera || this.cameraFrom && sequence >= this.cameraFrom)) {
@@ -2069,13 +2073,18 @@ export class View extends EventTarget {
       this.cameraFrom = 0;
       const isFitted = this.state.cameraFit === 'CAMERA_FIT_SURFACE';
       delete this.state.cameraFit;
-      if (isFitted && depths.length > 0) {
-        this.#fill(camera, header.depthGrid, depths, bitmap.width / bitmap.height);
+      if (isFitted) {
+        this.#fill(camera, this.#gridOf(message) ?? this.#gridOfPicture(camera, bitmap), bitmap.width / bitmap.height);
       }
       this.dispatchEvent(new CustomEvent('state', { detail: { state: this.getState(), isMoving: false } }));
     }
-    const grid = depths.length > 0 ? { width: header.depthGrid.width, height: header.depthGrid.height,
-      near: Number(header.depthGrid.near ?? 0), far: Number(header.depthGrid.far ?? 0), values: depths } : null;
+    const scene = this.sent.get(sequence)?.scene ?? '';
+    let grid = this.#gridOf(message);
+    const last = this.lastGrid;
+    if (!grid && camera && last && scene !== '' && scene === last.scene && isSameCamera(camera, last.camera)) {
+      // The exact frame may come without: the depths of the quick one before it are the same.
+      grid = last.grid;
+    }
     const isExact = header.isExact === true;
     const { red = 0, green = 0, blue = 0 } = this.state.backgroundColor ?? {};
     const { width, height } = bitmap;
@@ -2105,17 +2114,39 @@ export class View extends EventTarget {
     this.dispatchEvent(new CustomEvent('frame', { detail: { header, isExact, width, height } }));
   }
 
-  /**
-   * @param {Camera} camera @param {{width: number, height: number, near?: number, far?: number}} grid
-   * @param {Uint16Array} values @param {number} aspect
-   */
-  #fill(camera, grid, values, aspect) {
-    const { width, height, near = 0, far = 0 } = grid;
-    const filled = fillView(camera, { width, height, near: Number(near), far: Number(far), values }, aspect);
+  /** @param {Camera} camera @param {DepthGrid} grid @param {number} aspect */
+  #fill(camera, grid, aspect) {
+    const filled = fillView(camera, grid, aspect);
     if (!isSameCamera(filled, camera)) {
       this.camera = filled;
       this.#change(false, null);
     }
+  }
+
+  /**
+   * For a frame that came without depths: what differs from the background is at the target's distance.
+   * @param {Camera} camera @param {ImageBitmap} bitmap @returns {DepthGrid}
+   */
+  #gridOfPicture(camera, bitmap) {
+    const canvas = document.createElement('canvas');
+    canvas.width = 128;
+    canvas.height = Math.max(1, Math.round(128 * bitmap.height / bitmap.width));
+    const { width, height } = canvas;
+    const values = new Uint16Array(width * height).fill(65535);
+    const context = canvas.getContext('2d');
+    if (context) {
+      context.drawImage(bitmap, 0, 0, width, height);
+      const { data } = context.getImageData(0, 0, width, height);
+      const { red = 0, green = 0, blue = 0 } = this.state.backgroundColor ?? {};
+      const background = [red, green, blue].map((channel) => 255 * channel);
+      for (let i = 0; i < values.length; ++i) {
+        if (background.some((channel, k) => Math.abs(data[4 * i + k] - channel) > 8)) {
+          values[i] = 0;
+        }
+      }
+    }
+    const { distance } = basisOf(camera);
+    return { width, height, near: distance, far: distance, values };
   }
 
   #draw() {

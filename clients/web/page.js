@@ -919,7 +919,7 @@ byId('link', HTMLElement).onclick = () => {
 byId('save', HTMLElement).onclick = () => {
   page.width.value ||= String(shown.width);
   page.height.value ||= String(shown.height);
-  page.command.textContent = stateToCommand(shown.getState(), 'picture.png');
+  page.command.textContent = stateToCommand(shown.getState(), 'picture.png', shown);
   page.saveSamples.value = String(Math.max(4, Number(shown.state.samples ?? 1)));
   page.dialog.showModal();
 };

@@ -113,11 +113,14 @@ export function stateToHash(state) {
 
 /**
  * The command that draws the same picture.
- * @param {FrameRequest} state @param {string} file
+ * @param {FrameRequest} state @param {string} file @param {{width: number, height: number}} [size]
  */
-export function stateToCommand(state, file) {
+export function stateToCommand(state, file, size) {
   const flags = stateToWords(state).map(([name, value]) =>
     value === '' ? `--${name}` : `--${name} ${/^[\w.,:+-]+$/.test(value) ? value : `'${value.replace(/'/g, '\'\\\'\'')}'`}`);
+  if (size) {
+    flags.push(`--width ${size.width}`, `--height ${size.height}`);
+  }
   return ['isoscope render --server HOST:50051', ...flags, `--output ${file}`].join(' \\\n  ');
 }
 

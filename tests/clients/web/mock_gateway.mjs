@@ -194,7 +194,8 @@ function answer(stream, state, isExact) {
     const { widthPx, heightPx } = state.frame.viewport;
     const shrink = isExact ? 1 : 2;
     const image = draw(state.frame, { width: Math.max(1, Math.round(widthPx / shrink)), height: Math.max(1, Math.round(heightPx / shrink)) });
-    const grid = gridOf(image, 128);
+    // As the server: only frames of a moving view have depths.
+    const grid = isExact ? null : gridOf(image, 128);
     const png = encodePng(image.width, image.height, image.rgb);
     const colorBy = surfacesOf(state.frame)[0]?.colorBy;
     header = { ...base, isExact: isExact || undefined,
@@ -204,9 +205,9 @@ function answer(stream, state, isExact) {
           durations: { occluderRenderingDuration: '0.004s', encodeDuration: '0.001s' },
           agents: [0, 1].map((i) => ({ agentAddress: `agent-${i}:50061`, shardIndices: [i], triangleCount: '500',
             extractDuration: '0.002s', renderDuration: '0.001s', busyDuration: '0.004s' })) } },
-      depthGrid: { width: grid.width, height: grid.height, near: grid.near, far: grid.far },
-      image: { type: 'image/png', bytes: png.length }, depthBytes: 2 * grid.values.length };
-    parts = [png, Buffer.from(grid.values.buffer)];
+      depthGrid: grid ? { width: grid.width, height: grid.height, near: grid.near, far: grid.far } : undefined,
+      image: { type: 'image/png', bytes: png.length }, depthBytes: grid ? 2 * grid.values.length : 0 };
+    parts = grid ? [png, Buffer.from(grid.values.buffer)] : [png];
   }
   const text = Buffer.from(JSON.stringify(header));
   const size = Buffer.alloc(4);
