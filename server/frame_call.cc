@@ -206,6 +206,10 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
     if (spec_.output.normal && has_normals && !larger.has_value()) {
       output->normal = NormalPlane(drawn_);
     }
+    // With several samples what is drawn shows the same, finer; with a margin it shows more.
+    if (depth_grid_side_ > 0 && (!larger.has_value() || !spec_.region.has_value())) {
+      depth_grid_ = MakeDepthGrid(drawn_, drawn.view, depth_grid_side_);
+    }
     FinishedPicture finished = FinishPicture({.spec = &spec_,
                                               .window = &window,
                                               .drawn_view = &drawn.view,
@@ -214,9 +218,6 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
                                               .images = runner_->images()},
                                              &drawn_);
     image_ = std::move(finished.image);
-    if (depth_grid_side_ > 0 && !larger.has_value()) {
-      depth_grid_ = MakeDepthGrid(image_, target.view, depth_grid_side_);
-    }
     statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
     ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
     if (spec_.effects.samples_per_side == 1) {

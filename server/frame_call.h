@@ -68,7 +68,7 @@ class FrameCall {
   absl::Status AdmitPick(const isoscope::v1::PickSurfaceRequest& pick);
 
   // Lets Render also make the depth grid of the picture, with this many points on its longer side.
-  // There is none if the picture has several samples, or lines and hollows drawn beyond its border.
+  // A region that is drawn with a margin has none.
   void AskDepthGrid(int longer_side) { depth_grid_side_ = longer_side; }
   [[nodiscard]] const std::optional<DepthGrid>& depth_grid() const { return depth_grid_; }
   // Logs only failures: for frames of which there are dozens a second.
