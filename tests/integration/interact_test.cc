@@ -192,7 +192,7 @@ TEST_F(InteractTest, AStateAtRestIsAnsweredWithTheExactFrameAlone) {
   ASSERT_TRUE(response.has_value());
   EXPECT_TRUE(response->is_exact());
   EXPECT_EQ(response->frame().png(), Render(request));
-  EXPECT_EQ(response->depth_grid().width(), 160) << "a point for each column";
+  EXPECT_EQ(response->depth_grid().width(), 256);
 }
 
 TEST_F(InteractTest, AFrameThatFailsIsToldAndTheStreamGoesOn) {
