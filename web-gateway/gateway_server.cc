@@ -23,6 +23,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/strand.hpp>
 
+#include "client-cli/parse_value.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "web-gateway/http_session.h"
@@ -73,15 +74,14 @@ class GatewayServerImpl final : public GatewayServer {
   }
 
   absl::Status Listen(const GatewayOptions& options) {
-    const std::string& address = options.listen_address;
+    // The resolver would take 99999 for another port.
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
+                              cli::ParseHostPort(options.listen_address));
     const std::size_t colon = address.rfind(':');
     const auto failed = [&](absl::string_view step, const error_code& error) {
       return absl::UnavailableError(
           absl::StrCat("can't listen on \"", address, "\": ", step, ": ", error.message()));
     };
-    if (colon == std::string::npos) {
-      return absl::InvalidArgumentError(absl::StrCat("'", address, "' is not HOST:PORT"));
-    }
     std::string host = address.substr(0, colon);
     if (host.size() > 2 && host.front() == '[') {
       host = host.substr(1, host.size() - 2);

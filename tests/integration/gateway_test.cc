@@ -783,6 +783,22 @@ class FakeBackedGateway {
   std::unique_ptr<grpc::Server> server_;
 };
 
+TEST(GatewayServerTest, AddressesThatCantBeListenedOnAreErrors) {
+  FakeBackedGateway fakes({});
+  const auto start = [](const std::string& address) {
+    return gateway::GatewayServer::Start(
+               {.channel = rpc::MakeChannel("127.0.0.1:1"), .listen_address = address})
+        .status();
+  };
+  for (const char* address :
+       {"", "127.0.0.1", "127.0.0.1:99999", "127.0.0.1:-1", ":80", "a b:80"}) {
+    EXPECT_THAT(start(address), testing::StatusIs(absl::StatusCode::kInvalidArgument)) << address;
+  }
+  EXPECT_THAT(start(fakes.address),
+              testing::StatusIs(absl::StatusCode::kUnavailable, HasSubstr(fakes.address)));
+  EXPECT_THAT(start("192.0.2.1:0"), testing::StatusIs(absl::StatusCode::kUnavailable));
+}
+
 TEST(GatewayServerTest, AClientThatLeavesCancelsItsPicture) {
   FakeBackedGateway fakes({});
   Connection connection(fakes.address);
