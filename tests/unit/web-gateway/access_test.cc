@@ -10,10 +10,10 @@
 namespace isoscope::gateway {
 namespace {
 
-using testing::IsOk;
-using testing::StatusIs;
 using ::testing::HasSubstr;
+using testing::IsOk;
 using ::testing::MatchesRegex;
+using testing::StatusIs;
 
 TEST(AccessTest, OriginMustBeTheHostOrAllowed) {
   const AccessRules rules({.allowed_origins = {"https://hub.example.org"}});
@@ -53,8 +53,8 @@ TEST(AccessTest, ALoopbackGatewayTakesNoForeignNames) {
   }
   for (const char* host : {"evil.org", "evil.org:8080", "localhost.evil.org", "", "1.2.3.4.evil",
                            "127.0.0.1.evil.org", "1.2.3", "1.2.3.1234"}) {
-    EXPECT_THAT(rules.CheckSource("", host), StatusIs(absl::StatusCode::kPermissionDenied,
-                                                      HasSubstr("--allow-origin")))
+    EXPECT_THAT(rules.CheckSource("", host),
+                StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("--allow-origin")))
         << host;
   }
   // With a token a foreign page can't ask, and elsewhere the name is the operator's affair.
@@ -68,12 +68,10 @@ TEST(AccessTest, TokenComesAsParameterOrAsBearer) {
   EXPECT_THAT(rules.CheckToken("", "Bearer secret"), IsOk());
   EXPECT_THAT(rules.CheckToken("", "bearer  secret "), IsOk());
   for (const char* wrong : {"", "Secret", "secre", "secrets", " secret"}) {
-    EXPECT_THAT(rules.CheckToken(wrong, ""), StatusIs(absl::StatusCode::kUnauthenticated))
-        << wrong;
+    EXPECT_THAT(rules.CheckToken(wrong, ""), StatusIs(absl::StatusCode::kUnauthenticated)) << wrong;
   }
   for (const char* wrong : {"secret", "Basic secret", "Bearer", "Bearer ", "Bearer secret2"}) {
-    EXPECT_THAT(rules.CheckToken("", wrong), StatusIs(absl::StatusCode::kUnauthenticated))
-        << wrong;
+    EXPECT_THAT(rules.CheckToken("", wrong), StatusIs(absl::StatusCode::kUnauthenticated)) << wrong;
   }
   EXPECT_THAT(AccessRules({}).CheckToken("", ""), IsOk());
 }
@@ -88,7 +86,8 @@ TEST(AccessTest, LoopbackAddresses) {
   for (const char* address : {"127.0.0.1:0", "127.1.2.3:80", "localhost:80", "[::1]:80"}) {
     EXPECT_TRUE(IsLoopback(address)) << address;
   }
-  for (const char* address : {"0.0.0.0:80", "[::]:80", "host:80", "127.evil.org:80", "10.0.0.1:1"}) {
+  for (const char* address :
+       {"0.0.0.0:80", "[::]:80", "host:80", "127.evil.org:80", "10.0.0.1:1"}) {
     EXPECT_FALSE(IsLoopback(address)) << address;
   }
 }

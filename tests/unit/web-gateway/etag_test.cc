@@ -20,8 +20,8 @@ TEST(EtagTest, DependsOnEveryPartAndOnWhereItEnds) {
 
 TEST(EtagTest, IfNoneMatchIsAList) {
   const std::string etag = MakeEtag({"a"});
-  for (const std::string& header : {etag, "W/" + etag, "\"x\", " + etag, etag + " ,\"y\"",
-                                    std::string("*"), "  " + etag}) {
+  for (const std::string& header :
+       {etag, "W/" + etag, "\"x\", " + etag, etag + " ,\"y\"", std::string("*"), "  " + etag}) {
     EXPECT_TRUE(MatchesEtag(header, etag)) << header;
   }
   for (const std::string& header :

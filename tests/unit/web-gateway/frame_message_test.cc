@@ -12,9 +12,9 @@
 namespace isoscope::gateway {
 namespace {
 
+using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::StatusIs;
-using ::testing::HasSubstr;
 namespace v1 = isoscope::v1;
 
 struct Parts {
@@ -94,8 +94,7 @@ TEST(FrameMessageTest, RequestsAreStatesOrFramesShown) {
   EXPECT_EQ(shown->frame_shown().decode_duration().nanos(), 4200000);
   for (const char* wrong : {"", "{}", "null", "[1]", R"({"viewState":1})", R"({"other":{}})",
                             R"({"viewState":{},"frameShown":{}})"}) {
-    EXPECT_THAT(DecodeInteractRequest(wrong).status(),
-                StatusIs(absl::StatusCode::kInvalidArgument))
+    EXPECT_THAT(DecodeInteractRequest(wrong).status(), StatusIs(absl::StatusCode::kInvalidArgument))
         << wrong;
   }
 }

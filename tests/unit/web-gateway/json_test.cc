@@ -11,10 +11,10 @@
 namespace isoscope::gateway {
 namespace {
 
-using testing::IsOk;
-using testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::StatusIs;
 
 TEST(JsonTest, FollowsTheMappingOfProtobuf) {
   isoscope::v1::RenderIsosurfaceRequest request;
@@ -41,8 +41,8 @@ TEST(JsonTest, RefusesWhatIsNoMessage) {
         std::string("{\"isovalue\":1}}"), std::string("\xff\xfe"), deep}) {
     isoscope::v1::RenderIsosurfaceRequest request;
     const absl::Status status = FromJson(json, &request);
-    EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument,
-                                 HasSubstr("RenderIsosurfaceRequest")))
+    EXPECT_THAT(status,
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("RenderIsosurfaceRequest")))
         << json.substr(0, 40);
     EXPECT_LT(status.message().size(), 500U);
   }

@@ -12,11 +12,11 @@
 namespace isoscope::gateway {
 namespace {
 
-using testing::IsOk;
-using testing::StatusIs;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using testing::IsOk;
 using ::testing::Not;
+using testing::StatusIs;
 namespace v1 = isoscope::v1;
 
 v1::Dataset MakeDataset() {
@@ -144,8 +144,8 @@ TEST(RenderQueryTest, MeshesHaveSurfacesAndAClip) {
   EXPECT_EQ(one->request.isovalue(), 60);
   EXPECT_TRUE(one->request.clip().has_box());
   ASSERT_EQ(one->surfaces.size(), 1U);
-  const absl::StatusOr<MeshQuery> two = MeshQueryFromQuery(
-      {{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
+  const absl::StatusOr<MeshQuery> two =
+      MeshQueryFromQuery({{"surface", "60:1,0,0:0.5"}, {"surface", "30"}}, MakeDataset());
   ASSERT_THAT(two, IsOk());
   EXPECT_EQ(two->request.surfaces_size(), 2);
   EXPECT_EQ(two->surfaces[0].color->alpha, 1);

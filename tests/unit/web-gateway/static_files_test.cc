@@ -39,8 +39,10 @@ TEST(StaticFilesTest, AFileThatTheBrowserHasIsNotSentAgain) {
 }
 
 TEST(StaticFilesTest, OtherPathsAreNotFound) {
-  for (const std::vector<std::string>& segments :
-       {std::vector<std::string>{"absent.js"}, {"index.html", "x"}, {"../index.html"}, {"web", "x"}}) {
+  for (const std::vector<std::string>& segments : {std::vector<std::string>{"absent.js"},
+                                                   {"index.html", "x"},
+                                                   {"../index.html"},
+                                                   {"web", "x"}}) {
     EXPECT_EQ(Get(segments).status, 404) << segments[0];
   }
 }

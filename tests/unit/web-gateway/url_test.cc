@@ -12,9 +12,9 @@
 namespace isoscope::gateway {
 namespace {
 
+using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::StatusIs;
-using ::testing::HasSubstr;
 
 TEST(UrlTest, SplitsAndDecodes) {
   const struct {
@@ -26,8 +26,7 @@ TEST(UrlTest, SplitsAndDecodes) {
       {"//v1///datasets/", {.segments = {"v1", "datasets"}}},
       {"/v1/datasets/a%2Fb%20c", {.segments = {"v1", "datasets", "a/b c"}}},
       {"/a+b", {.segments = {"a+b"}}},  // a space in a query only
-      {"/?a=1&b=&c&a=2",
-       {.query = {{"a", "1"}, {"b", ""}, {"c", ""}, {"a", "2"}}}},
+      {"/?a=1&b=&c&a=2", {.query = {{"a", "1"}, {"b", ""}, {"c", ""}, {"a", "2"}}}},
       {"/?x=a+b%2B%3D=c", {.query = {{"x", "a b+==c"}}}},
       {"/?&&a=1&", {.query = {{"a", "1"}}}},
       {"http://host:80/v1?x=1", {.segments = {"v1"}, .query = {{"x", "1"}}}},
@@ -42,10 +41,9 @@ TEST(UrlTest, SplitsAndDecodes) {
 }
 
 TEST(UrlTest, RefusesWhatIsNoTarget) {
-  for (const std::string& target :
-       std::vector<std::string>{"", "*", "v1", "ftp://host/", "host:80", "/%", "/%2", "/%zz",
-                                "/a?b=%g0", "/%00", "/a%0Ab", "/?a=%0d", "/..", "/a/%2e%2E/b",
-                                "/./a", std::string("/a\0b", 4), "/\x7f"}) {
+  for (const std::string& target : std::vector<std::string>{
+           "", "*", "v1", "ftp://host/", "host:80", "/%", "/%2", "/%zz", "/a?b=%g0", "/%00",
+           "/a%0Ab", "/?a=%0d", "/..", "/a/%2e%2E/b", "/./a", std::string("/a\0b", 4), "/\x7f"}) {
     EXPECT_THAT(ParseTarget(target).status(), StatusIs(absl::StatusCode::kInvalidArgument))
         << target;
   }
@@ -64,8 +62,8 @@ TEST(UrlTest, LimitsTheNumberOfParameters) {
     query += "a=1&";
   }
   EXPECT_THAT(ParseTarget(query), IsOk());
-  EXPECT_THAT(ParseTarget(query + "a=1"), StatusIs(absl::StatusCode::kInvalidArgument,
-                                                   HasSubstr("128 parameters")));
+  EXPECT_THAT(ParseTarget(query + "a=1"),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("128 parameters")));
 }
 
 TEST(UrlTest, TakesAParameterOutWhereverItStands) {
