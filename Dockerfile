@@ -72,3 +72,10 @@ COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
 USER isoscope
 WORKDIR /data
 ENTRYPOINT ["isoscope"]
+
+# isoscope, the MRI head of Debian's mricron-data, and a folder that a new volume takes its owner from.
+FROM cli AS demo
+USER root
+RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_DEMO_PACKAGES[@]}"; \
+    apt-get clean; rm -rf /var/lib/apt/lists/*; chown isoscope /data'
+USER isoscope

@@ -261,6 +261,18 @@ for service in "${services[@]}" gateway; do
   check_equal "$service ended with exit code 0" "$(inspect "$service" '{{.State.ExitCode}}')" 0
 done
 
+echo "== demo"
+run_demo() {
+  "${compose[@]}" --project-name "$project-demo" --file deploy/demo.yaml "$@"
+}
+run_compose down --volumes >/dev/null 2>&1 || true
+check "the demo starts with nothing prepared" run_demo up --detach --build
+check "its shards are found" eventually 120 is_complete
+check "its page answers" eventually 60 curl -fsS "http://127.0.0.1:$((port + 1))/healthz"
+check "its gateway draws" \
+  curl -fsS -o "$work/demo.png" "http://127.0.0.1:$((port + 1))/v1/datasets/head/render?isovalue=60"
+run_demo down --volumes >/dev/null 2>&1 || true
+
 if [ "$failed" -gt 0 ]; then
   echo "container_test.sh: FAILED: $failed of $((passed + failed)) checks"
   exit 1

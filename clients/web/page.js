@@ -199,6 +199,16 @@ function factsOf(dataset) {
   return `${dims.x} × ${dims.y} × ${dims.z} ${type}${range}`;
 }
 
+/**
+ * Returns what people call a dataset: the name of a cached volume ends with 16 digits of its content,
+ * which are left out where that leaves it the only one.
+ * @param {string} name @param {{name: string}[]} datasets
+ */
+function labelOf(name, datasets) {
+  const short = (/** @type {string} */ text) => text.replace(/-[0-9a-f]{16}$/, '');
+  return datasets.filter((other) => short(other.name) === short(name)).length > 1 ? name : short(name);
+}
+
 async function loadDatasets() {
   try {
     datasets = (await client.get('v1/datasets')).datasets ?? [];
@@ -209,7 +219,7 @@ async function loadDatasets() {
   if (datasets.length === 0) {
     say('The server has no dataset yet. Start an agent with one: isoscope partition head.nii.gz, then isoscope serve head.', true);
   }
-  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name }, dataset.name)));
+  page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
   open(stateFromHash(location.hash).state, start.problems);
 }
 
