@@ -343,9 +343,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
   }
 
-  // Reads the body into `request`, whose frame `frame` gets the dataset of the address.
-  absl::Status ReadBody(google::protobuf::Message* request, v1::RenderIsosurfaceRequest* frame) {
-    ISOSCOPE_RETURN_IF_ERROR(FromJson(request_.body, request));
+  // Gives a frame of the body the dataset of the address.
+  absl::Status SetDataset(v1::RenderIsosurfaceRequest* frame) {
     if (!frame->dataset().empty() && frame->dataset() != dataset_.name()) {
       return absl::InvalidArgumentError(
           absl::StrCat("dataset is ", Quoted(frame->dataset()), ", but the address names ",
@@ -360,7 +359,11 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (!TakesNoParameters()) {
       return;
     }
-    if (const absl::Status status = ReadBody(&request, request.mutable_frame()); !status.ok()) {
+    absl::Status status = FromJson(request_.body, &request);
+    if (status.ok()) {
+      status = SetDataset(request.mutable_frame());
+    }
+    if (!status.ok()) {
       RespondError(status);
       return;
     }
@@ -372,7 +375,10 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (!TakesNoParameters()) {
       return;
     }
-    absl::Status status = ReadBody(&render_, &render_);
+    absl::Status status = FromJson(request_.body, &render_);
+    if (status.ok()) {
+      status = SetDataset(&render_);
+    }
     if (status.ok()) {
       status = CheckOneOutput(render_.output());
     }
