@@ -1,11 +1,10 @@
-// Two threads share a stream. This one sends a state every 1/60 s, the camera a step further each
-// time, then one state at rest. The reader acknowledges each frame after the pretended decoding,
-// and notes when the state that the frame answers was sent. The frames of the first second do not
-// count: meshes are extracted, and the server finds its sizes.
+// Two threads share a stream. This one sends states at their rate, the camera a step further each
+// time, and then waits for the exact frame of the last one. The reader acknowledges each frame
+// after the pretended decoding, and notes when the state that the frame answers was sent. The
+// frames of the first second do not count: meshes are extracted, and the server finds its sizes.
 
 #include "bench/drag_bench.h"
 
-#include <algorithm>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,14 +13,12 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/interrupt.h"
-#include "client-cli/output.h"
 #include "client-cli/service_client.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
@@ -86,7 +83,7 @@ class DragBench {
     for (absl::Time next = start; next < end; next += step) {
       absl::SleepFor(next - absl::Now());
       ISOSCOPE_RETURN_IF_ERROR(context_.interrupt->cancellation().Check());
-      ISOSCOPE_RETURN_IF_ERROR(SendState(++state, /*is_at_rest=*/false));
+      ISOSCOPE_RETURN_IF_ERROR(SendState(++state));
       if (absl::Now() - start >= kWarmUp) {
         StartCounting();
       }
@@ -115,13 +112,12 @@ class DragBench {
     }
   }
 
-  absl::Status SendState(std::int64_t state, bool is_at_rest) ABSL_LOCKS_EXCLUDED(mutex_) {
+  absl::Status SendState(std::int64_t state) ABSL_LOCKS_EXCLUDED(mutex_) {
     v1::InteractRequest request;
     v1::ViewState& view = *request.mutable_view_state();
     view.set_sequence_number(state);
     *view.mutable_frame() = FrameOf(state);
     view.set_target_frames_per_second(plan_.target_frames_per_second);
-    view.set_is_at_rest(is_at_rest);
     {
       const base::MutexLock lock(&mutex_);
       sent_[state] = absl::Now();

@@ -1,3 +1,17 @@
+// For each shard:
+//
+// 1. CapPainter::NeedOf tells of each block whether it has no caps, is inside as a whole, or must
+// be
+//    looked at sample by sample.
+// 2. Blocks inside as a whole are painted from their span, and blocks with samples in the cache
+// from
+//    there, in parallel.
+// 3. The others are read in disk runs and painted as they arrive; the cache is offered their
+// samples.
+//
+// Each block's fragments go into the image in batches under one lock, by the order of fragments, so
+// that the order of blocks cannot show.
+
 #include "partition-agent/cap_drawing.h"
 
 #include <algorithm>

@@ -39,8 +39,6 @@ void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, absl::
   cancelled_last_ = it->second.is_cancelled;
   if (!it->second.is_cancelled) {
     Blend(now - it->second.start, it->second.is_exact ? &expected_exact_ : &expected_moving_);
-  } else if (it->second.is_exact && !has_answer && exact_started_ == it->second.sequence) {
-    exact_started_ = 0;
   }
   in_work_.erase(it);
   waiting_count_ += has_answer ? 1 : 0;
