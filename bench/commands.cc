@@ -3,7 +3,8 @@
 namespace isoscope::bench {
 
 std::vector<cli::Command> Commands() {
-  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand(), DragBenchCommand()};
+  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand(), DragBenchCommand(),
+          SliderBenchCommand()};
 }
 
 }  // namespace isoscope::bench

@@ -13,6 +13,7 @@ cli::Command FrameBenchCommand();
 cli::Command PaperBenchCommand();
 cli::Command CancelBenchCommand();
 cli::Command DragBenchCommand();
+cli::Command SliderBenchCommand();
 
 // All of them, in the order of --help.
 std::vector<cli::Command> Commands();

@@ -66,7 +66,9 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
                                                 .max_kept_mesh_bytes = memory->kept_mesh_bytes(),
                                                 .max_unused_bytes = memory->unused_image_bytes()}));
 
+  const std::shared_ptr<image::PixelMailboxes> mailboxes = image::PixelMailboxes::Make();
   server::CoordinatorServerOptions coordinator_options;
+  coordinator_options.mailboxes = mailboxes;
   coordinator_options.arena = arena;
   for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
     agent::AgentServerOptions agent_options;
@@ -74,6 +76,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     agent_options.renderer = cluster->renderer_;
     agent_options.arena = arena;
     agent_options.memory = memory;
+    agent_options.mailboxes = mailboxes;
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
                               agent::AgentServer::Start(agent_options));
     coordinator_options.agents.push_back(

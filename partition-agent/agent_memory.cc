@@ -29,8 +29,8 @@ constexpr double kCacheShare = 0.5;
 // The share of the limit without steps and idle images.
 constexpr double kRestShare = 1.0 - 1.0 / 4 - 1.0 / 16 - 1.0 / 32;
 constexpr std::size_t kMinCacheBytes = 8 * base::kMiB;
-// The most memory that is touched at start: enough for some five million triangles. It takes
-// milliseconds.
+// The most memory that is touched at start and ahead of frames: enough for some five million
+// triangles. It takes milliseconds.
 constexpr std::size_t kMaxPopulatedBytes = 128 * base::kMiB;
 
 double Mebibytes(std::size_t bytes) {
@@ -67,12 +67,19 @@ absl::Status AgentMemory::Settle() {
   const auto cache_bytes =
       static_cast<std::size_t>(kCacheShare * static_cast<double>(limit_bytes_ - taken));
   cache_.SetMaxBytes(cache_bytes);
-  cache_.Populate(std::min(cache_bytes / 2, kMaxPopulatedBytes));
+  const std::size_t ahead_bytes = std::min(cache_bytes / 2, kMaxPopulatedBytes);
+  cache_.Populate(ahead_bytes);
+  toucher_ = std::make_unique<IdleToucher>(IdleToucher::Options{
+      .is_busy = [this] { return steps_.is_in_use(); },
+      .touch_some = [this, ahead_bytes] { return cache_.PopulateAhead(ahead_bytes); }});
   return absl::OkStatus();
 }
 
 absl::StatusOr<base::MemoryBudget::Reservation> AgentMemory::ReserveStep(
     const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers) {
+  if (toucher_ != nullptr) {
+    toucher_->NoteWork();
+  }
   const std::size_t pixels =
       static_cast<std::size_t>(viewport.width_px) * static_cast<std::size_t>(viewport.height_px);
   const std::size_t layer_bytes =

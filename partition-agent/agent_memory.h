@@ -5,6 +5,7 @@
 #define ISOSCOPE_PARTITION_AGENT_AGENT_MEMORY_H_
 
 #include <cstddef>
+#include <memory>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -14,6 +15,7 @@
 #include "core/render/layer_pass.h"
 #include "core/view/camera.h"
 #include "partition-agent/block_cache.h"
+#include "partition-agent/idle_toucher.h"
 
 namespace isoscope::agent {
 
@@ -27,8 +29,9 @@ class AgentMemory {
   // REQUIRES: limit_bytes >= kMinLimitBytes. The cache keeps nothing before Settle.
   explicit AgentMemory(std::size_t limit_bytes);
 
-  // Gives the cache the memory that neither the process holds nor frames need. Call it once all
-  // shards are open. FAILED_PRECONDITION if none is left; the message has the necessary limit.
+  // Gives the cache the memory that neither the process holds nor frames need, and begins to touch
+  // it ahead of frames, while there are none. Call it once all shards are open. FAILED_PRECONDITION
+  // if none is left; the message has the necessary limit.
   absl::Status Settle();
 
   // Limits of a renderer: unused images and buffers, unused layers, and meshes whose pixels are not
@@ -56,6 +59,7 @@ class AgentMemory {
   base::MemoryBudget steps_;
   BlockCache cache_;
   render::LayerRenderer layers_;
+  std::unique_ptr<IdleToucher> toucher_;  // last: its thread uses the members above
 };
 
 }  // namespace isoscope::agent

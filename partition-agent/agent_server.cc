@@ -172,6 +172,7 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
   service_options.renderer = options.renderer;
   service_options.arena = options.arena;
   service_options.memory = options.memory;
+  service_options.mailboxes = options.mailboxes;
   service_options.max_concurrent_frames = options.max_concurrent_frames;
   service_options.max_queued_frames = options.max_queued_frames;
   auto server = std::make_unique<AgentServerImpl>(service_options);

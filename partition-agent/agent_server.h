@@ -14,6 +14,7 @@
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
 #include "partition-agent/agent_memory.h"
 
@@ -28,6 +29,8 @@ struct AgentServerOptions {
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<tbb::task_arena> arena;
   std::shared_ptr<AgentMemory> memory;
+  // Those of a coordinator of this process, which takes pixels from there; else null.
+  std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   // The most frames in work at a time. Others wait, or are refused with RESOURCE_EXHAUSTED.
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;

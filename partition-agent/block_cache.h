@@ -49,10 +49,21 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
 
   // Takes memory for meshes from the kernel, so that the first frame need not. Blocks.
   void Populate(std::size_t bytes) { pool_->Populate(bytes); }
+  // Takes a large page if less than `ahead_bytes` wait to be used, within the bound. Returns
+  // whether it has. Blocks for some milliseconds.
+  bool PopulateAhead(std::size_t ahead_bytes) {
+    const std::size_t waiting = pool_->touched_free_bytes();
+    if (waiting >= ahead_bytes || meshes_.size_bytes() + waiting >= meshes_.max_bytes()) {
+      return false;
+    }
+    pool_->Populate(1);
+    return true;
+  }
 
   // Begins a frame, which `frame_number` tells from others. Returns its round.
   std::uint64_t BeginRound(std::int64_t frame_number) {
     const std::uint64_t round = meshes_.BeginRound(frame_number);
+    slider_bytes_.store(0, std::memory_order_relaxed);
     samples_.SetRound(round);
     actives_.SetRound(round);
     return round;
@@ -64,12 +75,17 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   std::shared_ptr<const std::string> FindSamples(const Shard& shard, std::uint32_t ordinal) {
     return samples_.Find({shard.number, ordinal});
   }
-  // Keeps a copy of the samples if the block was read before. A block may be read only once.
+  // Keeps a copy of the samples if the block was read before. A block may be read only once. While
+  // a slider moves, only a few blocks of a frame are kept: fresh memory costs more than to read
+  // them again.
   void OfferSamples(const Shard& shard, std::uint32_t ordinal, absl::string_view samples) {
     const BlockKey key{shard.number, ordinal};
     const std::size_t bit = absl::Hash<BlockKey>{}(key) % (64 * kSeenWords);
     const std::uint64_t mask = std::uint64_t{1} << (bit % 64);
-    if ((seen_[bit / 64].fetch_or(mask, std::memory_order_relaxed) & mask) != 0) {
+    const bool was_read = (seen_[bit / 64].fetch_or(mask, std::memory_order_relaxed) & mask) != 0;
+    if (was_read &&
+        (!meshes_.is_slider_moving() ||
+         slider_bytes_.fetch_add(samples.size(), std::memory_order_relaxed) < kMaxSliderBytes)) {
       samples_.Insert(key, std::make_shared<const std::string>(samples), samples.size());
     }
   }
@@ -101,6 +117,9 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   MeshCache meshes_;
   base::LruCache<BlockKey, std::string> samples_;
   base::LruCache<ActiveKey, std::vector<ActiveBlock>, 1> actives_;
+  // Of samples that a frame keeps while a slider moves.
+  static constexpr std::size_t kMaxSliderBytes = std::size_t{512} << 10;
+  std::atomic<std::size_t> slider_bytes_{0};
   // A bit for each hash of a block that was read. If two blocks share a bit, one of them is kept
   // early.
   static constexpr std::size_t kSeenWords = std::size_t{1} << 16;

@@ -145,7 +145,7 @@ class FramePipeline::Impl {
     });
   }
 
-  [[nodiscard]] const image::LayerStack& layers() const { return layers_; }
+  image::LayerStack TakeLayers() { return std::exchange(layers_, {}); }
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const { return statistics_; }
 
@@ -359,10 +359,11 @@ absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
   return impl_->RenderVisible(blocks, open_pixels);
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->RenderAll(); }
+image::LayerStack FramePipeline::TakeLayers() { return impl_->TakeLayers(); }
+
 std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {
   return impl_->Encode(image);
 }
-const image::LayerStack& FramePipeline::layers() const { return impl_->layers(); }
 const frame::AgentStatistics& FramePipeline::statistics() const { return impl_->statistics(); }
 
 }  // namespace isoscope::agent

@@ -60,8 +60,9 @@ class FramePipeline {
   // Encodes the image of a step and its layers as bands (composite::EncodePixels, EncodeLayers).
   // Call it after that step.
   std::vector<std::string> Encode(const image::FrameImage& image);
-  // Returns the translucent fragments that the last step drew.
-  [[nodiscard]] const image::LayerStack& layers() const;
+  // Returns the translucent fragments that the last step drew; without them nothing is left to
+  // Encode.
+  image::LayerStack TakeLayers();
 
   [[nodiscard]] const frame::AgentStatistics& statistics() const;
 

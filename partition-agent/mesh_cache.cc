@@ -13,6 +13,8 @@
 // * Only TakeSegment forgets. It drops the segment with the lowest round until there is room, but
 //   no segment that this round or the last one has used. If there is no room then, the new segment
 //   is not kept: it serves its frame, and its meshes do not enter the table.
+// * A slider moves if two rounds on end asked for other isovalues than the rounds before them. Then
+//   a segment is forgotten, too, if the pool has no touched chunk left for a new one.
 //
 // A round is a frame. Agents of one process that draw the same frame share its round. Tables may
 // take an eighth of the bytes, segments the rest.
@@ -57,6 +59,10 @@ std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
   if (frame_number != frame_number_) {
     frame_number_ = frame_number;
     ++round_;
+    moved_round_count_ = has_moved_ ? moved_round_count_ + 1 : 0;
+    has_moved_ = false;
+    is_slider_moving_.store(false, std::memory_order_relaxed);
+    last_isovalues_ = std::exchange(isovalues_, {});
   }
   return round_;
 }
@@ -67,6 +73,11 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
   // + 0.0 makes -0 the key of 0.
   const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
   base::MutexLock lock(&mutex_);
+  isovalues_.push_back(bits);
+  if (std::find(last_isovalues_.begin(), last_isovalues_.end(), bits) == last_isovalues_.end()) {
+    has_moved_ = true;
+    is_slider_moving_.store(moved_round_count_ > 0, std::memory_order_relaxed);
+  }
   const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
     return keyed.shard_number == shard_number && keyed.isovalue_bits == bits &&
            keyed.has_gradient_magnitudes == has_gradient_magnitudes;
@@ -108,7 +119,7 @@ std::shared_ptr<const mesh::CompactMesh> MeshCache::Writer::Store(const mesh::Bl
 }
 
 std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std::uint64_t round) {
-  std::vector<std::shared_ptr<MeshSegment>> forgotten;  // freed after the lock
+  std::vector<std::shared_ptr<MeshSegment>> forgotten;
   auto segment = std::make_shared<MeshSegment>();
   segment->size_bytes = std::max(size_bytes, base::MemoryPool::kChunkBytes);
   segment->round.store(round, std::memory_order_relaxed);
@@ -126,21 +137,11 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
     // blocks, so its meshes would be missed next.
     const std::size_t max_segment_bytes = max_bytes_ - max_bytes_ / kTableShare;
     while (segment->size_bytes <= max_segment_bytes &&
-           segment_bytes_ + segment->size_bytes > max_segment_bytes && !segments_.empty()) {
-      const auto oldest =
-          std::min_element(segments_.begin(), segments_.end(), [](const auto& a, const auto& b) {
-            return a->round.load(std::memory_order_relaxed) <
-                   b->round.load(std::memory_order_relaxed);
-          });
-      if ((*oldest)->round.load(std::memory_order_relaxed) + 1 >= round) {
-        break;
-      }
-      (*oldest)->is_kept.store(false, std::memory_order_relaxed);
-      std::erase(open_, *oldest);
-      segment_bytes_ -= (*oldest)->size_bytes;
-      forgotten.push_back(std::move(*oldest));
-      *oldest = std::move(segments_.back());
-      segments_.pop_back();
+           segment_bytes_ + segment->size_bytes > max_segment_bytes &&
+           ForgetOldest(round, &forgotten)) {
+    }
+    if (forgotten.empty() && is_slider_moving() && pool_->touched_free_bytes() == 0) {
+      ForgetOldest(round, &forgotten);
     }
     if (segment_bytes_ + segment->size_bytes <= max_segment_bytes) {
       segment_bytes_ += segment->size_bytes;
@@ -149,10 +150,29 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
       segment->is_kept.store(false, std::memory_order_relaxed);
     }
   }
+  forgotten.clear();  // so that their chunks can be taken
   segment->memory = segment->size_bytes <= base::MemoryPool::kChunkBytes
                         ? pool_->Take()
                         : std::make_shared_for_overwrite<char[]>(segment->size_bytes);
   return segment;
+}
+
+bool MeshCache::ForgetOldest(std::uint64_t round,
+                             std::vector<std::shared_ptr<MeshSegment>>* forgotten) {
+  const auto oldest =
+      std::min_element(segments_.begin(), segments_.end(), [](const auto& a, const auto& b) {
+        return a->round.load(std::memory_order_relaxed) < b->round.load(std::memory_order_relaxed);
+      });
+  if (oldest == segments_.end() || (*oldest)->round.load(std::memory_order_relaxed) + 1 >= round) {
+    return false;
+  }
+  (*oldest)->is_kept.store(false, std::memory_order_relaxed);
+  std::erase(open_, *oldest);
+  segment_bytes_ -= (*oldest)->size_bytes;
+  forgotten->push_back(std::move(*oldest));
+  *oldest = std::move(segments_.back());
+  segments_.pop_back();
+  return true;
 }
 
 void MeshCache::GiveBack(std::shared_ptr<MeshSegment> segment) {
@@ -160,6 +180,11 @@ void MeshCache::GiveBack(std::shared_ptr<MeshSegment> segment) {
   if (segment->is_kept.load(std::memory_order_relaxed)) {
     open_.push_back(std::move(segment));
   }
+}
+
+std::size_t MeshCache::max_bytes() const {
+  base::MutexLock lock(&mutex_);
+  return max_bytes_;
 }
 
 std::size_t MeshCache::size_bytes() const {

@@ -2,7 +2,8 @@
 //
 // Meshes lie one after the other in segments of memory. The cache forgets whole segments, the least
 // recently used first. So the bound counts the real memory, no mesh needs an allocation, and
-// finding one needs neither a hash nor a list.
+// finding one needs neither a hash nor a list. While a slider moves through isovalues, the cache
+// recycles segments rather than touch fresh memory, which costs more than to extract a mesh again.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_CACHE_H_
@@ -97,7 +98,12 @@ class MeshCache {
     std::shared_ptr<MeshSegment> segment_;
   };
 
+  // Whether the last two rounds, this one included, were of new isovalues.
+  [[nodiscard]] bool is_slider_moving() const {
+    return is_slider_moving_.load(std::memory_order_relaxed);
+  }
   [[nodiscard]] std::size_t size_bytes() const;
+  [[nodiscard]] std::size_t max_bytes() const;
 
  private:
   struct KeyedTable {
@@ -107,6 +113,10 @@ class MeshCache {
     std::shared_ptr<MeshTable> table;
   };
   static constexpr std::size_t kTableShare = 8;
+  // Moves the segment with the lowest round to `forgotten`. False if this round or the last one
+  // has used all of them.
+  bool ForgetOldest(std::uint64_t round, std::vector<std::shared_ptr<MeshSegment>>* forgotten)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // Returns a segment with at least `size_bytes` of room.
   std::shared_ptr<MeshSegment> TakeSegment(std::size_t size_bytes, std::uint64_t round);
@@ -123,6 +133,13 @@ class MeshCache {
   std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // the last used first
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
+  // Bits of the isovalues that this round and the last one asked for, and the number of rounds on
+  // end, without this one, that asked for an isovalue that the one before did not.
+  std::vector<std::uint64_t> isovalues_ ABSL_GUARDED_BY(mutex_);
+  std::vector<std::uint64_t> last_isovalues_ ABSL_GUARDED_BY(mutex_);
+  int moved_round_count_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool has_moved_ ABSL_GUARDED_BY(mutex_) = false;  // in this round
+  std::atomic<bool> is_slider_moving_{false};
 };
 
 }  // namespace isoscope::agent

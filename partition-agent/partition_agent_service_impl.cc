@@ -327,9 +327,21 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0);
   }
 
-  // Sends the bands of an image, except the last ones. Those go into `last`, the message that ends
-  // the step, because a message costs more than its bytes.
-  absl::Status SendBands(const image::FrameImage& image, v1::RenderFrameResponse* last) {
+  // Sends the pixels of a step: puts them into the mailbox, or sends the bands of the image, except
+  // the last ones. Those go into `last`, the message that ends the step, because a message costs
+  // more than its bytes.
+  absl::Status SendPixels(image::FrameImage image, base::MemoryBudget::Reservation reserved,
+                          v1::RenderFrameResponse* last) {
+    if (mailbox_ > 0) {
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      const bool is_open = service_->mailboxes_->Put(
+          mailbox_,
+          {.image = std::move(image),
+           .layers = pipeline_->TakeLayers(),
+           .memory = std::make_shared<const base::MemoryBudget::Reservation>(std::move(reserved))});
+      last->set_pixels_are_in_mailbox(true);
+      return is_open ? absl::OkStatus() : absl::CancelledError("the coordinator has left");
+    }
     v1::RenderFrameResponse message;
     std::size_t bytes = 0;
     for (std::string& band : pipeline_->Encode(image)) {
@@ -351,6 +363,12 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::shared_ptr<const Shard>> shards,
                               service_->FindShards(begin.dataset_id(), begin.shard_indices()));
     ISOSCOPE_ASSIGN_OR_RETURN(task_, FrameTaskFromProto(begin));
+    if (begin.mailbox() != 0 && service_->mailboxes_ == nullptr) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("mailbox is ", begin.mailbox(),
+                       ", but this agent shares no process with its coordinator"));
+    }
+    mailbox_ = begin.mailbox();
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -358,9 +376,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         FramePipeline::Make(std::move(shards), task_, service_->Resources(), &cancellation_));
     if (task_.spec.culling == frame::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
-      ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
-      ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderAll());
-      return SendLast(image);
+      ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+      ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, pipeline_->RenderAll());
+      return SendLast(std::move(image), std::move(reserved));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(const RaySelection selection, pipeline_->SelectOccluders());
     v1::RenderFrameResponse message;
@@ -375,10 +393,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
-    ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
-    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image, pipeline_->RenderOccluders(blocks));
+    ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+    ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, pipeline_->RenderOccluders(blocks));
     v1::RenderFrameResponse message;
-    ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
+    ISOSCOPE_RETURN_IF_ERROR(SendPixels(std::move(image), std::move(reserved), &message));
     message.mutable_occluders_done();
     EnterPhase(Phase::kExpectVisibleBlocks);
     return Send(std::move(message));
@@ -389,16 +407,16 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
-    ISOSCOPE_ASSIGN_OR_RETURN(const auto reserved, ReserveMemory());
-    ISOSCOPE_ASSIGN_OR_RETURN(const image::FrameImage image,
+    ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+    ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image,
                               pipeline_->RenderVisible(blocks, visible.open_pixels()));
-    return SendLast(image);
+    return SendLast(std::move(image), std::move(reserved));
   }
 
   // Sends the last pixels and the statistics, and ends the stream.
-  absl::Status SendLast(const image::FrameImage& image) {
+  absl::Status SendLast(image::FrameImage image, base::MemoryBudget::Reservation reserved) {
     v1::RenderFrameResponse message;
-    ISOSCOPE_RETURN_IF_ERROR(SendBands(image, &message));
+    ISOSCOPE_RETURN_IF_ERROR(SendPixels(std::move(image), std::move(reserved), &message));
     const frame::AgentStatistics& statistics = pipeline_->statistics();
     isoscope::v1::AgentStatistics* proto = message.mutable_frame_done()->mutable_statistics();
     *proto = rpc::ToProto(statistics);
@@ -454,6 +472,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   FrameTask task_;
   std::vector<int> shard_indices_;
   std::int64_t block_count_ = 0;
+  std::int64_t mailbox_ = 0;  // 0: pixels leave as bands
   std::unique_ptr<FramePipeline> pipeline_;
 };
 
@@ -566,6 +585,7 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
                         : nullptr),
       arena_(options.arena),
       memory_(options.memory),
+      mailboxes_(options.mailboxes),
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
       description_(Describe(options.shards, *options.renderer)),
       frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),

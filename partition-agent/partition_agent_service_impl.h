@@ -14,6 +14,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/executor.h"
+#include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_memory.h"
@@ -27,8 +28,9 @@ struct PartitionAgentServiceOptions {
   std::shared_ptr<render::Renderer> renderer;
   std::shared_ptr<tbb::task_arena> arena;
   std::shared_ptr<AgentMemory> memory;
-  int max_concurrent_frames = 4;  // >= 1
-  int max_queued_frames = 64;     // >= 0
+  std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;  // null: pixels leave as bands
+  int max_concurrent_frames = 4;                               // >= 1
+  int max_queued_frames = 64;                                  // >= 0
 };
 
 // Thread-safe. Destroy it only after its server has shut down.
@@ -93,6 +95,7 @@ class PartitionAgentServiceImpl final
   const std::unique_ptr<render::Renderer> cpu_renderer_;  // null if renderer_ is one
   const std::shared_ptr<tbb::task_arena> arena_;
   const std::shared_ptr<AgentMemory> memory_;
+  const std::shared_ptr<image::PixelMailboxes> mailboxes_;  // may be null
   const int max_frames_;
   isoscope::internal::v1::DescribeShardsResponse description_;
   std::atomic<int> frame_count_{0};  // begun and not yet ended

@@ -23,6 +23,7 @@
 #include <cstring>
 #include <deque>
 #include <iterator>
+#include <optional>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -99,9 +100,10 @@ class FrameStream final
     : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
   FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
-              AgentListener* listener)
+              image::PixelMailboxes* mailboxes, AgentListener* listener)
       : agent_(agent.identity()),
         block_count_(block_count),
+        mailbox_(mailboxes == nullptr ? nullptr : mailboxes->Open()),
         listener_(listener),
         stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
     SetDeadline(deadline, &context_);
@@ -111,6 +113,9 @@ class FrameStream final
     stream->stub_->async()->RenderFrame(&stream->context_, stream);
     // The hold keeps the stream alive until reads have ended.
     stream->AddHold();
+    if (stream->mailbox_ != nullptr) {
+      begin.set_mailbox(stream->mailbox_->number());
+    }
     v1::RenderFrameRequest request;
     *request.mutable_begin() = std::move(begin);
     stream->Send(std::move(request));
@@ -139,7 +144,9 @@ class FrameStream final
   }
 
   [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
-  [[nodiscard]] std::int64_t network_bytes() const { return network_bytes_.load(); }
+  [[nodiscard]] std::int64_t network_bytes() const {
+    return mailbox_ == nullptr ? network_bytes_.load() : 0;
+  }
 
   void OnReadDone(bool ok) override {
     if (!ok) {
@@ -196,6 +203,16 @@ class FrameStream final
       listener_->OnPixels({std::make_move_iterator(message->mutable_bands()->begin()),
                            std::make_move_iterator(message->mutable_bands()->end())});
     }
+    if (message->pixels_are_in_mailbox()) {
+      std::optional<image::DrawnPixels> pixels;
+      if (mailbox_ != nullptr) {
+        pixels = mailbox_->Take();
+      }
+      if (!pixels) {
+        return absl::InvalidArgumentError("pixels_are_in_mailbox, but there are none");
+      }
+      listener_->OnDrawnPixels(*std::move(pixels));
+    }
     switch (message->message_case()) {
       case v1::RenderFrameResponse::kRayHits: {
         ISOSCOPE_ASSIGN_OR_RETURN(
@@ -238,6 +255,7 @@ class FrameStream final
 
   const AgentIdentity agent_;
   const std::int64_t block_count_;
+  const std::unique_ptr<image::PixelMailboxes::Mailbox> mailbox_;  // null: pixels come as bands
   AgentListener* const listener_;
   const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
   grpc::ClientContext context_;
@@ -299,12 +317,13 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
 
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
+                                             image::PixelMailboxes* mailboxes,
                                              AgentListener* listener) {
   begin.clear_shard_indices();
   for (const int index : agent.shard_indices) {
     begin.add_shard_indices(index);
   }
-  auto stream = std::make_unique<FrameStream>(agent, block_count, deadline, listener);
+  auto stream = std::make_unique<FrameStream>(agent, block_count, deadline, mailboxes, listener);
   FrameStream::Start(stream.get(), std::move(begin));
   return std::make_unique<GrpcAgentLink>(std::move(stream));
 }

@@ -18,6 +18,7 @@
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/sync_stream.h>
 
+#include "core/image/pixel_mailboxes.h"
 #include "core/mesh/block_mesh.h"
 #include "core/volume/block_layout.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
@@ -41,11 +42,14 @@ struct AgentAssignment {
 // INTERNAL, and a stream that was cut, but not by us, becomes UNAVAILABLE.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
-// Begins a frame on an agent. `begin`: complete except for shard_indices. `block_count`: blocks of
-// the volume. `deadline`: the call ends by itself then. The listener outlives the link.
+// Begins a frame on an agent. `begin`: complete except for shard_indices and mailbox.
+// `block_count`: blocks of the volume. `deadline`: the call ends by itself then. The listener
+// outlives the link. `mailboxes`: those that the agent puts pixels into, if it shares this process;
+// else null.
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              isoscope::internal::v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
+                                             image::PixelMailboxes* mailboxes,
                                              AgentListener* listener);
 
 // The surface of one agent's blocks, pulled message by message. While nobody pulls, gRPC's flow

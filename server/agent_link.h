@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/frame/agent_statistics.h"
+#include "core/image/pixel_mailboxes.h"
 #include "core/volume/block_layout.h"
 #include "server/agent_failure.h"
 
@@ -26,6 +27,8 @@ class AgentListener {
   virtual void OnRayHits(std::vector<volume::BlockId> hits,
                          std::vector<volume::BlockId> active) = 0;
   virtual void OnPixels(std::vector<std::string> bands) = 0;  // docs/format/wire.md
+  // The same pixels from an agent of this process: all of a step. Of the size of the picture.
+  virtual void OnDrawnPixels(image::DrawnPixels pixels) = 0;
   virtual void OnOccludersDone() = 0;
   virtual void OnFrameDone(frame::AgentStatistics statistics) = 0;
   // The last call. OK only after OnFrameDone. Errors are those of AgentFailure::status.
@@ -48,7 +51,7 @@ class AgentLink {
   virtual void Cancel() = 0;
 
   [[nodiscard]] virtual const AgentIdentity& agent() const = 0;
-  // Returns the bytes of all messages so far, both ways.
+  // Returns the bytes of all messages so far, both ways; 0 for an agent of this process.
   [[nodiscard]] virtual std::int64_t network_bytes() const = 0;
 };
 

@@ -94,6 +94,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                  .memory_limit_bytes = options.memory_limit_bytes > 0
                                            ? options.memory_limit_bytes
                                            : CoordinatorMemory::DefaultLimitBytes(),
+                 .mailboxes = options.mailboxes,
                  .expected_viewport = options.expected_viewport}),
         isosurface_service_({.registry = registry_.get(),
                              .runner = &runner_,

@@ -16,6 +16,7 @@
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/image/pixel_mailboxes.h"
 #include "core/view/camera.h"
 
 namespace isoscope::server {
@@ -44,6 +45,9 @@ struct CoordinatorServerOptions {
   absl::Duration poll_interval = absl::Seconds(2);
   // The arena of the coordinator's computations; null: an arena of all cores.
   std::shared_ptr<tbb::task_arena> arena;
+  // Those of the agents, if all of them share this process: pixels are then handed over without
+  // encoding. Else null.
+  std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   // The web gateway for people, as GetCapabilities tells it; empty: none.
   std::string gateway_address = {};
   // The coordinator takes memory for frames of this size at start. Not set: as frames come.

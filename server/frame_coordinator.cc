@@ -38,6 +38,7 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
 #include "core/view/clip_region.h"
 #include "core/visibility/occluder_selection.h"
@@ -57,6 +58,9 @@ struct RayHits {
 struct Pixels {
   std::vector<std::string> bands;
 };
+struct DrawnPixels {
+  image::DrawnPixels pixels;
+};
 struct OccludersDone {};
 struct PixelsDamaged {};  // from the thread that decoded them
 struct FrameDone {
@@ -69,7 +73,7 @@ struct End {
 struct Event {
   std::size_t agent_index = 0;
   absl::Time arrival;
-  std::variant<RayHits, Pixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
+  std::variant<RayHits, Pixels, DrawnPixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
 };
 
 // The events of the agents, in order of arrival. Thread-safe.
@@ -113,6 +117,7 @@ class QueueingListener final : public AgentListener {
     Push(RayHits{std::move(hits), std::move(active)});
   }
   void OnPixels(std::vector<std::string> bands) override { Push(Pixels{std::move(bands)}); }
+  void OnDrawnPixels(image::DrawnPixels pixels) override { Push(DrawnPixels{std::move(pixels)}); }
   void OnOccludersDone() override { Push(OccludersDone{}); }
   void OnFrameDone(frame::AgentStatistics statistics) override {
     Push(FrameDone{std::move(statistics)});
@@ -214,6 +219,9 @@ class Frame {
     if (auto* pixels = std::get_if<Pixels>(&event.what)) {
       return HandlePixels(agent_index, std::move(pixels->bands));
     }
+    if (auto* drawn = std::get_if<DrawnPixels>(&event.what)) {
+      return HandleDrawnPixels(agent_index, std::move(drawn->pixels));
+    }
     if (std::holds_alternative<OccludersDone>(event.what)) {
       return HandleOccludersDone(agent_index);
     }
@@ -252,6 +260,7 @@ class Frame {
         !IsAt(agent, FrameStage::kRenderingVisible)) {
       return OutOfOrder(agent_index, "pixels");
     }
+    is_composited_into_ = true;
     setup_.arena->execute([&] {
       for (std::string& band : bands) {
         compositing_.run(
@@ -261,21 +270,72 @@ class Frame {
     return absl::OkStatus();
   }
 
+  // The first image becomes the result; the arena composites others into it.
+  absl::Status HandleDrawnPixels(std::size_t agent_index, image::DrawnPixels pixels) {
+    const Agent& agent = agents_[agent_index];
+    if (!IsAt(agent, FrameStage::kRenderingOccluders) &&
+        !IsAt(agent, FrameStage::kRenderingVisible)) {
+      return OutOfOrder(agent_index, "pixels");
+    }
+    if (pixels.image.width != result_.image.width || pixels.image.height != result_.image.height) {
+      return Fail(agent_index,
+                  absl::InternalError(absl::StrFormat("drew %d x %d pixels of %d x %d",
+                                                      pixels.image.width, pixels.image.height,
+                                                      result_.image.width, result_.image.height)));
+    }
+    if (!std::exchange(is_composited_into_, true)) {
+      std::swap(result_.image, pixels.image);
+      if (!has_layers_) {
+        return absl::OkStatus();
+      }
+    }
+    setup_.arena->execute([&] {
+      compositing_.run(
+          [this, agent_index, owned = std::make_shared<image::DrawnPixels>(std::move(pixels))] {
+            CompositeDrawn(agent_index, *owned);
+          });
+    });
+    return absl::OkStatus();
+  }
+
+  void CompositeDrawn(std::size_t agent_index, const image::DrawnPixels& pixels) {
+    try {
+      tbb::parallel_for(0, pixels.image.touched.rows(), [&](int row) {
+        const base::MutexLock lock(&row_locks_.OfTileRow(row));
+        composite::CompositeTileRowInto(pixels.image, row, order_, &result_.image);
+        if (has_layers_) {
+          composite::CompositeTileRowInto(pixels.layers, row, &result_.layers);
+        }
+      });
+    } catch (const std::bad_alloc&) {
+      ReportDamage(agent_index, NoMemoryForLayers());
+    }
+  }
+
+  static absl::Status NoMemoryForLayers() {
+    return absl::ResourceExhaustedError("the coordinator has no memory for more layers");
+  }
+
   void CompositeBand(std::size_t agent_index, absl::string_view band) {
     absl::Status status;
     try {
       status = composite::DecodePixelsInto(band, order_, &result_.image, &row_locks_,
                                            has_layers_ ? &result_.layers : nullptr);
     } catch (const std::bad_alloc&) {
-      status = absl::ResourceExhaustedError("the coordinator has no memory for more layers");
+      status = NoMemoryForLayers();
     }
     if (!status.ok()) {
-      const base::MutexLock lock(&damage_mutex_);
-      if (damage_.ok()) {
-        damage_ = {status.code(), absl::StrCat("pixels: ", status.message())};
-        damaging_agent_ = agent_index;
-        queue_.Push({agent_index, absl::Now(), PixelsDamaged{}});
-      }
+      ReportDamage(agent_index, status);
+    }
+  }
+
+  void ReportDamage(std::size_t agent_index, const absl::Status& status)
+      ABSL_LOCKS_EXCLUDED(damage_mutex_) {
+    const base::MutexLock lock(&damage_mutex_);
+    if (damage_.ok()) {
+      damage_ = {status.code(), absl::StrCat("pixels: ", status.message())};
+      damaging_agent_ = agent_index;
+      queue_.Push({agent_index, absl::Now(), PixelsDamaged{}});
     }
   }
 
@@ -507,7 +567,8 @@ class Frame {
   volume::BlockSet occluding_;
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
-  composite::RowLocks row_locks_;  // of its image
+  composite::RowLocks row_locks_;    // of its image
+  bool is_composited_into_ = false;  // result_.image
   // Decodes bands into the image while others arrive.
   tbb::task_group compositing_;
   base::Mutex damage_mutex_;

@@ -181,7 +181,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,
     of_agent.set_agent_index(agent_index);
     return BeginFrameOnAgent(dataset.agents[static_cast<std::size_t>(agent_index)],
                              std::move(of_agent), dataset.dataset.block_count(),
-                             cancellation.deadline(), listener);
+                             cancellation.deadline(), options_.mailboxes.get(), listener);
   };
   FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
   if (!outcome.status.ok()) {

@@ -40,6 +40,8 @@ struct FrameRunnerOptions {
   int max_queued_frames = 32;              // >= 0
   std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
+  // Those of the agents, if all of them share this process; else null.
+  std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   // The runner takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };

@@ -47,12 +47,17 @@ class MemoryBudget {
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }
+  // Whether anybody has a reservation now.
+  [[nodiscard]] bool is_in_use() const {
+    const MutexLock lock(&mutex_);
+    return free_bytes_ < capacity_bytes_;
+  }
 
  private:
   void Release(std::size_t bytes);
 
   const std::size_t capacity_bytes_;
-  Mutex mutex_;
+  mutable Mutex mutex_;
   CondVar freed_;
   std::size_t free_bytes_ ABSL_GUARDED_BY(mutex_);
 };

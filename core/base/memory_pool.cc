@@ -1,6 +1,5 @@
 #include "core/base/memory_pool.h"
 
-#include <algorithm>
 #include <new>
 
 #include "core/base/large_pages.h"
@@ -9,6 +8,7 @@ namespace isoscope::base {
 namespace {
 
 constexpr std::size_t kPageBytes = 4096;
+static_assert(kLargePageBytes == 2 * MemoryPool::kChunkBytes, "a page is taken as two chunks");
 
 }  // namespace
 
@@ -22,28 +22,41 @@ MemoryPool::~MemoryPool() {
   }
 }
 
-void MemoryPool::AddRegion() {
-  char* const region = static_cast<char*>(MapLargePages(kRegionBytes));
-  if (region == nullptr) {
-    throw std::bad_alloc();
+char* MemoryPool::TakeFreshPage() {
+  if (fresh_pages_.empty()) {
+    char* const region = static_cast<char*>(MapLargePages(kRegionBytes));
+    if (region == nullptr) {
+      throw std::bad_alloc();
+    }
+    regions_.push_back(region);
+    for (std::size_t offset = kRegionBytes; offset > 0; offset -= kLargePageBytes) {
+      fresh_pages_.push_back(region + offset - kLargePageBytes);
+    }
   }
-  regions_.push_back(region);
-  for (std::size_t offset = kRegionBytes; offset > 0; offset -= kChunkBytes) {
-    free_chunks_.push_back(region + offset - kChunkBytes);
-  }
+  char* const page = fresh_pages_.back();
+  fresh_pages_.pop_back();
+  return page;
 }
 
 void MemoryPool::Populate(std::size_t bytes) {
-  for (std::size_t done = 0; done < bytes; done += kRegionBytes) {
-    MutexLock lock(&mutex_);
-    AddRegion();
-    char* const region = regions_.back();
-    // Chunks are taken from the beginning of the region on.
-    const std::size_t end = std::min(kRegionBytes, bytes - done);
-    for (std::size_t offset = 0; offset < end; offset += kPageBytes) {
-      static_cast<volatile char*>(region)[offset] = 0;
+  for (std::size_t done = 0; done < bytes; done += kLargePageBytes) {
+    char* page = nullptr;
+    {
+      MutexLock lock(&mutex_);
+      page = TakeFreshPage();
     }
+    // The kernel may have small pages only.
+    for (std::size_t offset = 0; offset < kLargePageBytes; offset += kPageBytes) {
+      static_cast<volatile char*>(page)[offset] = 0;
+    }
+    MutexLock lock(&mutex_);
+    free_chunks_.insert(free_chunks_.begin(), {page + kChunkBytes, page});
   }
+}
+
+std::size_t MemoryPool::touched_free_bytes() const {
+  MutexLock lock(&mutex_);
+  return free_chunks_.size() * kChunkBytes;
 }
 
 std::shared_ptr<char[]> MemoryPool::Take() {
@@ -51,7 +64,9 @@ std::shared_ptr<char[]> MemoryPool::Take() {
   {
     MutexLock lock(&mutex_);
     if (free_chunks_.empty()) {
-      AddRegion();
+      // Whoever fills the first chunk of a large page touches both.
+      char* const page = TakeFreshPage();
+      free_chunks_ = {page + kChunkBytes, page};
     }
     chunk = free_chunks_.back();
     free_chunks_.pop_back();

@@ -24,8 +24,11 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   MemoryPool(const MemoryPool&) = delete;
   MemoryPool& operator=(const MemoryPool&) = delete;
 
-  // Takes `bytes` from the kernel and touches them. Blocks.
+  // Takes `bytes` from the kernel and touches them. Blocks; others may take chunks meanwhile.
   void Populate(std::size_t bytes);
+
+  // Returns the bytes of the free chunks whose pages have been touched. Take prefers those.
+  [[nodiscard]] std::size_t touched_free_bytes() const;
 
   // Returns a chunk, aligned to 64 bytes, with undefined content. The chunk goes back to the pool
   // when its last reference is dropped, and keeps the pool alive until then. The pool returns no
@@ -37,12 +40,14 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   static constexpr std::size_t kRegionBytes = 32 * kChunkBytes;
 
   MemoryPool() = default;
-  void AddRegion() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns a large page that nobody has touched: two chunks.
+  char* TakeFreshPage() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Return(char* chunk);
 
-  Mutex mutex_;
+  mutable Mutex mutex_;
   std::vector<char*> regions_ ABSL_GUARDED_BY(mutex_);
-  std::vector<char*> free_chunks_ ABSL_GUARDED_BY(mutex_);
+  std::vector<char*> fresh_pages_ ABSL_GUARDED_BY(mutex_);  // taken from the back
+  std::vector<char*> free_chunks_ ABSL_GUARDED_BY(mutex_);  // touched; taken from the back
 };
 
 }  // namespace isoscope::base

@@ -1,6 +1,7 @@
 #include "core/composite/depth_composite.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -44,27 +45,52 @@ void CompositeRow(const std::uint64_t* from_keys, const image::Rgba8* from_color
 
 }  // namespace
 
+void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
+                          const image::FragmentOrder& order, image::FrameImage* into) {
+  ISOSCOPE_DCHECK(from.width == into->width && from.height == into->height);
+  from.touched.ForEachInRow(tile_row, [&](int column) {
+    const int begin_x = column * kTilePx;
+    const int count = std::min(kTilePx, from.width - begin_x);
+    const image::TileMask& covered = from.CoveredOf(column, tile_row);
+    for (int y = 0; y < kTilePx; ++y) {
+      if (covered[static_cast<std::size_t>(y)] == 0) {
+        continue;
+      }
+      const std::size_t first = from.IndexOf(begin_x, tile_row * kTilePx + y);
+      CompositeRow(from.keys.data() + first, from.colors.data() + first, count, order,
+                   into->keys.data() + first, into->colors.data() + first);
+    }
+    image::UniteInto(covered, &into->CoveredOf(column, tile_row));
+    into->touched.Insert(column, tile_row);
+  });
+}
+
+void CompositeTileRowInto(const image::LayerStack& from, int tile_row, image::LayerStack* into) {
+  for (const image::FrameImage* level : from.Levels()) {
+    level->touched.ForEachInRow(tile_row, [&](int column) {
+      const image::TileMask& covered = level->CoveredOf(column, tile_row);
+      for (int y = 0; y < kTilePx; ++y) {
+        for (std::uint32_t rest = covered[static_cast<std::size_t>(y)]; rest != 0;
+             rest &= rest - 1) {
+          const int x_px = column * kTilePx + std::countr_zero(rest);
+          const int y_px = tile_row * kTilePx + y;
+          const std::size_t pixel = level->IndexOf(x_px, y_px);
+          if (level->keys[pixel] != image::kBackgroundKey) {
+            into->Insert(x_px, y_px, level->keys[pixel], level->colors[pixel]);
+          }
+        }
+      }
+    });
+  }
+}
+
 void CompositeInto(const image::FrameImage& from, const image::FragmentOrder& order,
                    image::FrameImage* into) {
   ISOSCOPE_CHECK_EQ(from.width, into->width);
   ISOSCOPE_CHECK_EQ(from.height, into->height);
   for (int row = 0; row < from.touched.rows(); ++row) {
-    from.touched.ForEachInRow(row, [&](int column) {
-      const int begin_x = column * kTilePx;
-      const int count = std::min(kTilePx, from.width - begin_x);
-      const image::TileMask& covered = from.CoveredOf(column, row);
-      for (int y = 0; y < kTilePx; ++y) {
-        if (covered[static_cast<std::size_t>(y)] == 0) {
-          continue;
-        }
-        const std::size_t first = from.IndexOf(begin_x, row * kTilePx + y);
-        CompositeRow(from.keys.data() + first, from.colors.data() + first, count, order,
-                     into->keys.data() + first, into->colors.data() + first);
-      }
-      image::UniteInto(covered, &into->CoveredOf(column, row));
-    });
+    CompositeTileRowInto(from, row, order, into);
   }
-  into->touched.InsertAllOf(from.touched);
 }
 
 void FlattenOver(image::Rgba8 background, image::FrameImage* image) {

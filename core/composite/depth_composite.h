@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_COMPOSITE_DEPTH_COMPOSITE_H_
 
 #include "core/image/frame_image.h"
+#include "core/image/layer_stack.h"
 
 namespace isoscope::composite {
 
@@ -12,6 +13,13 @@ namespace isoscope::composite {
 // O(pixels of the tiles touched in `from`). REQUIRES: both images have the same size.
 void CompositeInto(const image::FrameImage& from, const image::FragmentOrder& order,
                    image::FrameImage* into);
+
+// The same for one row of tiles. Threads may composite different rows at a time, of one image or of
+// several.
+void CompositeTileRowInto(const image::FrameImage& from, int tile_row,
+                          const image::FragmentOrder& order, image::FrameImage* into);
+// Inserts the fragments of one row of tiles of all levels of `from` into `into`. Threads as above.
+void CompositeTileRowInto(const image::LayerStack& from, int tile_row, image::LayerStack* into);
 
 // Lays `image` over the background colour (straight alpha), in place. image->colors is then the
 // final picture, and all pixels count as covered. Does nothing if the background is transparent

@@ -73,15 +73,25 @@ class LocalAgentLink final : public server::AgentLink {
       listener_->OnRayHits(std::move(selection.hits), std::move(selection.active));
       ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<volume::BlockId> occluders, Await(&occluders_));
       ISOSCOPE_ASSIGN_OR_RETURN(image, pipeline->RenderOccluders(occluders));
-      listener_->OnPixels(pipeline->Encode(image));
+      SendPixels(std::move(image), pipeline.get());
       listener_->OnOccludersDone();
       ISOSCOPE_ASSIGN_OR_RETURN(const VisibleBlocks visible, Await(&visible_));
       ISOSCOPE_ASSIGN_OR_RETURN(image,
                                 pipeline->RenderVisible(visible.blocks, visible.open_pixels));
     }
-    listener_->OnPixels(pipeline->Encode(image));
+    SendPixels(std::move(image), pipeline.get());
     listener_->OnFrameDone(Statistics(pipeline->statistics()));
     return absl::OkStatus();
+  }
+
+  // Every other frame hands its pixels over as agents of the coordinator's process do.
+  void SendPixels(image::FrameImage image, agent::FramePipeline* pipeline) {
+    if (task_.frame_number % 2 == 0) {
+      listener_->OnDrawnPixels(
+          {.image = std::move(image), .layers = pipeline->TakeLayers(), .memory = nullptr});
+    } else {
+      listener_->OnPixels(pipeline->Encode(image));
+    }
   }
 
   template <typename T>

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -624,6 +625,75 @@ TEST_F(MeshCacheTest, ThreadsFindOnlyWhatBelongsToTheirPlace) {
   EXPECT_GT(hits.load(), 200);
   EXPECT_GT(stores.load(), 200);
   EXPECT_LE(cache_->size_bytes(), LimitOf(kChunks));
+}
+
+// The slider fills two chunks at each isovalue, and comes back over the same ones.
+TEST_F(MeshCacheTest, AMovingSliderTouchesNoFreshMemory) {
+  SetMaxChunks(1000);
+  pool_->Populate(6 * kChunkBytes);
+  std::set<const void*> places;
+  for (int step = 0; step < 30; ++step) {
+    const std::uint64_t round = NextRound();
+    const auto table = Table(step % 15);
+    Fill(table.get(), 0, 8, round);
+    EXPECT_EQ(Present(table.get(), 8, round), "11111111") << step;
+    for (std::size_t place = 0; place < 8; ++place) {
+      places.insert(table->Find(place, round).get());
+    }
+  }
+  EXPECT_LE(places.size(), 4 * 6U) << "four places to a chunk";
+}
+
+TEST_F(MeshCacheTest, AMovingSliderKeepsTheMeshesOfTheLastFrame) {
+  SetMaxChunks(1000);
+  std::shared_ptr<MeshTable> last;
+  for (int step = 0; step < 10; ++step) {
+    const std::uint64_t round = NextRound();
+    const auto table = Table(step);
+    Fill(table.get(), 0, 8, round);
+    if (last != nullptr) {
+      EXPECT_EQ(Present(last.get(), 8, round - 1), "11111111") << step;
+    }
+    last = table;
+  }
+}
+
+TEST_F(MeshCacheTest, ASliderMovesWhileEachFrameHasAnotherIsovalue) {
+  SetMaxChunks(4);
+  const auto moves = [&](double isovalue) {
+    NextRound();
+    Table(isovalue);
+    return cache_->is_slider_moving();
+  };
+  EXPECT_FALSE(moves(1)) << "the first frame";
+  EXPECT_TRUE(moves(2));
+  EXPECT_TRUE(moves(1)) << "backwards";
+  EXPECT_FALSE(moves(1)) << "only the view moves";
+  EXPECT_FALSE(moves(2));
+  EXPECT_TRUE(moves(3));
+}
+
+TEST_F(MeshCacheTest, WithoutASliderTheCacheGrowsToItsBound) {
+  SetMaxChunks(40);
+  const auto table = Table(1);
+  for (std::size_t place = 0; place < 16; ++place) {
+    Fill(table.get(), place, place + 1, NextRound());  // a view that shows more and more
+    NextRound();
+  }
+  EXPECT_EQ(Present(table.get(), 16, NextRound()), "1111111111111111");
+}
+
+TEST_F(MeshCacheTest, AnIsovalueNowAndThenIsNoSlider) {
+  SetMaxChunks(40);
+  std::vector<std::shared_ptr<MeshTable>> tables;
+  for (int step = 0; step < 6; ++step) {
+    tables.push_back(Table(step));
+    Fill(tables.back().get(), 0, 8, NextRound());
+    NextRound();  // the same isovalues once more
+  }
+  for (const auto& table : tables) {
+    EXPECT_EQ(Present(table.get(), 8, NextRound()), "11111111");
+  }
 }
 
 }  // namespace

@@ -137,6 +137,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
     options.renderer = renderer_;
     options.arena = arena_;
     options.memory = memory_;
+    options.mailboxes = mailboxes_;
     options.max_concurrent_frames = max_concurrent_frames;
     options.max_queued_frames = max_queued_frames;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(server_, AgentServer::Start(options));
@@ -236,6 +237,7 @@ class PartitionAgentServiceTest : public ::testing::Test {
   std::shared_ptr<render::Renderer> renderer_;
   const std::shared_ptr<tbb::task_arena> arena_ = std::make_shared<tbb::task_arena>(2);
   const std::shared_ptr<AgentMemory> memory_ = std::make_shared<AgentMemory>(std::size_t{4} << 30);
+  std::shared_ptr<image::PixelMailboxes> mailboxes_;  // null: bands
   std::unique_ptr<AgentServer> server_;
   std::unique_ptr<Stub> stub_;
 };
@@ -420,6 +422,45 @@ TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
                   HasSubstr(is_visible ? "visible_blocks.blocks" : "occluders.blocks"));
     }
   }
+}
+
+TEST_F(PartitionAgentServiceTest, AMailboxOfAnotherProcessIsRefused) {
+  v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
+  begin.mutable_begin()->set_mailbox(1);
+  FrameCall call(stub_.get());
+  call.Send(begin);
+  const grpc::Status status = call.Finish();
+  EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT");
+  EXPECT_THAT(status.error_message(), HasSubstr("mailbox is 1"));
+}
+
+TEST_F(PartitionAgentServiceTest, PixelsInAMailboxAreThoseOfTheBands) {
+  mailboxes_ = image::PixelMailboxes::Make();
+  Start(dataset_, 4, 64);
+  const auto mailbox = mailboxes_->Open();
+  v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
+  begin.mutable_begin()->set_mailbox(mailbox->number());
+  FrameCall call(stub_.get());
+  ASSERT_TRUE(call.Send(begin));
+  image::FrameImage no_bands = EmptyImage();
+  const v1::RenderFrameResponse last = call.ReadPixels(&no_bands);
+  EXPECT_TRUE(last.has_frame_done());
+  EXPECT_TRUE(last.pixels_are_in_mailbox());
+  EXPECT_TRUE(no_bands == EmptyImage());
+  const std::optional<image::DrawnPixels> pixels = mailbox->Take();
+  ASSERT_TRUE(pixels.has_value());
+  EXPECT_TRUE(pixels->image == Expected());
+  EXPECT_EQ(mailbox->Take(), std::nullopt);
+}
+
+TEST_F(PartitionAgentServiceTest, AFrameWhoseMailboxIsClosedEnds) {
+  mailboxes_ = image::PixelMailboxes::Make();
+  Start(dataset_, 4, 64);
+  v1::RenderFrameRequest begin = Begin(frame::Culling::kNone);
+  begin.mutable_begin()->set_mailbox(mailboxes_->Open()->number());  // closes it
+  FrameCall call(stub_.get());
+  ASSERT_TRUE(call.Send(begin));
+  EXPECT_EQ(CodeOf(call.Finish()), "CANCELLED");
 }
 
 TEST_F(PartitionAgentServiceTest, BlocksOfAnotherAgentAreRefused) {

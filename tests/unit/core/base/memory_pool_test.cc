@@ -113,6 +113,22 @@ TEST(MemoryPoolTest, PopulatedMemoryIsResidentBeforeItIsTaken) {
   EXPECT_LE(ResidentBytes(), before + kSlack) << "the end of the pool did not unmap it";
 }
 
+TEST(MemoryPoolTest, TellsHowMuchCanBeTakenWithoutFreshMemory) {
+  const auto pool = MemoryPool::Make();
+  EXPECT_EQ(pool->touched_free_bytes(), 0U);
+  pool->Populate(3 * kChunkBytes);
+  EXPECT_EQ(pool->touched_free_bytes(), 4 * kChunkBytes) << "a large page is two chunks";
+  std::vector<Chunk> chunks;
+  for (int i = 0; i < 4; ++i) {
+    chunks.push_back(pool->Take());
+  }
+  EXPECT_EQ(pool->touched_free_bytes(), 0U);
+  chunks.push_back(pool->Take());
+  EXPECT_EQ(pool->touched_free_bytes(), kChunkBytes) << "whoever fills it touches both";
+  chunks.clear();
+  EXPECT_EQ(pool->touched_free_bytes(), 6 * kChunkBytes);
+}
+
 TEST(MemoryPoolTest, PopulatingNothingTakesNothing) {
   const auto pool = MemoryPool::Make();
   pool->Populate(0);

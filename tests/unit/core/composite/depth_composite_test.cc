@@ -10,6 +10,7 @@
 
 #include "core/base/large_pages.h"
 #include "core/base/random.h"
+#include "core/image/layer_stack.h"
 
 namespace isoscope::composite {
 namespace {
@@ -73,6 +74,44 @@ image::FrameImage Composite(const image::FrameImage& a, const image::FrameImage&
   image::FrameImage out = a;
   CompositeInto(b, kOrder, &out);
   return out;
+}
+
+TEST(DepthCompositeTest, RowsOfTilesInAnyOrderMakeTheWhole) {
+  const image::FrameImage from = MakeImage(11, 1);
+  image::FrameImage whole = MakeImage(12, 2);
+  image::FrameImage by_row = whole;
+  CompositeInto(from, kOrder, &whole);
+  for (const int row : {2, 0, 1, 2}) {
+    CompositeTileRowInto(from, row, kOrder, &by_row);
+  }
+  EXPECT_EQ(by_row, whole);
+  EXPECT_EQ(by_row.touched, whole.touched);
+}
+
+TEST(DepthCompositeTest, LayersOfTwoAgentsAreTheSetOfBothsFragments) {
+  const auto images = image::FrameImagePool::Make(0);
+  const auto stack = [&] {
+    return image::LayerStack(kWidth, kHeight, 2, {.block_count = 1000}, images.get());
+  };
+  image::LayerStack one = stack();
+  image::LayerStack other = stack();
+  image::LayerStack expected = stack();
+  for (int i = 0; i < 600; ++i) {
+    const std::uint64_t bits = base::RandomBits(5, static_cast<std::uint64_t>(i));
+    const int x = static_cast<int>(bits % kWidth);
+    const int y = static_cast<int>(bits / kWidth % kHeight);
+    const auto depth = static_cast<float>(bits >> 20 & 7) / 8;
+    const std::uint64_t key =
+        image::FragmentKey(depth, static_cast<std::uint32_t>(bits >> 30) % 1000);
+    const image::Rgba8 color{static_cast<std::uint8_t>(bits >> 40), 1, 2, 128};
+    (i % 2 == 0 ? one : other).Insert(x, y, key, color);
+    expected.Insert(x, y, key, color);
+  }
+  for (int row = 0; row < 3; ++row) {
+    CompositeTileRowInto(other, row, &one);
+    CompositeTileRowInto(other, row, &one);  // once more: nothing changes
+  }
+  EXPECT_TRUE(one == expected);
 }
 
 TEST(DepthCompositeTest, TheFirstFragmentInTheOrderWins) {

@@ -1,0 +1,176 @@
+// The slider stands at each isovalue for one frame. The first two isovalues do not count: images,
+// plans and buffers are made with them. New memory is what the resident set has grown by during a
+// frame, kernel time what all threads of the process spent there: the first touch of a page is paid
+// in both.
+
+#include "bench/slider_bench.h"
+
+#include <memory>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+#include <sys/resource.h>
+
+#include "bench/sample_statistics.h"
+#include "client-cli/camera_flags.h"
+#include "client-cli/interrupt.h"
+#include "client-cli/service_client.h"
+#include "core/base/memory_info.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::bench {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+constexpr absl::Duration kMaxWait = absl::Minutes(1);
+constexpr int kUncounted = 2;
+
+absl::Duration KernelTime() {
+  struct rusage usage {};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return absl::DurationFromTimeval(usage.ru_stime);
+}
+
+class SliderBench {
+ public:
+  SliderBench(const SliderBenchPlan& plan, const cli::Context& context)
+      : plan_(plan), context_(context) {}
+
+  absl::StatusOr<SliderBenchResult> Run() {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
+    cli::ServiceClient& client = session_->client();
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
+                              client.GetDataset(session_->dataset_name(), kMaxWait));
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                              rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+    dataset_name_ = dataset.name();
+    ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
+                              client.GetClusterStatus(kMaxWait));
+    result_.agent_count = cluster.agents_size();
+    result_.renderer = cluster.agents().empty() ? "" : cluster.agents(0).renderer();
+    result_.is_in_process = !plan_.session.server.has_value();
+    std::vector<std::string> first_pngs;
+    std::vector<std::string> second_pngs;
+    ISOSCOPE_RETURN_IF_ERROR(Pass(&result_.first, &first_pngs));
+    ISOSCOPE_RETURN_IF_ERROR(Pass(&result_.second, &second_pngs));
+    result_.is_repeatable = first_pngs == second_pngs;
+    return std::move(result_);
+  }
+
+ private:
+  absl::Status Pass(std::vector<SliderFrame>* frames, std::vector<std::string>* pngs) {
+    for (int step = 0; step < plan_.step_count; ++step) {
+      ISOSCOPE_RETURN_IF_ERROR(context_.interrupt->cancellation().Check());
+      absl::SleepFor(plan_.pause);
+      ISOSCOPE_ASSIGN_OR_RETURN(const SliderFrame frame, Step(step, pngs));
+      if (step >= kUncounted) {
+        frames->push_back(frame);
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<SliderFrame> Step(int step, std::vector<std::string>* pngs) {
+    cli::RequestFlags flags = plan_.request;
+    const double first = plan_.request.isovalue.value_or(0);
+    flags.isovalue = first + (plan_.last_isovalue - first) * step / (plan_.step_count - 1);
+    const v1::RenderIsosurfaceRequest request = cli::MakeRequest(flags, dataset_name_, camera_);
+    const auto resident = static_cast<double>(base::ResidentBytes());
+    const absl::Duration kernel = KernelTime();
+    const absl::Time start = absl::Now();
+    ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
+                              session_->client().RenderIsosurface(request, kMaxWait));
+    const absl::Time end = absl::Now();
+    pngs->push_back(std::move(*response.mutable_png()));
+    return SliderFrame{
+        .isovalue = *flags.isovalue,
+        .ms = absl::ToDoubleMilliseconds(end - start),
+        .kernel_ms = absl::ToDoubleMilliseconds(KernelTime() - kernel),
+        .grown_mib = (static_cast<double>(base::ResidentBytes()) - resident) / base::kMiB};
+  }
+
+  const SliderBenchPlan& plan_;
+  const cli::Context& context_;
+  std::unique_ptr<cli::Session> session_;
+  std::string dataset_name_;
+  view::Camera camera_;
+  SliderBenchResult result_;
+};
+
+struct Summary {
+  double median_ms = 0;
+  double p95_ms = 0;
+  double median_kernel_ms = 0;
+  double median_grown_mib = 0;
+};
+
+Summary Summarize(const std::vector<SliderFrame>& frames) {
+  std::vector<double> times;
+  std::vector<double> kernel_times;
+  std::vector<double> grown;
+  for (const SliderFrame& frame : frames) {
+    times.push_back(frame.ms);
+    kernel_times.push_back(frame.kernel_ms);
+    grown.push_back(frame.grown_mib);
+  }
+  return {Median(times), Percentile(times, 0.95), Median(kernel_times), Median(grown)};
+}
+
+nlohmann::ordered_json ToJson(const Summary& summary) {
+  return {{"median_ms", summary.median_ms},
+          {"p95_ms", summary.p95_ms},
+          {"median_kernel_ms", summary.median_kernel_ms},
+          {"median_grown_mib", summary.median_grown_mib}};
+}
+
+}  // namespace
+
+absl::StatusOr<SliderBenchResult> RunSliderBench(const SliderBenchPlan& plan,
+                                                 const cli::Context& context) {
+  return SliderBench(plan, context).Run();
+}
+
+std::string DescribeSliderBench(const SliderBenchResult& result) {
+  std::string text = absl::StrFormat("%-16s %10s %10s %10s %14s\n", "isovalue", "median", "p95",
+                                     result.is_in_process ? "in kernel" : "",
+                                     result.is_in_process ? "new memory" : "");
+  for (const auto& [name, frames] :
+       {std::pair("for the first time", &result.first), std::pair("once more", &result.second)}) {
+    const Summary summary = Summarize(*frames);
+    absl::StrAppendFormat(&text, "%-18s %7.1f ms %7.1f ms", name, summary.median_ms,
+                          summary.p95_ms);
+    if (result.is_in_process) {
+      absl::StrAppendFormat(&text, " %7.1f ms %9.1f MiB", summary.median_kernel_ms,
+                            summary.median_grown_mib);
+    }
+    text += "\n";
+  }
+  text += result.is_repeatable ? "the same bytes both times\n" : "NOT the same bytes both times\n";
+  return text;
+}
+
+nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderBenchPlan& plan,
+                                         const SliderBenchResult& result, const Machine& machine,
+                                         absl::string_view timestamp) {
+  nlohmann::ordered_json json;
+  json["machine"] = ToString(machine);
+  json["date"] = std::string(timestamp);
+  json["volume"] = std::string(volume);
+  json["isovalues"] = {plan.request.isovalue.value_or(0), plan.last_isovalue};
+  json["width"] = plan.request.viewport().width_px;
+  json["height"] = plan.request.viewport().height_px;
+  json["agents"] = result.agent_count;
+  json["renderer"] = result.renderer;
+  json["new"] = ToJson(Summarize(result.first));
+  json["again"] = ToJson(Summarize(result.second));
+  return json;
+}
+
+}  // namespace isoscope::bench

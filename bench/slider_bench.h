@@ -1,0 +1,64 @@
+// What a new isovalue costs at the same view: a slider that a person moves, and moves once more
+// over the same values. Of a server, or of coordinator and agents in this process.
+
+#ifndef ISOSCOPE_BENCH_SLIDER_BENCH_H_
+#define ISOSCOPE_BENCH_SLIDER_BENCH_H_
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include <nlohmann/json.hpp>
+
+#include "bench/machine.h"
+#include "client-cli/command.h"
+#include "client-cli/render_request.h"
+#include "client-cli/session.h"
+
+namespace isoscope::bench {
+
+struct SliderBenchPlan {
+  cli::SessionFlags session;
+  cli::RequestFlags request;  // its isovalue is the first
+  double last_isovalue = 0;
+  int step_count = 20;   // isovalues, the first and the last among them; at least 4
+  absl::Duration pause;  // between frames, as a person's hand makes them
+};
+
+// One frame of the slider, as the client sees it.
+struct SliderFrame {
+  double isovalue = 0;
+  double ms = 0;
+  double kernel_ms = 0;  // of all threads of this process
+  double grown_mib = 0;  // by which the resident set of this process has grown
+};
+
+struct SliderBenchResult {
+  int agent_count = 0;
+  std::string renderer;
+  bool is_in_process = false;       // else kernel_ms and grown_mib are those of a client
+  std::vector<SliderFrame> first;   // each isovalue for the first time, without the first two
+  std::vector<SliderFrame> second;  // the same once more, in the same order
+  bool is_repeatable = false;       // both times gave the same bytes
+};
+
+// Renders every isovalue twice. Errors of Session::Open and of RenderIsosurface; CANCELLED on an
+// interrupt.
+absl::StatusOr<SliderBenchResult> RunSliderBench(const SliderBenchPlan& plan,
+                                                 const cli::Context& context);
+
+// A table of two rows: medians of the times, of kernel time and of new memory.
+std::string DescribeSliderBench(const SliderBenchResult& result);
+
+// {"machine", "date", "volume", "isovalues": [first, last], "width", "height", "agents",
+// "renderer", "new": {"median_ms", "p95_ms", "median_kernel_ms", "median_grown_mib"}, "again":
+// {...}}.
+nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderBenchPlan& plan,
+                                         const SliderBenchResult& result, const Machine& machine,
+                                         absl::string_view timestamp);
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_SLIDER_BENCH_H_

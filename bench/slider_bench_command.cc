@@ -1,0 +1,116 @@
+// isoscope bench slider INPUT | DIR | --server HOST:PORT --isovalue V
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+
+#include "bench/commands.h"
+#include "bench/machine.h"
+#include "bench/slider_bench.h"
+#include "client-cli/command.h"
+#include "client-cli/flags.h"
+#include "client-cli/output.h"
+#include "client-cli/parse_value.h"
+#include "client-cli/render_request.h"
+#include "client-cli/session.h"
+#include "client-cli/usage.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::bench {
+namespace {
+
+struct SliderBenchFlags {
+  cli::SessionFlags session;
+  cli::RequestFlags request;
+  std::optional<double> last_isovalue;
+  std::optional<std::int64_t> steps;
+  std::optional<double> pause_ms;
+  std::optional<std::string> json;
+};
+
+absl::StatusOr<std::int64_t> ParseSteps(absl::string_view text) {
+  return cli::ParseInteger(text, 4, 10000);
+}
+
+absl::Status CheckUsage(const SliderBenchFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  if (!flags.last_isovalue) {
+    return cli::UsageError("--to is missing: name the isovalue where the slider ends");
+  }
+  if (flags.request.isovalues().size() != 1) {
+    return cli::UsageError("name one --isovalue, where the slider begins");
+  }
+  if (flags.pause_ms && (*flags.pause_ms < 0 || *flags.pause_ms > 10000)) {
+    return cli::UsageError(
+        absl::StrCat("--pause-ms is ", *flags.pause_ms, ": must lie in [0, 10000]"));
+  }
+  return CheckUsage(flags.request);
+}
+
+absl::Status Run(const SliderBenchFlags& flags, const cli::Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
+  if (flags.json) {
+    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+  }
+  base::SetLogLevel(base::LogLevel::kOff);
+  SliderBenchPlan plan;
+  plan.session = flags.session;
+  plan.request = flags.request;
+  plan.last_isovalue = *flags.last_isovalue;
+  plan.step_count = static_cast<int>(flags.steps.value_or(plan.step_count));
+  plan.pause = absl::Milliseconds(flags.pause_ms.value_or(0));
+  const Machine machine = DescribeMachine();
+  const std::string timestamp = Timestamp();
+  ISOSCOPE_ASSIGN_OR_RETURN(const SliderBenchResult result, RunSliderBench(plan, context));
+  if (flags.json) {
+    const std::string volume =
+        std::filesystem::path(flags.session.input.value_or(flags.session.dataset.value_or("")))
+            .filename()
+            .string();
+    ISOSCOPE_RETURN_IF_ERROR(cli::WriteFileAtomically(
+        *flags.json, SliderBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+  }
+  *context.out << ToString(machine) << "; " << timestamp << "\n"
+               << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px
+               << " pixels, " << result.agent_count
+               << (result.agent_count == 1 ? " agent, " : " agents, ") << result.renderer << "\n\n"
+               << DescribeSliderBench(result);
+  return absl::OkStatus();
+}
+
+cli::Action RegisterFlags(CLI::App* app) {
+  const auto flags = std::make_shared<SliderBenchFlags>();
+  cli::AddSessionFlags(app, &flags->session);
+  cli::AddRendererFlag(app, &flags->session);
+  cli::AddFlag(app, "--to", "V", &flags->last_isovalue, cli::ParseNumber,
+               "isovalue where the slider ends; --isovalue is where it begins");
+  cli::AddFlag(app, "--steps", "N", &flags->steps, ParseSteps, "number of isovalues (default: 20)");
+  cli::AddFlag(app, "--pause-ms", "T", &flags->pause_ms, cli::ParseNumber,
+               "pause between frames (default: 0)");
+  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
+  cli::AddRequestFlags(app, &flags->request);
+  return [flags](const cli::Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+cli::Command SliderBenchCommand() {
+  return {.name = "bench slider",
+          .summary = "Moves an isovalue twice over the same range: times and new memory of a frame",
+          .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --to V [OPTIONS]",
+          .examples =
+              "  isoscope bench slider head --isovalue 50 --to 70\n"
+              "  isoscope bench slider --server localhost:50051 --isovalue 50 --to 70 "
+              "--json slider.json\n"
+              "\nWithout --server, coordinator and agents run in this process.\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::bench

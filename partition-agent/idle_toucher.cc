@@ -1,0 +1,71 @@
+#include "partition-agent/idle_toucher.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/time/clock.h"
+#include <sys/resource.h>
+#include <sys/syscall.h>
+
+namespace isoscope::agent {
+namespace {
+
+// On Linux, the priority is that of one thread.
+void LowerPriorityOfThisThread() {
+  constexpr int kNice = 10;
+  // Without it the thread still works.
+  (void)::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), kNice);
+}
+
+}  // namespace
+
+IdleToucher::IdleToucher(Options options)
+    : options_(std::move(options)), thread_([this] { Run(); }) {}
+
+IdleToucher::~IdleToucher() {
+  {
+    const base::MutexLock lock(&mutex_);
+    is_stopping_ = true;
+    changed_.SignalAll();
+  }
+  thread_.join();
+}
+
+void IdleToucher::NoteWork() {
+  const base::MutexLock lock(&mutex_);
+  last_work_ = absl::Now();
+  if (!std::exchange(has_worked_, true)) {
+    changed_.SignalAll();
+  }
+}
+
+void IdleToucher::Run() {
+  LowerPriorityOfThisThread();
+  while (true) {
+    {
+      const base::MutexLock lock(&mutex_);
+      changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+        return has_worked_ || is_stopping_;
+      });
+      // Work that comes meanwhile puts it off.
+      while (!is_stopping_ && absl::Now() < last_work_ + options_.idle_after) {
+        changed_.AwaitUntil(&mutex_, last_work_ + options_.idle_after,
+                            [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_stopping_; });
+      }
+      if (is_stopping_) {
+        return;
+      }
+      has_worked_ = false;
+    }
+    if (options_.is_busy()) {
+      NoteWork();
+    } else if (options_.touch_some()) {
+      const base::MutexLock lock(&mutex_);
+      has_worked_ = true;  // there may be more to touch
+    }
+  }
+}
+
+}  // namespace isoscope::agent
