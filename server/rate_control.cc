@@ -9,7 +9,8 @@
 // 30 ms, below which delays are noise). Nothing foretells the load of a finer setting, so it is
 // tried when the present one leaves half of the room.
 //
-// The machine's: the load is the time of drawing and encoding over the period. A frame's time has a
+// The machine's: the load is the time of drawing over the period; the picture is encoded while the
+// next one is drawn. A frame's time has a
 // part that does not depend on its size (rays, extraction, messages), so a size of half the pixels
 // is taken to save a third.
 
@@ -81,9 +82,9 @@ RateControl::RateControl() : network_(kNetworkSteps.size()), size_(kSizes.size()
   network_.StartAt(kFirstNetworkStep);
 }
 
-void RateControl::OnDrawn(absl::Duration duration, int concurrent, absl::Time now) {
+void RateControl::OnDrawn(absl::Duration duration, absl::Time now) {
   mean_drawn_ = mean_drawn_ == absl::ZeroDuration() ? duration : (mean_drawn_ * 3 + duration) / 4;
-  const double load = absl::FDivDuration(duration, period_ * concurrent);
+  const double load = absl::FDivDuration(duration, period_);
   const std::size_t step = size_.step();
   const double ratio = step == 0 ? 1 : std::pow(kSizes[step - 1] / kSizes[step], 2);
   constexpr double kFixedShare = 1.0 / 3;
