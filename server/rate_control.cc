@@ -28,14 +28,15 @@ struct NetworkStep {
   double scale;
   int depth_grid_side;
 };
+// A grid of 128 has 32 KiB, which is as much as a picture of quality 45.
 constexpr std::array<NetworkStep, 8> kNetworkSteps = {{{85, 1, 192},
-                                                       {75, 1, 160},
+                                                       {75, 1, 128},
                                                        {60, 1, 128},
-                                                       {45, 1, 128},
-                                                       {45, 0.75, 112},
-                                                       {45, 0.5, 96},
+                                                       {45, 1, 96},
+                                                       {45, 0.75, 80},
+                                                       {45, 0.5, 64},
                                                        {40, 0.375, 64},
-                                                       {40, 0.25, 64}}};
+                                                       {40, 0.25, 48}}};
 constexpr std::array<double, 5> kSizes = {1, 0.75, 0.5, 0.375, 0.25};
 
 // Where an unknown connection begins, and the delay below which it is a fast one.

@@ -25,6 +25,7 @@ class Frame:
   sequence: int
   is_exact: bool
   image: bytes
+  bytes: int  # of the whole message
   header: dict
   arrived_at: float
   age_s: float  # since its state was sent
@@ -134,7 +135,7 @@ class Viewer:
     if 'error' in header:
       raise RuntimeError(header['error'].get('message', 'the frame failed without a reason'))
     frame = Frame(number, sequence, header.get('isExact', False), message[4 + json_size:4 + json_size + image_size],
-                  header, now, now - self.sent_at.get(sequence, now))
+                  len(message), header, now, now - self.sent_at.get(sequence, now))
     self.frames.append(frame)
     return frame
 
@@ -184,5 +185,7 @@ class Viewer:
     heights = [int(frame.header['frame']['extent']['heightPx']) for frame in moving]
     return {'framesPerSecond': round(len(moving) / seconds, 1),
             'ageMs': {'p50': round(percentile(ages, 0.5) or 0), 'p95': round(percentile(ages, 0.95) or 0)},
-            'heightPx': percentile(heights, 0.5), 'kib': round((percentile([len(f.image) for f in moving], 0.5) or 0) / 1024),
+            'heightPx': percentile(heights, 0.5),
+            'pictureKib': round((percentile([len(frame.image) for frame in moving], 0.5) or 0) / 1024, 1),
+            'messageKib': round((percentile([frame.bytes for frame in moving], 0.5) or 0) / 1024, 1),
             'exactAfterMs': round(1000 * self.frames[-1].age_s)}
