@@ -132,7 +132,7 @@ int RateControl::credits() const {
   const absl::Duration frame = std::max(period_, mean_drawn_);
   const double frames_on_the_way = absl::FDivDuration(round_trip(), frame);
   return frames_on_the_way <= 1 ? 2
-                                : 2 + static_cast<int>(std::ceil(std::min(frames_on_the_way, 6.0)));
+                                : 1 + static_cast<int>(std::ceil(std::min(frames_on_the_way, 7.0)));
 }
 
 }  // namespace isoscope::server

@@ -6,7 +6,7 @@
 
 Starts `isoscope view`, which is gateway, coordinator and agent in one process, and connects N viewers (default 1),
 each of which sends 60 views a second, a degree further each, and says at once that it has shown what came. With
---stalled, K of them send views and read nothing; then all N are measured first, and the others again with K stalled.
+--stalled, K of them send views and read nothing; then the other N - K are measured alone first.
 With --link every viewer comes through a link of so many Mbit/s and milliseconds of round trip (tools/throttle.py).
 Prints JSON: frames a second, age of the frames (from the view sent to its frame received), size of the pictures, the
 time from the last view to its exact frame, and the server's memory before and after. Only Python's own library.
@@ -75,12 +75,12 @@ async def run(flags, url, server):
       port = urllib.parse.urlsplit(url).port
       link = await stack.enter_async_context(Link(port, *flags.link))
       url = f'http://127.0.0.1:{link.port}/'
-    result = {'all': await measure(url, flags, flags.viewers, 0, server)}
+    result = {'readers': await measure(url, flags, flags.viewers - flags.stalled, 0, server)}
     if flags.link is not None:
-      result['age'] = bound(flags, result['all']['figures'][0])
+      result['age'] = bound(flags, result['readers']['figures'][0])
     if flags.stalled > 0:
       result['withStalled'] = await measure(url, flags, flags.viewers, flags.stalled, server)
-      result['shareOfTheirRate'] = round(result['withStalled']['ofEachReader'] / result['all']['ofEachReader'], 2)
+      result['shareOfTheirRate'] = round(result['withStalled']['ofEachReader'] / result['readers']['ofEachReader'], 2)
     print(json.dumps(result, indent=2))
 
 

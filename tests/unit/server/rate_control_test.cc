@@ -41,7 +41,7 @@ TEST(RateControlTest, ALongButWideConnectionGetsCreditsAndKeepsItsQuality) {
   RateControl rate;
   ShowFrames(&rate, 0, 10, [](const MovingQuality&) { return 150.0; });
   EXPECT_EQ(rate.quality().jpeg_quality, 85);
-  EXPECT_EQ(rate.credits(), 2 + 5);
+  EXPECT_EQ(rate.credits(), 1 + 5);
   EXPECT_EQ(rate.round_trip(), absl::Milliseconds(150));
 }
 
