@@ -52,6 +52,8 @@ class EmbeddedCluster {
   ~EmbeddedCluster();
 
   std::shared_ptr<grpc::Channel> Channel() { return coordinator_->InProcessChannel(); }
+  // As CoordinatorServer::SetGatewayAddress.
+  void SetGatewayAddress(const std::string& address) { coordinator_->SetGatewayAddress(address); }
   // The bound port, or 0 without one.
   [[nodiscard]] int port() const { return coordinator_->port(); }
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }

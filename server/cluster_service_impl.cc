@@ -54,9 +54,15 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
   return rpc::AnswerUnary(context, *request, [&] {
+    const base::MutexLock lock(&mutex_);
     *response = capabilities_;
     return absl::OkStatus();
   });
+}
+
+void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
+  const base::MutexLock lock(&mutex_);
+  capabilities_.set_gateway_address(address);
 }
 
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(

@@ -3,8 +3,12 @@
 #ifndef ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_CLUSTER_SERVICE_IMPL_H_
 
+#include <string>
 #include <utility>
 
+#include "absl/base/thread_annotations.h"
+
+#include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "server/agent_registry.h"
 
@@ -24,9 +28,13 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
       grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
       isoscope::v1::GetClusterStatusResponse* response) override;
 
+  // Names the web gateway from now on. Thread-safe.
+  void SetGatewayAddress(const std::string& address) ABSL_LOCKS_EXCLUDED(mutex_);
+
  private:
   const AgentRegistry* const registry_;
-  const isoscope::v1::GetCapabilitiesResponse capabilities_;
+  base::Mutex mutex_;
+  isoscope::v1::GetCapabilitiesResponse capabilities_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace isoscope::server

@@ -129,6 +129,10 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     return registry_->WaitUntilReady(deadline);
   }
 
+  void SetGatewayAddress(const std::string& address) override {
+    cluster_service_.SetGatewayAddress(address);
+  }
+
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {
       return;  // never listened

@@ -70,6 +70,8 @@ class CoordinatorServer {
   // Blocks until every agent has answered at least once and at least one dataset is complete, or
   // until `deadline`. FAILED_PRECONDITION says what is missing.
   virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
+  // Names the web gateway in GetCapabilities, for one that starts later. Thread-safe.
+  virtual void SetGatewayAddress(const std::string& address) = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for frames in work, then
   // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

@@ -196,6 +196,9 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
   *statistics = StatisticsOf(result);
   drawn_ = std::move(result.image);
   layers_ = std::move(result.layers);
+  if (picture_drawn_) {
+    picture_drawn_();
+  }
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {

@@ -71,6 +71,8 @@ class FrameCall {
   // A region that is drawn with a margin has none.
   void AskDepthGrid(int longer_side) { depth_grid_side_ = longer_side; }
   [[nodiscard]] const std::optional<DepthGrid>& depth_grid() const { return depth_grid_; }
+  // Calls `done` on the frame thread once the agents have drawn a picture, before it is encoded.
+  void OnPictureDrawn(std::function<void()> done) { picture_drawn_ = std::move(done); }
   // Logs only failures: for frames of which there are dozens a second.
   void LogFailuresOnly() { logs_success_ = false; }
 
@@ -123,6 +125,7 @@ class FrameCall {
   int depth_grid_side_ = 0;                 // 0: no grid
   std::optional<DepthGrid> depth_grid_;
   bool logs_success_ = true;
+  std::function<void()> picture_drawn_;
   std::optional<FrameRunner::Place> place_;
   std::string dataset_name_;
   image::FrameImage image_;

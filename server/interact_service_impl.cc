@@ -5,6 +5,7 @@
 //   event                        tells               then
 //   view state                   OnState             Proceed
 //   frame shown                  OnShown, rate       Proceed
+//   picture drawn                OnDrawn             Proceed
 //   frame has ended              OnWorkEnded, rate   answer to outgoing_, Proceed
 //   alarm                        -                   Proceed
 //   write done                   -                   next answer
@@ -235,9 +236,17 @@ class InteractServiceImpl::InteractCall final
   // On a frame thread.
   void Draw(FrameCall* frame, const FrameStart& start) ABSL_LOCKS_EXCLUDED(mutex_) {
     const absl::Time begin = absl::Now();
+    absl::Time drawn = begin;
+    frame->OnPictureDrawn([&] {
+      drawn = absl::Now();
+      const base::MutexLock lock(&mutex_);
+      schedule_.OnDrawn(start.work);
+      Proceed();
+    });
     Answer answer;
     answer.message.set_sequence_number(start.sequence);
     const absl::Status status = frame->Render(answer.message.mutable_frame());
+    frame->OnPictureDrawn(nullptr);
     const absl::Time end = absl::Now();
     if (status.ok()) {
       answer.message.set_is_exact(start.is_exact);
@@ -257,7 +266,7 @@ class InteractServiceImpl::InteractCall final
     const bool is_told = status.ok() || (start.is_exact && !absl::IsCancelled(status));
     schedule_.OnWorkEnded(start.work, is_told, end);
     if (status.ok() && !start.is_exact) {
-      rate_.OnDrawn(end - begin, InteractiveSchedule::kMaxInWork, end);
+      rate_.OnDrawn(drawn - begin, end);
     }
     if (is_told) {
       Send(std::move(answer));

@@ -5,11 +5,12 @@
 //    that a steady drag still shows frames; and no quick moving frames (kWorthCancelling).
 // 2. Exact. A view that rests gets its exact frame, once, when nothing is in work. It needs no
 //    credit: nothing follows it.
-// 3. Moving. A view that moves gets a frame of its newest state, while works and credits allow.
+// 3. Moving. A view that moves gets a frame of its newest state, once the one before is drawn and
+//    while credits allow.
 //
-//   state 1   moving 1 ........ sent ..... shown
-//      state 2, 3    moving 3 ........ sent ..... shown        (2 was never begun)
-//                                120 ms after 3:  exact 3 ............ sent
+//   state 1   moving 1: drawn, encoded, sent ..... shown
+//      state 2, 3     moving 3: drawn, encoded, sent ..... shown        (2 was never begun)
+//                                         120 ms after 3:  exact 3 ............ sent
 
 #include "server/interactive_schedule.h"
 
@@ -29,6 +30,13 @@ void InteractiveSchedule::OnState(std::int64_t sequence, bool is_at_rest, absl::
   newest_ = sequence;
   newest_time_ = now;
   newest_rests_ = is_at_rest;
+}
+
+void InteractiveSchedule::OnDrawn(std::int64_t work) {
+  const auto it = in_work_.find(work);
+  if (it != in_work_.end()) {
+    it->second.is_drawn = true;
+  }
 }
 
 void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now) {
@@ -85,10 +93,17 @@ std::vector<std::int64_t> InteractiveSchedule::Expire(absl::Time now) {
   return expired;
 }
 
+bool InteractiveSchedule::MayDraw() const {
+  return static_cast<int>(in_work_.size()) < kMaxInWork &&
+         std::all_of(in_work_.begin(), in_work_.end(), [](const auto& work) {
+           return work.second.is_drawn || work.second.is_cancelled;
+         });
+}
+
 bool InteractiveSchedule::MayCancel(const Work& work, absl::Time now) const {
   const std::optional<absl::Duration>& expected =
       work.is_exact ? expected_exact_ : expected_moving_;
-  return !work.is_cancelled && !cancelled_last_ && expected.has_value() &&
+  return !work.is_cancelled && !work.is_drawn && !cancelled_last_ && expected.has_value() &&
          (work.is_exact || *expected >= kWorthCancelling) && now - work.start < *expected / 2;
 }
 
@@ -125,7 +140,7 @@ InteractiveSchedule::Step InteractiveSchedule::Next(absl::Time now) {
     return step;  // else the end of what is in work brings us back
   }
   step.wake = newest_time_ + kRestDelay;
-  if (moving_started_ != newest_ && static_cast<int>(in_work_.size()) < kMaxInWork) {
+  if (moving_started_ != newest_ && MayDraw()) {
     if (under_way_count() < credits_) {
       step.start = Begin(/*is_exact=*/false, now);
     } else if (!sent_.empty()) {

@@ -27,7 +27,8 @@ class InteractiveSchedule {
   static constexpr absl::Duration kRestDelay = absl::Milliseconds(120);
   // A frame that was sent this long ago counts as shown, so that a stalled client holds nothing.
   static constexpr absl::Duration kShownTimeout = absl::Seconds(2);
-  // Frames that are drawn at a time: one, and one that is being encoded.
+  // One frame is drawn at a time, while the one before is encoded. Two that are drawn at a time
+  // share cores and agents: they come no faster, and each shows an older state.
   static constexpr int kMaxInWork = 2;
   static constexpr int kMinCredits = 2;
   static constexpr int kMaxCredits = 8;
@@ -38,6 +39,8 @@ class InteractiveSchedule {
   // A new state, which replaces all before it. REQUIRES: `sequence` is greater than every one
   // before.
   void OnState(std::int64_t sequence, bool is_at_rest, absl::Time now);
+  // The picture of the work is drawn, and is now encoded.
+  void OnDrawn(std::int64_t work);
   // The work has ended. If `has_answer`, its answer waits to be sent.
   void OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now);
   // An answer was handed to the network, under the number that the client will name.
@@ -70,6 +73,7 @@ class InteractiveSchedule {
     std::int64_t sequence = 0;
     bool is_exact = false;
     bool is_cancelled = false;
+    bool is_drawn = false;
     absl::Time start;
   };
 
@@ -77,6 +81,8 @@ class InteractiveSchedule {
 
   // Returns the frames that timed out.
   std::vector<std::int64_t> Expire(absl::Time now);
+  // Whether another frame may be drawn.
+  [[nodiscard]] bool MayDraw() const;
   [[nodiscard]] bool MayCancel(const Work& work, absl::Time now) const;
   FrameStart Begin(bool is_exact, absl::Time now);
 

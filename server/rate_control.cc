@@ -9,7 +9,8 @@
 // 30 ms, below which delays are noise). Nothing foretells the load of a finer setting, so it is
 // tried when the present one leaves half of the room.
 //
-// The machine's: the load is the time of drawing and encoding over the period. A frame's time has a
+// The machine's: the load is the time of drawing over the period; the picture is encoded while the
+// next one is drawn. A frame's time has a
 // part that does not depend on its size (rays, extraction, messages), so a size of half the pixels
 // is taken to save a third.
 
@@ -27,14 +28,15 @@ struct NetworkStep {
   double scale;
   int depth_grid_side;
 };
+// A grid of 128 has 32 KiB, which is as much as a picture of quality 45.
 constexpr std::array<NetworkStep, 8> kNetworkSteps = {{{85, 1, 192},
-                                                       {75, 1, 160},
+                                                       {75, 1, 128},
                                                        {60, 1, 128},
-                                                       {45, 1, 128},
-                                                       {45, 0.75, 112},
-                                                       {45, 0.5, 96},
+                                                       {45, 1, 96},
+                                                       {45, 0.75, 80},
+                                                       {45, 0.5, 64},
                                                        {40, 0.375, 64},
-                                                       {40, 0.25, 64}}};
+                                                       {40, 0.25, 48}}};
 constexpr std::array<double, 5> kSizes = {1, 0.75, 0.5, 0.375, 0.25};
 
 // Where an unknown connection begins, and the delay below which it is a fast one.
@@ -81,9 +83,9 @@ RateControl::RateControl() : network_(kNetworkSteps.size()), size_(kSizes.size()
   network_.StartAt(kFirstNetworkStep);
 }
 
-void RateControl::OnDrawn(absl::Duration duration, int concurrent, absl::Time now) {
+void RateControl::OnDrawn(absl::Duration duration, absl::Time now) {
   mean_drawn_ = mean_drawn_ == absl::ZeroDuration() ? duration : (mean_drawn_ * 3 + duration) / 4;
-  const double load = absl::FDivDuration(duration, period_ * concurrent);
+  const double load = absl::FDivDuration(duration, period_);
   const std::size_t step = size_.step();
   const double ratio = step == 0 ? 1 : std::pow(kSizes[step - 1] / kSizes[step], 2);
   constexpr double kFixedShare = 1.0 / 3;
@@ -130,7 +132,7 @@ int RateControl::credits() const {
   const absl::Duration frame = std::max(period_, mean_drawn_);
   const double frames_on_the_way = absl::FDivDuration(round_trip(), frame);
   return frames_on_the_way <= 1 ? 2
-                                : 2 + static_cast<int>(std::ceil(std::min(frames_on_the_way, 6.0)));
+                                : 1 + static_cast<int>(std::ceil(std::min(frames_on_the_way, 7.0)));
 }
 
 }  // namespace isoscope::server

@@ -59,9 +59,9 @@ class RateControl {
   // REQUIRES: > 0.
   void SetTarget(double frames_per_second) { period_ = absl::Seconds(1 / frames_per_second); }
 
-  // A moving frame took `duration` from its start to its encoded picture, while `concurrent` frames
-  // could be in work.
-  void OnDrawn(absl::Duration duration, int concurrent, absl::Time now);
+  // A moving frame took `duration` from its start to its picture, before which the next one could
+  // not begin.
+  void OnDrawn(absl::Duration duration, absl::Time now);
   // A moving frame was shown `delay` after it was sent, of which the client took `decode`.
   void OnShown(absl::Duration delay, absl::Duration decode, absl::Time now);
 

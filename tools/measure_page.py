@@ -1,12 +1,21 @@
 #!/usr/bin/env python3
 """Measures the page as a person sees it: frames shown while a view is dragged, and how late they are.
 
-    tools/measure_page.py INPUT|DIR --isovalue V [--rate N] [--seconds S] [--side PX] [--isoscope PROGRAM]
+    tools/measure_page.py INPUT|DIR --isovalue V [--rate N] [--seconds S] [--side PX] [--minutes M]
+                          [--isoscope PROGRAM]
 
 Starts `isoscope view`, opens its page in Chromium without a screen, and drags the view on a circle with a
-pointer event every 16 ms. Browser, gateway, coordinator and agents share this machine. Prints JSON: frames a
-second, milliseconds from pointer to displayed, from release to the exact frame, and the memory of all of
-Chromium's processes. Needs chromium, chromium-driver and python3-selenium.
+pointer event every 16 ms. Browser, gateway, coordinator and agents share this machine. Prints JSON:
+
+  framesPerSecond, latencyMs   pictures shown while it is dragged; from the pointer's event to each of them
+  exactAfterMs                 from the pointer's release to the exact picture
+  deliveryMs                   of single moves with nothing else to do: from the state sent to the picture decoded,
+                               without the time of drawing, so encoding, transport and decoding
+  cpuMsPerFrame, memoryMiB     by kind of process. A page that n processes share counts 1/n in each
+  pageMiB                      memory of all of Chromium's processes, less that with an empty page
+
+With --minutes it drags for so long, and says every half a minute how much memory there is. Needs chromium,
+chromium-driver and python3-selenium: run it with Debian's /usr/bin/python3.
 """
 
 import argparse
@@ -32,6 +41,7 @@ const send = (type, x, y) => view.root.dispatchEvent(new PointerEvent(type, {
   buttons: type === 'pointerup' ? 0 : 1, clientX: x, clientY: y }));
 const centre = [box.left + box.width / 2, box.top + box.height / 2];
 let before = null;
+const first = view.stats().framesShown;
 const start = performance.now();
 send('pointerdown', ...centre);
 const timer = setInterval(() => {
@@ -47,7 +57,7 @@ const timer = setInterval(() => {
   const wait = setInterval(() => {
     if (!view.isExact) return;
     clearInterval(wait);
-    done({ framesPerSecond: 1000 * (stats.framesShown - before.frames) / (end - before.time),
+    done({ framesInAll: view.stats().framesShown - first, framesPerSecond: 1000 * (stats.framesShown - before.frames) / (end - before.time),
       latencyMs: stats.latencyMs, localResponseMs: stats.localResponseMs, roundTripMs: stats.roundTripMs,
       decodeMs: stats.decodeMs, renderer: stats.renderer, width: stats.width, height: stats.height,
       exactAfterMs: performance.now() - end });
@@ -56,24 +66,98 @@ const timer = setInterval(() => {
 """
 
 
-def memory_mib(pid):
-  """Resident memory of a process and all that it started, in MiB; shared pages count in each."""
+# Resolves with a number for each of 40 single moves: what the picture took besides drawing.
+DELIVERY = """
+const [done] = arguments;
+const view = isoscope.view;
+const STEPS = ['occluderSelectionDuration', 'occluderRenderingDuration', 'visibilityCullingDuration', 'compositeDuration'];
+const taken = [];
+const move = () => view.setCamera({ ...view.camera, up: view.camera.up.map((value, i) => value + 1e-3 * Math.sin(taken.length + i)) });
+const listen = ({ detail }) => {
+  if (detail.isExact || detail.roundTripMs === null) return;
+  const durations = detail.header.frame.statistics.durations;
+  const drawn = STEPS.reduce((sum, name) => sum + 1000 * parseFloat(durations[name] ?? '0'), 0);
+  const encode = 1000 * parseFloat(durations.encodeDuration ?? '0');
+  taken.push([detail.roundTripMs + detail.decodeMs - drawn, encode, detail.decodeMs, detail.roundTripMs - drawn - encode]);
+  if (taken.length < 40) { setTimeout(move, 50); return; }
+  view.removeEventListener('frame', listen);
+  const summary = ['all', 'encode', 'decode', 'transport'].map((name, i) => {
+    const sorted = taken.map((one) => one[i]).sort((a, b) => a - b);
+    return [name, { p50: sorted[20], p95: sorted[38] }];
+  });
+  done(Object.fromEntries(summary));
+};
+view.addEventListener('frame', listen);
+move();
+"""
+
+
+def processes_of(pid):
+  """Yields (kind, process number) of a process and all that it started; Chromium names its kinds."""
   children = {}
   for name in filter(str.isdigit, os.listdir('/proc')):
     try:
       with open(f'/proc/{name}/stat') as file:
-        parent = int(file.read().rsplit(')', 1)[1].split()[1])
-      with open(f'/proc/{name}/smaps_rollup') as file:
+        children.setdefault(int(file.read().rsplit(')', 1)[1].split()[1]), []).append(int(name))
+    except (OSError, IndexError, ValueError):
+      continue
+  todo = [pid]
+  while todo:
+    one = todo.pop()
+    todo += children.get(one, [])
+    try:
+      with open(f'/proc/{one}/cmdline') as file:
+        words = file.read().replace('\0', ' ').split()
+    except OSError:
+      continue
+    kind = next((word[len('--type='):] for word in words if word.startswith('--type=')), '')
+    name = os.path.basename(words[0]) if words else ''
+    yield kind if kind else 'browser' if name == 'chromium' else name, one
+
+
+def cpu_ms(pid):
+  """Processor time by kind of process, in milliseconds."""
+  times = {}
+  for kind, one in processes_of(pid):
+    try:
+      with open(f'/proc/{one}/stat') as file:
+        fields = file.read().rsplit(')', 1)[1].split()
+    except OSError:
+      continue
+    times[kind] = times.get(kind, 0) + (int(fields[11]) + int(fields[12])) * 1000 / os.sysconf('SC_CLK_TCK')
+  return times
+
+
+def memory_mib(pid):
+  """Memory by kind of process, in MiB; a page that n processes share counts 1/n in each."""
+  shares = {}
+  for kind, one in processes_of(pid):
+    try:
+      with open(f'/proc/{one}/smaps_rollup') as file:
         share = sum(int(line.split()[1]) for line in file if line.startswith('Pss:'))
     except (OSError, IndexError, ValueError):
       continue
-    children.setdefault(parent, []).append((int(name), share))
-  todo, total = [pid], 0
-  while todo:
-    for child, share in children.get(todo.pop(), []):
-      todo.append(child)
-      total += share
-  return total / 1024
+    shares[kind] = shares.get(kind, 0) + share / 1024
+  return shares
+
+
+def total(shares):
+  return round(sum(share for kind, share in shares.items() if kind != 'chromedriver'))
+
+
+def remember(browser, driver, flags, empty_mib):
+  """Drags for minutes, and returns the memory after each half."""
+  curve = []
+  for half in range(round(2 * flags.minutes)):
+    begin = time.monotonic()
+    shown = browser.execute_async_script(DRAG, 25)
+    heap = browser.execute_script('return performance.memory.usedJSHeapSize') / 2 ** 20
+    shares = memory_mib(driver.process.pid)
+    curve.append({'minutes': (half + 1) / 2, 'pageMiB': total(shares) - empty_mib, 'renderer': round(shares.get('renderer', 0)),
+                  'jsHeapMiB': round(heap, 1), 'framesPerSecond': round(shown['framesPerSecond'], 1)})
+    print(json.dumps(curve[-1]), file=sys.stderr, flush=True)
+    time.sleep(max(0, begin + 30 - time.monotonic()))
+  return curve
 
 
 def main():
@@ -82,6 +166,7 @@ def main():
   parser.add_argument('--isovalue', required=True)
   parser.add_argument('--rate', type=float, default=30, help='frames a second asked for; 1 keeps the full size')
   parser.add_argument('--seconds', type=float, default=10)
+  parser.add_argument('--minutes', type=float, default=0, help='drags for so long, for the memory')
   parser.add_argument('--side', type=int, default=1024, help='pixels of the view on each axis')
   root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
   parser.add_argument('--isoscope', default=os.path.join(root, 'build/release/bin/isoscope'))
@@ -102,6 +187,9 @@ def main():
     browser = webdriver.Chrome(service=driver, options=options)
     browser.set_script_timeout(flags.seconds + PATIENCE_S)
     browser.set_window_size(flags.side + 400, flags.side + 300)
+    browser.get('about:blank')
+    time.sleep(1)
+    empty_mib = total(memory_mib(driver.process.pid))
     browser.get(url)
     end = time.monotonic() + PATIENCE_S
     while not browser.execute_script('return window.isoscope && isoscope.view.isExact'):
@@ -112,8 +200,16 @@ def main():
                            'v.style.flex = "none"; isoscope.view.options.targetFramesPerSecond = arguments[1];',
                            flags.side, flags.rate)
     time.sleep(1)
+    before = {**cpu_ms(driver.process.pid), **cpu_ms(server.pid)}
     result = browser.execute_async_script(DRAG, flags.seconds)
-    result['chromiumMiB'] = round(memory_mib(driver.process.pid))
+    after = {**cpu_ms(driver.process.pid), **cpu_ms(server.pid)}
+    result['cpuMsPerFrame'] = {kind: round((after[kind] - before.get(kind, 0)) / result['framesInAll'], 1) for kind in after}
+    shares = memory_mib(driver.process.pid)
+    result['memoryMiB'] = {kind: round(share) for kind, share in shares.items()}
+    result['pageMiB'] = total(shares) - empty_mib
+    result['deliveryMs'] = browser.execute_async_script(DELIVERY)
+    if flags.minutes > 0:
+      result['memory'] = remember(browser, driver, flags, empty_mib)
     print(json.dumps(result, indent=2))
   finally:
     if browser is not None:

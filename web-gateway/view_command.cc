@@ -120,6 +120,8 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<GatewayServer> server,
                             StartGateway(flags, &options));
+  // Without the token: it is for those who are told.
+  session->SetGatewayAddress(PageAddress(options.listen_address, server->port(), /*token=*/""));
   const std::string address =
       ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token),
                   dataset.name(), isovalue);

@@ -518,11 +518,10 @@ export function parseMessage(buffer) {
     fail(`its grid of depths has ${depthBytes} bytes`);
   }
   const start = 4 + jsonBytes;
-  const bytes = buffer.slice(start + imageBytes, start + imageBytes + depthBytes);
-  const depths = new Uint16Array(depthBytes / 2);
-  const source = new DataView(bytes);
-  for (let i = 0; i < depths.length; ++i) {
-    depths[i] = source.getUint16(2 * i, true);
+  const depths = new Uint16Array(buffer.slice(start + imageBytes, start + imageBytes + depthBytes));
+  if (new Uint8Array(new Uint16Array([1]).buffer)[0] === 0) {  // a big-endian machine
+    const source = new DataView(depths.buffer);
+    depths.forEach((_, i) => { depths[i] = source.getUint16(2 * i, true); });
   }
   return { header, image: new Uint8Array(buffer, start, imageBytes), depths };
 }
@@ -575,7 +574,9 @@ export function workerMain(scope, parse) {
       if (image.byteLength > 0) {
         const blob = new Blob([image], { type: header.image.type });
         try {
-          bitmap = await createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none' });
+          // A JPEG has neither alpha nor profile, and to ask for it costs a pass over its pixels.
+          bitmap = await (header.image.type === 'image/jpeg' ? createImageBitmap(blob)
+            : createImageBitmap(blob, { premultiplyAlpha: 'none', colorSpaceConversion: 'none' }));
         } catch {
           throw new Error(`The browser cannot decode the ${header.image.type} picture that the server sent.`);
         }
@@ -791,7 +792,7 @@ void main() { color = texture(picture, place); }`;
 /**
  * @typedef {{width: number, height: number, camera: Camera, grid: DepthGrid | null, isExact: boolean,
  *   background: number[]}} ShownFrame
- * @typedef {{name: string, canvas: HTMLCanvasElement, show: (bitmap: ImageBitmap, frame: ShownFrame) => void,
+ * @typedef {{name: string, canvas: HTMLCanvasElement, isWarping: boolean, show: (bitmap: ImageBitmap, frame: ShownFrame) => void,
  *   draw: (camera: Camera) => boolean, finish: () => void, resize: (width: number, height: number) => void,
  *   destroy: () => void}} Screen show takes the bitmap over and closes it; draw says whether it warped;
  *   finish waits until it is drawn.
@@ -862,6 +863,7 @@ function makeGlScreen(lost) {
   return {
     name: 'webgl2',
     canvas,
+    isWarping: true,
     show(bitmap, shown) {
       gl.activeTexture(gl.TEXTURE0);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
@@ -935,10 +937,11 @@ function makeGlScreen(lost) {
  */
 function makeBitmapScreen() {
   const canvas = makeCanvas('picture plain');
-  const context = /** @type {ImageBitmapRenderingContext} */ (canvas.getContext('bitmaprenderer'));
+  const context = /** @type {ImageBitmapRenderingContext} */ (canvas.getContext('bitmaprenderer', { alpha: false }));
   return {
     name: 'bitmaprenderer',
     canvas,
+    isWarping: false,
     show(bitmap, shown) {
       if (canvas.width !== shown.width || canvas.height !== shown.height) {
         canvas.width = shown.width;
@@ -981,12 +984,15 @@ export function roundLength(limit) {
   return [5, 2, 1].map((digit) => digit * power).find((value) => value <= limit * (1 + 1e-9)) ?? power;
 }
 
+/** The side of the picture of the axes, and the most that a scale bar takes, in CSS pixels. */
+const AXES_PX = 92;
+const SCALE_BAR_PX = 160;
 const AXIS_COLORS = ['#ff6b6b', '#5fd08a', '#6aa8ff'];
 
 /**
  * @typedef {{camera: Camera, frame: ShownFrame | null, box: Box | null, clipBox: Box | null,
  *   patientFrame: string, pins: {position: Vec3, label?: string}[], ink: string, halo: string,
- *   axes: boolean, scaleBar: boolean, showBox: boolean}} Scene
+ *   showBox: boolean}} Scene
  */
 
 /**
@@ -1005,6 +1011,23 @@ function isHidden(frame, p) {
 }
 
 /**
+ * @param {CanvasRenderingContext2D} context @param {string} text @param {number} x @param {number} y
+ * @param {string} color @param {string} halo
+ */
+function drawLabel(context, text, x, y, color, halo) {
+  context.textAlign = 'center';
+  context.textBaseline = 'middle';
+  context.font = '600 12px system-ui, sans-serif';
+  context.lineWidth = 3;
+  context.strokeStyle = halo;
+  context.lineJoin = 'round';
+  context.strokeText(text, x, y);
+  context.fillStyle = color;
+  context.fillText(text, x, y);
+}
+
+/**
+ * Draws boxes and pins, which lie in the scene.
  * @param {CanvasRenderingContext2D} context @param {number} width @param {number} height in CSS pixels
  * @param {Scene} scene
  */
@@ -1045,21 +1068,9 @@ function drawOverlay(context, width, height, scene) {
     }
     context.globalAlpha = 1;
   };
-  /** @param {string} text @param {number} x @param {number} y @param {string} color */
-  const drawText = (text, x, y, color) => {
-    context.lineWidth = 3;
-    context.strokeStyle = scene.halo;
-    context.lineJoin = 'round';
-    context.strokeText(text, x, y);
-    context.fillStyle = color;
-    context.fillText(text, x, y);
-  };
 
   context.clearRect(0, 0, width, height);
   context.lineCap = 'round';
-  context.textAlign = 'center';
-  context.textBaseline = 'middle';
-  context.font = '600 12px system-ui, sans-serif';
   if (scene.showBox && scene.box) {
     drawBox(scene.box, scene.ink);
   }
@@ -1089,54 +1100,73 @@ function drawOverlay(context, width, height, scene) {
       context.strokeStyle = '#1a1206';
       context.stroke();
       if (pin.label) {
-        drawText(pin.label, at.x, at.y - 15, '#ffb454');
+        drawLabel(context, pin.label, at.x, at.y - 15, '#ffb454', scene.halo);
       }
     }
   }
+}
 
-  if (scene.axes) {
-    const { right, up, forward } = basisOf(scene.camera);
-    const center = { x: 46, y: height - 46 };
-    const arm = 26;
-    const axes = [0, 1, 2].map((axis) => ({
-      x: right[axis], y: up[axis], depth: forward[axis], color: AXIS_COLORS[axis],
-      label: scene.patientFrame[axis] ?? 'XYZ'[axis],
-    })).sort((a, b) => b.depth - a.depth);
-    for (const axis of axes) {
-      const end = { x: center.x + arm * axis.x, y: center.y - arm * axis.y };
-      for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[scene.halo, 5], [axis.color, 2.5]])) {
-        context.strokeStyle = color;
-        context.lineWidth = lineWidth;
-        context.beginPath();
-        context.moveTo(center.x, center.y);
-        context.lineTo(end.x, end.y);
-        context.stroke();
-      }
-      const reach = Math.hypot(axis.x, axis.y);
-      const away = reach > 0.2 ? (arm * reach + 10) / reach : arm;
-      drawText(axis.label, center.x + away * axis.x, center.y - away * axis.y, axis.color);
-    }
-  }
-
-  if (scene.scaleBar) {
-    const span = spanAt(scene.camera, basisOf(scene.camera).distance) * 2 / height;
-    const barLength = roundLength(span * Math.min(160, width / 4));
-    const bar = barLength / span;
-    const x = width - 24;
-    const y = height - 24;
-    for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[scene.halo, 4], [scene.ink, 2]])) {
+/**
+ * Draws the directions of the world, on a square of AXES_PX.
+ * @param {CanvasRenderingContext2D} context @param {Scene} scene
+ */
+function drawAxes(context, scene) {
+  context.clearRect(0, 0, AXES_PX, AXES_PX);
+  context.lineCap = 'round';
+  const { right, up, forward } = basisOf(scene.camera);
+  const center = { x: AXES_PX / 2, y: AXES_PX / 2 };
+  const arm = 26;
+  const axes = [0, 1, 2].map((axis) => ({
+    x: right[axis], y: up[axis], depth: forward[axis], color: AXIS_COLORS[axis],
+    label: scene.patientFrame[axis] ?? 'XYZ'[axis],
+  })).sort((a, b) => b.depth - a.depth);
+  for (const axis of axes) {
+    const end = { x: center.x + arm * axis.x, y: center.y - arm * axis.y };
+    for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[scene.halo, 5], [axis.color, 2.5]])) {
       context.strokeStyle = color;
       context.lineWidth = lineWidth;
       context.beginPath();
-      context.moveTo(x - bar, y - 4);
-      context.lineTo(x - bar, y);
-      context.lineTo(x, y);
-      context.lineTo(x, y - 4);
+      context.moveTo(center.x, center.y);
+      context.lineTo(end.x, end.y);
       context.stroke();
     }
-    const unit = scene.patientFrame ? ' mm' : '';
-    drawText(`${Number(barLength.toPrecision(6))}${unit}`, x - bar / 2, y - 14, scene.ink);
+    const reach = Math.hypot(axis.x, axis.y);
+    const away = reach > 0.2 ? (arm * reach + 10) / reach : arm;
+    drawLabel(context, axis.label, center.x + away * axis.x, center.y - away * axis.y, axis.color, scene.halo);
   }
+}
+
+/**
+ * Returns the scale bar: its length in CSS pixels, and what it spans.
+ * @param {Camera} camera @param {number} width @param {number} height of the view in CSS pixels
+ */
+function scaleBarOf(camera, width, height) {
+  const span = spanAt(camera, basisOf(camera).distance) * 2 / height;
+  const reach = roundLength(span * Math.min(SCALE_BAR_PX, width / 4));
+  return { px: reach / span, text: String(Number(reach.toPrecision(6))) };
+}
+
+/**
+ * Draws a scale bar that ends at the right of its canvas.
+ * @param {CanvasRenderingContext2D} context @param {{px: number, text: string}} bar
+ * @param {{ink: string, halo: string}} colors
+ */
+function drawScaleBar(context, bar, { ink, halo }) {
+  const x = SCALE_BAR_PX + 20;
+  const y = 34;
+  context.clearRect(0, 0, x + 4, y + 4);
+  context.lineCap = 'round';
+  for (const [color, lineWidth] of /** @type {[string, number][]} */ ([[halo, 4], [ink, 2]])) {
+    context.strokeStyle = color;
+    context.lineWidth = lineWidth;
+    context.beginPath();
+    context.moveTo(x - bar.px, y - 4);
+    context.lineTo(x - bar.px, y);
+    context.lineTo(x, y);
+    context.lineTo(x, y - 4);
+    context.stroke();
+  }
+  drawLabel(context, bar.text, x - bar.px / 2, y - 14, ink, halo);
 }
 
 // ---- the view ----
@@ -1239,6 +1269,9 @@ const STYLE = `
 canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
 canvas.plain { object-fit: contain; }
 canvas.overlay { pointer-events: none; }
+canvas.axes { inset: auto auto 0 0; width: ${AXES_PX}px; height: ${AXES_PX}px; }
+canvas.scale-bar { inset: auto 20px 20px auto; width: ${SCALE_BAR_PX + 24}px; height: 38px; }
+canvas[hidden] { display: none; }
 .notice { position: absolute; left: 50%; bottom: 26px; transform: translateX(-50%); box-sizing: border-box;
   width: max-content; max-width: min(620px, calc(100% - 32px)); padding: 10px 16px; border-radius: 10px;
   font: 14px/1.45 system-ui, sans-serif; color: #e6ecf5; background: rgba(22, 28, 38, .92);
@@ -1256,6 +1289,8 @@ canvas.overlay { pointer-events: none; }
 
 /** So many warps are timed; if they take longer than this in the middle, WebGL is left. */
 const MEASURED_WARPS = 7;
+/** States of a pointer that moves are sent at once if the last one is so old, else in the next animation frame. */
+const SEND_EVERY_MS = 8;
 const SLOW_WARP_MS = 25;
 /** A press that moves less than this is a click, in CSS pixels. */
 const CLICK_PX = 4;
@@ -1285,8 +1320,8 @@ const CODES = ['OK', 'CANCELLED', 'UNKNOWN', 'INVALID_ARGUMENT', 'DEADLINE_EXCEE
  */
 
 /**
- * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height}; 'state'
- * {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in pixels of the picture;
+ * A picture that a pointer moves. Events (`detail`): 'frame' {header, isExact, width, height, decodeMs,
+ * roundTripMs}; 'state' {state, isMoving} when state or camera changed; 'click' {x, y, width, height} in pixels of the picture;
  * 'status' {kind: 'connecting' | 'open' | 'closed', sentence}; 'notice' {sentence, isError}; 'dataset'.
  */
 export class View extends EventTarget {
@@ -1324,6 +1359,10 @@ export class View extends EventTarget {
     this.cameraFrom = 0;
     this.hasState = false;
     this.isDirty = false;
+    this.lastSentAt = 0;
+    // The time of the first move since the last animation frame.
+    /** @type {number | null} */
+    this.answeredAt = null;
     /** @type {number | null} */
     this.movedAt = null;
     this.errorSequence = -1;
@@ -1333,6 +1372,7 @@ export class View extends EventTarget {
     /** @type {any} */
     this.arrived = null;
 
+    this.background = '';
     this.counts = { framesShown: 0, exactShown: 0, framesDropped: 0, warpsDrawn: 0, bytesReceived: 0,
       bitmapsMade: 0, bitmapsClosed: 0, reconnects: 0, statesSent: 0 };
     this.latency = new Samples();
@@ -1345,12 +1385,20 @@ export class View extends EventTarget {
     this.width = 1;
     this.height = 1;
     this.ratio = 0;
+    this.cssWidth = 0;
+    this.cssHeight = 0;
     this.shownSequence = 0;
     /** @type {number[]} */
     this.warpTimes = [];
     this.host = document.createElement('div');
     this.root = document.createElement('div');
     this.overlay = makeCanvas('overlay');
+    // Small, and of their own: what is drawn over the whole picture is put together with it anew at each change.
+    this.axes = makeCanvas('overlay axes');
+    this.scaleBar = makeCanvas('overlay scale-bar');
+    // What each of them shows, so that it is drawn only when that changes.
+    /** @type {Map<HTMLCanvasElement, string>} */
+    this.drawn = new Map();
     this.noticeElement = document.createElement('div');
     /** @type {Screen} */
     this.screen = this.#makeScreen();
@@ -1530,7 +1578,7 @@ export class View extends EventTarget {
     this.noticeElement.setAttribute('role', 'status');
     this.noticeElement.hidden = true;
     shadow.append(this.root);
-    this.root.append(this.overlay, this.noticeElement);
+    this.root.append(this.overlay, this.axes, this.scaleBar, this.noticeElement);
     this.element.append(this.host);
     this.root.prepend(this.screen.canvas);
     this.#listen();
@@ -1571,15 +1619,16 @@ export class View extends EventTarget {
     const shrink = Math.min(1, limit / (Math.max(clientWidth, clientHeight, 1) * ratio));
     const width = Math.max(1, Math.round(clientWidth * ratio * shrink));
     const height = Math.max(1, Math.round(clientHeight * ratio * shrink));
-    if (this.width === width && this.height === height && this.ratio === ratio) {
+    if (this.width === width && this.height === height && this.ratio === ratio && this.cssWidth === clientWidth &&
+        this.cssHeight === clientHeight) {
       return;
     }
     this.width = width;
     this.height = height;
     this.ratio = ratio;
+    [this.cssWidth, this.cssHeight] = [clientWidth, clientHeight];
     this.screen.resize(width, height);
-    this.overlay.width = Math.round(clientWidth * ratio);
-    this.overlay.height = Math.round(clientHeight * ratio);
+    this.drawn.clear();
     this.#change(true, null);
     this.#draw();
   }
@@ -1783,6 +1832,11 @@ export class View extends EventTarget {
   #change(isMoving, time) {
     this.isDirty = true;
     this.movedAt = time ?? this.movedAt;
+    this.answeredAt ??= time;
+    // The server begins at once; what comes faster than pictures are shown waits for the next one.
+    if (time !== null && performance.now() - this.lastSentAt >= SEND_EVERY_MS) {
+      this.#send();
+    }
     this.#schedule();
     this.dispatchEvent(new CustomEvent('state', { detail: { state: this.getState(), isMoving } }));
   }
@@ -1792,6 +1846,7 @@ export class View extends EventTarget {
       return;
     }
     this.isDirty = false;
+    this.lastSentAt = performance.now();
     this.sequence += 1;
     const frame = this.getState();
     frame.viewport = { widthPx: this.width, heightPx: this.height };
@@ -1913,6 +1968,9 @@ export class View extends EventTarget {
 
   /** @param {string} sentence @param {'' | 'busy' | 'error'} kind */
   #notice(sentence, kind) {
+    if (sentence === '' && this.noticeElement.hidden) {
+      return;
+    }
     this.noticeElement.textContent = sentence;
     this.noticeElement.className = `notice ${kind}`;
     this.noticeElement.hidden = sentence === '';
@@ -2050,7 +2108,8 @@ export class View extends EventTarget {
   }
 
   #tick() {
-    const movedAt = this.isDirty ? this.movedAt : null;
+    const movedAt = this.answeredAt;
+    this.answeredAt = null;
     // The state goes out first: the server works while this draws.
     this.#send();
     if (this.arrived) {
@@ -2110,8 +2169,13 @@ export class View extends EventTarget {
       clearTimeout(this.timers.slow);
       this.#notice('', '');
     }
-    this.root.style.background = `rgb(${[red, green, blue].map((c) => Math.round(255 * c)).join(' ')})`;
-    this.dispatchEvent(new CustomEvent('frame', { detail: { header, isExact, width, height } }));
+    const background = `rgb(${[red, green, blue].map((c) => Math.round(255 * c)).join(' ')})`;
+    if (background !== this.background) {
+      this.background = background;
+      this.root.style.background = background;
+    }
+    this.dispatchEvent(new CustomEvent('frame', { detail: { header, isExact, width, height, decodeMs: message.decodeMs,
+      roundTripMs: sent ? message.receivedAt - sent.sentAt : null } }));
   }
 
   /** @param {Camera} camera @param {DepthGrid} grid @param {number} aspect */
@@ -2158,20 +2222,59 @@ export class View extends EventTarget {
       this.counts.warpsDrawn += 1;
       this.#measureWarp(startedAt);
     }
-    const context = this.overlay.getContext('2d');
+    this.#drawDecorations();
+  }
+
+  #drawDecorations() {
+    // A picture that is not warped is late, and what lies over it must be as late.
+    const camera = this.screen.isWarping ? this.camera : this.frame?.camera ?? this.camera;
+    if (!camera || this.cssWidth === 0 || this.cssHeight === 0) {
+      return;
+    }
     const { red = 0, green = 0, blue = 0 } = this.state.backgroundColor ?? {};
     const isLight = 0.3 * red + 0.59 * green + 0.11 * blue > 0.55;
-    const { clientWidth, clientHeight } = this.root;
-    if (context && clientWidth > 0 && clientHeight > 0) {
-      const clip = this.state.clip?.box;
+    const ink = isLight ? '#1b2430' : '#e8eef7';
+    const halo = isLight ? 'rgba(255,255,255,.75)' : 'rgba(0,0,0,.6)';
+    const { cssWidth, cssHeight, decorations, pins } = this;
+    const clip = this.state.clip?.box;
+    const patientFrame = this.dataset?.patientFrame ?? '';
+    const bar = scaleBarOf(camera, cssWidth, cssHeight);
+    bar.text += patientFrame ? ' mm' : '';
+    /** @type {Scene} */
+    const scene = { camera, frame: this.frame, box: boxOfDataset(this.dataset),
+      clipBox: clip ? { min: vecFromJson(clip.min), max: vecFromJson(clip.max) } : null, patientFrame, pins, ink, halo,
+      showBox: decorations.box };
+    this.#drawOn(this.axes, AXES_PX, AXES_PX, decorations.axes ? [sub(camera.target, camera.eye), camera.up, patientFrame, ink] : null,
+      (context) => drawAxes(context, scene));
+    this.#drawOn(this.scaleBar, SCALE_BAR_PX + 24, 38, decorations.scaleBar ? [bar.px.toFixed(1), bar.text, ink] : null,
+      (context) => drawScaleBar(context, bar, scene));
+    this.#drawOn(this.overlay, cssWidth, cssHeight, decorations.box || pins.length > 0
+      ? [camera, this.counts.framesShown, scene.box, scene.clipBox, pins, decorations.box, ink] : null,
+    (context) => drawOverlay(context, cssWidth, cssHeight, scene));
+  }
+
+  /**
+   * Draws on a canvas if what it shows has changed; hides it if it shows nothing (null).
+   * @param {HTMLCanvasElement} canvas @param {number} width @param {number} height in CSS pixels
+   * @param {any[] | null} what @param {(context: CanvasRenderingContext2D) => void} draw
+   */
+  #drawOn(canvas, width, height, what, draw) {
+    const words = JSON.stringify(what);
+    if (this.drawn.get(canvas) === words) {
+      return;
+    }
+    this.drawn.set(canvas, words);
+    // A canvas that is not seen holds no pixels.
+    const [across, down] = what === null ? [0, 0] : [Math.round(width * this.ratio), Math.round(height * this.ratio)];
+    if (canvas.width !== across || canvas.height !== down) {
+      canvas.width = across;
+      canvas.height = down;
+    }
+    canvas.hidden = what === null;
+    const context = what === null ? null : canvas.getContext('2d');
+    if (context) {
       context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-      drawOverlay(context, clientWidth, clientHeight, {
-        camera: this.camera, frame: this.frame, box: boxOfDataset(this.dataset),
-        clipBox: clip ? { min: vecFromJson(clip.min), max: vecFromJson(clip.max) } : null,
-        patientFrame: this.dataset?.patientFrame ?? '', pins: this.pins,
-        ink: isLight ? '#1b2430' : '#e8eef7', halo: isLight ? 'rgba(255,255,255,.75)' : 'rgba(0,0,0,.6)',
-        axes: this.decorations.axes, scaleBar: this.decorations.scaleBar, showBox: this.decorations.box,
-      });
+      draw(context);
     }
   }
 }

@@ -137,6 +137,7 @@ byId('theme', HTMLElement).onclick = () => {
 byId('fold', HTMLElement).onclick = (event) => {
   const isFolded = document.body.classList.toggle('folded');
   /** @type {HTMLElement} */ (event.currentTarget).setAttribute('aria-expanded', String(!isFolded));
+  redraw();
 };
 
 // ---- the view ----
@@ -155,11 +156,17 @@ function change(part, isMoving = false) {
 }
 
 let hashTimer = 0;
+let controlsDrawn = '';
 shown.addEventListener('state', () => {
-  redraw();
+  // A drag changes the camera only, which no control but one shows.
+  const { camera, ...rest } = shown.state;
+  const controls = JSON.stringify([rest, (shown.camera?.height ?? 0) > 0, shown.decorations.box]);
+  if (controls !== controlsDrawn) {
+    controlsDrawn = controls;
+    redraw();
+  }
   clearTimeout(hashTimer);
   hashTimer = window.setTimeout(() => {
-
     if (shown.hasState) {
       history.replaceState(null, '', `#${stateToHash(shown.getState())}`);
     }
@@ -171,6 +178,32 @@ window.addEventListener('hashchange', () => {
     open(state, problems);
   }
 });
+
+/**
+ * Returns a function that calls `draw` at once, and then at most every 250 ms, with the newest argument:
+ * for what people read. A browser without a GPU needs longer for it than for a picture.
+ * @template T @param {(argument: T) => void} draw
+ */
+function quietly(draw) {
+  let timer = 0;
+  /** @type {{argument: T} | null} */
+  let waiting = null;
+  const next = () => {
+    timer = 0;
+    if (waiting) {
+      const { argument } = waiting;
+      waiting = null;
+      timer = window.setTimeout(next, 250);
+      draw(argument);
+    }
+  };
+  return (/** @type {T} */ argument) => {
+    waiting = { argument };
+    if (!timer) {
+      next();
+    }
+  };
+}
 
 let isRedrawing = false;
 function redraw() {
@@ -282,6 +315,7 @@ async function loadHistogram(dataset) {
     page.hover.textContent = `No histogram: ${/** @type {Error} */ (error).message}`;
     page.hover.classList.add('error');
   }
+  redraw();
 }
 
 page.dataset.onchange = () => open({ dataset: page.dataset.value, backgroundColor: shown.state.backgroundColor }, []);
@@ -555,9 +589,15 @@ function drawLook() {
   page.parallel.checked = (shown.camera?.height ?? 0) > 0;
 }
 
+let legendDrawn = 'null';
 /** @param {any} frame of the response */
 function drawLegend(frame) {
   const coloring = (frame?.colorings ?? [])[0]?.colorBy;
+  const words = JSON.stringify(coloring?.range ? coloring : null);
+  if (words === legendDrawn) {
+    return;
+  }
+  legendDrawn = words;
   page.legend.hidden = !coloring?.range;
   if (!coloring?.range) {
     return;
@@ -763,6 +803,7 @@ function drawControls() {
   drawViews();
 }
 shown.addEventListener('dataset', redraw);
+window.addEventListener('resize', redraw);
 
 // ---- picks ----
 
@@ -819,13 +860,13 @@ const recentSteps = [];
 const STEPS = ['occluderSelectionDuration', 'occluderRenderingDuration', 'visibilityCullingDuration', 'compositeDuration', 'encodeDuration'];
 
 /** @param {any} statistics */
-function drawCost(statistics) {
-  if (!statistics) {
-    return;
-  }
-  const steps = STEPS.map((name) => milliseconds(statistics.durations?.[name] ?? '0'));
-  recentSteps.push(steps);
+function addCost(statistics) {
+  recentSteps.push(STEPS.map((name) => milliseconds(statistics.durations?.[name] ?? '0')));
   recentSteps.splice(0, Math.max(0, recentSteps.length - 120));
+  drawCost(statistics);
+}
+
+const drawCost = quietly((/** @type {any} */ statistics) => {
   const canvas = page.times;
   const ratio = devicePixelRatio || 1;
   const width = canvas.clientWidth;
@@ -873,7 +914,7 @@ function drawCost(statistics) {
     ['Drawn · culled', `${count(statistics.visibleBlockCount)} · ${count(statistics.culledBlockCount)}`],
     ['Read from disk', formatBytes(Number(statistics.readBytes ?? 0))], ['Between servers', formatBytes(Number(statistics.networkBytes ?? 0))]];
   page.figures.replaceChildren(...figures.flatMap(([name, value]) => [make('dt', {}, name), make('dd', {}, value)]));
-}
+});
 
 async function watchAgents() {
   try {
@@ -894,18 +935,32 @@ let watchedProblem = '';
 
 shown.addEventListener('frame', (event) => {
   const { header } = /** @type {CustomEvent} */ (event).detail;
-  drawCost(header.frame?.statistics);
+  if (header.frame?.statistics) {
+    addCost(header.frame.statistics);
+  }
   drawLegend(header.frame);
-  drawPill();
+  pillChanged();
 });
 shown.addEventListener('status', (event) => {
   const { kind } = /** @type {CustomEvent} */ (event).detail;
   if (kind === 'open' && datasets.length === 0) {
     loadDatasets();
   }
-  drawPill();
+  pillChanged();
 });
-shown.addEventListener('state', () => drawPill());
+shown.addEventListener('state', () => pillChanged());
+const quietPill = quietly(drawPill);
+let pillKind = '';
+/** What the view is shows at once, figures now and then. */
+function pillChanged() {
+  const kind = !shown.isOpen ? 'closed' : shown.isExact ? 'exact' : 'moving';
+  if (kind !== pillKind) {
+    pillKind = kind;
+    drawPill();
+  } else {
+    quietPill(undefined);
+  }
+}
 function drawPill() {
   const stats = shown.stats();
   const kind = !stats.isConnected ? 'closed' : stats.isExact ? 'exact' : 'moving';

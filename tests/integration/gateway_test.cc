@@ -624,6 +624,8 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
   const std::string host = page.substr(0, page.find('/'));
   EXPECT_EQ(Get(host, "/").result_int(), 200U);
   EXPECT_TRUE(Get(host, kRender).body() == ExpectedPng());
+  EXPECT_THAT(Get(host, "/v1/capabilities").body(),
+              HasSubstr(absl::StrCat("\"gatewayAddress\":\"http://", host, "/\"")));
   Viewer viewer(host, "/v1/interact", "http://" + host);
   viewer.SendState(1, kPostedFrame, true);
   const std::optional<Frame> frame = viewer.ReadExact();

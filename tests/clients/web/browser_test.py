@@ -9,6 +9,7 @@ import base64
 import json
 import math
 import os
+import shlex
 import shutil
 import struct
 import subprocess
@@ -276,6 +277,33 @@ class PictureTest(PageTest):
 
 
 class ControlTest(PageTest):
+    # A pixel of what lies over the picture, from the view's middle.
+    PIXEL = '((dx, dy) => { const c = isoscope.view.overlay; return c.width === 0 ? [0, 0, 0, 0] : ' \
+        '[...c.getContext("2d").getImageData(c.width / 2 + dx, c.height / 2 + dy, 1, 1).data]; })'
+
+    def test_a_drag_leaves_the_controls_alone_and_a_change_of_theirs_draws_them(self):
+        self.open_and_wait()
+        self.js('window.chart = document.getElementById("histogram").firstChild; window.row = document.querySelector("#surfaces li");')
+        self.drag(120, 40, steps=12)
+        self.until_exact()
+        self.assertTrue(self.js('return chart === document.getElementById("histogram").firstChild'))
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 62 }] })')
+        self.until('isoscope.view.isExact && document.querySelector("#surfaces input[type=number]").value === "62"')
+        self.assertFalse(self.js('return chart === document.getElementById("histogram").firstChild'))
+        self.assertTrue(self.js('return row === document.querySelector("#surfaces li")'), 'a control under the pointer was replaced')
+
+    def test_axes_and_scale_bar_are_small_and_turn_with_the_picture(self):
+        self.open_and_wait()
+        image = 'isoscope.view.axes.toDataURL()'
+        before, size = self.js(f'return {image}'), self.js('return [isoscope.view.axes, isoscope.view.scaleBar].map((c) => [c.width, c.height])')
+        self.assertLess(max(side for pair in size for side in pair), 200)
+        self.assertTrue(self.js('return isoscope.view.overlay.hidden'))
+        self.drag(90, 30)
+        self.until_exact()
+        self.assertNotEqual(before, self.js(f'return {image}'))
+        self.js('isoscope.view.decorate({ axes: false, box: true })')
+        self.until('isoscope.view.axes.hidden && !isoscope.view.overlay.hidden')
+
     def test_dragging_the_line_of_the_histogram_changes_the_surface(self):
         self.open_and_wait()
         before = self.picture()
@@ -346,8 +374,14 @@ class ControlTest(PageTest):
         text = self.browser.find_element(By.ID, 'points').text
         self.assertIn(f'{math.dist(a, b):.5g}', text)
         self.assertIn('of shard 1', text)
+        # The pins lie over the picture, where the clicks were, and leave it as it is.
+        self.until(f'{self.PIXEL}(10, 10)[3] === 255 && {self.PIXEL}(-40, 20)[3] === 255')
+        for x, y in ((10, 10), (-40, 20)):
+            self.assertEqual([255, 180, 84], self.js(f'return {self.PIXEL}(arguments[0], arguments[1])', x, y)[:3])
+        self.assertEqual(0, self.js(f'return {self.PIXEL}(60, -60)')[3])
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.reference()))
         ActionChains(self.browser).move_to_element_with_offset(view, -view.size['width'] // 2 + 8, 0).click().perform()
-        self.until('isoscope.view.pins.length === 0')
+        self.until('isoscope.view.pins.length === 0 && isoscope.view.overlay.hidden')
 
     def test_colour_by_sends_quantity_and_map_and_shows_the_legend(self):
         self.open_and_wait()
@@ -475,6 +509,66 @@ class FailureTest(PageTest):
         self.until('/was lost. Trying again in/.test(isoscope.view.stats().notice)')
         self.js('document.getElementById("save").click(); document.getElementById("save-png").click();')
         self.until('/does not answer/.test(document.getElementById("save-note").textContent)')
+
+
+class RealTest(PageTest):
+    """The page of a real `isoscope view`, which ISOSCOPE_BIN has."""
+
+    @classmethod
+    def setUpClass(cls):
+        program = os.path.join(os.environ.get('ISOSCOPE_BIN', ''), 'isoscope')
+        if not os.path.exists(program):
+            raise unittest.SkipTest('ISOSCOPE_BIN names no folder with isoscope')
+        super().setUpClass()
+        cls.program = program
+        cls.folder = tempfile.mkdtemp(prefix='isoscope-page-')
+        cls.environment = {**os.environ, 'XDG_CACHE_HOME': cls.folder}
+        volume = os.path.join(cls.folder, 'gyroid.nrrd')
+        subprocess.run([program, 'generate', 'gyroid', '--dims', '48,48,48', '--type', 'uint8', '--output', volume], check=True,
+                       stdout=subprocess.DEVNULL, env=cls.environment)
+        cls.server = subprocess.Popen([program, 'view', volume, '--no-open', '--listen', '127.0.0.1:0', '--renderer', 'cpu'],
+                                      stdout=subprocess.PIPE, text=True, env=cls.environment)
+        cls.page = cls.server.stdout.readline().strip()
+        cls.volume = volume
+
+    @classmethod
+    def tearDownClass(cls):
+        super().tearDownClass()
+        cls.server.terminate()
+        cls.server.wait()
+        cls.server.stdout.close()
+        shutil.rmtree(cls.folder, ignore_errors=True)
+
+    def command_line(self):
+        """The picture of the command that the page gives, on the same volume."""
+        command = self.js('return import("./view-state.js").then((m) => m.stateToCommand(isoscope.view.getState(), '
+                          '"picture.png", isoscope.view))')
+        words = shlex.split(command.replace('\\\n', ' '))
+        begin = words.index('--server')
+        del words[begin:begin + 2]
+        if '--dataset' in words:
+            del words[words.index('--dataset'):words.index('--dataset') + 2]
+        subprocess.run([self.program, 'render', self.volume, '--renderer', 'cpu', *words[2:]], check=True, cwd=self.folder,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
+        with open(os.path.join(self.folder, 'picture.png'), 'rb') as file:
+            return decode_png(file.read())
+
+    def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
+        self.browser.get('about:blank')
+        self.browser.get(f'{self.page}&max-side=420')
+        self.until('isoscope.view.isExact && isoscope.view.frame && document.getElementById("histogram").querySelector("circle")')
+        self.drag(110, 50, steps=10)
+        self.until_exact()
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
+        handle = self.browser.find_element(By.CSS_SELECTOR, '#histogram .handle circle')
+        value = self.js('return isoscope.view.state.surfaces[0].isovalue')
+        ActionChains(self.browser, duration=10).move_to_element(handle).click_and_hold().move_by_offset(15, 0) \
+            .move_by_offset(10, 0).release().perform()
+        self.until(f'isoscope.view.isExact && isoscope.view.state.surfaces[0].isovalue > {value}')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
+        self.js('isoscope.view.update({ clip: { halfSpaces: [{ normal: { x: 1 }, offset: 20 }] } })')
+        self.until('isoscope.view.isExact && isoscope.view.state.clip')
+        self.assertEqual(1, self.share_of_equal(self.picture(), self.command_line()))
 
 
 class WarpTest(PageTest):

@@ -62,9 +62,33 @@ TEST(InteractiveScheduleTest, OnlyTheNewestStateIsDrawn) {
   ASSERT_EQ(StartAt(&schedule, 0).sequence, 1);
   schedule.OnState(2, false, At(5));
   schedule.OnState(3, false, At(6));
-  EXPECT_EQ(StartAt(&schedule, 7).sequence, 3);
-  schedule.OnState(4, false, At(8));
-  EXPECT_EQ(StartAt(&schedule, 8).work, 0) << "two are in work";
+  EXPECT_EQ(StartAt(&schedule, 7).work, 0) << "one is drawn";
+  schedule.OnDrawn(1);
+  EXPECT_EQ(StartAt(&schedule, 8).sequence, 3);
+  schedule.OnState(4, false, At(9));
+  schedule.OnDrawn(2);
+  EXPECT_EQ(StartAt(&schedule, 9).work, 0) << "two are encoded";
+  schedule.OnWorkEnded(1, /*has_answer=*/false, At(10));
+  EXPECT_EQ(StartAt(&schedule, 10).sequence, 4);
+}
+
+TEST(InteractiveScheduleTest, APictureThatIsDrawnIsNotCancelledAndOneThatIsCancelledHoldsNobodyUp) {
+  Schedule schedule;
+  schedule.OnState(1, false, At(0));
+  ShowFrame(&schedule, 0, 400, 1);  // frames take 400 ms
+  schedule.OnState(2, false, At(400));
+  const FrameStart second = StartAt(&schedule, 400);
+  schedule.OnDrawn(second.work);
+  schedule.OnDrawn(77);  // never begun
+  schedule.OnState(3, false, At(450));
+  const Schedule::Step step = schedule.Next(At(450));
+  EXPECT_TRUE(step.cancel.empty());
+  ASSERT_TRUE(step.start.has_value());
+  schedule.OnWorkEnded(second.work, /*has_answer=*/false, At(460));
+  schedule.OnState(4, false, At(470));
+  const Schedule::Step next = schedule.Next(At(470));
+  EXPECT_EQ(next.cancel, std::vector<std::int64_t>{step.start->work});
+  EXPECT_EQ(next.start.value_or(FrameStart{}).sequence, 4);
 }
 
 TEST(InteractiveScheduleTest, FramesThatWereNotShownHoldCreditsUntilTheyTimeOut) {

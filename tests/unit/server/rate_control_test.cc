@@ -41,7 +41,7 @@ TEST(RateControlTest, ALongButWideConnectionGetsCreditsAndKeepsItsQuality) {
   RateControl rate;
   ShowFrames(&rate, 0, 10, [](const MovingQuality&) { return 150.0; });
   EXPECT_EQ(rate.quality().jpeg_quality, 85);
-  EXPECT_EQ(rate.credits(), 2 + 5);
+  EXPECT_EQ(rate.credits(), 1 + 5);
   EXPECT_EQ(rate.round_trip(), absl::Milliseconds(150));
 }
 
@@ -125,7 +125,7 @@ TEST(RateControlTest, SlowDrawingMakesFramesSmallerUntilTheRateIsReached) {
   rate.SetTarget(30);
   for (double ms = 0; ms < 20000; ms += 50) {
     const double scale = rate.quality().scale;
-    rate.OnDrawn(absl::Milliseconds(20 + 100 * scale * scale), 1, At(ms));
+    rate.OnDrawn(absl::Milliseconds(20 + 100 * scale * scale), At(ms));
   }
   EXPECT_LT(rate.quality().scale, 0.5);
   EXPECT_EQ(rate.quality().jpeg_quality, 85) << "drawing is not the network's fault";
@@ -136,7 +136,7 @@ TEST(RateControlTest, ALowTargetKeepsTheFullSize) {
   rate.OnShown(absl::Milliseconds(3), absl::ZeroDuration(), At(0));
   rate.SetTarget(1);
   for (double ms = 0; ms < 20000; ms += 50) {
-    rate.OnDrawn(absl::Milliseconds(400), 1, At(ms));
+    rate.OnDrawn(absl::Milliseconds(400), At(ms));
   }
   EXPECT_EQ(rate.quality().scale, 1);
 }
