@@ -201,7 +201,7 @@ if [ -z "${CERTIFICATES:-}" ]; then
   }
 fi
 export ISOSCOPE_CERTIFICATES="$CERTIFICATES" ISOSCOPE_DATASET="$work/head" ISOSCOPE_REPLICAS=2 ISOSCOPE_RENDERER=cpu
-export ISOSCOPE_TOKEN=swarm-test ISOSCOPE_AGENT_MEMORY=1g ISOSCOPE_KEYS="test_$$" ISOSCOPE_THREADS=1
+export ISOSCOPE_AGENT_MEMORY=1g ISOSCOPE_KEYS="test_$$" ISOSCOPE_THREADS=1
 for shard in 0 1 2 3; do
   docker node update --label-add "isoscope.shard-$shard=true" "$node" >/dev/null
 done
@@ -210,7 +210,7 @@ labelled=true
 # The command line in the network of clients. It reads the authority's certificate if the programs know TLS.
 client_options=()
 if docker run --rm isoscope render --help | grep -q -- '--tls-ca'; then
-  client_options=(--tls-ca /certificates/ca.pem)
+  client_options=(--tls-ca /certificates/ca.pem --token-file /certificates/token)
 fi
 through_stack() {
   docker run --rm --network "${stack}_clients" --user "$(id -u):$(id -g)" --volume "$work:/data" \
