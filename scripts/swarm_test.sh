@@ -209,7 +209,7 @@ labelled=true
 
 # The command line in the network of clients. It reads the authority's certificate if the programs know TLS.
 client_options=()
-if docker run --rm isoscope render --help | grep -q -- '--tls-ca'; then
+if [[ "$(docker run --rm isoscope render --help)" == *--tls-ca* ]]; then
   client_options=(--tls-ca /certificates/ca.pem --token-file /certificates/token)
 fi
 through_stack() {

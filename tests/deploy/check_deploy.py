@@ -462,6 +462,50 @@ class TestKubernetes(unittest.TestCase):
                     if item["kind"] in ("Deployment", "StatefulSet", "Job"):
                         self.assertEqual(taken[0][1], item["kind"].lower())
 
+    def scripts_of(self, kind):
+        """The shell of the agents' containers of that kind, in production."""
+        for item in self.overlays["overlays/production"]:
+            if item["kind"] == "StatefulSet":
+                for container in item["spec"]["template"]["spec"][kind]:
+                    self.assertEqual(container["command"], ["bash", "-euc"])
+                    yield container["args"][0]
+
+    def run_script(self, script, work, ordinal):
+        """Runs it with `work` for /data and /local, and an agent that prints its arguments."""
+        program = work / "bin" / "isoscope-agent"
+        program.parent.mkdir(exist_ok=True)
+        program.write_text('#!/bin/sh\necho "$@"\n')
+        program.chmod(0o755)
+        environment = {"PATH": f"{program.parent}:{os.environ['PATH']}", "POD_NAME": f"isoscope-agents-a-{ordinal}",
+                       "DATASET": "head", "SHARDS_AT": f"{work}/local"}
+        script = script.replace("/data/", f"{work}/data/").replace("/local/", f"{work}/local/")
+        return output("bash", "-euc", script, env=environment)
+
+    def test_a_pod_serves_the_shard_of_its_ordinal_from_its_own_copy(self):
+        copies, starts = list(self.scripts_of("initContainers")), list(self.scripts_of("containers"))
+        self.assertEqual((len(copies), len(starts)), (2, 2))
+        for ordinal in (0, 9, 11):  # 9: printf takes 09 for octal, if it ever got one
+            with tempfile.TemporaryDirectory() as work, self.subTest(ordinal=ordinal):
+                work = pathlib.Path(work)
+                name = f"shard-{ordinal:05}-of-00012"
+                for number in range(12):
+                    shard = work / "data" / "head" / f"shard-{number:05}-of-00012"
+                    shard.mkdir(parents=True)
+                    (shard / "blocks.bin").write_text(str(number))
+                # A copy that was cut short.
+                (work / "local" / "head" / f"{name}.part").mkdir(parents=True)
+                (work / "local" / "head" / f"{name}.part" / "old").write_text("")
+                self.run_script(copies[0], work, ordinal)
+                local = work / "local" / "head"
+                self.assertEqual([p.name for p in local.iterdir()], [name])
+                self.assertEqual([p.name for p in (local / name).iterdir()], ["blocks.bin"])
+                self.assertEqual((local / name / "blocks.bin").read_text(), str(ordinal))
+                # Once is enough.
+                (local / name / "blocks.bin").write_text("kept")
+                self.run_script(copies[0], work, ordinal)
+                self.assertEqual((local / name / "blocks.bin").read_text(), "kept")
+                self.assertEqual(self.run_script(starts[0], work, ordinal), f"--shard {local / name}\n")
+
     def test_objects_have_the_types_of_kubernetes(self):
         folder = os.environ.get("ISOSCOPE_KUBERNETES_MODELS")
         if not folder:

@@ -17,7 +17,9 @@ set -euo pipefail
 bin="$(realpath "$1")"
 volume="${2:-/usr/share/mricron/templates/ch2.nii.gz}"
 isovalue="${3:-60}"
-job_script="$(realpath "$(dirname "${BASH_SOURCE[0]}")/../../deploy/slurm/isoscope.sbatch")"
+root="$(realpath "$(dirname "${BASH_SOURCE[0]}")/../..")"
+job_script="$root/deploy/slurm/isoscope.sbatch"
+scripts="$root/scripts"
 
 skip() {
   echo "slurm_test.sh: skipped: $*"
@@ -186,6 +188,11 @@ serves() {
   }
 }
 has_ended() { [[ "$(state_of "$1")" =~ ^(COMPLETED|CANCELLED|FAILED|TIMEOUT|NODE_FAIL)$ ]]; }
+# refuses COMMAND...: it fails, and writes no picture.
+refuses() {
+  rm -f "$work/c.png"
+  ! "$@" >"$work/refused.log" 2>&1 && [ ! -e "$work/c.png" ]
+}
 is_state() { [ "$(state_of "$1")" = "$2" ] || { echo "      state $(state_of "$1")"; return 1; }; }
 none_left() { [ -z "$(pids_of)" ]; }
 # pids_of [PROGRAM]: the servers of this job, and no others: their logs lie in its folder.
@@ -238,6 +245,22 @@ check "it ends" eventually 120 has_ended "$job"
 check "it is COMPLETED" is_state "$job" COMPLETED
 check "it says why" grep -q "its time is up" "$work/time.log"
 check "agents and coordinator ended by themselves" all_logs_say _stopped
+
+if [ -e "$scripts/make_certificates.sh" ] && [[ "$("$bin/isoscope-agent" --help)" == *--tls-cert* ]]; then
+  echo "== TLS"
+  bash "$scripts/make_certificates.sh" "$work/certificates" --agent agents --coordinator "$(hostname)" >/dev/null
+  ISOSCOPE_CERTIFICATES="$work/certificates" submit tls -- "$work/four"
+  check "the job serves" serves 120
+  server=(--server "$(cat "$ISOSCOPE_RUN/address")" --isovalue "$isovalue" --output "$work/c.png")
+  check "a client with the token gets the picture" isoscope render "${server[@]}" --tls-ca "$work/certificates/ca.pem" \
+    --token-file "$work/certificates/token"
+  check "it has the bytes of the local one" cmp "$work/c.png" "$work/local.png"
+  check "a client without a token gets none" refuses isoscope render "${server[@]}" \
+    --tls-ca "$work/certificates/ca.pem"
+  check "a client without TLS gets none" refuses isoscope render "${server[@]}" --insecure
+  scancel "$job"
+  check "it ends" eventually 60 has_ended "$job"
+fi
 
 echo "== errors"
 submit lost -- "$work/four"
