@@ -33,14 +33,14 @@ ENV MESA_SHADER_CACHE_DISABLE=true
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RENDERING_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 
-# The health checks below ask the server itself, by grpc.health.v1. They find it by ISOSCOPE_LISTEN, and its keys by
-# ISOSCOPE_TLS_*, so say these there and not with flags.
+# The health checks below ask whether the port is open, with bash's own sockets. They take it from
+# ISOSCOPE_LISTEN, so change it there and not with --listen.
 FROM runtime AS coordinator
 COPY --from=build /src/build/release/bin/isoscope-coordinator /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:50051
 EXPOSE 50051
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
-  CMD ["isoscope-coordinator", "--probe"]
+  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
 USER isoscope
 ENTRYPOINT ["isoscope-coordinator"]
 
@@ -51,7 +51,7 @@ COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:8080
 EXPOSE 8080
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
-  CMD ["isoscope-gateway", "--probe"]
+  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
 USER isoscope
 ENTRYPOINT ["isoscope-gateway"]
 
@@ -60,7 +60,7 @@ COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:50052
 EXPOSE 50052
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
-  CMD ["isoscope-agent", "--probe"]
+  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
 USER isoscope
 ENTRYPOINT ["isoscope-agent"]
 CMD ["--shard", "/shard"]
