@@ -238,6 +238,35 @@ check "a command that fails ends the job" eventually 120 has_ended "$job"
 check "as FAILED" is_state "$job" FAILED
 unset ISOSCOPE_LOCAL
 
+echo "== frames in work"
+# Some seconds of work for two agents with a thread each.
+isoscope generate random --dims 256,256,256 --type uint8 --output "$work/field.nrrd" >/dev/null
+isoscope partition "$work/field.nrrd" --output "$work/field" --shards 2 >/dev/null
+heavy=(--culling none --width 1024 --height 1024 --max-layers 16)
+for value in $(seq 70 8 190); do
+  heavy+=(--surface "$value:0.9,0.6,0.3:0.3")
+done
+isoscope render "$work/field" --renderer cpu "${heavy[@]}" --output "$work/heavy.png" >/dev/null
+for how in "scancel" "scancel --signal=USR1 --batch"; do
+  ISOSCOPE_THREADS=1 ISOSCOPE_MEMORY_LIMIT=3GiB submit drain -- "$work/field"
+  check "the job serves" serves 60
+  isoscope render --server "$(cat "$ISOSCOPE_RUN/address")" "${heavy[@]}" --output "$work/drained.png" \
+    >/dev/null 2>"$work/drained.log" &
+  render=$!
+  sleep 0.7
+  kill -0 "$render" 2>/dev/null || echo "      this machine is too fast: the frame has ended before $how"
+  $how "$job"
+  if wait "$render"; then
+    check "a frame in work is finished after $how" cmp "$work/drained.png" "$work/heavy.png"
+  else
+    check "a frame in work is finished after $how: $(cat "$work/drained.log")" false
+  fi
+  rm -f "$work/drained.png"
+  check "the job ends" eventually 60 has_ended "$job"
+  check "agents and coordinator ended by themselves" all_logs_say _stopped
+  rm -r "$ISOSCOPE_RUN"
+done
+
 echo "== the end of its time"
 submit time --signal=B:USR1@50 --time=00:01:00 -- "$work/four"
 check "the job serves" serves 60
