@@ -118,8 +118,9 @@ export ISOSCOPE_DATASET="$work/head" ISOSCOPE_PUBLISH="127.0.0.1:$port" ISOSCOPE
 export ISOSCOPE_GATEWAY_PUBLISH="127.0.0.1:$((port + 1))"
 export ISOSCOPE_AGENT_MEMORY=2g ISOSCOPE_COORDINATOR_MEMORY=1g ISOSCOPE_THREADS=0
 
+files=(--file deploy/compose.yaml)
 run_compose() {
-  "${compose[@]}" --project-name "$project" --file deploy/compose.yaml "$@"
+  "${compose[@]}" --project-name "$project" "${files[@]}" "$@"
 }
 
 finish() {
@@ -260,6 +261,31 @@ check "within the drain time ($((SECONDS - start)) s)" test $((SECONDS - start))
 for service in "${services[@]}" gateway; do
   check_equal "$service ended with exit code 0" "$(inspect "$service" '{{.State.ExitCode}}')" 0
 done
+
+if [ -e scripts/make_certificates.sh ] && [[ "$(isoscope render --help)" == *--tls-ca* ]]; then
+  echo "== TLS"
+  bash scripts/make_certificates.sh "$work/certificates" --agent agents --coordinator coordinator \
+    --gateway gateway >/dev/null
+  export ISOSCOPE_CERTIFICATES="$work/certificates" ISOSCOPE_RENDERER=cpu
+  ISOSCOPE_USER="$(id -u):$(id -g)"
+  export ISOSCOPE_USER
+  files+=(--file deploy/compose.tls.yaml)
+  with_token=(--server "$server" --tls-ca /data/certificates/ca.pem --token-file /data/certificates/token)
+  tls_is_complete() {
+    isoscope info "${with_token[@]}" --json | tr -d ' \n' | grep '"missing_shards":\[\]' >/dev/null
+  }
+  fails() { ! "$@"; }
+  check "compose up with compose.tls.yaml" run_compose up --detach --no-build
+  check "all shards are found" eventually 60 tls_is_complete
+  check "all health checks pass" eventually 60 are_healthy
+  check "render with TLS and a token" \
+    isoscope render "${with_token[@]}" --isovalue "$isovalue" --output /data/tls.png
+  check "the picture is that of the embedded run" cmp "$work/tls.png" "$work/embedded.png"
+  check "no picture without a token" fails isoscope render --server "$server" \
+    --tls-ca /data/certificates/ca.pem --isovalue "$isovalue" --output /data/no.png
+  check "no picture in plaintext" fails isoscope render --server "$server" --isovalue "$isovalue" \
+    --output /data/no.png
+fi
 
 echo "== demo"
 run_demo() {

@@ -39,6 +39,10 @@ ISOSCOPE_BROWSER_PACKAGES=(nodejs node-typescript chromium chromium-driver pytho
 # The MRI heads that the quick start and some tests use.
 ISOSCOPE_DEMO_PACKAGES=(mricron-data)
 
+# What the tests of deploy/ need; those whose program is missing are skipped, and say so. The types of Kubernetes'
+# objects come from npm: tests/deploy/check_deploy.py.
+ISOSCOPE_DEPLOY_PACKAGES=(python3-yaml shellcheck kubernetes-client docker-compose slurm-wlm slurm-client munge)
+
 # What `isoscope bench paper` draws its plots with; its tables come without.
 ISOSCOPE_PLOT_PACKAGES=(gnuplot-nox)
 
