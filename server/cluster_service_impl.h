@@ -6,16 +6,17 @@
 #include <utility>
 
 #include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "server/access_control.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
 
-// Thread-safe. `registry` outlives it.
+// Thread-safe. `registry` and `access` outlive it.
 class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackService {
  public:
-  ClusterServiceImpl(const AgentRegistry* registry,
+  ClusterServiceImpl(const AgentRegistry* registry, AccessControl* access,
                      isoscope::v1::GetCapabilitiesResponse capabilities)
-      : registry_(registry), capabilities_(std::move(capabilities)) {}
+      : registry_(registry), access_(access), capabilities_(std::move(capabilities)) {}
 
   grpc::ServerUnaryReactor* GetCapabilities(
       grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
@@ -26,6 +27,7 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
 
  private:
   const AgentRegistry* const registry_;
+  AccessControl* const access_;
   const isoscope::v1::GetCapabilitiesResponse capabilities_;
 };
 
