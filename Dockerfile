@@ -33,25 +33,26 @@ ENV MESA_SHADER_CACHE_DISABLE=true
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_RENDERING_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
 
-# The health checks below ask whether the port is open, with bash's own sockets. They take it from
-# ISOSCOPE_LISTEN, so change it there and not with --listen.
+# The health checks below ask the program whether it serves. They take its address and its certificates
+# from the environment (ISOSCOPE_LISTEN, ISOSCOPE_TLS_*), so set these there and not as options.
 FROM runtime AS coordinator
 COPY --from=build /src/build/release/bin/isoscope-coordinator /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:50051
 EXPOSE 50051
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
-  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
+  CMD ["isoscope-coordinator", "--probe"]
 USER isoscope
 ENTRYPOINT ["isoscope-coordinator"]
 
-# In a container the loopback address reaches nobody. So the gateway asks for a token, which its log has
-# unless ISOSCOPE_TOKEN gives one.
+# In a container the loopback address reaches nobody. So the programs need certificates (ISOSCOPE_TLS_*),
+# or ISOSCOPE_INSECURE=true in a private network; and the gateway asks for a token, which its log has unless
+# ISOSCOPE_TOKEN gives one.
 FROM runtime AS gateway
 COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:8080
 EXPOSE 8080
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
-  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
+  CMD ["isoscope-gateway", "--probe"]
 USER isoscope
 ENTRYPOINT ["isoscope-gateway"]
 
@@ -60,7 +61,7 @@ COPY --from=build /src/build/release/bin/isoscope-agent /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:50052
 EXPOSE 50052
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s \
-  CMD ["bash", "-c", ": </dev/tcp/127.0.0.1/${ISOSCOPE_LISTEN##*:}"]
+  CMD ["isoscope-agent", "--probe"]
 USER isoscope
 ENTRYPOINT ["isoscope-agent"]
 CMD ["--shard", "/shard"]

@@ -84,7 +84,7 @@ class CancelBench {
   absl::Status StartCluster() {
     cluster_.reset();
     ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
-    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt);
+    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
     ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, client.GetDataset("", kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
@@ -99,7 +99,7 @@ class CancelBench {
   }
 
   absl::StatusOr<double> RenderWholeFrame() {
-    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt);
+    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
     const absl::Time start = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(
         client.RenderIsosurface(NextRequest(), absl::InfiniteDuration()).status());
@@ -134,7 +134,7 @@ class CancelBench {
     CancelledFrame frame{.is_cold = is_cold};
     const double expected_ms = is_cold ? result_.cold_ms : result_.following_ms;
     cli::Interrupt cancel;
-    cli::ServiceClient client(cluster_->Channel(), "", &cancel);
+    cli::ServiceClient client(cluster_->Channel(), "", &cancel, "");
     const isoscope::v1::RenderIsosurfaceRequest request = NextRequest();
     absl::Status status;
     absl::Time answered_at;

@@ -89,6 +89,8 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
         [&] { cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count()); });
   }
   coordinator_options.listen_address = options.listen_address;
+  coordinator_options.transport = options.transport;
+  coordinator_options.token_file = options.token_file;
   coordinator_options.memory_limit_bytes = options.memory_limit_bytes;
   coordinator_options.max_frame_duration = options.max_frame_duration;
   coordinator_options.expected_viewport = options.expected_viewport;

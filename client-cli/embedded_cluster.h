@@ -17,6 +17,7 @@
 #include <grpcpp/channel.h>
 
 #include "core/render/renderer_factory.h"
+#include "core/rpc/transport.h"
 #include "core/view/camera.h"
 #include "partition-agent/agent_server.h"
 #include "server/coordinator_server.h"
@@ -32,6 +33,9 @@ struct EmbeddedClusterOptions {
   std::size_t memory_limit_bytes = 0;
   // "HOST:PORT"; empty: reached in-process only.
   std::string listen_address;
+  // With TLS, and with tokens, callers of that address must say who they are.
+  rpc::TransportFlags transport = {};
+  std::string token_file = {};
   // The server's limit for one request.
   absl::Duration max_frame_duration = absl::Minutes(5);
   // Memory is taken early for a frame of this size; null: as frames come.

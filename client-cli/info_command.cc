@@ -12,6 +12,7 @@
 #include "absl/time/time.h"
 
 #include "client-cli/command.h"
+#include "client-cli/connection_flags.h"
 #include "client-cli/dataset_json.h"
 #include "client-cli/flags.h"
 #include "client-cli/histogram_plot.h"
@@ -23,7 +24,6 @@
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/render/renderer_factory.h"
-#include "core/rpc/channel.h"
 #include "core/source/value_range.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/sample_histogram.h"
@@ -38,6 +38,7 @@ constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 struct InfoFlags {
   std::optional<std::string> input;
   std::optional<std::string> server;
+  ConnectionFlags connection;
   std::optional<absl::Duration> timeout;
   bool is_json = false;
   SourceFlags source;
@@ -97,7 +98,12 @@ absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context
 
 absl::StatusOr<Json> DescribeServer(const InfoFlags& flags, const Context& context) {
   const absl::Duration timeout = flags.timeout.value_or(kDefaultTimeout);
-  ServiceClient client(rpc::MakeChannel(*flags.server), *flags.server, context.interrupt);
+  SessionFlags session_flags;
+  session_flags.server = flags.server;
+  session_flags.connection = flags.connection;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(session_flags, std::nullopt, context));
+  ServiceClient& client = session->client();
   ISOSCOPE_ASSIGN_OR_RETURN(const auto capabilities, client.GetCapabilities(timeout));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto datasets, client.ListDatasets(timeout));
   ISOSCOPE_ASSIGN_OR_RETURN(const auto cluster, client.GetClusterStatus(timeout));
@@ -131,6 +137,7 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
   SessionFlags session_flags;
   session_flags.input = flags.input;
   session_flags.server = flags.server;
+  session_flags.connection = flags.connection;
   session_flags.dataset = flags.dataset;
   session_flags.source = flags.source;
   session_flags.timeout = flags.timeout;
@@ -225,6 +232,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckHistogramUsage(flags));
   Json json;
   if (flags.server) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.connection));
     ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeServer(flags, context));
   } else {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
@@ -248,6 +256,7 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(app, "input", "INPUT|DIR", &flags->input, ParseText,
           "a volume, as 'partition' takes it, or a dataset folder");
   AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddConnectionFlags(app, &flags->connection);
   AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "how long to wait for the server (default: 10)");
   app->add_flag("--json", flags->is_json, "print JSON instead of text");

@@ -17,6 +17,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/render/renderer_factory.h"
+#include "core/rpc/server_flags.h"
 
 namespace isoscope::cli {
 namespace {
@@ -28,6 +29,8 @@ constexpr absl::Duration kGrace = absl::Seconds(30);
 struct ServeFlags {
   std::optional<std::string> directory;
   std::optional<std::string> listen_address;
+  rpc::TransportFlags transport;
+  std::string token_file;
   std::optional<render::RendererKind> renderer;
   std::optional<std::int64_t> thread_count;
   std::optional<std::int64_t> memory_limit_bytes;
@@ -44,6 +47,12 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   EmbeddedClusterOptions options;
   options.dataset_directory = *flags.directory;
   options.listen_address = flags.listen_address.value_or(kDefaultAddress);
+  const absl::Status secure = rpc::CheckListen(flags.transport, options.listen_address);
+  if (!secure.ok()) {
+    return UsageError(secure.message());
+  }
+  options.transport = flags.transport;
+  options.token_file = flags.token_file;
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
@@ -53,6 +62,9 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   // The port asked for may be 0.
   const std::string host = options.listen_address.substr(0, options.listen_address.rfind(':'));
   const std::string address = absl::StrCat(host, ":", cluster->port());
+  if (!flags.transport.has_tls() && !rpc::IsLoopbackTarget(options.listen_address)) {
+    base::LogWarning("insecure", {{"note", "plaintext: whoever reaches the network may read it"}});
+  }
   base::LogInfo("serving", {{"address", address},
                             {"directory", options.dataset_directory},
                             {"shards", cluster->shard_count()},
@@ -71,6 +83,10 @@ Action RegisterFlags(CLI::App* app) {
   AddFlag(
       app, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
       absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
+  rpc::AddTransportFlags(app, &flags->transport, /*has_server_name=*/false);
+  app->add_option("--tokens", flags->token_file,
+                  "clients' tokens and what they may see (docs/security.md), JSON")
+      ->type_name("FILE");
   AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
           "back end (default: auto, EGL on a GPU, else the CPU)");
   AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
@@ -90,7 +106,8 @@ Command ServeCommand() {
       .usage = "DIR [OPTIONS]",
       .examples =
           "  isoscope serve head\n"
-          "  isoscope serve head --listen 0.0.0.0:50051\n"
+          "  isoscope serve head --listen 0.0.0.0:50051 --tls-cert coordinator.pem \\\n"
+          "    --tls-key coordinator.key --tls-ca ca.pem --tokens tokens.json\n"
           "\nPrints the address on standard output once frames can be rendered; log lines go to\n"
           "standard error. SIGTERM and SIGINT let frames in work finish, then it ends with 0.\n",
       .register_flags = RegisterFlags};

@@ -7,6 +7,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/peer.h"
 #include "core/rpc/response_splitter.h"
 
 namespace isoscope::cli {
@@ -14,16 +15,21 @@ namespace isoscope::cli {
 namespace v1 = isoscope::v1;
 
 ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
-                             Interrupt* interrupt)
+                             Interrupt* interrupt, std::string token)
     : channel_(std::move(channel)),
       address_(std::move(address)),
       interrupt_(interrupt),
+      token_(std::move(token)),
       isosurface_(v1::IsosurfaceService::NewStub(channel_)),
       dataset_(v1::DatasetService::NewStub(channel_)),
       cluster_(v1::ClusterService::NewStub(channel_)) {}
 
-InteractStream::InteractStream(const std::shared_ptr<grpc::Channel>& channel)
-    : stub_(v1::InteractService::NewStub(channel)), stream_(stub_->Interact(&context_)) {}
+InteractStream::InteractStream(const std::shared_ptr<grpc::Channel>& channel,
+                               const std::string& token)
+    : stub_(v1::InteractService::NewStub(channel)) {
+  rpc::SendToken(token, &context_);
+  stream_ = stub_->Interact(&context_);
+}
 
 InteractStream::~InteractStream() { context_.TryCancel(); }
 
@@ -59,6 +65,7 @@ absl::Status ServiceClient::Explain(const grpc::Status& status) const {
 absl::Status ServiceClient::Call(absl::Duration timeout,
                                  absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const {
   grpc::ClientContext context;
+  rpc::SendToken(token_, &context);
   if (timeout < absl::InfiniteDuration()) {
     context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
   }

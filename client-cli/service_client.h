@@ -26,7 +26,7 @@ namespace isoscope::cli {
 // A stream of InteractService. One thread reads, any thread writes.
 class InteractStream {
  public:
-  explicit InteractStream(const std::shared_ptr<grpc::Channel>& channel);
+  InteractStream(const std::shared_ptr<grpc::Channel>& channel, const std::string& token);
   // Cancels a stream that has not ended.
   ~InteractStream();
 
@@ -53,7 +53,9 @@ class InteractStream {
 class ServiceClient {
  public:
   // `address`: for messages; "" for an in-process channel. `interrupt` must outlive the client.
-  ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address, Interrupt* interrupt);
+  // `token`: goes with each call; empty: none.
+  ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address, Interrupt* interrupt,
+                std::string token);
 
   // Errors of the service; UNAVAILABLE says how to start a server if none is there.
   absl::StatusOr<isoscope::v1::Dataset> GetDataset(const std::string& name, absl::Duration timeout);
@@ -73,7 +75,7 @@ class ServiceClient {
 
   // Opens a stream, which has no deadline.
   [[nodiscard]] std::unique_ptr<InteractStream> Interact() const {
-    return std::make_unique<InteractStream>(channel_);
+    return std::make_unique<InteractStream>(channel_, token_);
   }
 
   // Calls `visit` for every chunk, in order; an error of it ends the call and is returned.
@@ -91,6 +93,7 @@ class ServiceClient {
   const std::shared_ptr<grpc::Channel> channel_;
   const std::string address_;
   Interrupt* const interrupt_;
+  const std::string token_;
   const std::unique_ptr<isoscope::v1::IsosurfaceService::Stub> isosurface_;
   const std::unique_ptr<isoscope::v1::DatasetService::Stub> dataset_;
   const std::unique_ptr<isoscope::v1::ClusterService::Stub> cluster_;

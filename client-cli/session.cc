@@ -128,6 +128,7 @@ void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
           "ask a coordinator instead of starting everything here");
   AddFlag(app, "--dataset", "NAME", &flags->dataset, ParseText,
           "which dataset of the server (default: its only one)");
+  AddConnectionFlags(app, &flags->connection);
   AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
           "cut a volume into P shards, one agent each (default: 1)");
   AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
@@ -170,7 +171,7 @@ absl::Status CheckUsage(const SessionFlags& flags) {
                                      " can't be used with --server: that is settled where the "
                                      "agents and the dataset are"));
     }
-    return absl::OkStatus();
+    return CheckUsage(flags.connection);
   }
   if (flags.dataset) {
     return UsageError("--dataset is for --server; a file or folder is one dataset");
@@ -186,9 +187,12 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   session->timeout_ = flags.timeout.value_or(absl::InfiniteDuration());
   if (flags.server) {
     session->dataset_name_ = flags.dataset.value_or("");
-    session->channel_ = rpc::MakeChannel(*flags.server);
-    session->client_ =
-        std::make_unique<ServiceClient>(session->channel_, *flags.server, context.interrupt);
+    ISOSCOPE_ASSIGN_OR_RETURN(session->token_, ReadToken(flags.connection, *flags.server));
+    ISOSCOPE_ASSIGN_OR_RETURN(const rpc::Dialing dialing,
+                              rpc::MakeDialing(flags.connection.transport, /*own_role=*/""));
+    session->channel_ = rpc::MakeChannel(*flags.server, dialing);
+    session->client_ = std::make_unique<ServiceClient>(session->channel_, *flags.server,
+                                                       context.interrupt, session->token_);
     return session;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
@@ -203,7 +207,7 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   options.expected_viewport = expected_viewport;
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
   session->channel_ = session->cluster_->Channel();
-  session->client_ = std::make_unique<ServiceClient>(session->channel_, "", context.interrupt);
+  session->client_ = std::make_unique<ServiceClient>(session->channel_, "", context.interrupt, "");
   return session;
 }
 

@@ -14,6 +14,7 @@
 
 #include "client-cli/cache_entry.h"
 #include "client-cli/command.h"
+#include "client-cli/connection_flags.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/service_client.h"
 #include "client-cli/source_flags.h"
@@ -25,6 +26,7 @@ namespace isoscope::cli {
 struct SessionFlags {
   std::optional<std::string> input;   // source volume or dataset directory
   std::optional<std::string> server;  // HOST:PORT
+  ConnectionFlags connection;         // to it
   std::optional<std::string> dataset;
   SourceFlags source;
   std::optional<std::int64_t> shard_count;
@@ -61,6 +63,8 @@ class Session {
   ServiceClient& client() { return *client_; }
   // The channel of the client, for others that speak with the same coordinator.
   [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }
+  // What the client sends to a server that asks who calls; empty: nothing.
+  [[nodiscard]] const std::string& token() const { return token_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
   // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is its
@@ -80,6 +84,7 @@ class Session {
   std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<ServiceClient> client_;
+  std::string token_;
   std::string dataset_name_;
   absl::Duration timeout_ = absl::InfiniteDuration();
 };

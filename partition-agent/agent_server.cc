@@ -104,12 +104,16 @@ class AgentServerImpl final : public AgentServer {
       : service_(options), summary_(Summarize(options.shards)) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
-  absl::Status Listen(const std::string& address) {
-    rpc::EnableServerPlugins();
+  absl::Status Listen(const AgentServerOptions& options) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::shared_ptr<grpc::ServerCredentials> credentials,
+        rpc::MakeServerCredentials(options.transport, rpc::kAgentRole,
+                                   rpc::PeerCertificate::kRequired, rpc::kCoordinatorRole));
+    rpc::EnableServerPlugins(options.has_reflection);
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder);
     builder.RegisterService(&service_);
-    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, address));
+    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, options.listen_address, credentials));
     server_ = std::move(running.server);
     port_ = running.port;
     SetServing(true);
@@ -176,7 +180,7 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
   service_options.max_concurrent_frames = options.max_concurrent_frames;
   service_options.max_queued_frames = options.max_queued_frames;
   auto server = std::make_unique<AgentServerImpl>(service_options);
-  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options.listen_address));
+  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }
 

@@ -16,6 +16,7 @@
 
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
+#include "core/rpc/transport.h"
 #include "partition-agent/agent_memory.h"
 
 namespace isoscope::agent {
@@ -34,13 +35,16 @@ struct AgentServerOptions {
   // The most frames in work at a time. Others wait, or are refused with RESOURCE_EXHAUSTED.
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;
+  // With TLS, only coordinators may call.
+  rpc::TransportFlags transport = {};
+  bool has_reflection = true;
 };
 
 // Thread-safe.
 class AgentServer {
  public:
   // Opens the shards, then serves health, reflection and PartitionAgentService. Errors as
-  // OpenShard; UNAVAILABLE if the address can't be bound.
+  // OpenShard and rpc::CheckFiles; UNAVAILABLE if the address can't be bound.
   static absl::StatusOr<std::unique_ptr<AgentServer>> Start(const AgentServerOptions& options);
   // Calls Shutdown without grace.
   virtual ~AgentServer() = default;

@@ -37,7 +37,8 @@ struct Flags {
 
 constexpr char kExamples[] =
     R"(  isoscope-agent /data/head                       all shards of a dataset
-  isoscope-agent --shard /data/head/shard-00000-of-00002 --listen 0.0.0.0:50052
+  isoscope-agent --shard /data/head/shard-00000-of-00002 --listen 0.0.0.0:50052 \
+    --tls-cert agent.pem --tls-key agent.key --tls-ca ca.pem
   ISOSCOPE_SHARD=/shard isoscope-agent --renderer cpu --threads 8      one directory
 )";
 
@@ -67,11 +68,17 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->check(CLI::Range(static_cast<double>(AgentMemory::kMinLimitBytes), 1e18))
       ->envname("ISOSCOPE_MEMORY_LIMIT")
       ->capture_default_str();
-  app->final_callback([flags] {
-    if (!flags->list_egl_devices && flags->shards.empty() && flags->positional_shards.empty()) {
-      throw CLI::RequiredError("a shard or dataset directory (--shard DIR)");
-    }
-  });
+}
+
+absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
+  if (flags.list_egl_devices) {
+    return absl::OkStatus();
+  }
+  if (flags.shards.empty() && flags.positional_shards.empty()) {
+    return absl::InvalidArgumentError(
+        "a shard or dataset directory (--shard DIR) is required; see --help");
+  }
+  return rpc::CheckListen(server_flags.transport, server_flags.listen_address);
 }
 
 absl::Status ListDevices() {
@@ -93,6 +100,8 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.listen_address = server_flags.listen_address;
   options.max_concurrent_frames = server_flags.max_concurrent_frames;
   options.max_queued_frames = server_flags.max_queued_frames;
+  options.transport = server_flags.transport;
+  options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
   options.arena = base::MakeTaskArena(flags.threads);
@@ -122,8 +131,10 @@ int Main(int argc, char** argv) {
       .log_name = "agent",
       .summary = "Serves the shards of isosurface datasets to a coordinator.",
       .examples = kExamples,
-      .defaults = {.listen_address = "0.0.0.0:50052", .max_queued_frames = 64},
+      .defaults = {.listen_address = "127.0.0.1:50052", .max_queued_frames = 64},
       .add_flags = [&](CLI::App* app) { AddFlags(app, &flags); },
+      .check =
+          [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
       .start = [&](const rpc::ServerFlags& server_flags) { return Start(flags, server_flags); }};
   return rpc::RunServerProgram(program, argc, argv);
 }

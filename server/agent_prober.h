@@ -13,6 +13,7 @@
 #include <grpcpp/channel.h>
 
 #include "core/base/cancellation.h"
+#include "core/rpc/transport.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 
 namespace isoscope::server {
@@ -22,6 +23,7 @@ struct AgentProbe {
   std::string address;
   // The channel to use. If it is null, ProbeAgents puts a fresh one here, which dials at once.
   std::shared_ptr<grpc::Channel> channel;
+  rpc::Dialing dialing = {};  // of a fresh channel
   absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer =
       absl::UnavailableError("not asked");
 };

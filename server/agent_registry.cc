@@ -133,6 +133,15 @@ AgentRegistry::Members AgentRegistry::ResolveMembers(Members members) const {
   return members;
 }
 
+rpc::Dialing AgentRegistry::DialingOf(const Member& member) const {
+  rpc::Dialing dialing = options_.dialing;
+  const auto name = ParseDnsTarget(options_.endpoints[member.endpoint_index].target);
+  if (dialing.server_name.empty() && name.ok() && name->has_value()) {
+    dialing.server_name = (*name)->host;  // the address dialled is one of its numbers
+  }
+  return dialing;
+}
+
 void AgentRegistry::AskMembers(Members* members) const {
   std::vector<Member*> asked;
   std::vector<AgentProbe> probes;
@@ -145,7 +154,8 @@ void AgentRegistry::AskMembers(Members* members) const {
     probes.push_back({.address = address,
                       .channel = needs_fresh_channel && !member.has_fixed_channel
                                      ? nullptr
-                                     : member.state.channel});
+                                     : member.state.channel,
+                      .dialing = DialingOf(member)});
   }
   options_.probe(absl::MakeSpan(probes), stopping_);
   for (std::size_t i = 0; i < asked.size(); ++i) {
@@ -255,10 +265,11 @@ void AgentRegistry::ProbeNow(absl::Time deadline, const base::Cancellation& canc
 }
 
 absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name,
-                                                         const base::Cancellation& cancellation) {
+                                                         const base::Cancellation& cancellation,
+                                                         const Caller& caller) {
   {
     base::MutexLock lock(&mutex_);
-    absl::StatusOr<DatasetState> found = FindDataset(datasets_, name, unreachable_);
+    absl::StatusOr<DatasetState> found = FindDataset(datasets_, name, unreachable_, caller);
     const bool is_any_suspect =
         std::any_of(members_.begin(), members_.end(),
                     [](const auto& entry) { return entry.second.is_suspect; });
@@ -271,14 +282,15 @@ absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name
     return cancellation.Check();
   }
   base::MutexLock lock(&mutex_);
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState found, FindDataset(datasets_, name, unreachable_));
+  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState found, FindDataset(datasets_, name, unreachable_, caller));
   ISOSCOPE_RETURN_IF_ERROR(found.status);
   return found;
 }
 
-absl::StatusOr<DatasetState> AgentRegistry::Find(const std::string& name) const {
+absl::StatusOr<DatasetState> AgentRegistry::Find(const std::string& name,
+                                                 const Caller& caller) const {
   base::MutexLock lock(&mutex_);
-  return FindDataset(datasets_, name, unreachable_);
+  return FindDataset(datasets_, name, unreachable_, caller);
 }
 
 void AgentRegistry::ReportFailure(const std::string& address) {
@@ -299,9 +311,9 @@ std::vector<AgentState> AgentRegistry::agents() const {
   return states;
 }
 
-std::map<std::string, DatasetState> AgentRegistry::datasets() const {
+std::map<std::string, DatasetState> AgentRegistry::datasets(const Caller& caller) const {
   base::MutexLock lock(&mutex_);
-  return datasets_;
+  return DatasetsFor(caller, datasets_);
 }
 
 absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {

@@ -27,6 +27,8 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
+#include "core/rpc/transport.h"
+#include "server/access_control.h"
 #include "server/agent_prober.h"
 #include "server/coordinator_server.h"
 #include "server/dataset_catalog.h"
@@ -37,6 +39,9 @@ namespace isoscope::server {
 struct AgentRegistryOptions {
   std::vector<AgentEndpoint> endpoints;  // at least one
   absl::Duration poll_interval = absl::Seconds(2);
+  // How agents are dialled. Those behind a name of the DNS must have certificates of that name,
+  // unless `dialing` has one for all.
+  rpc::Dialing dialing = {};
   // Called on the registry's thread when a first dataset is complete, or none is complete any more.
   std::function<void(bool is_any_complete)> on_readiness;
   // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
@@ -60,22 +65,24 @@ class AgentRegistry {
   AgentRegistry(const AgentRegistry&) = delete;
   AgentRegistry& operator=(const AgentRegistry&) = delete;
 
-  // Returns the complete dataset of that name ("": the only one). If it is not complete, or an
+  // Returns the complete dataset of that name ("": the only one) among those that the caller may
+  // see; others are not there for it. If it is not complete, or an
   // agent was lost since the last poll, asks the agents again and waits for the answers, at most
   // for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND, INVALID_ARGUMENT,
   // FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that fires. May block.
   absl::StatusOr<DatasetState> FindComplete(const std::string& name,
-                                            const base::Cancellation& cancellation);
+                                            const base::Cancellation& cancellation,
+                                            const Caller& caller = {});
   // Returns the dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as
   // DatasetService says. Does not block.
-  absl::StatusOr<DatasetState> Find(const std::string& name) const;
+  absl::StatusOr<DatasetState> Find(const std::string& name, const Caller& caller = {}) const;
   // Reports that a call to the agent failed. The agent is asked again before the next frame.
   void ReportFailure(const std::string& address);
 
   // By address.
   [[nodiscard]] std::vector<AgentState> agents() const;
-  // By name.
-  [[nodiscard]] std::map<std::string, DatasetState> datasets() const;
+  // Those that the caller may see, by name.
+  [[nodiscard]] std::map<std::string, DatasetState> datasets(const Caller& caller = {}) const;
 
   // Does what CoordinatorServer::WaitUntilReady does.
   absl::Status WaitUntilReady(absl::Time deadline);
@@ -97,6 +104,7 @@ class AgentRegistry {
   void Probe();
   // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
   Members ResolveMembers(Members members) const;
+  [[nodiscard]] rpc::Dialing DialingOf(const Member& member) const;
   void AskMembers(Members* members) const;
   void AdoptMembers(Members members) ABSL_LOCKS_EXCLUDED(mutex_);
   void LogMembers(const Members& members) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);

@@ -6,6 +6,8 @@
 
 #include "absl/status/status.h"
 
+#include "core/base/status_macros.h"
+#include "core/rpc/peer.h"
 #include "core/rpc/unary_call.h"
 
 namespace isoscope::server {
@@ -24,7 +26,8 @@ std::string Complaint(const AgentState& agent,
   return complaints.empty() ? "" : *complaints.begin();
 }
 
-isoscope::v1::AgentStatus ToProto(const AgentState& agent,
+// Without the datasets that the caller may not see; `datasets` has none of them.
+isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
                                   const std::map<std::string, DatasetState>& datasets) {
   isoscope::v1::AgentStatus proto;
   proto.set_address(agent.address);
@@ -39,6 +42,9 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent,
   proto.set_picture_revision(frame::ToString(agent.picture_revision));
   proto.set_message(Complaint(agent, datasets));
   for (const isoscope::internal::v1::ShardDescription& shard : agent.shards) {
+    if (!caller.MaySee(shard.dataset().name())) {
+      continue;
+    }
     isoscope::v1::ServedShard* served = proto.add_shards();
     served->set_dataset(shard.dataset().name());
     served->set_dataset_id(shard.dataset().dataset_id());
@@ -53,7 +59,8 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent,
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&] {
+  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
+    ISOSCOPE_RETURN_IF_ERROR(access_->CheckCapabilities(rpc::PeerOf(*context)));
     const base::MutexLock lock(&mutex_);
     *response = capabilities_;
     return absl::OkStatus();
@@ -68,10 +75,11 @@ void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&] {
-    const std::map<std::string, DatasetState> datasets = registry_->datasets();
+  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+    const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
     for (const AgentState& agent : registry_->agents()) {
-      *response->add_agents() = ToProto(agent, datasets);
+      *response->add_agents() = ToProto(agent, caller, datasets);
     }
     return absl::OkStatus();
   });

@@ -10,16 +10,17 @@
 
 #include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "server/access_control.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
 
-// Thread-safe. `registry` outlives it.
+// Thread-safe. `registry` and `access` outlive it.
 class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackService {
  public:
-  ClusterServiceImpl(const AgentRegistry* registry,
+  ClusterServiceImpl(const AgentRegistry* registry, AccessControl* access,
                      isoscope::v1::GetCapabilitiesResponse capabilities)
-      : registry_(registry), capabilities_(std::move(capabilities)) {}
+      : registry_(registry), access_(access), capabilities_(std::move(capabilities)) {}
 
   grpc::ServerUnaryReactor* GetCapabilities(
       grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
@@ -33,6 +34,8 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
 
  private:
   const AgentRegistry* const registry_;
+  base::Mutex mutex_;
+  AccessControl* const access_;
   base::Mutex mutex_;
   isoscope::v1::GetCapabilitiesResponse capabilities_ ABSL_GUARDED_BY(mutex_);
 };

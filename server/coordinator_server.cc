@@ -15,6 +15,7 @@
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
 #include "core/view/camera.h"
+#include "server/access_control.h"
 #include "server/agent_registry.h"
 #include "server/cluster_service_impl.h"
 #include "server/coordinator_memory.h"
@@ -84,9 +85,11 @@ class CoordinatorServerImpl final : public CoordinatorServer {
  public:
   CoordinatorServerImpl(const CoordinatorServerOptions& options,
                         std::shared_ptr<HealthReporter> health,
-                        std::unique_ptr<AgentRegistry> registry)
+                        std::unique_ptr<AgentRegistry> registry,
+                        std::unique_ptr<AccessControl> access)
       : health_(std::move(health)),
         registry_(std::move(registry)),
+        access_(std::move(access)),
         runner_({.registry = registry_.get(),
                  .max_concurrent_frames = options.max_concurrent_frames,
                  .max_queued_frames = options.max_queued_frames,
@@ -98,21 +101,28 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                  .expected_viewport = options.expected_viewport}),
         isosurface_service_({.registry = registry_.get(),
                              .runner = &runner_,
+                             .access = access_.get(),
                              .max_frame_duration = options.max_frame_duration}),
-        interact_service_({.runner = &runner_, .max_frame_duration = options.max_frame_duration}),
-        dataset_service_(registry_.get()),
-        cluster_service_(registry_.get(), CapabilitiesOf(options)) {}
+        interact_service_({.runner = &runner_,
+                           .access = access_.get(),
+                           .max_frame_duration = options.max_frame_duration}),
+        dataset_service_(registry_.get(), access_.get()),
+        cluster_service_(registry_.get(), access_.get(), CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
-  absl::Status Listen(const std::string& address) {
-    rpc::EnableServerPlugins();
+  absl::Status Listen(const CoordinatorServerOptions& options) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::shared_ptr<grpc::ServerCredentials> credentials,
+        rpc::MakeServerCredentials(options.transport, rpc::kCoordinatorRole,
+                                   rpc::PeerCertificate::kIfShown, /*required_role=*/""));
+    rpc::EnableServerPlugins(options.has_reflection);
     grpc::ServerBuilder builder;
-    rpc::ConfigureServer(&builder);
+    rpc::ConfigureServer(&builder, rpc::kMaxPublicRequestBytes);
     builder.RegisterService(&isosurface_service_);
     builder.RegisterService(&interact_service_);
     builder.RegisterService(&dataset_service_);
     builder.RegisterService(&cluster_service_);
-    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, address));
+    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, options.listen_address, credentials));
     server_ = std::move(running.server);
     port_ = running.port;
     health_->SetServer(server_.get());
@@ -145,6 +155,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
  private:
   const std::shared_ptr<HealthReporter> health_;
   const std::unique_ptr<AgentRegistry> registry_;
+  const std::unique_ptr<AccessControl> access_;
   FrameRunner runner_;
   IsosurfaceServiceImpl isosurface_service_;  // services outlive the server
   InteractServiceImpl interact_service_;
@@ -176,11 +187,17 @@ absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
   AgentRegistryOptions registry_options;
   registry_options.endpoints = options.agents;
   registry_options.poll_interval = options.poll_interval;
+  ISOSCOPE_ASSIGN_OR_RETURN(registry_options.dialing,
+                            rpc::MakeDialing(options.transport, rpc::kCoordinatorRole));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AccessControl> access,
+                            AccessControl::Make({.has_tls = options.transport.has_tls(),
+                                                 .token_file = options.token_file}));
   registry_options.on_readiness = [health](bool is_ready) { health->SetReady(is_ready); };
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AgentRegistry> registry,
                             AgentRegistry::Start(registry_options));
-  auto server = std::make_unique<CoordinatorServerImpl>(options, health, std::move(registry));
-  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options.listen_address));
+  auto server = std::make_unique<CoordinatorServerImpl>(options, health, std::move(registry),
+                                                        std::move(access));
+  ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }
 

@@ -17,6 +17,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/image/pixel_mailboxes.h"
+#include "core/rpc/transport.h"
 #include "core/view/camera.h"
 
 namespace isoscope::server {
@@ -50,6 +51,11 @@ struct CoordinatorServerOptions {
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
   // The web gateway for people, as GetCapabilities tells it; empty: none.
   std::string gateway_address = {};
+  // With TLS, agents are dialled with it, too, and callers must show a certificate or a token.
+  rpc::TransportFlags transport = {};
+  // The file of tokens (access_tokens.h); empty: none.
+  std::string token_file = {};
+  bool has_reflection = true;
   // The coordinator takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
@@ -60,6 +66,7 @@ class CoordinatorServer {
   // Serves health, reflection, IsosurfaceService, InteractService, DatasetService and
   // ClusterService; begins to ask the agents at once and returns without waiting for them.
   // INVALID_ARGUMENT: no agents, or a malformed target. UNAVAILABLE: the address can't be bound.
+  // Errors of the files as rpc::CheckFiles and ParseAccessTokens.
   static absl::StatusOr<std::unique_ptr<CoordinatorServer>> Start(
       const CoordinatorServerOptions& options);
   // Calls Shutdown without grace.

@@ -187,8 +187,26 @@ std::string DescribeUnreachable(const std::vector<AgentState>& agents) {
                        : absl::StrCat("agents that can't be reached: ", absl::StrJoin(parts, ", "));
 }
 
+std::map<std::string, DatasetState> DatasetsFor(
+    const Caller& caller, const std::map<std::string, DatasetState>& datasets) {
+  if (caller.sees_all_datasets()) {
+    return datasets;
+  }
+  std::map<std::string, DatasetState> visible;
+  for (const auto& [name, state] : datasets) {
+    if (caller.MaySee(name)) {
+      visible.emplace(name, state);
+    }
+  }
+  return visible;
+}
+
 absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
-                                         const std::string& name, const std::string& unreachable) {
+                                         const std::string& name, const std::string& unreachable,
+                                         const Caller& caller) {
+  if (!caller.sees_all_datasets()) {
+    return FindDataset(DatasetsFor(caller, datasets), name, unreachable);
+  }
   if (name.empty() && datasets.size() == 1) {
     return datasets.begin()->second;
   }

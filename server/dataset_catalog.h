@@ -22,6 +22,7 @@
 #include "core/frame/picture_revision.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
+#include "server/access_control.h"
 #include "server/agent_client.h"
 
 namespace isoscope::server {
@@ -60,10 +61,16 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
 // Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached.
 std::string DescribeUnreachable(const std::vector<AgentState>& agents);
 
-// Finds the dataset of that name ("": the only one). NOT_FOUND, INVALID_ARGUMENT, or
-// FAILED_PRECONDITION as DatasetService says, with the names of all datasets and `unreachable`.
+// Returns those that the caller may see.
+std::map<std::string, DatasetState> DatasetsFor(
+    const Caller& caller, const std::map<std::string, DatasetState>& datasets);
+
+// Finds the dataset of that name ("": the only one) among those that the caller may see.
+// NOT_FOUND, INVALID_ARGUMENT, or FAILED_PRECONDITION as DatasetService says, with the names of all
+// of these and `unreachable`.
 absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
-                                         const std::string& name, const std::string& unreachable);
+                                         const std::string& name, const std::string& unreachable,
+                                         const Caller& caller = {});
 
 }  // namespace isoscope::server
 

@@ -1,11 +1,13 @@
 #include "server/dataset_service_impl.h"
 
+#include <utility>
 #include <vector>
 
 #include "absl/time/time.h"
 
 #include "core/base/status_macros.h"
 #include "core/rpc/histogram_convert.h"
+#include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/unary_call.h"
 #include "core/volume/isovalue_suggestions.h"
@@ -23,8 +25,9 @@ constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
     isoscope::v1::ListDatasetsResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&] {
-    for (const auto& [name, state] : registry_->datasets()) {
+  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+    for (const auto& [name, state] : registry_->datasets(caller)) {
       if (state.is_served) {
         *response->add_datasets() = state.dataset;
       }
@@ -37,7 +40,8 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     grpc::CallbackServerContext* context, const isoscope::v1::GetDatasetRequest* request,
     isoscope::v1::GetDatasetResponse* response) {
   return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState state, registry_->Find(request->name()));
+    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState state, registry_->Find(request->name(), caller));
     *response->mutable_dataset() = state.dataset;
     return absl::OkStatus();
   });
@@ -46,18 +50,24 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
     grpc::CallbackServerContext* context, const isoscope::v1::GetHistogramRequest* request,
     isoscope::v1::GetHistogramResponse* response) {
+  absl::StatusOr<Caller> caller = access_->Identify(rpc::PeerOf(*context));
+  if (!caller.ok()) {
+    return rpc::AnswerUnary(context, *request, [&] { return caller.status(); });
+  }
   return rpc::UnaryTask::Start(context, *request, &executor_, kMaxHistogramDuration,
-                               [this, request, response](const base::Cancellation& cancellation) {
-                                 return AnswerHistogram(*request, cancellation, response);
+                               [this, request, response, caller = *std::move(caller)](
+                                   const base::Cancellation& cancellation) {
+                                 return AnswerHistogram(*request, caller, cancellation, response);
                                });
 }
 
 absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
+                                                 const Caller& caller,
                                                  const base::Cancellation& cancellation,
                                                  isoscope::v1::GetHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset,
-                            registry_->FindComplete(request.dataset(), cancellation));
+                            registry_->FindComplete(request.dataset(), cancellation, caller));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));

@@ -9,18 +9,21 @@
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "server/access_control.h"
 #include "server/agent_registry.h"
 
 namespace isoscope::server {
 
-// Thread-safe. `registry` outlives it. Destroy it only after its server has shut down.
+// Thread-safe. `registry` and `access` outlive it. Destroy it only after its server has shut down.
 class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackService {
  public:
   static constexpr int kMaxConcurrentHistograms = 2;
   static constexpr int kMaxQueuedHistograms = 32;
 
-  explicit DatasetServiceImpl(AgentRegistry* registry)
-      : registry_(registry), executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
+  DatasetServiceImpl(AgentRegistry* registry, AccessControl* access)
+      : registry_(registry),
+        access_(access),
+        executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
 
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* context,
                                          const isoscope::v1::ListDatasetsRequest* request,
@@ -34,10 +37,11 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
 
  private:
   absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
-                               const base::Cancellation& cancellation,
+                               const Caller& caller, const base::Cancellation& cancellation,
                                isoscope::v1::GetHistogramResponse* response);
 
   AgentRegistry* const registry_;
+  AccessControl* const access_;
   base::Executor executor_;  // comes last: its threads use the members above
 };
 

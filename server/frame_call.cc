@@ -123,7 +123,10 @@ absl::Status FrameCall::TakePlace() {
   if (delivery_ == Delivery::kWhole) {
     ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(RawResponseBytes(spec_)));
   }
+  ISOSCOPE_RETURN_IF_ERROR(
+      caller_.CheckViewport(spec_.viewport.width_px, spec_.viewport.height_px));
   ISOSCOPE_ASSIGN_OR_RETURN(FrameRunner::Place place, runner_->Admit(spec_, delivery_));
+  ISOSCOPE_RETURN_IF_ERROR(caller_.TakeFrame(is_moving_));
   place_.emplace(std::move(place));
   return absl::OkStatus();
 }
@@ -155,7 +158,8 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
                                   v1::RenderIsosurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_->FindTarget(&request_, &spec_, false, cancellation_));
+                            runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/false,
+                                                cancellation_, caller_));
   dataset_name_ = target.dataset.dataset.name();
   ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset.dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
@@ -316,7 +320,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
   ISOSCOPE_ASSIGN_OR_RETURN(
       const FrameTarget target,
-      runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_));
+      runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_, caller_));
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;

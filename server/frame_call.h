@@ -43,6 +43,7 @@
 #include "core/image/layer_stack.h"
 #include "core/rpc/pick_convert.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "server/access_control.h"
 #include "server/coordinator_memory.h"
 #include "server/depth_grid.h"
 #include "server/frame_output.h"
@@ -60,6 +61,13 @@ class FrameCall {
   // runner outlives the call.
   FrameCall(FrameRunner* runner, const isoscope::v1::RenderIsosurfaceRequest& request,
             Delivery delivery, absl::Time client_deadline, absl::Duration max_duration);
+
+  // Whose frame it is; without this, that of a caller who may do everything. A moving frame is one
+  // of many, and leaves room for the exact one after it. Call before Admit.
+  void SetCaller(Caller caller, bool is_moving) {
+    caller_ = std::move(caller);
+    is_moving_ = is_moving;
+  }
 
   // Takes a place for the frame. A request that can't be right in any state of the cluster does not
   // wait. Errors as IsosurfaceService says.
@@ -118,6 +126,8 @@ class FrameCall {
   FrameRunner* const runner_;
   isoscope::v1::RenderIsosurfaceRequest request_;  // FindTarget resolves its camera
   const Delivery delivery_;
+  Caller caller_;
+  bool is_moving_ = false;
   const absl::Time start_;
   base::Cancellation cancellation_;
   frame::FrameSpec spec_;

@@ -108,10 +108,12 @@ void FrameRunner::Schedule(std::function<void()> work) {
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                                     frame::FrameSpec* spec,
                                                     bool is_each_shard_apart,
-                                                    const base::Cancellation& cancellation) {
+                                                    const base::Cancellation& cancellation,
+                                                    const Caller& caller) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset,
-                            options_.registry->FindComplete(request->dataset(), cancellation));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      DatasetState dataset,
+      options_.registry->FindComplete(request->dataset(), cancellation, caller));
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));

@@ -26,6 +26,7 @@
 #include "core/view/view.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
+#include "server/access_control.h"
 #include "server/active_blocks.h"
 #include "server/agent_failure.h"
 #include "server/agent_registry.h"
@@ -95,12 +96,13 @@ class FrameRunner {
   [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
-  // Finds the dataset of a frame and checks that its agents can draw it. Resolves the camera in
+  // Finds the dataset of a frame, among those that the caller may see, and checks that its agents can draw it. Resolves the camera in
   // both `request` and `spec`. If `is_each_shard_apart`, each shard becomes an agent of its own.
   // Errors as IsosurfaceService says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                          frame::FrameSpec* spec, bool is_each_shard_apart,
-                                         const base::Cancellation& cancellation);
+                                         const base::Cancellation& cancellation,
+                                         const Caller& caller = {});
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
   absl::StatusOr<FrameResult> Run(std::int64_t frame_number,

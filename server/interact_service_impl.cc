@@ -35,6 +35,7 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
 #include "server/frame_call.h"
 #include "server/interact_frame.h"
@@ -82,10 +83,12 @@ class InteractServiceImpl::InteractCall final
   InteractCall(InteractServiceImpl* service, const grpc::CallbackServerContext& context)
       : service_(service), deadline_(rpc::DeadlineOf(context)) {}
 
-  // Begins to read, or ends with `admitted`. REQUIRES: a shared_ptr owns the call.
-  void Start(const absl::Status& admitted) {
+  // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
+  void Start(const absl::StatusOr<Caller>& caller, const absl::Status& added) {
     self_ = shared_from_this();
+    const absl::Status admitted = caller.ok() ? added : caller.status();
     if (admitted.ok()) {
+      caller_ = *caller;
       StartRead(&request_);
     } else {
       End(admitted);
@@ -142,6 +145,7 @@ class InteractServiceImpl::InteractCall final
 
   absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
+    ISOSCOPE_RETURN_IF_ERROR(service_->options_.access->CheckStillValid(caller_));
     const base::MutexLock lock(&mutex_);
     const absl::Time now = absl::Now();
     switch (request.kind_case()) {
@@ -210,6 +214,7 @@ class InteractServiceImpl::InteractCall final
         service_->options_.runner,
         start.is_exact ? state_.frame() : MovingRequest(state_.frame(), quality), Delivery::kWhole,
         deadline_, service_->options_.max_frame_duration);
+    frame->SetCaller(caller_, /*is_moving=*/!start.is_exact);
     frame->AskDepthGrid(start.is_exact ? kExactGridSide : quality.depth_grid_side);
     if (!start.is_exact) {
       frame->LogFailuresOnly();
@@ -359,6 +364,7 @@ class InteractServiceImpl::InteractCall final
   InteractServiceImpl* const service_;
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
+  Caller caller_;                // set by Start
   v1::InteractRequest request_;  // of the read under way
 
   base::Mutex mutex_;
@@ -390,7 +396,8 @@ InteractServiceImpl::~InteractServiceImpl() = default;
 grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>* InteractServiceImpl::Interact(
     grpc::CallbackServerContext* context) {
   const auto call = std::make_shared<InteractCall>(this, *context);
-  call->Start(Add(call));
+  const absl::StatusOr<Caller> caller = options_.access->Identify(rpc::PeerOf(*context));
+  call->Start(caller, caller.ok() ? Add(call) : absl::OkStatus());
   return call.get();
 }
 

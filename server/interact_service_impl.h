@@ -14,12 +14,14 @@
 
 #include "core/base/mutex.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
+#include "server/access_control.h"
 #include "server/frame_runner.h"
 
 namespace isoscope::server {
 
 struct InteractServiceOptions {
-  FrameRunner* runner = nullptr;  // outlives the service
+  FrameRunner* runner = nullptr;    // outlives the service
+  AccessControl* access = nullptr;  // outlives the service, too
   absl::Duration max_frame_duration = absl::Minutes(5);
 };
 

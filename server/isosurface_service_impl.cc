@@ -29,9 +29,11 @@
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/response_splitter.h"
 #include "core/rpc/write_queue.h"
+#include "core/rpc/write_timeout.h"
 #include "server/agent_client.h"
 #include "server/frame_call.h"
 #include "server/frame_runner.h"
@@ -45,6 +47,10 @@ namespace v1 = isoscope::v1;
 // If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
 
+// In which a client must take a part of an answer, or a chunk of a mesh. A whole answer may take as
+// long as a frame.
+constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
+
 }  // namespace
 
 // A call with one request and one response. It owns itself until gRPC is done with it.
@@ -54,28 +60,36 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
   using Work = absl::Status (FrameCall::*)(Response* response);
 
   // Runs `work` on a frame thread if `admitted` is OK.
-  static UnaryCall* Start(std::unique_ptr<FrameCall> frame, const absl::Status& admitted, Work work,
+  static UnaryCall* Start(grpc::CallbackServerContext* context, absl::Duration max_write_duration,
+                          std::unique_ptr<FrameCall> frame, const absl::Status& admitted, Work work,
                           Response* response) {
-    std::shared_ptr<UnaryCall> call(new UnaryCall(std::move(frame)));
+    std::shared_ptr<UnaryCall> call(new UnaryCall(context, std::move(frame)));
     call->self_ = call;
     if (!admitted.ok()) {
       call->Finish(rpc::ToGrpcStatus(admitted));
       return call.get();
     }
-    call->frame_->Schedule([call, work, response] {
-      call->Finish(rpc::ToGrpcStatus((call->frame_.get()->*work)(response)));
+    call->frame_->Schedule([call, work, response, max_write_duration] {
+      const absl::Status status = (call->frame_.get()->*work)(response);
+      call->timeout_.Start(max_write_duration);
+      call->Finish(rpc::ToGrpcStatus(status));
       call->frame_->ReleaseImages();
     });
     return call.get();
   }
 
   void OnCancel() override { frame_->Cancel(); }
-  void OnDone() override { const std::shared_ptr<UnaryCall> last_use = std::move(self_); }
+  void OnDone() override {
+    timeout_.Stop();
+    const std::shared_ptr<UnaryCall> last_use = std::move(self_);
+  }
 
  private:
-  explicit UnaryCall(std::unique_ptr<FrameCall> frame) : frame_(std::move(frame)) {}
+  UnaryCall(grpc::CallbackServerContext* context, std::unique_ptr<FrameCall> frame)
+      : frame_(std::move(frame)), timeout_(context) {}
 
   const std::unique_ptr<FrameCall> frame_;
+  rpc::WriteTimeout timeout_;
   std::shared_ptr<UnaryCall> self_;  // reset by OnDone
 };
 
@@ -84,8 +98,9 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
 class IsosurfaceServiceImpl::StreamCall final
     : public grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse> {
  public:
-  static StreamCall* Start(std::unique_ptr<FrameCall> frame, const absl::Status& admitted) {
-    std::shared_ptr<StreamCall> call(new StreamCall(std::move(frame)));
+  static StreamCall* Start(grpc::CallbackServerContext* context, std::unique_ptr<FrameCall> frame,
+                           const absl::Status& admitted) {
+    std::shared_ptr<StreamCall> call(new StreamCall(context, std::move(frame)));
     call->self_ = call;
     if (!admitted.ok()) {
       call->Finish(rpc::ToGrpcStatus(admitted));
@@ -103,10 +118,14 @@ class IsosurfaceServiceImpl::StreamCall final
     }
   }
   void OnCancel() override { frame_->Cancel(); }
-  void OnDone() override { const std::shared_ptr<StreamCall> last_use = std::move(self_); }
+  void OnDone() override {
+    timeout_.Stop();
+    const std::shared_ptr<StreamCall> last_use = std::move(self_);
+  }
 
  private:
-  explicit StreamCall(std::unique_ptr<FrameCall> frame) : frame_(std::move(frame)) {}
+  StreamCall(grpc::CallbackServerContext* context, std::unique_ptr<FrameCall> frame)
+      : frame_(std::move(frame)), timeout_(context) {}
 
   void Run() {
     v1::RenderIsosurfaceResponse response;
@@ -126,10 +145,12 @@ class IsosurfaceServiceImpl::StreamCall final
       Finish(grpc::Status::OK);
       return;
     }
+    timeout_.Start(kMaxWriteDuration);
     StartWrite(&message_);
   }
 
   const std::unique_ptr<FrameCall> frame_;
+  rpc::WriteTimeout timeout_;
   std::optional<rpc::ResponseSplitter> splitter_;
   v1::RenderIsosurfaceStreamResponse message_;
   std::shared_ptr<StreamCall> self_;  // reset by OnDone
@@ -143,12 +164,9 @@ class IsosurfaceServiceImpl::ExportCall final
                            const isoscope::v1::ExportIsosurfaceRequest* request) {
     std::shared_ptr<ExportCall> call(new ExportCall(service, context, *request));
     call->self_ = call;
-    absl::StatusOr<rpc::ExportSpec> spec = rpc::ExportSpecFromProto(*request);
-    if (spec.ok()) {
-      call->spec_ = *std::move(spec);
-    }
-    if (!spec.ok()) {
-      call->outgoing_.Finish(spec.status());
+    const absl::Status admitted = call->Admit(*context);
+    if (!admitted.ok()) {
+      call->outgoing_.Finish(admitted);
     } else if (!service->export_executor_.TrySchedule([call] { call->Run(); })) {
       call->outgoing_.Finish(absl::ResourceExhaustedError(
           absl::StrCat(kMaxConcurrentExports, " exports are in work and ", kMaxQueuedExports,
@@ -157,7 +175,10 @@ class IsosurfaceServiceImpl::ExportCall final
     return call.get();
   }
 
-  void OnWriteDone(bool ok) override { outgoing_.OnWriteDone(ok); }
+  void OnWriteDone(bool ok) override {
+    timeout_.Pause();
+    outgoing_.OnWriteDone(ok);
+  }
 
   void OnCancel() override {
     cancellation_.Cancel();
@@ -171,7 +192,10 @@ class IsosurfaceServiceImpl::ExportCall final
     outgoing_.Finish(absl::CancelledError("the client cancelled the export"));
   }
 
-  void OnDone() override { const std::shared_ptr<ExportCall> last_use = std::move(self_); }
+  void OnDone() override {
+    timeout_.Stop();
+    const std::shared_ptr<ExportCall> last_use = std::move(self_);
+  }
 
  private:
   ExportCall(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
@@ -179,10 +203,20 @@ class IsosurfaceServiceImpl::ExportCall final
       : service_(service),
         request_(request),
         cancellation_(rpc::DeadlineOf(*context)),
+        timeout_(context),
         outgoing_(
             kMaxQueuedExportBytes,
-            [this](const isoscope::v1::ExportIsosurfaceResponse* message) { StartWrite(message); },
+            [this](const isoscope::v1::ExportIsosurfaceResponse* message) {
+              timeout_.Start(kMaxWriteDuration);
+              StartWrite(message);
+            },
             [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+
+  absl::Status Admit(const grpc::CallbackServerContext& context) {
+    ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->options_.access->Identify(rpc::PeerOf(context)));
+    ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
+    return caller_.TakeFrame(/*is_moving=*/false);
+  }
 
   void Run() {
     const absl::Time start = absl::Now();
@@ -199,8 +233,9 @@ class IsosurfaceServiceImpl::ExportCall final
 
   absl::Status Export() {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
-    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset, service_->options_.registry->FindComplete(
-                                                              request_.dataset(), cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const DatasetState dataset,
+        service_->options_.registry->FindComplete(request_.dataset(), cancellation_, caller_));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -280,8 +315,10 @@ class IsosurfaceServiceImpl::ExportCall final
 
   IsosurfaceServiceImpl* const service_;
   const isoscope::v1::ExportIsosurfaceRequest request_;
+  Caller caller_;         // set before Run
   rpc::ExportSpec spec_;  // set before Run
   base::Cancellation cancellation_;
+  rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::size_t sent_bytes_ = 0;
   base::Mutex streams_mutex_;
@@ -304,12 +341,23 @@ std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
                                      options_.max_frame_duration);
 }
 
+absl::Status IsosurfaceServiceImpl::Identify(const grpc::CallbackServerContext& context,
+                                             FrameCall* frame) const {
+  ISOSCOPE_ASSIGN_OR_RETURN(Caller caller, options_.access->Identify(rpc::PeerOf(context)));
+  frame->SetCaller(std::move(caller), /*is_moving=*/false);
+  return absl::OkStatus();
+}
+
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
     grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest* request,
     v1::RenderIsosurfaceResponse* response) {
   auto frame = MakeCall(*context, *request, Delivery::kWhole);
-  const absl::Status admitted = frame->Admit();
-  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(std::move(frame), admitted,
+  absl::Status admitted = Identify(*context, frame.get());
+  if (admitted.ok()) {
+    admitted = frame->Admit();
+  }
+  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(context, options_.max_frame_duration,
+                                                        std::move(frame), admitted,
                                                         &FrameCall::Render, response);
 }
 
@@ -317,20 +365,26 @@ grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse>*
 IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* context,
                                               const v1::RenderIsosurfaceStreamRequest* request) {
   auto frame = MakeCall(*context, request->request(), Delivery::kParts);
-  absl::Status admitted = rpc::CheckKnownFields(*request);
+  absl::Status admitted = Identify(*context, frame.get());
+  if (admitted.ok()) {
+    admitted = rpc::CheckKnownFields(*request);
+  }
   if (admitted.ok()) {
     admitted = frame->Admit();
   }
-  return StreamCall::Start(std::move(frame), admitted);
+  return StreamCall::Start(context, std::move(frame), admitted);
 }
 
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServerContext* context,
                                                              const v1::PickSurfaceRequest* request,
                                                              v1::PickSurfaceResponse* response) {
   auto frame = MakeCall(*context, request->frame(), Delivery::kWhole);
-  const absl::Status admitted = frame->AdmitPick(*request);
-  return UnaryCall<v1::PickSurfaceResponse>::Start(std::move(frame), admitted, &FrameCall::Pick,
-                                                   response);
+  absl::Status admitted = Identify(*context, frame.get());
+  if (admitted.ok()) {
+    admitted = frame->AdmitPick(*request);
+  }
+  return UnaryCall<v1::PickSurfaceResponse>::Start(
+      context, options_.max_frame_duration, std::move(frame), admitted, &FrameCall::Pick, response);
 }
 
 grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>*

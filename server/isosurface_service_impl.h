@@ -14,6 +14,7 @@
 #include "core/base/executor.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/access_control.h"
 #include "server/agent_registry.h"
 #include "server/coordinator_memory.h"
 #include "server/frame_call.h"
@@ -24,6 +25,7 @@ namespace isoscope::server {
 struct IsosurfaceServiceOptions {
   AgentRegistry* registry = nullptr;  // outlives the service, as the runner does
   FrameRunner* runner = nullptr;
+  AccessControl* access = nullptr;  // outlives the service, too
   absl::Duration max_frame_duration = absl::Minutes(5);
 };
 
@@ -59,6 +61,8 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   [[nodiscard]] std::unique_ptr<FrameCall> MakeCall(
       const grpc::CallbackServerContext& context,
       const isoscope::v1::RenderIsosurfaceRequest& request, Delivery delivery) const;
+  // Gives the call its caller; errors as AccessControl::Identify.
+  absl::Status Identify(const grpc::CallbackServerContext& context, FrameCall* frame) const;
 
   const IsosurfaceServiceOptions options_;
   base::Executor export_executor_;  // last: its threads use the members above

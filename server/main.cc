@@ -28,13 +28,16 @@ struct Flags {
   double max_frame_seconds = 300;
   double poll_seconds = 2;
   std::string gateway_address;
+  std::string token_file;
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
 };
 
 constexpr char kExamples[] =
-    R"(  isoscope-coordinator --agent 10.0.0.7:50052 --agent 10.0.0.8:50052
+    R"(  isoscope-coordinator --agent 127.0.0.1:50052 --agent 127.0.0.1:50053
   isoscope-coordinator --agent dns:///isoscope-agents:50052      every address behind the name
-  ISOSCOPE_AGENT="a:50052 b:50052" isoscope-coordinator --listen 0.0.0.0:50051
+  ISOSCOPE_AGENT="a:50052 b:50052" isoscope-coordinator --listen 0.0.0.0:50051 --tokens tokens.json \
+    --tls-cert coordinator.pem --tls-key coordinator.key --tls-ca ca.pem
+  isoscope-coordinator --probe                 whether the one on this machine serves
 )";
 
 // The complaint of CLI11 about an address that no browser opens; empty if it is one.
@@ -53,8 +56,7 @@ void AddFlags(CLI::App* app, Flags* flags) {
                   "repeatable")
       ->type_name("TARGET")
       ->delimiter(' ')  // several in the environment variable
-      ->envname("ISOSCOPE_AGENT")
-      ->required();
+      ->envname("ISOSCOPE_AGENT");
   app->add_option("--max-frame-seconds", flags->max_frame_seconds,
                   "How long a frame may take, whatever its client's deadline")
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
@@ -77,6 +79,23 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->type_name("URL")
       ->check(CheckGatewayAddress)
       ->envname("ISOSCOPE_GATEWAY_ADDRESS");
+  app->add_option("--tokens", flags->token_file,
+                  "Clients' tokens and what they may see (docs/security.md), JSON; read again when "
+                  "it changes")
+      ->type_name("FILE")
+      ->envname("ISOSCOPE_TOKENS");
+}
+
+absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
+  ISOSCOPE_RETURN_IF_ERROR(
+      rpc::CheckListen(server_flags.transport, server_flags.listen_address));
+  if (flags.agents.empty()) {
+    return absl::InvalidArgumentError("--agent is required: name at least one; see --help");
+  }
+  for (const std::string& target : flags.agents) {
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckDial(server_flags.transport, "the agent", target));
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
@@ -93,6 +112,9 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.memory_limit_bytes = flags.memory_limit_bytes;
   options.poll_interval = absl::Seconds(flags.poll_seconds);
   options.gateway_address = flags.gateway_address;
+  options.transport = server_flags.transport;
+  options.token_file = flags.token_file;
+  options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));
   base::LogInfo("coordinator_started",
@@ -109,8 +131,11 @@ int Main(int argc, char** argv) {
       .log_name = "coordinator",
       .summary = "Serves pictures and meshes of isosurfaces, made by partition agents.",
       .examples = kExamples,
-      .defaults = {.listen_address = "0.0.0.0:50051", .max_queued_frames = 32},
+      .defaults = {.listen_address = "127.0.0.1:50051", .max_queued_frames = 32},
+      .dials = true,
       .add_flags = [&](CLI::App* app) { AddFlags(app, &flags); },
+      .check =
+          [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
       .start = [&](const rpc::ServerFlags& server_flags) { return Start(flags, server_flags); }};
   return rpc::RunServerProgram(program, argc, argv);
 }

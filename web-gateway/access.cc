@@ -13,6 +13,7 @@
 #include <openssl/rand.h>
 
 #include "core/base/check.h"
+#include "core/rpc/peer.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -64,6 +65,14 @@ bool Equals(absl::string_view given, absl::string_view token) {
          CRYPTO_memcmp(given.data(), token.data(), token.size()) == 0;
 }
 
+// The token of "Bearer TOKEN"; empty if the header is another one.
+absl::string_view BearerOf(absl::string_view authorization) {
+  constexpr absl::string_view kBearer = "Bearer ";
+  return absl::StartsWithIgnoreCase(authorization, kBearer)
+             ? absl::StripAsciiWhitespace(authorization.substr(kBearer.size()))
+             : absl::string_view();
+}
+
 }  // namespace
 
 absl::StatusOr<std::string> ParseOrigin(absl::string_view text) {
@@ -87,6 +96,22 @@ std::string MakeToken() {
       absl::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
+absl::StatusOr<std::string> AccessRules::UserToken(absl::string_view parameter,
+                                                   absl::string_view authorization) const {
+  if (has_token()) {
+    return std::string();
+  }
+  const absl::string_view token = parameter.empty() ? BearerOf(authorization) : parameter;
+  if (token.empty()) {
+    return std::string();
+  }
+  const absl::Status checked = rpc::CheckTokenText(token);
+  if (!checked.ok()) {
+    return absl::UnauthenticatedError(checked.message());
+  }
+  return std::string(token);
+}
+
 bool AccessRules::IsAllowedOrigin(absl::string_view origin) const {
   const std::string lower = absl::AsciiStrToLower(origin);
   return std::find(options_.allowed_origins.begin(), options_.allowed_origins.end(), lower) !=
@@ -100,7 +125,7 @@ absl::Status AccessRules::CheckSource(absl::string_view origin, absl::string_vie
         "the request comes from a page of ", Quoted(origin), ", and this is ", Quoted(host),
         ": start the gateway with --allow-origin ORIGIN if that page may see its datasets"));
   }
-  if (!options_.listens_on_loopback || has_token()) {
+  if (!options_.listens_on_loopback || asks_token()) {
     return absl::OkStatus();
   }
   const absl::string_view name = HostOf(host);
@@ -124,9 +149,7 @@ absl::Status AccessRules::CheckToken(absl::string_view parameter,
   if (!has_token() || Equals(parameter, options_.token)) {
     return absl::OkStatus();
   }
-  constexpr absl::string_view kBearer = "Bearer ";
-  if (absl::StartsWithIgnoreCase(authorization, kBearer) &&
-      Equals(absl::StripAsciiWhitespace(authorization.substr(kBearer.size())), options_.token)) {
+  if (Equals(BearerOf(authorization), options_.token)) {
     return absl::OkStatus();
   }
   return absl::UnauthenticatedError(

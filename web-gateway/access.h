@@ -8,7 +8,8 @@
 //   gateway
 //            on a loopback address takes only addresses in digits, localhost, and the hosts of
 //            allowed origins, unless it asks for a token.
-//   token    whoever leaves the loopback address asks for it, in each request to /v1/.
+//   token    whoever leaves the loopback address asks for it, in each request to /v1/. It is the
+//            gateway's own, or one that the coordinator knows: then the gateway passes it on.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_ACCESS_H_
 #define ISOSCOPE_WEB_GATEWAY_ACCESS_H_
@@ -33,7 +34,10 @@ bool IsLoopback(absl::string_view host_and_port);
 std::string MakeToken();
 
 struct AccessOptions {
-  std::string token = {};                         // empty: none is asked for
+  std::string token = {};  // the gateway's own; empty: none is asked for
+  // Users show tokens that the coordinator knows. Without an own token those are passed on anyway;
+  // this says that each user has one.
+  bool has_user_tokens = false;
   std::vector<std::string> allowed_origins = {};  // as ParseOrigin returns them
   bool listens_on_loopback = true;
 };
@@ -50,9 +54,16 @@ class AccessRules {
   // header, "Bearer TOKEN".
   [[nodiscard]] absl::Status CheckToken(absl::string_view parameter,
                                         absl::string_view authorization) const;
+  // The token to pass on to the coordinator: empty if the gateway asks for one of its own, or none
+  // is given. UNAUTHENTICATED if it is none that a header may carry.
+  [[nodiscard]] absl::StatusOr<std::string> UserToken(absl::string_view parameter,
+                                                      absl::string_view authorization) const;
   // Whether answers may carry "Access-Control-Allow-Origin: origin".
   [[nodiscard]] bool IsAllowedOrigin(absl::string_view origin) const;
+  // Of its own.
   [[nodiscard]] bool has_token() const { return !options_.token.empty(); }
+  // Whether users must show a token, the gateway's or the coordinator's.
+  [[nodiscard]] bool asks_token() const { return has_token() || options_.has_user_tokens; }
 
  private:
   const AccessOptions options_;

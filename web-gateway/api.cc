@@ -132,7 +132,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
         client_(client),
         pictures_(pictures),
         request_(std::move(request)),
-        cancellation_(std::move(cancellation)),
+        call_{.cancellation = std::move(cancellation), .token = request_.token},
         respond_(std::move(respond)) {}
   ~Exchange() {
     if (is_picture_) {
@@ -210,14 +210,17 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
   void AnswerHealth() {
     client_->GetCapabilities(
-        cancellation_, [self = shared_from_this()](
-                           const absl::StatusOr<v1::GetCapabilitiesResponse>& capabilities) {
+        call_, [self = shared_from_this()](
+                   const absl::StatusOr<v1::GetCapabilitiesResponse>& capabilities) {
           HttpResponse response;
           response.content_type = "text/plain; charset=utf-8";
           response.headers = {{"Cache-Control", "no-store"}};
-          response.status = capabilities.ok() ? 200 : 503;
-          response.body =
-              capabilities.ok() ? "ok\n" : absl::StrCat(capabilities.status().message(), "\n");
+          // A coordinator that asks for the user's token is well, too.
+          const bool is_well =
+              capabilities.ok() ||
+              (self->options_.passes_tokens && absl::IsUnauthenticated(capabilities.status()));
+          response.status = is_well ? 200 : 503;
+          response.body = is_well ? "ok\n" : absl::StrCat(capabilities.status().message(), "\n");
           self->Respond(std::move(response));
         });
   }
@@ -228,11 +231,11 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     } else if (!Takes("GET") || !TakesNoParameters()) {
       return;
     } else if (name == "capabilities") {
-      client_->GetCapabilities(cancellation_, AnswerWithJson<v1::GetCapabilitiesResponse>());
+      client_->GetCapabilities(call_, AnswerWithJson<v1::GetCapabilitiesResponse>());
     } else if (name == "status") {
-      client_->GetClusterStatus(cancellation_, AnswerWithJson<v1::GetClusterStatusResponse>());
+      client_->GetClusterStatus(call_, AnswerWithJson<v1::GetClusterStatusResponse>());
     } else {
-      client_->ListDatasets(cancellation_, AnswerWithJson<v1::ListDatasetsResponse>());
+      client_->ListDatasets(call_, AnswerWithJson<v1::ListDatasetsResponse>());
     }
   }
 
@@ -283,8 +286,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   }
 
   void FindDataset(void (Exchange::*next)()) {
-    client_->ListDatasets(cancellation_, [self = shared_from_this(),
-                                          next](absl::StatusOr<v1::ListDatasetsResponse> list) {
+    client_->ListDatasets(call_, [self = shared_from_this(),
+                                  next](absl::StatusOr<v1::ListDatasetsResponse> list) {
       const absl::Status status = list.ok() ? self->TakeDataset(std::move(*list)) : list.status();
       if (status.ok()) {
         ((*self).*next)();
@@ -338,8 +341,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
     request.set_max_bin_count(count);
     if (TakesNoParameters()) {
-      client_->GetHistogram(std::move(request), cancellation_,
-                            AnswerWithJson<v1::GetHistogramResponse>());
+      client_->GetHistogram(std::move(request), call_, AnswerWithJson<v1::GetHistogramResponse>());
     }
   }
 
@@ -367,8 +369,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       RespondError(status);
       return;
     }
-    client_->PickSurface(std::move(request), cancellation_,
-                         AnswerWithJson<v1::PickSurfaceResponse>());
+    client_->PickSurface(std::move(request), call_, AnswerWithJson<v1::PickSurfaceResponse>());
   }
 
   void RenderPosted() {
@@ -398,7 +399,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
     render_ = *std::move(render);
     client_->GetClusterStatus(
-        cancellation_,
+        call_,
         [self = shared_from_this()](const absl::StatusOr<v1::GetClusterStatusResponse>& cluster) {
           if (cluster.ok()) {
             self->RenderUnlessKnown(RevisionOf(*cluster, self->dataset_));
@@ -415,9 +416,10 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
     const std::string etag =
         MakeEtag({dataset_.dataset_id(), picture_revision, Serialize(render_)});
+    const bool is_private = options_.is_private || !request_.token.empty();
     const std::vector<std::pair<std::string, std::string>> headers = {
         {"ETag", etag},
-        {"Cache-Control", absl::StrCat(options_.is_private ? "private, " : "public, ",
+        {"Cache-Control", absl::StrCat(is_private ? "private, " : "public, ",
                                        is_by_id_ ? "max-age=31536000, immutable" : "no-cache")}};
     if (MatchesEtag(request_.if_none_match, etag)) {
       HttpResponse response;
@@ -431,7 +433,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
   void Render(std::vector<std::pair<std::string, std::string>> headers) {
     client_->Render(
-        render_, cancellation_,
+        render_, call_,
         [self = shared_from_this(),
          headers = std::move(headers)](absl::StatusOr<v1::RenderIsosurfaceResponse> rendered) {
           if (!rendered.ok()) {
@@ -460,7 +462,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       return;
     }
     client_->Export(
-        query->request, cancellation_,
+        query->request, call_,
         [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
           ISOSCOPE_ASSIGN_OR_RETURN(const cli::MeshPiece piece,
                                     self->decoder_->Decode(chunk.surface_index(), chunk.positions(),
@@ -529,7 +531,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   CoordinatorClient* const client_;
   std::atomic<int>* const pictures_;
   HttpRequest request_;
-  const std::shared_ptr<base::Cancellation> cancellation_;
+  const CallOptions call_;
   Api::Respond respond_;
   bool is_picture_ = false;
 

@@ -19,6 +19,8 @@ struct ApiOptions {
   int max_pictures = 16;
   // Whether answers are for one person, so that no shared cache keeps them.
   bool is_private = false;
+  // Whether users' tokens are the coordinator's.
+  bool passes_tokens = false;
 };
 
 // Thread-safe.

@@ -13,6 +13,7 @@
 #include <grpcpp/support/client_callback.h>
 
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/peer.h"
 #include "core/rpc/response_splitter.h"
 
 namespace isoscope::gateway {
@@ -27,9 +28,10 @@ constexpr absl::Duration kHistogramDuration = absl::Seconds(60);
 // What every call has: deadline, cancellation, count.
 class CallBase {
  public:
-  CallBase(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration)
-      : client_(client), cancel_(std::move(cancel)) {
+  CallBase(CoordinatorClient* client, CallOptions call, absl::Duration duration)
+      : client_(client), cancel_(std::move(call.cancellation)) {
     client_->calls()->Add();
+    client_->SendToken(call.token, &context_);
     context_.set_deadline(absl::ToChronoTime(absl::Now() + duration));
     if (cancel_ != nullptr) {
       on_cancel_.emplace(*cancel_, [this] { context_.TryCancel(); });
@@ -55,7 +57,7 @@ class CallBase {
 
  private:
   CoordinatorClient* const client_;
-  const CoordinatorClient::Cancel cancel_;
+  const std::shared_ptr<base::Cancellation> cancel_;
   grpc::ClientContext context_;
   std::optional<base::Cancellation::Callback> on_cancel_;  // ends before the context
 };
@@ -65,9 +67,9 @@ class UnaryCall final : public CallBase {
  public:
   using Done = CoordinatorClient::Done<Response>;
 
-  UnaryCall(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration,
+  UnaryCall(CoordinatorClient* client, CallOptions call_options, absl::Duration duration,
             Request request, Done done)
-      : CallBase(client, std::move(cancel), duration),
+      : CallBase(client, std::move(call_options), duration),
         request_(std::move(request)),
         done_(std::move(done)) {}
 
@@ -99,9 +101,9 @@ class ReadCall final : public CallBase, public grpc::ClientReadReactor<Message> 
   using Visit = std::function<absl::Status(Message*)>;
   using Done = std::function<void(absl::Status)>;
 
-  ReadCall(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration,
+  ReadCall(CoordinatorClient* client, CallOptions call_options, absl::Duration duration,
            Request request, Visit visit, Done done)
-      : CallBase(client, std::move(cancel), duration),
+      : CallBase(client, std::move(call_options), duration),
         request_(std::move(request)),
         visit_(std::move(visit)),
         done_(std::move(done)) {}
@@ -143,11 +145,11 @@ class ReadCall final : public CallBase, public grpc::ClientReadReactor<Message> 
 
 // Starts the unary call `method` of the service that `stub` has.
 template <typename Request, typename Response, typename Async>
-void CallUnary(CoordinatorClient* client, CoordinatorClient::Cancel cancel, absl::Duration duration,
+void CallUnary(CoordinatorClient* client, CallOptions call_options, absl::Duration duration,
                Request request, CoordinatorClient::Done<Response> done, Async* async,
                void (Async::*method)(grpc::ClientContext*, const Request*, Response*,
                                      std::function<void(grpc::Status)>)) {
-  auto* const call = new UnaryCall<Request, Response>(client, std::move(cancel), duration,
+  auto* const call = new UnaryCall<Request, Response>(client, std::move(call_options), duration,
                                                       std::move(request), std::move(done));
   call->Start([&](grpc::ClientContext* context, const Request* sent, Response* received,
                   std::function<void(grpc::Status)> callback) {
@@ -183,6 +185,11 @@ CoordinatorClient::CoordinatorClient(CoordinatorClientOptions options)
 
 CoordinatorClient::~CoordinatorClient() { calls_.AwaitNone(); }
 
+void CoordinatorClient::SendToken(const std::string& user_token,
+                                  grpc::ClientContext* context) const {
+  rpc::SendToken(user_token.empty() ? options_.token : user_token, context);
+}
+
 absl::Status CoordinatorClient::Explain(const absl::Status& status) const {
   if (absl::IsUnavailable(status) && !options_.address.empty() &&
       options_.channel->GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_READY) {
@@ -192,34 +199,38 @@ absl::Status CoordinatorClient::Explain(const absl::Status& status) const {
   return status;
 }
 
-void CoordinatorClient::GetCapabilities(Cancel cancel, Done<v1::GetCapabilitiesResponse> done) {
-  CallUnary(this, std::move(cancel), kQuickDuration, v1::GetCapabilitiesRequest(), std::move(done),
-            cluster_->async(), &v1::ClusterService::Stub::async::GetCapabilities);
+void CoordinatorClient::GetCapabilities(CallOptions call_options,
+                                        Done<v1::GetCapabilitiesResponse> done) {
+  CallUnary(this, std::move(call_options), kQuickDuration, v1::GetCapabilitiesRequest(),
+            std::move(done), cluster_->async(), &v1::ClusterService::Stub::async::GetCapabilities);
 }
 
-void CoordinatorClient::GetClusterStatus(Cancel cancel, Done<v1::GetClusterStatusResponse> done) {
-  CallUnary(this, std::move(cancel), kQuickDuration, v1::GetClusterStatusRequest(), std::move(done),
-            cluster_->async(), &v1::ClusterService::Stub::async::GetClusterStatus);
+void CoordinatorClient::GetClusterStatus(CallOptions call_options,
+                                         Done<v1::GetClusterStatusResponse> done) {
+  CallUnary(this, std::move(call_options), kQuickDuration, v1::GetClusterStatusRequest(),
+            std::move(done), cluster_->async(), &v1::ClusterService::Stub::async::GetClusterStatus);
 }
 
-void CoordinatorClient::ListDatasets(Cancel cancel, Done<v1::ListDatasetsResponse> done) {
-  CallUnary(this, std::move(cancel), kQuickDuration, v1::ListDatasetsRequest(), std::move(done),
-            dataset_->async(), &v1::DatasetService::Stub::async::ListDatasets);
+void CoordinatorClient::ListDatasets(CallOptions call_options,
+                                     Done<v1::ListDatasetsResponse> done) {
+  CallUnary(this, std::move(call_options), kQuickDuration, v1::ListDatasetsRequest(),
+            std::move(done), dataset_->async(), &v1::DatasetService::Stub::async::ListDatasets);
 }
 
-void CoordinatorClient::GetHistogram(v1::GetHistogramRequest request, Cancel cancel,
+void CoordinatorClient::GetHistogram(v1::GetHistogramRequest request, CallOptions call_options,
                                      Done<v1::GetHistogramResponse> done) {
-  CallUnary(this, std::move(cancel), kHistogramDuration, std::move(request), std::move(done),
+  CallUnary(this, std::move(call_options), kHistogramDuration, std::move(request), std::move(done),
             dataset_->async(), &v1::DatasetService::Stub::async::GetHistogram);
 }
 
-void CoordinatorClient::PickSurface(v1::PickSurfaceRequest request, Cancel cancel,
+void CoordinatorClient::PickSurface(v1::PickSurfaceRequest request, CallOptions call_options,
                                     Done<v1::PickSurfaceResponse> done) {
-  CallUnary(this, std::move(cancel), options_.max_duration, std::move(request), std::move(done),
-            isosurface_->async(), &v1::IsosurfaceService::Stub::async::PickSurface);
+  CallUnary(this, std::move(call_options), options_.max_duration, std::move(request),
+            std::move(done), isosurface_->async(),
+            &v1::IsosurfaceService::Stub::async::PickSurface);
 }
 
-void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, Cancel cancel,
+void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions call_options,
                                Done<v1::RenderIsosurfaceResponse> done) {
   v1::RenderIsosurfaceStreamRequest in_parts;
   *in_parts.mutable_request() = std::move(request);
@@ -242,7 +253,7 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, Cancel cance
   };
   auto* const call =
       new ReadCall<v1::RenderIsosurfaceStreamRequest, v1::RenderIsosurfaceStreamResponse>(
-          this, std::move(cancel), options_.max_duration, std::move(in_parts), append,
+          this, std::move(call_options), options_.max_duration, std::move(in_parts), append,
           [whole, done = std::move(done)](const absl::Status& status) {
             if (status.ok()) {
               done(std::move(whole->response));
@@ -257,11 +268,11 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, Cancel cance
 }
 
 void CoordinatorClient::Export(
-    v1::ExportIsosurfaceRequest request, Cancel cancel,
+    v1::ExportIsosurfaceRequest request, CallOptions call_options,
     std::function<absl::Status(const v1::ExportIsosurfaceResponse&)> visit,
     std::function<void(absl::Status)> done) {
   auto* const call = new ReadCall<v1::ExportIsosurfaceRequest, v1::ExportIsosurfaceResponse>(
-      this, std::move(cancel), options_.max_duration, std::move(request),
+      this, std::move(call_options), options_.max_duration, std::move(request),
       [visit = std::move(visit)](v1::ExportIsosurfaceResponse* chunk) { return visit(*chunk); },
       std::move(done));
   call->Start([this](grpc::ClientContext* context, const v1::ExportIsosurfaceRequest* sent,

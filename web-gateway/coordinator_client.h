@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
@@ -37,9 +38,18 @@ class CallCounter {
   int count_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
+// How a call is made.
+struct CallOptions {
+  // Ends the call early; null: nothing does.
+  std::shared_ptr<base::Cancellation> cancellation = nullptr;
+  // What the user of the call has shown; empty: the token of the client's own, if it has one.
+  std::string token = {};
+};
+
 struct CoordinatorClientOptions {
   std::shared_ptr<grpc::Channel> channel;
   std::string address = {};                              // for messages; empty: in this process
+  std::string token = {};                                // of calls without one; empty: none
   absl::Duration max_duration = absl::Minutes(5);        // of a picture, a pick, a mesh
   std::size_t max_picture_bytes = std::size_t{1} << 28;  // of a picture with its planes
 };
@@ -50,25 +60,24 @@ class CoordinatorClient {
  public:
   template <typename Response>
   using Done = std::function<void(absl::StatusOr<Response>)>;
-  using Cancel = std::shared_ptr<base::Cancellation>;
 
   explicit CoordinatorClient(CoordinatorClientOptions options);
   // Waits until all calls have ended.
   ~CoordinatorClient();
 
-  void GetCapabilities(Cancel cancel, Done<isoscope::v1::GetCapabilitiesResponse> done);
-  void GetClusterStatus(Cancel cancel, Done<isoscope::v1::GetClusterStatusResponse> done);
-  void ListDatasets(Cancel cancel, Done<isoscope::v1::ListDatasetsResponse> done);
-  void GetHistogram(isoscope::v1::GetHistogramRequest request, Cancel cancel,
+  void GetCapabilities(CallOptions call, Done<isoscope::v1::GetCapabilitiesResponse> done);
+  void GetClusterStatus(CallOptions call, Done<isoscope::v1::GetClusterStatusResponse> done);
+  void ListDatasets(CallOptions call, Done<isoscope::v1::ListDatasetsResponse> done);
+  void GetHistogram(isoscope::v1::GetHistogramRequest request, CallOptions call,
                     Done<isoscope::v1::GetHistogramResponse> done);
-  void PickSurface(isoscope::v1::PickSurfaceRequest request, Cancel cancel,
+  void PickSurface(isoscope::v1::PickSurfaceRequest request, CallOptions call,
                    Done<isoscope::v1::PickSurfaceResponse> done);
   // RenderIsosurfaceStream, put together. RESOURCE_EXHAUSTED above max_picture_bytes.
-  void Render(isoscope::v1::RenderIsosurfaceRequest request, Cancel cancel,
+  void Render(isoscope::v1::RenderIsosurfaceRequest request, CallOptions call,
               Done<isoscope::v1::RenderIsosurfaceResponse> done);
   // Gives each chunk to `visit`, in order, one at a time; its error ends the call and is the
   // result.
-  void Export(isoscope::v1::ExportIsosurfaceRequest request, Cancel cancel,
+  void Export(isoscope::v1::ExportIsosurfaceRequest request, CallOptions call,
               std::function<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
               std::function<void(absl::Status)> done);
 
@@ -77,6 +86,8 @@ class CoordinatorClient {
   CallCounter* calls() { return &calls_; }
   // Waits until all calls have ended.
   void AwaitCalls() { calls_.AwaitNone(); }
+  // Gives a call its token: the user's, or the client's own.
+  void SendToken(const std::string& user_token, grpc::ClientContext* context) const;
   // The error of a call, with the address where nobody answers.
   [[nodiscard]] absl::Status Explain(const absl::Status& status) const;
 

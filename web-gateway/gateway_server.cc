@@ -27,6 +27,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "web-gateway/http_session.h"
+#include "web-gateway/tls_context.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -52,14 +53,16 @@ class GatewayServerImpl final : public GatewayServer {
       : connections_(options.limits.max_connections),
         client_({.channel = options.channel,
                  .address = options.coordinator_address,
+                 .token = options.coordinator_token,
                  .max_duration = options.limits.max_picture_duration}),
-        api_({.max_pictures = options.limits.max_pictures,
-              .is_private = !options.access.token.empty()},
-             &client_),
         parts_{.limits = options.limits,
                .access = AccessRules(AccessFor(options)),
                .client = &client_,
                .api = &api_},
+        api_({.max_pictures = options.limits.max_pictures,
+              .is_private = parts_.access.asks_token(),
+              .passes_tokens = !parts_.access.has_token()},
+             &client_),
         work_(asio::make_work_guard(io_)),
         acceptor_(asio::make_strand(io_)),
         accept_timer_(acceptor_.get_executor()) {}
@@ -74,6 +77,9 @@ class GatewayServerImpl final : public GatewayServer {
   }
 
   absl::Status Listen(const GatewayOptions& options) {
+    if (!options.certificate_file.empty()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(tls_, TlsContext::Make(options.certificate_file, options.key_file));
+    }
     // The resolver would take 99999 for another port.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
                               cli::ParseHostPort(options.listen_address));
@@ -162,8 +168,12 @@ class GatewayServerImpl final : public GatewayServer {
     socket.set_option(tcp::no_delay(true), ignored);
     std::shared_ptr<Connections::Lease> lease = connections_.TryAdd();
     if (lease != nullptr) {
-      ServeHttp(std::move(socket), &parts_, std::move(lease));
+      ServeHttp(PeerStream(std::move(socket), tls_ == nullptr ? nullptr : tls_->Get(absl::Now())),
+                &parts_, std::move(lease));
       return;
+    }
+    if (tls_ != nullptr) {
+      return;  // an answer would cost a handshake
     }
     // The buffer of a new socket has room for this.
     socket.non_blocking(true, ignored);
@@ -173,8 +183,9 @@ class GatewayServerImpl final : public GatewayServer {
 
   Connections connections_;
   CoordinatorClient client_;
-  Api api_;
   GatewayParts parts_;
+  Api api_;
+  std::unique_ptr<TlsContext> tls_;  // null: http. Used on the acceptor's strand
   asio::io_context io_;
   asio::executor_work_guard<asio::io_context::executor_type> work_;
   tcp::acceptor acceptor_;
@@ -191,14 +202,16 @@ absl::StatusOr<std::unique_ptr<GatewayServer>> GatewayServer::Start(const Gatewa
   return server;
 }
 
-std::string PageAddress(const std::string& listen_address, int port, const std::string& token) {
+std::string PageAddress(const std::string& listen_address, int port, const std::string& token,
+                        bool has_tls) {
   std::string host = listen_address.substr(0, listen_address.rfind(':'));
   if (host == "0.0.0.0" || host == "[::]") {
     constexpr std::size_t kMaxNameBytes = 256;
     std::array<char, kMaxNameBytes> name{};
     host = gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "localhost";
   }
-  return absl::StrCat("http://", host, ":", port, "/", token.empty() ? "" : "?token=", token);
+  return absl::StrCat(has_tls ? "https://" : "http://", host, ":", port, "/",
+                      token.empty() ? "" : "?token=", token);
 }
 
 }  // namespace isoscope::gateway

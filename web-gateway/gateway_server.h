@@ -32,8 +32,12 @@ struct GatewayLimits {
 struct GatewayOptions {
   std::shared_ptr<grpc::Channel> channel;         // to the coordinator
   std::string coordinator_address = {};           // for messages; empty: in this process
+  std::string coordinator_token = {};             // of calls whose user has none; empty: none
   std::string listen_address = "127.0.0.1:8080";  // "HOST:PORT"; port 0 takes a free one
-  AccessOptions access = {};                      // listens_on_loopback is set from the address
+  // The certificate for https and wss, and its key, PEM; empty: http. Read again when they change.
+  std::string certificate_file = {};
+  std::string key_file = {};
+  AccessOptions access = {};  // listens_on_loopback is set from the address
   GatewayLimits limits = {};
   int thread_count = 2;
 };
@@ -41,7 +45,8 @@ struct GatewayOptions {
 // Thread-safe.
 class GatewayServer {
  public:
-  // UNAVAILABLE: the address can't be bound. The coordinator need not be there yet.
+  // INVALID_ARGUMENT: the certificate can't be used. UNAVAILABLE: the address can't be bound. The
+  // coordinator need not be there yet.
   static absl::StatusOr<std::unique_ptr<GatewayServer>> Start(const GatewayOptions& options);
   // Calls Shutdown without grace.
   virtual ~GatewayServer() = default;
@@ -52,9 +57,11 @@ class GatewayServer {
   virtual void Shutdown(absl::Duration grace) = 0;
 };
 
-// The address of the page for people: "http://HOST:PORT/", with this machine's name in place of an
-// address that stands for all of its own, and with "?token=..." if there is one.
-std::string PageAddress(const std::string& listen_address, int port, const std::string& token);
+// The address of the page for people: "http://HOST:PORT/" (https: with TLS), with this machine's
+// name in place of an address that stands for all of its own, and with "?token=..." if there is
+// one.
+std::string PageAddress(const std::string& listen_address, int port, const std::string& token,
+                        bool has_tls);
 
 }  // namespace isoscope::gateway
 

@@ -17,6 +17,7 @@ namespace isoscope::gateway {
 struct HttpRequest {
   std::string method = "GET";  // GET (also for HEAD) or POST
   Target target = {};          // without the token
+  std::string token = {};      // for the coordinator; empty: none
   std::string if_none_match = {};
   std::string body = {};
 };

@@ -11,9 +11,8 @@
 
 #include "web-gateway/http_session.h"
 
-#include <unistd.h>
+#include <poll.h>
 
-#include <cerrno>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -26,6 +25,7 @@
 #include "absl/time/clock.h"
 #include <boost/asio/dispatch.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/file_body.hpp>
@@ -34,7 +34,6 @@
 #include <boost/beast/http/serializer.hpp>
 #include <boost/beast/http/write.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
-#include <sys/socket.h>
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
@@ -51,14 +50,19 @@ using boost::system::error_code;
 constexpr std::uint32_t kMaxHeaderBytes = 16 * 1024;
 constexpr std::uint64_t kMaxBodyBytes = 1024 * 1024;
 // Rest of a request that was refused, so long.
-constexpr int kDrainSeconds = 1;
+constexpr absl::Duration kDrainTime = absl::Seconds(1);
+// Between two looks at a TLS client that has sent something while its answer is in work.
+constexpr std::chrono::milliseconds kWatchPause{200};
 
 absl::string_view View(boost::string_view text) { return {text.data(), text.size()}; }
 
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
  public:
-  HttpSession(tcp::socket socket, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease)
-      : parts_(parts), lease_(std::move(lease)), stream_(std::move(socket)) {}
+  HttpSession(PeerStream stream, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease)
+      : parts_(parts),
+        lease_(std::move(lease)),
+        stream_(std::move(stream)),
+        watch_timer_(stream_.get_executor()) {}
 
   void Run() {
     boost::asio::dispatch(stream_.get_executor(), [self = shared_from_this()] {
@@ -68,7 +72,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
                             [session, at_once] { session->End(at_once); });
         }
       });
-      self->Read(self->parts_->limits.request_timeout);
+      self->Begin();
     });
   }
 
@@ -81,9 +85,30 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     if (at_once && cancellation_ != nullptr) {
       cancellation_->Cancel();
     }
-    if (at_once || is_reading_) {
-      stream_.close();
+    if ((at_once || is_reading_) && !is_upgraded_) {
+      stream_.next_layer().close();
     }
+  }
+
+  tcp::socket& socket() { return stream_.next_layer().socket(); }
+  void ExpireAfter(absl::Duration timeout) {
+    stream_.next_layer().expires_after(absl::ToChronoMilliseconds(timeout));
+  }
+
+  void Begin() {
+    if (!stream_.has_tls()) {
+      Read(parts_->limits.request_timeout);
+      return;
+    }
+    ExpireAfter(parts_->limits.request_timeout);
+    is_reading_ = true;
+    stream_.AsyncHandshake([self = shared_from_this()](error_code error) {
+      if (error) {
+        self->Close();  // somebody who speaks no TLS, or does not know our authority
+      } else {
+        self->Read(self->parts_->limits.request_timeout);
+      }
+    });
   }
 
   void Read(absl::Duration timeout) {
@@ -95,7 +120,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     parser_->header_limit(kMaxHeaderBytes);
     parser_->body_limit(kMaxBodyBytes);
     is_reading_ = true;
-    stream_.expires_after(absl::ToChronoMilliseconds(timeout));
+    ExpireAfter(timeout);
     http::async_read_header(
         stream_, buffer_, *parser_,
         [self = shared_from_this()](error_code error, std::size_t) { self->OnHeader(error); });
@@ -111,7 +136,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
       Upgrade();
       return;
     }
-    stream_.expires_after(absl::ToChronoMilliseconds(parts_->limits.request_timeout));
+    ExpireAfter(parts_->limits.request_timeout);
     http::async_read(stream_, buffer_, *parser_,
                      [self = shared_from_this()](error_code body_error, std::size_t) {
                        if (body_error) {
@@ -147,13 +172,16 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     return absl::StrCat(View(parser_->get()[name]));
   }
 
-  // Checks who asks. Returns the target without its token.
+  // Checks who asks. Returns the target without its token, and keeps that for the coordinator.
   absl::StatusOr<Target> Admit() {
+    user_token_.clear();
     ISOSCOPE_ASSIGN_OR_RETURN(Target target, ParseTarget(View(parser_->get().target())));
     const std::string token = target.TakeParameter("token");
     ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckSource(origin_, Field(http::field::host)));
     if (!target.segments.empty() && target.segments[0] == "v1") {
-      ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckToken(token, Field(http::field::authorization)));
+      const std::string authorization = Field(http::field::authorization);
+      ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckToken(token, authorization));
+      ISOSCOPE_ASSIGN_OR_RETURN(user_token_, parts_->access.UserToken(token, authorization));
     }
     return target;
   }
@@ -184,11 +212,12 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     HttpRequest request{
         .method = is_head_ ? "GET" : absl::StrCat(View(parser_->get().method_string())),
         .target = *std::move(target),
+        .token = user_token_,
         .if_none_match = Field(http::field::if_none_match),
         .body = std::move(parser_->get().body())};
     cancellation_ = std::make_shared<base::Cancellation>();
     // A client may wait for long, and says nothing meanwhile.
-    stream_.expires_never();
+    stream_.next_layer().expires_never();
     WatchClient();
     parts_->api->Answer(std::move(request), cancellation_,
                         [self = shared_from_this()](HttpResponse response) {
@@ -201,25 +230,40 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
   // Cancels the work for a client that leaves before its answer.
   void WatchClient() {
-    stream_.socket().async_wait(
-        tcp::socket::wait_read,
+    socket().async_wait(tcp::socket::wait_read, [self = shared_from_this(),
+                                                 cancellation = cancellation_](error_code error) {
+      if (error || cancellation != self->cancellation_) {
+        return;
+      }
+      if (self->HasLeft()) {
+        cancellation->Cancel();
+      } else if (self->stream_.has_tls()) {
+        self->WatchLater();
+      }
+    });
+  }
+
+  // A TLS client says goodbye before it leaves, which can't be told from a next request here.
+  void WatchLater() {
+    watch_timer_.expires_after(kWatchPause);
+    watch_timer_.async_wait(
         [self = shared_from_this(), cancellation = cancellation_](error_code error) {
-          if (error || cancellation != self->cancellation_) {
-            return;
-          }
-          char byte = 0;
-          const ssize_t count =
-              recv(self->stream_.socket().native_handle(), &byte, 1, MSG_PEEK | MSG_DONTWAIT);
-          if (count == 0 || (count < 0 && errno != EAGAIN && errno != EINTR)) {
-            cancellation->Cancel();
+          if (!error && cancellation == self->cancellation_) {
+            self->WatchClient();
           }
         });
+  }
+
+  bool HasLeft() {
+    pollfd watched{.fd = socket().native_handle(), .events = POLLRDHUP, .revents = 0};
+    return poll(&watched, 1, 0) == 1 && (watched.revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0;
   }
 
   void OnAnswer(HttpResponse response) {
     cancellation_ = nullptr;
     error_code ignored;
-    stream_.socket().cancel(ignored);  // the watch
+    socket().cancel(ignored);  // the watch
+    watch_timer_.cancel();
     WriteResponse(std::move(response));
   }
 
@@ -234,7 +278,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
           "there is no WebSocket at this address: it is /v1/interact, without parameters but "
           "token")));
     } else {
-      ServeWebSocket(std::move(stream_), parser_->release(), parts_, std::move(lease_));
+      is_upgraded_ = true;
+      ServeWebSocket(std::move(stream_), user_token_, parser_->release(), parts_,
+                     std::move(lease_));
     }
   }
 
@@ -333,7 +379,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   // Each piece has its own time-out: a long answer may take long, a reader that stalls may not.
   template <typename Body>
   void WriteNext(std::shared_ptr<Outgoing<Body>> outgoing) {
-    stream_.expires_after(absl::ToChronoMilliseconds(parts_->limits.write_timeout));
+    ExpireAfter(parts_->limits.write_timeout);
     http::async_write_some(stream_, outgoing->serializer,
                            [self = shared_from_this(), outgoing](error_code error, std::size_t) {
                              if (error) {
@@ -351,9 +397,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   // Tells the peer that no more comes; the socket closes with this session.
   void Close() {
     error_code ignored;
-    stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+    socket().shutdown(tcp::socket::shutdown_send, ignored);
     if (has_unread_bytes_) {
-      stream_.expires_after(std::chrono::seconds(kDrainSeconds));
+      ExpireAfter(kDrainTime);
       Drain();
     } else {
       lease_ = nullptr;
@@ -376,22 +422,25 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
   GatewayParts* const parts_;
   std::shared_ptr<Connections::Lease> lease_;
-  beast::tcp_stream stream_;
+  PeerStream stream_;
+  boost::asio::steady_timer watch_timer_;
   beast::flat_buffer buffer_{kMaxHeaderBytes + kMaxBodyBytes};
   std::optional<Parser> parser_;
   std::shared_ptr<base::Cancellation> cancellation_;  // of the answer in work
   std::string origin_;
+  std::string user_token_;  // of the request in work
   absl::Time started_ = absl::Now();
   bool is_head_ = false;
   bool is_reading_ = false;
   bool has_unread_bytes_ = false;
-  bool is_ending_ = false;  // no further request is read
+  bool is_upgraded_ = false;  // stream_ belongs to a WebSocket
+  bool is_ending_ = false;    // no further request is read
 };
 
 }  // namespace
 
-void ServeHttp(tcp::socket socket, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease) {
-  std::make_shared<HttpSession>(std::move(socket), parts, std::move(lease))->Run();
+void ServeHttp(PeerStream stream, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease) {
+  std::make_shared<HttpSession>(std::move(stream), parts, std::move(lease))->Run();
 }
 
 }  // namespace isoscope::gateway

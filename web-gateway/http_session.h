@@ -4,9 +4,9 @@
 #define ISOSCOPE_WEB_GATEWAY_HTTP_SESSION_H_
 
 #include <memory>
+#include <string>
 
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http/message.hpp>
 #include <boost/beast/http/string_body.hpp>
 
@@ -15,6 +15,7 @@
 #include "web-gateway/connections.h"
 #include "web-gateway/coordinator_client.h"
 #include "web-gateway/gateway_server.h"
+#include "web-gateway/peer_stream.h"
 
 namespace isoscope::gateway {
 
@@ -26,12 +27,12 @@ struct GatewayParts {
   Api* api = nullptr;
 };
 
-// Serves a connection until its end. `socket` has a strand of its own.
-void ServeHttp(boost::asio::ip::tcp::socket socket, GatewayParts* parts,
-               std::shared_ptr<Connections::Lease> lease);
+// Serves a connection until its end. `stream` has a strand of its own.
+void ServeHttp(PeerStream stream, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease);
 
-// Serves a WebSocket of /v1/interact. `upgrade`: the request that asks for it, checked.
-void ServeWebSocket(boost::beast::tcp_stream stream,
+// Serves a WebSocket of /v1/interact. `upgrade`: the request that asks for it, checked. `token`:
+// the user's, for the coordinator; empty: none.
+void ServeWebSocket(PeerStream stream, std::string token,
                     boost::beast::http::request<boost::beast::http::string_body> upgrade,
                     GatewayParts* parts, std::shared_ptr<Connections::Lease> lease);
 

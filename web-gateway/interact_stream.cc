@@ -14,6 +14,7 @@ namespace isoscope::gateway {
 namespace v1 = isoscope::v1;
 
 std::shared_ptr<InteractStream> InteractStream::Open(CoordinatorClient* client,
+                                                     const std::string& token,
                                                      OnResponse on_response, OnEnd on_end) {
   CallCounter* const calls = client->calls();
   calls->Add();
@@ -25,6 +26,7 @@ std::shared_ptr<InteractStream> InteractStream::Open(CoordinatorClient* client,
         calls->Remove();
       });
   stream->self_ = stream;
+  client->SendToken(token, &stream->context_);
   client->interact()->async()->Interact(&stream->context_, stream.get());
   stream->AddHold();
   stream->StartRead(&stream->incoming_);

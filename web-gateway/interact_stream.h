@@ -33,9 +33,10 @@ class InteractStream final : private grpc::ClientBidiReactor<isoscope::v1::Inter
   // The most reports that wait to be sent; more end the stream with INVALID_ARGUMENT.
   static constexpr std::size_t kMaxWaitingReports = 256;
 
-  // Opens the stream at once. `client` outlives it and all of its calls.
-  static std::shared_ptr<InteractStream> Open(CoordinatorClient* client, OnResponse on_response,
-                                              OnEnd on_end);
+  // Opens the stream at once. `client` outlives it and all of its calls. `token`: the user's, or
+  // empty.
+  static std::shared_ptr<InteractStream> Open(CoordinatorClient* client, const std::string& token,
+                                              OnResponse on_response, OnEnd on_end);
 
   // Queues a message. Does nothing once the stream has ended.
   void Send(isoscope::v1::InteractRequest request) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -25,7 +25,9 @@
 #include "client-cli/no_surface.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/session.h"
+#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/transport.h"
 #include "web-gateway/gateway_server.h"
 #include "web-gateway/url.h"
 
@@ -75,9 +77,23 @@ void OpenBrowser(const std::string& address) {
   posix_spawn_file_actions_destroy(&actions);
 }
 
+// With a certificate the page is on https; without one it stays on this machine, or --insecure is
+// said.
+absl::Status CheckListen(const ViewFlags& flags) {
+  const rpc::TransportFlags& transport = flags.session.connection.transport;
+  if (!transport.certificate_file.empty()) {
+    return absl::OkStatus();
+  }
+  const absl::Status status = rpc::CheckListen({.is_insecure = transport.is_insecure},
+                                               flags.listen_address.value_or(kFirstAddress));
+  return status.ok() ? status : cli::UsageError(status.message());
+}
+
 absl::StatusOr<std::unique_ptr<GatewayServer>> StartGateway(const ViewFlags& flags,
                                                             GatewayOptions* options) {
   options->listen_address = flags.listen_address.value_or(kFirstAddress);
+  options->certificate_file = flags.session.connection.transport.certificate_file;
+  options->key_file = flags.session.connection.transport.key_file;
   if (!IsLoopback(options->listen_address)) {
     options->access.token = MakeToken();
   }
@@ -105,6 +121,7 @@ absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset&
 
 absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(CheckListen(flags));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<cli::Session> session,
                             cli::Session::Open(flags.session, view::kCommonViewport, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -115,6 +132,7 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   GatewayOptions options;
   options.channel = session->channel();
   options.coordinator_address = flags.session.server.value_or("");
+  options.coordinator_token = session->token();
   if (session->timeout() < absl::InfiniteDuration()) {
     options.limits.max_picture_duration = session->timeout();
   }
@@ -123,7 +141,8 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   // Without the token: it is for those who are told.
   session->SetGatewayAddress(PageAddress(options.listen_address, server->port(), /*token=*/""));
   const std::string address =
-      ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token),
+      ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token,
+                              !options.certificate_file.empty()),
                   dataset.name(), isovalue);
   *context.out << address << std::endl;
   if (context.err_is_terminal) {

@@ -59,9 +59,10 @@ absl::string_view CutText(absl::string_view text, std::size_t max_bytes) {
 
 class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
  public:
-  WebSocketSession(beast::tcp_stream stream, GatewayParts* parts,
+  WebSocketSession(PeerStream stream, std::string token, GatewayParts* parts,
                    std::shared_ptr<Connections::Lease> lease)
       : parts_(parts),
+        token_(std::move(token)),
         lease_(std::move(lease)),
         socket_(std::move(stream)),
         timer_(socket_.get_executor()) {}
@@ -95,7 +96,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     base::LogInfo("viewer_connected");
     is_open_ = true;
     stream_ = InteractStream::Open(
-        parts_->client,
+        parts_->client, token_,
         [self = shared_from_this()](v1::InteractResponse response) {
           const std::int64_t number = response.frame_number();
           FrameSlot::Frame frame{.frame_number = number, .bytes = EncodeFrame(std::move(response))};
@@ -198,7 +199,8 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
   void OnStreamEnd(const absl::Status& status) {
     if (status.ok()) {
       Close(websocket::close_code::internal_error, "the coordinator has ended the stream");
-    } else if (absl::IsInvalidArgument(status)) {
+    } else if (absl::IsInvalidArgument(status) || absl::IsUnauthenticated(status) ||
+               absl::IsPermissionDenied(status)) {
       Close(websocket::close_code::policy_error, status.message());
     } else {
       Close(websocket::close_code::internal_error, status.message());
@@ -245,8 +247,9 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
   }
 
   GatewayParts* const parts_;
+  const std::string token_;
   std::shared_ptr<Connections::Lease> lease_;
-  websocket::stream<beast::tcp_stream> socket_;
+  websocket::stream<PeerStream> socket_;
   boost::asio::steady_timer timer_;  // of the write, or of the close
   std::shared_ptr<InteractStream> stream_;
   beast::flat_buffer incoming_;
@@ -261,11 +264,11 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
 
 }  // namespace
 
-void ServeWebSocket(beast::tcp_stream stream, http::request<http::string_body> upgrade,
+void ServeWebSocket(PeerStream stream, std::string token, http::request<http::string_body> upgrade,
                     GatewayParts* parts, std::shared_ptr<Connections::Lease> lease) {
   const auto request = std::make_shared<http::request<http::string_body>>(std::move(upgrade));
-  const auto session =
-      std::make_shared<WebSocketSession>(std::move(stream), parts, std::move(lease));
+  const auto session = std::make_shared<WebSocketSession>(std::move(stream), std::move(token),
+                                                          parts, std::move(lease));
   session->Run(*request);
 }
 

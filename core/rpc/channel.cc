@@ -22,6 +22,14 @@ constexpr int kConnectTimeoutMs = 5'000;
 // Servers allow pings twice as often as our clients send them, because clocks and queues jitter.
 constexpr int kMinPingIntervalMs = kKeepaliveTimeMs / 2;
 
+// Limits of what a peer may hold. Our status messages and tokens fit the metadata; a gateway puts
+// the streams of all its viewers on one connection.
+constexpr int kMaxMetadataBytes = 8 * 1024;
+constexpr int kMaxStreamsOfConnection = 512;
+constexpr int kMaxIdleMs = 10 * 60 * 1000;
+constexpr int kHandshakeTimeoutMs = 10'000;
+constexpr int kMaxPingStrikes = 2;
+
 // Sets sizes for messages of up to 1 MiB. gRPC would begin with windows of 64 KiB and frames of 16
 // KiB, and read 8 KiB at a time. It widens them over time, which is too late for the first frame.
 template <typename SetFn>
@@ -31,6 +39,17 @@ void SetTransferSizes(const SetFn& set) {
   set(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, kMessageBytes);
   set(GRPC_ARG_TCP_READ_CHUNK_SIZE, kMessageBytes / 4);
   set(GRPC_ARG_TCP_MIN_READ_CHUNK_SIZE, kMessageBytes / 16);
+}
+
+std::shared_ptr<grpc::Channel> Dial(const std::string& target, const Dialing& dialing,
+                                    grpc::ChannelArguments arguments) {
+  if (dialing.credentials == nullptr) {
+    return grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(), arguments);
+  }
+  if (!dialing.server_name.empty()) {
+    arguments.SetSslTargetNameOverride(dialing.server_name);
+  }
+  return grpc::CreateCustomChannel(target, dialing.credentials, arguments);
 }
 
 }  // namespace
@@ -53,27 +72,29 @@ grpc::ChannelArguments MakeChannelArguments() {
   return arguments;
 }
 
-std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target) {
-  return grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(),
-                                   MakeChannelArguments());
+std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dialing& dialing) {
+  return Dial(target, dialing, MakeChannelArguments());
 }
 
-std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target) {
+std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
+                                                const Dialing& dialing) {
   grpc::ChannelArguments arguments = MakeChannelArguments();
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  return grpc::CreateCustomChannel(target, grpc::InsecureChannelCredentials(), arguments);
+  return Dial(target, dialing, std::move(arguments));
 }
 
-void EnableServerPlugins() {
+void EnableServerPlugins(bool has_reflection) {
   static std::once_flag once;
-  std::call_once(once, [] {
+  std::call_once(once, [has_reflection] {
     grpc::EnableDefaultHealthCheckService(true);
-    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    if (has_reflection) {
+      grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    }
   });
 }
 
-void ConfigureServer(grpc::ServerBuilder* builder) {
-  builder->SetMaxReceiveMessageSize(kMaxMessageBytes);
+void ConfigureServer(grpc::ServerBuilder* builder, int max_request_bytes) {
+  builder->SetMaxReceiveMessageSize(max_request_bytes);
   builder->SetMaxSendMessageSize(kMaxMessageBytes);
   builder->AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveTimeMs);
   builder->AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveTimeoutMs);
@@ -81,16 +102,24 @@ void ConfigureServer(grpc::ServerBuilder* builder) {
   builder->AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS,
                               kMinPingIntervalMs);
   builder->AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+  builder->AddChannelArgument(GRPC_ARG_HTTP2_MAX_PING_STRIKES, kMaxPingStrikes);
+  builder->AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
+  builder->AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxStreamsOfConnection);
+  builder->AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kMaxIdleMs);
+  builder->AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeTimeoutMs);
   // Two servers on one port would take turns. With 0 the second one fails to start.
   builder->AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
   SetTransferSizes([&](const char* name, int bytes) { builder->AddChannelArgument(name, bytes); });
 }
 
-absl::StatusOr<RunningServer> StartServer(grpc::ServerBuilder* builder,
-                                          const std::string& listen_address) {
+absl::StatusOr<RunningServer> StartServer(
+    grpc::ServerBuilder* builder, const std::string& listen_address,
+    const std::shared_ptr<grpc::ServerCredentials>& credentials) {
   RunningServer running;
   if (!listen_address.empty()) {
-    builder->AddListeningPort(listen_address, grpc::InsecureServerCredentials(), &running.port);
+    builder->AddListeningPort(
+        listen_address, credentials == nullptr ? grpc::InsecureServerCredentials() : credentials,
+        &running.port);
   }
   running.server = builder->BuildAndStart();
   if (running.server == nullptr || (!listen_address.empty() && running.port == 0)) {

@@ -1,4 +1,4 @@
-// Makes all channels and servers alike: message limits, keepalive, reconnect back-off.
+// Makes all channels and servers alike: TLS, message limits, keepalive, reconnect back-off.
 //
 // A client with a call in work pings after 10 s of silence, and gives the connection up 5 s later.
 // So it notices within 15 s that a machine has vanished. Servers do the same. They allow a ping
@@ -19,26 +19,32 @@
 #include <grpcpp/support/channel_arguments.h>
 
 #include "core/base/units.h"
+#include "core/rpc/transport.h"
 
 namespace isoscope::rpc {
 
-// The largest message sent or received: a PNG of the largest viewport, a band of pixels
-// (composite::kMaxBandBytes), the active blocks of a shard. Reported by GetCapabilities.
+// The largest message that our clients and agents take, and that anybody sends: a PNG of the
+// largest viewport, a band of pixels (composite::kMaxBandBytes), the active blocks of a shard.
+// Reported by GetCapabilities.
 inline constexpr int kMaxMessageBytes = 256 * base::kMiB;
+// The largest request that a public service takes. The largest one that is valid, a pick of all the
+// pixels that one call may have, has less than a tenth of it.
+inline constexpr int kMaxPublicRequestBytes = base::kMiB;
 
 // Keepalive, limits, reconnect back-off of 50 ms to 1 s; never a proxy.
 grpc::ChannelArguments MakeChannelArguments();
-// An insecure channel to any gRPC target.
-std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target);
+// A channel to any gRPC target.
+std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dialing& dialing = {});
 // Does the same on a connection of its own, which dials at once, even if earlier channels to the
 // target have failed.
-std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target);
+std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
+                                                const Dialing& dialing = {});
 
-// Switches on health and reflection for all servers built later. Call before a ServerBuilder is
-// made. Thread-safe; any number of times.
-void EnableServerPlugins();
-// Sets the same limits for a server.
-void ConfigureServer(grpc::ServerBuilder* builder);
+// Switches on health, and reflection if wanted, for all servers built later. Call before a
+// ServerBuilder is made. Thread-safe; any number of times, of which the first decides.
+void EnableServerPlugins(bool has_reflection = true);
+// Sets the limits of a server. `max_request_bytes`: of one message that it takes.
+void ConfigureServer(grpc::ServerBuilder* builder, int max_request_bytes = kMaxMessageBytes);
 
 // A server that was started, and the port it is bound to (0: none, in-process channels only).
 struct RunningServer {
@@ -46,9 +52,10 @@ struct RunningServer {
   int port = 0;
 };
 // Starts `builder` on `listen_address` ("HOST:PORT", port 0 takes a free one; empty: no port).
-// UNAVAILABLE if the address can't be bound.
-absl::StatusOr<RunningServer> StartServer(grpc::ServerBuilder* builder,
-                                          const std::string& listen_address);
+// `credentials`: null for plaintext. UNAVAILABLE if the address can't be bound.
+absl::StatusOr<RunningServer> StartServer(
+    grpc::ServerBuilder* builder, const std::string& listen_address,
+    const std::shared_ptr<grpc::ServerCredentials>& credentials = nullptr);
 
 // Returns the deadline of a call; InfiniteFuture if it has none.
 absl::Time DeadlineOf(const grpc::ServerContextBase& context);

@@ -8,6 +8,8 @@
 #include "absl/strings/string_view.h"
 #include <CLI/CLI.hpp>
 
+#include "core/rpc/transport.h"
+
 namespace isoscope::rpc {
 
 struct ServerFlags {
@@ -16,11 +18,20 @@ struct ServerFlags {
   int max_queued_frames = 0;
   double drain_seconds = 30;
   std::string log_level = "info";  // "debug", "info", "warning", "error" or "off"
+  TransportFlags transport = {};
+  bool has_reflection = true;       // --reflection; programs without gRPC servers ignore it
+  bool is_probe = false;            // --probe: ask a server whether it serves, and end
+  std::string probe_address = {};   // of --probe; empty: listen_address
 };
 
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
-// the parsing. has_frame_flags: whether the program has the two limits of frames.
-void AddServerFlags(CLI::App* app, ServerFlags* flags, bool has_frame_flags);
+// the parsing. is_grpc_server: whether the program has the two limits of frames, and reflection.
+// dials: whether it is a client of other servers.
+void AddServerFlags(CLI::App* app, ServerFlags* flags, bool is_grpc_server, bool dials);
+
+// Adds --tls-cert, --tls-key, --tls-ca and --insecure, for commands that are servers, too.
+// `has_server_name`: and --tls-server-name, for those that dial others.
+void AddTransportFlags(CLI::App* app, TransportFlags* flags, bool has_server_name);
 
 // Returns `listen_address` with the bound port instead of its own, for a log line.
 std::string BoundAddress(absl::string_view listen_address, int port);

@@ -13,6 +13,8 @@
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/rpc/health_probe.h"
+#include "core/rpc/transport.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -20,6 +22,8 @@ namespace {
 constexpr int kDone = 0;
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
+// A server that takes longer is not well.
+constexpr absl::Duration kProbeTimeout = absl::Seconds(4);
 
 // Silences gRPC's own log lines, unless GRPC_VERBOSITY asks for them. Statuses have the errors.
 void SilenceGrpcLog() {
@@ -35,6 +39,32 @@ base::LogLevel LogLevelFromName(absl::string_view name) {
          : name == "error"   ? base::LogLevel::kError
          : name == "off"     ? base::LogLevel::kOff
                              : base::LogLevel::kInfo;
+}
+
+absl::Status CheckUsage(const ServerProgram& program, const ServerFlags& flags) {
+  return program.check == nullptr ? CheckListen(flags.transport, flags.listen_address)
+                                  : program.check(flags);
+}
+
+// Asks the server at `address`, or the one that these very flags would start.
+absl::Status ProbeServer(const ServerFlags& flags, const std::string& address) {
+  ISOSCOPE_ASSIGN_OR_RETURN(Dialing dialing, MakeDialing(flags.transport, /*own_role=*/""));
+  if (flags.probe_address.empty() && flags.transport.has_tls()) {
+    // That server shows our own certificate, which need not have the address of this machine.
+    dialing.server_name = FirstNameOf(flags.transport.certificate_file);
+  }
+  return ProbeHealth(address, dialing, kProbeTimeout);
+}
+
+int Probe(const ServerProgram& program, const ServerFlags& flags) {
+  const std::string address =
+      flags.probe_address.empty() ? OwnAddress(flags.listen_address) : flags.probe_address;
+  const absl::Status status =
+      program.probe == nullptr ? ProbeServer(flags, address) : program.probe(flags, address);
+  std::cout << address << ": "
+            << (status.ok() ? "serving" : absl::StrCat("not serving: ", status.message()))
+            << std::endl;
+  return status.ok() ? kDone : kFailed;
 }
 
 absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
@@ -63,13 +93,24 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
       "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once."));
   ServerFlags flags = program.defaults;
   program.add_flags(&app);
-  AddServerFlags(&app, &flags, program.has_frame_flags);
+  AddServerFlags(&app, &flags, program.is_grpc_server, program.dials);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kDone : kWrongUsage;
   }
   base::SetLogLevel(LogLevelFromName(flags.log_level));
+  if (flags.is_probe) {
+    return Probe(program, flags);
+  }
+  const absl::Status usage = CheckUsage(program, flags);
+  if (!usage.ok()) {
+    std::cerr << program.name << ": " << usage.message() << "\n";
+    return kWrongUsage;
+  }
+  if (flags.transport.is_insecure) {
+    base::LogWarning("insecure", {{"note", "plaintext: whoever reaches the network may read it"}});
+  }
   const absl::Status status = Serve(program, flags, &shutdown_signal);
   if (!status.ok()) {
     std::cerr << program.name << ": " << status.message() << "\n";

@@ -3,7 +3,11 @@
 //   parse the command line  ->  start the server  ->  wait for SIGTERM or SIGINT  ->  drain
 //
 // Each program brings its own flags and its start. The exit code is 0 after a shutdown, --help or
-// --version; 2 for wrong usage; 1 if the server could not start, with one line on standard error.
+// --version; 2 for wrong usage, which plaintext beyond this machine is unless --insecure is said;
+// 1 if the server could not start, with one line on standard error.
+//
+// With --probe the program starts nothing: it asks a running server whether it serves, prints one
+// line, and exits with 0 or 1.
 
 #ifndef ISOSCOPE_CORE_RPC_SERVER_PROGRAM_H_
 #define ISOSCOPE_CORE_RPC_SERVER_PROGRAM_H_
@@ -29,9 +33,14 @@ struct ServerProgram {
   std::string summary;   // one line of --help
   std::string examples;  // the last lines of --help, indented; end in a line feed
   ServerFlags defaults;
-  bool has_frame_flags = true;  // --max-concurrent-frames and --max-queued-frames
+  bool is_grpc_server = true;  // has --max-concurrent-frames, --max-queued-frames, --reflection
+  bool dials = false;          // has --tls-server-name
   // Adds the program's own flags. A callback of CLI11 that throws CLI::ParseError is wrong usage.
   std::function<void(CLI::App* app)> add_flags;
+  // Returns an error for wrong usage that no single flag shows; it calls CheckListen, as null does.
+  std::function<absl::Status(const ServerFlags& flags)> check = nullptr;
+  // Returns OK if the server at `address` serves; null: ProbeHealth with the program's own flags.
+  std::function<absl::Status(const ServerFlags& flags, const std::string& address)> probe = nullptr;
   // Starts the server once all flags are read, and logs that it serves. Returns an empty function
   // if the flags asked for something else, which it has done.
   std::function<absl::StatusOr<ServerShutdown>(const ServerFlags& flags)> start;

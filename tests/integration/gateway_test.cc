@@ -639,8 +639,8 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
 }
 
 TEST_F(GatewayTest, OffTheLoopbackAddressTheAddressHasAToken) {
-  absl::StatusOr<std::unique_ptr<testing::Process>> view =
-      testing::StartIsoscope({"view", "--server", cluster_->address(), "--listen", "0.0.0.0:0"});
+  absl::StatusOr<std::unique_ptr<testing::Process>> view = testing::StartIsoscope(
+      {"view", "--server", cluster_->address(), "--listen", "0.0.0.0:0", "--insecure"});
   ISOSCOPE_ASSERT_OK(view);
   const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
   ISOSCOPE_ASSERT_OK(line);

@@ -1,4 +1,4 @@
-"""A gRPC proxy for tests: passes calls on, byte by byte, and can do what the service can't yet.
+"""A gRPC proxy for tests: passes calls on, byte by byte, and can do what the service does not.
 
 TLS with or without client certificates, tokens, calls that fail the first times.
 """

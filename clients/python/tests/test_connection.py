@@ -1,7 +1,10 @@
 """Connections: retries, deadlines, tokens, TLS, forks, closing."""
 
 import asyncio
+import hashlib
+import json
 import os
+import pathlib
 import shutil
 import socket
 import subprocess
@@ -14,6 +17,7 @@ import pytest
 import isoscope
 from proxy import Proxy, make_certificates
 
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 LOST = (grpc.StatusCode.UNAVAILABLE, "agent 127.0.0.1:1 was lost: it served shards 0, 1 of \"shells\"")
 
 
@@ -269,3 +273,48 @@ def test_grpc_is_told_of_forks_unless_the_environment_says_otherwise():
         environment.update({} if value is None else {"GRPC_ENABLE_FORK_SUPPORT": value})
         done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
         assert done.stdout.strip() == expected, done.stderr
+
+
+@pytest.fixture(scope="module")
+def secure_server(programs, folder, tmp_path_factory):
+    """The service itself with TLS and a token file: its address and the folder of certificates."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no program openssl to make certificates with")
+    tls = tmp_path_factory.mktemp("tls") / "tls"
+    subprocess.run(["bash", str(ROOT / "scripts" / "make_certificates.sh"), str(tls)], check=True, capture_output=True)
+    digest = hashlib.sha256(b"blind").hexdigest()
+    tokens = json.loads((tls / "tokens.json").read_text())
+    tokens["tokens"].append({"name": "blind", "sha256": digest, "datasets": ["another"]})
+    (tls / "tokens.json").write_text(json.dumps(tokens))
+    command = [
+        str(programs / "isoscope"), "serve", str(folder), "--listen", "127.0.0.1:0", "--renderer", "cpu", "--threads", "1",
+        "--tls-cert", str(tls / "coordinator.pem"), "--tls-key", str(tls / "coordinator.key"),
+        "--tls-ca", str(tls / "ca.pem"), "--tokens", str(tls / "tokens.json"),
+    ]  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        try:
+            yield server.stdout.readline().strip(), tls
+        finally:
+            server.terminate()
+
+
+def test_the_service_itself_takes_tokens_and_certificates_over_tls(secure_server, dataset):
+    address, tls = secure_server
+    ca = {"ca_file": tls / "ca.pem", "connect_timeout": 5}
+    expected = dataset.render(127.5, size=40).png
+    with isoscope.connect(address, token=(tls / "token").read_text(), **ca) as through:
+        assert through["shells"].render(127.5, size=40).png == expected
+        assert through["shells"].mesh(127.5).area == dataset.mesh(127.5).area
+    with isoscope.connect(address, cert_file=tls / "client.pem", key_file=tls / "client.key", **ca) as through:
+        assert through["shells"].render(127.5, size=40).png == expected
+    with isoscope.connect(address, token="blind", **ca) as through:
+        assert through.datasets() == []
+        with pytest.raises(LookupError):
+            through["shells"]
+    for token, sentence in ((None, "asks who calls"), ("wrong", "not known")):
+        with pytest.raises(isoscope.UnauthenticatedError, match=sentence):
+            isoscope.connect(address, token=token, **ca)
+    with pytest.raises(isoscope.PermissionDeniedError, match="the role agent"):
+        isoscope.connect(address, cert_file=tls / "agent.pem", key_file=tls / "agent.key", **ca)
+    with pytest.raises(isoscope.UnavailableError):
+        isoscope.connect(address, connect_timeout=5)

@@ -1,6 +1,7 @@
 #include "web-gateway/access.h"
 
 #include <string>
+#include <tuple>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -99,6 +100,27 @@ TEST(AccessTest, OriginsOfTheOption) {
                 StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("https://HOST")))
         << text;
   }
+}
+
+TEST(AccessTest, UsersTokensArePassedOnWhereTheGatewayHasNoneOfItsOwn) {
+  const AccessRules rules({.has_user_tokens = true, .listens_on_loopback = false});
+  EXPECT_TRUE(rules.asks_token());
+  EXPECT_THAT(rules.CheckToken("", ""), IsOk()) << "the coordinator judges";
+  for (const auto& [parameter, header, token] :
+       {std::tuple("p", "", "p"), std::tuple("", "Bearer h", "h"),
+        std::tuple("", "bearer  h ", "h"), std::tuple("p", "Bearer h", "p"), std::tuple("", "", ""),
+        std::tuple("", "Basic h", "")}) {
+    const absl::StatusOr<std::string> passed = rules.UserToken(parameter, header);
+    ASSERT_THAT(passed, IsOk());
+    EXPECT_EQ(*passed, token) << parameter << " " << header;
+  }
+  for (const char* hostile : {"a b", "a\r\nx: y", "\x7f", "\xc3\xa9"}) {
+    EXPECT_THAT(rules.UserToken(hostile, ""), StatusIs(absl::StatusCode::kUnauthenticated));
+  }
+  const AccessRules own({.token = "t"});
+  const absl::StatusOr<std::string> kept = own.UserToken("t", "");
+  ASSERT_THAT(kept, IsOk());
+  EXPECT_EQ(*kept, "") << "the gateway's own token is nobody else's";
 }
 
 }  // namespace

@@ -1,0 +1,27 @@
+// Asks a server of ours whether it serves, by grpc.health.v1: the --probe of all programs.
+
+#ifndef ISOSCOPE_CORE_RPC_HEALTH_PROBE_H_
+#define ISOSCOPE_CORE_RPC_HEALTH_PROBE_H_
+
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+#include "core/rpc/transport.h"
+
+namespace isoscope::rpc {
+
+// OK if the server says SERVING. UNAVAILABLE: it says anything else, or nobody answers; other
+// errors of the call.
+absl::Status ProbeHealth(const std::string& address, const Dialing& dialing,
+                         absl::Duration timeout);
+
+// Where a server that listens on `listen_address` is reached from its own machine: "0.0.0.0:1" is
+// "127.0.0.1:1".
+std::string OwnAddress(absl::string_view listen_address);
+
+}  // namespace isoscope::rpc
+
+#endif  // ISOSCOPE_CORE_RPC_HEALTH_PROBE_H_

@@ -1,0 +1,78 @@
+#include "web-gateway/tls_context.h"
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include <sys/stat.h>
+
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::gateway {
+
+namespace ssl = boost::asio::ssl;
+using boost::system::error_code;
+
+absl::StatusOr<std::unique_ptr<TlsContext>> TlsContext::Make(const std::string& certificate_file,
+                                                             const std::string& key_file) {
+  std::unique_ptr<TlsContext> made(new TlsContext(certificate_file, key_file));
+  made->state_ = made->StateOfFiles();
+  made->looked_ = absl::Now();
+  ISOSCOPE_RETURN_IF_ERROR(made->Load());
+  return made;
+}
+
+std::string TlsContext::StateOfFiles() const {
+  std::string state;
+  for (const std::string* path : {&certificate_file_, &key_file_}) {
+    struct stat found {};
+    if (stat(path->c_str(), &found) == 0) {
+      absl::StrAppend(&state, found.st_ino, ",", found.st_size, ",", found.st_mtim.tv_sec, ".",
+                      found.st_mtim.tv_nsec, ";");
+    }
+  }
+  return state;
+}
+
+absl::Status TlsContext::Load() {
+  auto context = std::make_shared<ssl::context>(ssl::context::tls_server);
+  error_code error;
+  context->set_options(ssl::context::default_workarounds | ssl::context::no_sslv2 |
+                           ssl::context::no_sslv3 | ssl::context::no_tlsv1 |
+                           ssl::context::no_tlsv1_1,
+                       error);
+  std::string failed_file;
+  if (!error) {
+    context->use_certificate_chain_file(certificate_file_, error);
+    failed_file = certificate_file_;
+  }
+  if (!error) {
+    // Checks that the key is the certificate's.
+    context->use_private_key_file(key_file_, ssl::context::pem, error);
+    failed_file = key_file_;
+  }
+  if (error) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(failed_file, ": can't be used for https: ", error.message()));
+  }
+  context_ = std::move(context);
+  return absl::OkStatus();
+}
+
+std::shared_ptr<ssl::context> TlsContext::Get(absl::Time now) {
+  if (now - looked_ >= kReloadInterval) {
+    looked_ = now;
+    std::string state = StateOfFiles();
+    if (state != state_) {
+      state_ = std::move(state);
+      const absl::Status status = Load();
+      if (status.ok()) {
+        base::LogInfo("certificate_read", {{"file", certificate_file_}});
+      } else {
+        base::LogWarning("certificate_not_read", {{"status", status}});
+      }
+    }
+  }
+  return context_;
+}
+
+}  // namespace isoscope::gateway

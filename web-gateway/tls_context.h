@@ -1,0 +1,46 @@
+// The certificate that browsers see. Its files are looked at before a connection is taken, at most
+// once a second, and read again when they have changed.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
+#define ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <boost/asio/ssl/context.hpp>
+
+namespace isoscope::gateway {
+
+// Thread-compatible.
+class TlsContext {
+ public:
+  static constexpr absl::Duration kReloadInterval = absl::Seconds(1);
+
+  // Of a chain and its key, PEM. INVALID_ARGUMENT if they can't be used.
+  static absl::StatusOr<std::unique_ptr<TlsContext>> Make(const std::string& certificate_file,
+                                                          const std::string& key_file);
+
+  // For the next connection. Files that can't be used are logged, and the last good ones stay.
+  std::shared_ptr<boost::asio::ssl::context> Get(absl::Time now);
+
+ private:
+  TlsContext(std::string certificate_file, std::string key_file)
+      : certificate_file_(std::move(certificate_file)), key_file_(std::move(key_file)) {}
+  // Names the state of both files: differs once one was replaced or written.
+  [[nodiscard]] std::string StateOfFiles() const;
+  absl::Status Load();
+
+  const std::string certificate_file_;
+  const std::string key_file_;
+  std::shared_ptr<boost::asio::ssl::context> context_;
+  std::string state_;
+  absl::Time looked_;
+};
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_TLS_CONTEXT_H_
