@@ -34,7 +34,6 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
 
  private:
   const AgentRegistry* const registry_;
-  base::Mutex mutex_;
   AccessControl* const access_;
   base::Mutex mutex_;
   isoscope::v1::GetCapabilitiesResponse capabilities_ ABSL_GUARDED_BY(mutex_);
