@@ -47,12 +47,17 @@ class MemoryBudget {
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }
+  // Returns the bytes of all reservations.
+  [[nodiscard]] std::size_t reserved_bytes() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const MutexLock lock(&mutex_);
+    return capacity_bytes_ - free_bytes_;
+  }
 
  private:
   void Release(std::size_t bytes);
 
   const std::size_t capacity_bytes_;
-  Mutex mutex_;
+  mutable Mutex mutex_;
   CondVar freed_;
   std::size_t free_bytes_ ABSL_GUARDED_BY(mutex_);
 };

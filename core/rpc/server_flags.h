@@ -15,7 +15,8 @@ struct ServerFlags {
   int max_concurrent_frames = 4;
   int max_queued_frames = 0;
   double drain_seconds = 30;
-  std::string log_level = "info";  // "debug", "info", "warning", "error" or "off"
+  std::string metrics_listen = {};  // --metrics-listen, "HOST:PORT" or a port; empty: no metrics
+  std::string log_level = "info";   // "debug", "info", "warning", "error" or "off"
 };
 
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
