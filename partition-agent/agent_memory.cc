@@ -70,7 +70,7 @@ absl::Status AgentMemory::Settle() {
   const std::size_t ahead_bytes = std::min(cache_bytes / 2, kMaxPopulatedBytes);
   cache_.Populate(ahead_bytes);
   toucher_ = std::make_unique<IdleToucher>(IdleToucher::Options{
-      .is_busy = [this] { return steps_.is_in_use(); },
+      .is_busy = [this] { return steps_.reserved_bytes() > 0; },
       .touch_some = [this, ahead_bytes] { return cache_.PopulateAhead(ahead_bytes); }});
   return absl::OkStatus();
 }

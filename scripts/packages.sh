@@ -15,14 +15,15 @@ ISOSCOPE_BUILD_PACKAGES=(
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev
-  libwebp-dev libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core
+  libwebp-dev libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core prometheus-cpp-dev
 )
 
 # What the programs run with, in the container images: all three; those that draw (isoscope-agent and
 # isoscope); isoscope, which reads volumes and writes pictures. Not named: what these packages or dpkg depend on anyway
 # (libabsl, libfmt9, libprotobuf32, libssl3, libzstd1, zlib1g).
 ISOSCOPE_RUNTIME_PACKAGES=(
-  libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
+  libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2
+  libprometheus-cpp-pull1.0)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
 ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 libwebp7 libwebpmux3
   libmeshoptimizer2d libcairo2 fonts-dejavu-core)

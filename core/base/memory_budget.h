@@ -47,10 +47,10 @@ class MemoryBudget {
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }
-  // Whether anybody has a reservation now.
-  [[nodiscard]] bool is_in_use() const {
+  // Returns the bytes of all reservations.
+  [[nodiscard]] std::size_t reserved_bytes() const ABSL_LOCKS_EXCLUDED(mutex_) {
     const MutexLock lock(&mutex_);
-    return free_bytes_ < capacity_bytes_;
+    return capacity_bytes_ - free_bytes_;
   }
 
  private:

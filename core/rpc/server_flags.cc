@@ -67,6 +67,11 @@ void AddServerFlags(CLI::App* app, ServerFlags* flags, bool is_grpc_server, bool
       ->check(CLI::Range(0.0, kMaxDrainSeconds))
       ->envname("ISOSCOPE_DRAIN_SECONDS")
       ->capture_default_str();
+  app->add_option("--metrics-listen", flags->metrics_listen,
+                  "Serve metrics to Prometheus at http://HOST:PORT/metrics; a port alone: on "
+                  "loopback")
+      ->type_name("HOST:PORT")
+      ->envname("ISOSCOPE_METRICS_LISTEN");
   app->add_option("--log-level", flags->log_level, "Lines below it are dropped")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}))
       ->envname("ISOSCOPE_LOG_LEVEL")

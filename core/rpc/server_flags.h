@@ -22,6 +22,7 @@ struct ServerFlags {
   bool has_reflection = true;       // --reflection; programs without gRPC servers ignore it
   bool is_probe = false;            // --probe: ask a server whether it serves, and end
   std::string probe_address = {};   // of --probe; empty: listen_address
+  std::string metrics_listen = {};  // --metrics-listen, "HOST:PORT" or a port; empty: no metrics
 };
 
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive

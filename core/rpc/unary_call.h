@@ -21,17 +21,27 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
+#include "core/rpc/request_context.h"
 
 namespace isoscope::rpc {
+
+// Is told how a call ended, and how long it took. May be empty.
+using OnCallEnd = std::function<void(const absl::Status& status, absl::Duration duration)>;
 
 // Refuses a request with a field that this program does not know (CheckKnownFields); else calls
 // `answer`, which fills the response and must be quick, and ends the call with its status.
 inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* context,
                                              const google::protobuf::Message& request,
-                                             absl::FunctionRef<absl::Status()> answer) {
+                                             absl::FunctionRef<absl::Status()> answer,
+                                             const OnCallEnd& on_end = nullptr) {
+  const absl::Time start = absl::Now();
+  AnswerTraceContext(context);
   absl::Status status = CheckKnownFields(request);
   if (status.ok()) {
     status = answer();
+  }
+  if (on_end != nullptr) {
+    on_end(status, absl::Now() - start);
   }
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   reactor->Finish(ToGrpcStatus(status));
@@ -42,7 +52,8 @@ inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* contex
 // it.
 class UnaryTask final : public grpc::ServerUnaryReactor {
  public:
-  using Answer = std::function<absl::Status(const base::Cancellation& cancellation)>;
+  using Answer = std::function<absl::Status(const base::Cancellation& cancellation,
+                                            const base::TraceContext& identity)>;
 
   // Refuses a request with a field that this program does not know; else lets `answer` fill the
   // response, and ends the call with its status. The cancellation fires when the caller cancels;
@@ -51,19 +62,20 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
   static grpc::ServerUnaryReactor* Start(grpc::CallbackServerContext* context,
                                          const google::protobuf::Message& request,
                                          base::Executor* executor, absl::Duration max_duration,
-                                         Answer answer) {
-    const std::shared_ptr<UnaryTask> task(
-        new UnaryTask(std::min(DeadlineOf(*context), absl::Now() + max_duration)));
+                                         Answer answer, OnCallEnd on_end = nullptr) {
+    const std::shared_ptr<UnaryTask> task(new UnaryTask(
+        AnswerTraceContext(context), std::min(DeadlineOf(*context), absl::Now() + max_duration),
+        std::move(on_end)));
     task->self_ = task;
     const absl::Status status = CheckKnownFields(request);
     if (!status.ok()) {
-      task->Finish(ToGrpcStatus(status));
+      task->End(status);
     } else if (!executor->TrySchedule([task, answer = std::move(answer)] {
-                 absl::Status checked = task->cancellation_.Check();
-                 task->Finish(ToGrpcStatus(checked.ok() ? answer(task->cancellation_) : checked));
+                 const absl::Status checked = task->cancellation_.Check();
+                 task->End(checked.ok() ? answer(task->cancellation_, task->identity_) : checked);
                })) {
-      task->Finish(ToGrpcStatus(absl::ResourceExhaustedError(
-          "too many calls of this kind are in work: retry later, with back-off")));
+      task->End(absl::ResourceExhaustedError(
+          "too many calls of this kind are in work: retry later, with back-off"));
     }
     return task.get();
   }
@@ -72,9 +84,20 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
   void OnDone() override { const std::shared_ptr<UnaryTask> last_use = std::move(self_); }
 
  private:
-  explicit UnaryTask(absl::Time deadline) : cancellation_(deadline) {}
+  UnaryTask(base::TraceContext identity, absl::Time deadline, OnCallEnd on_end)
+      : identity_(std::move(identity)), cancellation_(deadline), on_end_(std::move(on_end)) {}
 
+  void End(const absl::Status& status) {
+    if (on_end_ != nullptr) {
+      on_end_(status, absl::Now() - start_);
+    }
+    Finish(ToGrpcStatus(status));
+  }
+
+  const base::TraceContext identity_;
+  const absl::Time start_ = absl::Now();
   base::Cancellation cancellation_;
+  const OnCallEnd on_end_;
   std::shared_ptr<UnaryTask> self_;  // reset by OnDone
 };
 

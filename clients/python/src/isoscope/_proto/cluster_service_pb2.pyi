@@ -1,3 +1,5 @@
+from google.protobuf import duration_pb2 as _duration_pb2
+from isoscope._proto import geometry_pb2 as _geometry_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
 from google.protobuf import descriptor as _descriptor
@@ -6,11 +8,34 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
+class AgentLoad(_message.Message):
+    __slots__ = ["busy_duration", "done_frame_count", "failed_frame_count", "memory_limit_bytes", "read_bytes", "resident_bytes", "triangle_count", "up_duration", "working_frame_count"]
+    BUSY_DURATION_FIELD_NUMBER: _ClassVar[int]
+    DONE_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    FAILED_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    MEMORY_LIMIT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    READ_BYTES_FIELD_NUMBER: _ClassVar[int]
+    RESIDENT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    TRIANGLE_COUNT_FIELD_NUMBER: _ClassVar[int]
+    UP_DURATION_FIELD_NUMBER: _ClassVar[int]
+    WORKING_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    busy_duration: _duration_pb2.Duration
+    done_frame_count: int
+    failed_frame_count: int
+    memory_limit_bytes: int
+    read_bytes: int
+    resident_bytes: int
+    triangle_count: int
+    up_duration: _duration_pb2.Duration
+    working_frame_count: int
+    def __init__(self, up_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., working_frame_count: _Optional[int] = ..., done_frame_count: _Optional[int] = ..., failed_frame_count: _Optional[int] = ..., read_bytes: _Optional[int] = ..., triangle_count: _Optional[int] = ..., busy_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., resident_bytes: _Optional[int] = ..., memory_limit_bytes: _Optional[int] = ...) -> None: ...
+
 class AgentStatus(_message.Message):
-    __slots__ = ["address", "message", "picture_revision", "renderer", "shards", "state", "version"]
+    __slots__ = ["address", "load", "message", "picture_revision", "renderer", "shards", "state", "version"]
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = []
     ADDRESS_FIELD_NUMBER: _ClassVar[int]
+    LOAD_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
     PICTURE_REVISION_FIELD_NUMBER: _ClassVar[int]
     RENDERER_FIELD_NUMBER: _ClassVar[int]
@@ -21,13 +46,61 @@ class AgentStatus(_message.Message):
     STATE_UNSPECIFIED: AgentStatus.State
     VERSION_FIELD_NUMBER: _ClassVar[int]
     address: str
+    load: AgentLoad
     message: str
     picture_revision: str
     renderer: str
     shards: _containers.RepeatedCompositeFieldContainer[ServedShard]
     state: AgentStatus.State
     version: str
-    def __init__(self, address: _Optional[str] = ..., state: _Optional[_Union[AgentStatus.State, str]] = ..., message: _Optional[str] = ..., version: _Optional[str] = ..., renderer: _Optional[str] = ..., shards: _Optional[_Iterable[_Union[ServedShard, _Mapping]]] = ..., picture_revision: _Optional[str] = ...) -> None: ...
+    def __init__(self, address: _Optional[str] = ..., state: _Optional[_Union[AgentStatus.State, str]] = ..., message: _Optional[str] = ..., version: _Optional[str] = ..., renderer: _Optional[str] = ..., shards: _Optional[_Iterable[_Union[ServedShard, _Mapping]]] = ..., picture_revision: _Optional[str] = ..., load: _Optional[_Union[AgentLoad, _Mapping]] = ...) -> None: ...
+
+class CoordinatorLoad(_message.Message):
+    __slots__ = ["done_frame_count", "failed_frame_count", "memory_limit_bytes", "network_bytes", "queued_frame_count", "refused_frame_count", "resident_bytes", "up_duration", "working_frame_count"]
+    DONE_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    FAILED_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    MEMORY_LIMIT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    NETWORK_BYTES_FIELD_NUMBER: _ClassVar[int]
+    QUEUED_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    RESIDENT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    UP_DURATION_FIELD_NUMBER: _ClassVar[int]
+    WORKING_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
+    done_frame_count: int
+    failed_frame_count: int
+    memory_limit_bytes: int
+    network_bytes: int
+    queued_frame_count: int
+    refused_frame_count: int
+    resident_bytes: int
+    up_duration: _duration_pb2.Duration
+    working_frame_count: int
+    def __init__(self, up_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., working_frame_count: _Optional[int] = ..., queued_frame_count: _Optional[int] = ..., done_frame_count: _Optional[int] = ..., failed_frame_count: _Optional[int] = ..., refused_frame_count: _Optional[int] = ..., network_bytes: _Optional[int] = ..., resident_bytes: _Optional[int] = ..., memory_limit_bytes: _Optional[int] = ...) -> None: ...
+
+class FrameInWork(_message.Message):
+    __slots__ = ["age_duration", "client", "dataset", "extent", "request_id", "step"]
+    class Step(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = []
+    AGE_DURATION_FIELD_NUMBER: _ClassVar[int]
+    CLIENT_FIELD_NUMBER: _ClassVar[int]
+    DATASET_FIELD_NUMBER: _ClassVar[int]
+    EXTENT_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    STEP_FINISHING: FrameInWork.Step
+    STEP_OCCLUDER_RENDERING: FrameInWork.Step
+    STEP_OCCLUDER_SELECTION: FrameInWork.Step
+    STEP_PREPARING: FrameInWork.Step
+    STEP_QUEUED: FrameInWork.Step
+    STEP_UNSPECIFIED: FrameInWork.Step
+    STEP_VISIBILITY_CULLING: FrameInWork.Step
+    age_duration: _duration_pb2.Duration
+    client: str
+    dataset: str
+    extent: _geometry_pb2.Viewport
+    request_id: str
+    step: FrameInWork.Step
+    def __init__(self, request_id: _Optional[str] = ..., client: _Optional[str] = ..., dataset: _Optional[str] = ..., extent: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., step: _Optional[_Union[FrameInWork.Step, str]] = ..., age_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ...) -> None: ...
 
 class GetCapabilitiesRequest(_message.Message):
     __slots__ = []
@@ -56,10 +129,14 @@ class GetClusterStatusRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetClusterStatusResponse(_message.Message):
-    __slots__ = ["agents"]
+    __slots__ = ["agents", "frames", "load"]
     AGENTS_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_FIELD_NUMBER: _ClassVar[int]
+    LOAD_FIELD_NUMBER: _ClassVar[int]
     agents: _containers.RepeatedCompositeFieldContainer[AgentStatus]
-    def __init__(self, agents: _Optional[_Iterable[_Union[AgentStatus, _Mapping]]] = ...) -> None: ...
+    frames: _containers.RepeatedCompositeFieldContainer[FrameInWork]
+    load: CoordinatorLoad
+    def __init__(self, agents: _Optional[_Iterable[_Union[AgentStatus, _Mapping]]] = ..., load: _Optional[_Union[CoordinatorLoad, _Mapping]] = ..., frames: _Optional[_Iterable[_Union[FrameInWork, _Mapping]]] = ...) -> None: ...
 
 class ServedShard(_message.Message):
     __slots__ = ["block_count", "dataset", "dataset_id", "shard_index"]

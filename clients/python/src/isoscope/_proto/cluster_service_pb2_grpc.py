@@ -41,8 +41,8 @@ class ClusterServiceServicer(object):
         raise NotImplementedError('Method not implemented!')
 
     def GetClusterStatus(self, request, context):
-        """Returns the agents, which shards they serve, and whether they can be reached. Cheap; answers
-        from what the coordinator last saw.
+        """Returns the agents, which shards they serve, and whether they can be reached; and what
+        coordinator and agents do now. Cheap; of agents it answers what the coordinator last saw.
 
         Errors: none of its own.
         """

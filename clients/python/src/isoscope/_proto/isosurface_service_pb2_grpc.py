@@ -7,6 +7,11 @@ from isoscope._proto import isosurface_service_pb2 as isoscope_dot_v1_dot_isosur
 
 class IsosurfaceServiceStub(object):
     """Renders and extracts isosurfaces of the cluster's datasets.
+
+    Every call has a request id of 32 hexadecimal digits: the trace id of the caller's `traceparent`
+    (W3C Trace Context, in the metadata), or a new one if that is missing or malformed. All log lines
+    about the call have it, in the coordinator and in the agents, and so has the trailing metadata
+    `x-request-id` of the answer, errors included.
     """
 
     def __init__(self, channel):
@@ -39,6 +44,11 @@ class IsosurfaceServiceStub(object):
 
 class IsosurfaceServiceServicer(object):
     """Renders and extracts isosurfaces of the cluster's datasets.
+
+    Every call has a request id of 32 hexadecimal digits: the trace id of the caller's `traceparent`
+    (W3C Trace Context, in the metadata), or a new one if that is missing or malformed. All log lines
+    about the call have it, in the coordinator and in the agents, and so has the trailing metadata
+    `x-request-id` of the answer, errors included.
     """
 
     def RenderIsosurface(self, request, context):
@@ -142,6 +152,11 @@ def add_IsosurfaceServiceServicer_to_server(servicer, server):
  # This class is part of an EXPERIMENTAL API.
 class IsosurfaceService(object):
     """Renders and extracts isosurfaces of the cluster's datasets.
+
+    Every call has a request id of 32 hexadecimal digits: the trace id of the caller's `traceparent`
+    (W3C Trace Context, in the metadata), or a new one if that is missing or malformed. All log lines
+    about the call have it, in the coordinator and in the agents, and so has the trailing metadata
+    `x-request-id` of the answer, errors included.
     """
 
     @staticmethod

@@ -1,0 +1,137 @@
+// Numbers about a running process, for monitoring: counters and histograms that many threads update
+// by atomics alone, and what a scrape makes of them. Where they are served is rpc::MetricsServer's
+// matter.
+//
+// A program has one file with all of its metrics (server/coordinator_metrics,
+// partition-agent/agent_metrics, web-gateway/gateway_metrics). Names and units follow Prometheus:
+// isoscope_<what>_<unit>, base units (seconds, bytes), counters end in _total.
+
+#ifndef ISOSCOPE_CORE_BASE_METRICS_H_
+#define ISOSCOPE_CORE_BASE_METRICS_H_
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+
+namespace isoscope::base {
+
+// Grows. Thread-safe.
+class Counter {
+ public:
+  // REQUIRES: amount >= 0.
+  void Add(std::int64_t amount = 1) { value_.fetch_add(amount, std::memory_order_relaxed); }
+  void Add(absl::Duration amount) { Add(absl::ToInt64Nanoseconds(amount)); }
+
+  [[nodiscard]] std::int64_t value() const { return value_.load(std::memory_order_relaxed); }
+  // Of a counter of durations.
+  [[nodiscard]] double seconds() const { return 1e-9 * static_cast<double>(value()); }
+
+ private:
+  std::atomic<std::int64_t> value_{0};
+};
+
+// Counts durations by size. Thread-safe.
+class DurationHistogram {
+ public:
+  // Upper bounds of the buckets, in seconds; a last bucket has what is longer.
+  static constexpr std::array<double, 16> kBounds = {
+      0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60, 300};
+
+  // Negative durations count as 0.
+  void Observe(absl::Duration duration);
+
+ private:
+  friend struct MetricSample;
+  std::array<std::atomic<std::int64_t>, kBounds.size() + 1> counts_{};
+  std::atomic<std::int64_t> nanoseconds_{0};
+};
+
+// Observes its own life, or up to End. Thread-compatible.
+class ScopedObservation {
+ public:
+  // `histogram` may be null, and outlives the scope.
+  explicit ScopedObservation(DurationHistogram* histogram)
+      : histogram_(histogram), start_(absl::Now()) {}
+  ~ScopedObservation() { End(); }
+  ScopedObservation(const ScopedObservation&) = delete;
+  ScopedObservation& operator=(const ScopedObservation&) = delete;
+
+  void End() {
+    if (histogram_ != nullptr) {
+      std::exchange(histogram_, nullptr)->Observe(absl::Now() - start_);
+    }
+  }
+
+ private:
+  DurationHistogram* histogram_;
+  const absl::Time start_;
+};
+
+using MetricLabels = std::vector<std::pair<std::string, std::string>>;
+
+// One value, or one histogram, of a metric.
+struct MetricSample {
+  static MetricSample Of(double value, MetricLabels labels = {});
+  static MetricSample Of(const DurationHistogram& histogram, MetricLabels labels = {});
+
+  MetricLabels labels;
+  double value = 0;  // of a histogram: the sum, in seconds
+  // Of a histogram: observations up to each of kBounds, then all.
+  std::vector<std::int64_t> cumulative_counts;
+};
+
+struct MetricFamily {
+  enum class Type { kCounter, kGauge, kHistogram };
+
+  std::string name;
+  std::string help;  // one sentence
+  Type type = Type::kGauge;
+  std::vector<MetricSample> samples;  // of different labels
+};
+
+// Returns what a scrape sees. Thread-safe.
+using CollectMetrics = std::function<std::vector<MetricFamily>()>;
+
+// Counts the requests of a server by method and status code, with their durations. Thread-safe.
+class RequestMetrics {
+ public:
+  explicit RequestMetrics(std::vector<std::string> methods)
+      : methods_(std::move(methods)), of_method_(methods_.size()) {}
+
+  // `method`: index in the list.
+  void Count(std::size_t method, absl::StatusCode code, absl::Duration duration);
+
+  // The samples of a counter with the labels method and code, and of a histogram by method. Each
+  // method has at least a sample for OK.
+  [[nodiscard]] std::vector<MetricSample> Counts() const;
+  [[nodiscard]] std::vector<MetricSample> Durations() const;
+
+ private:
+  static constexpr std::size_t kCodeCount = 17;  // those of gRPC
+  struct OfMethod {
+    std::array<Counter, kCodeCount> by_code;
+    DurationHistogram duration;
+  };
+
+  const std::vector<std::string> methods_;
+  std::deque<OfMethod> of_method_;
+};
+
+// The metrics that every program has: version, start time and memory.
+std::vector<MetricFamily> ProcessMetrics(absl::string_view program,
+                                         std::int64_t memory_limit_bytes);
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_METRICS_H_
