@@ -5,17 +5,23 @@
 
 #include <utility>
 
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+
+#include "core/rpc/unary_call.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "server/agent_registry.h"
+#include "server/frame_runner.h"
 
 namespace isoscope::server {
 
 // Thread-safe. `registry` outlives it.
 class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackService {
  public:
-  ClusterServiceImpl(const AgentRegistry* registry,
+  // Registry and runner outlive the service.
+  ClusterServiceImpl(const AgentRegistry* registry, FrameRunner* runner,
                      isoscope::v1::GetCapabilitiesResponse capabilities)
-      : registry_(registry), capabilities_(std::move(capabilities)) {}
+      : registry_(registry), runner_(runner), capabilities_(std::move(capabilities)) {}
 
   grpc::ServerUnaryReactor* GetCapabilities(
       grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
@@ -25,7 +31,12 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
       isoscope::v1::GetClusterStatusResponse* response) override;
 
  private:
+  // Counts the calls of a method.
+  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method) const;
+
   const AgentRegistry* const registry_;
+  FrameRunner* const runner_;
+  const absl::Time start_ = absl::Now();
   const isoscope::v1::GetCapabilitiesResponse capabilities_;
 };
 

@@ -16,6 +16,7 @@
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/base/metrics.h"
 #include "core/view/camera.h"
 
 namespace isoscope::server {
@@ -66,6 +67,8 @@ class CoordinatorServer {
   // Blocks until every agent has answered at least once and at least one dataset is complete, or
   // until `deadline`. FAILED_PRECONDITION says what is missing.
   virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
+  // Returns the numbers for monitoring (coordinator_metrics).
+  virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for frames in work, then
   // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

@@ -8,8 +8,11 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
+#include "core/base/trace_context.h"
+#include "core/rpc/unary_call.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "server/agent_registry.h"
+#include "server/frame_runner.h"
 
 namespace isoscope::server {
 
@@ -19,8 +22,11 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   static constexpr int kMaxConcurrentHistograms = 2;
   static constexpr int kMaxQueuedHistograms = 32;
 
-  explicit DatasetServiceImpl(AgentRegistry* registry)
-      : registry_(registry), executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
+  // Both outlive the service.
+  DatasetServiceImpl(AgentRegistry* registry, FrameRunner* runner)
+      : registry_(registry),
+        runner_(runner),
+        executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
 
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* context,
                                          const isoscope::v1::ListDatasetsRequest* request,
@@ -34,10 +40,15 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
 
  private:
   absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
+                               const base::TraceContext& identity,
                                const base::Cancellation& cancellation,
                                isoscope::v1::GetHistogramResponse* response);
 
+  // Counts the calls of a method.
+  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method) const;
+
   AgentRegistry* const registry_;
+  FrameRunner* const runner_;
   base::Executor executor_;  // comes last: its threads use the members above
 };
 

@@ -30,6 +30,7 @@
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 #include "core/rpc/write_queue.h"
 #include "server/agent_client.h"
@@ -45,6 +46,10 @@ namespace v1 = isoscope::v1;
 // If this many bytes of chunks wait for a slow client, the merge waits too.
 constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
 
+void CountRequest(RequestMethod method, const absl::Status& status, const FrameCall& frame) {
+  frame.runner()->metrics()->CountRequest(method, status, absl::Now() - frame.start());
+}
+
 }  // namespace
 
 // A call with one request and one response. It owns itself until gRPC is done with it.
@@ -54,16 +59,16 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
   using Work = absl::Status (FrameCall::*)(Response* response);
 
   // Runs `work` on a frame thread if `admitted` is OK.
-  static UnaryCall* Start(std::unique_ptr<FrameCall> frame, const absl::Status& admitted, Work work,
-                          Response* response) {
-    std::shared_ptr<UnaryCall> call(new UnaryCall(std::move(frame)));
+  static UnaryCall* Start(RequestMethod method, std::unique_ptr<FrameCall> frame,
+                          const absl::Status& admitted, Work work, Response* response) {
+    std::shared_ptr<UnaryCall> call(new UnaryCall(method, std::move(frame)));
     call->self_ = call;
     if (!admitted.ok()) {
-      call->Finish(rpc::ToGrpcStatus(admitted));
+      call->End(admitted);
       return call.get();
     }
     call->frame_->Schedule([call, work, response] {
-      call->Finish(rpc::ToGrpcStatus((call->frame_.get()->*work)(response)));
+      call->End((call->frame_.get()->*work)(response));
       call->frame_->ReleaseImages();
     });
     return call.get();
@@ -73,8 +78,15 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
   void OnDone() override { const std::shared_ptr<UnaryCall> last_use = std::move(self_); }
 
  private:
-  explicit UnaryCall(std::unique_ptr<FrameCall> frame) : frame_(std::move(frame)) {}
+  UnaryCall(RequestMethod method, std::unique_ptr<FrameCall> frame)
+      : method_(method), frame_(std::move(frame)) {}
 
+  void End(const absl::Status& status) {
+    CountRequest(method_, status, *frame_);
+    Finish(rpc::ToGrpcStatus(status));
+  }
+
+  const RequestMethod method_;
   const std::unique_ptr<FrameCall> frame_;
   std::shared_ptr<UnaryCall> self_;  // reset by OnDone
 };
@@ -88,7 +100,7 @@ class IsosurfaceServiceImpl::StreamCall final
     std::shared_ptr<StreamCall> call(new StreamCall(std::move(frame)));
     call->self_ = call;
     if (!admitted.ok()) {
-      call->Finish(rpc::ToGrpcStatus(admitted));
+      call->End(admitted);
       return call.get();
     }
     call->frame_->Schedule([call] { call->Run(); });
@@ -99,7 +111,7 @@ class IsosurfaceServiceImpl::StreamCall final
     if (ok) {
       WriteNext();
     } else {
-      Finish(rpc::ToGrpcStatus(absl::CancelledError("the client cancelled the frame")));
+      End(absl::CancelledError("the client cancelled the frame"));
     }
   }
   void OnCancel() override { frame_->Cancel(); }
@@ -112,7 +124,7 @@ class IsosurfaceServiceImpl::StreamCall final
     v1::RenderIsosurfaceResponse response;
     const absl::Status status = frame_->Render(&response);
     if (!status.ok()) {
-      Finish(rpc::ToGrpcStatus(status));
+      End(status);
       return;
     }
     splitter_.emplace(std::move(response));
@@ -123,10 +135,15 @@ class IsosurfaceServiceImpl::StreamCall final
   void WriteNext() {
     message_.Clear();
     if (!splitter_->Next(message_.mutable_part())) {
-      Finish(grpc::Status::OK);
+      End(absl::OkStatus());
       return;
     }
     StartWrite(&message_);
+  }
+
+  void End(const absl::Status& status) {
+    CountRequest(RequestMethod::kRenderIsosurfaceStream, status, *frame_);
+    Finish(rpc::ToGrpcStatus(status));
   }
 
   const std::unique_ptr<FrameCall> frame_;
@@ -178,11 +195,16 @@ class IsosurfaceServiceImpl::ExportCall final
              const isoscope::v1::ExportIsosurfaceRequest& request)
       : service_(service),
         request_(request),
+        identity_(rpc::AnswerTraceContext(context)),
         cancellation_(rpc::DeadlineOf(*context)),
         outgoing_(
             kMaxQueuedExportBytes,
             [this](const isoscope::v1::ExportIsosurfaceResponse* message) { StartWrite(message); },
-            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+            [this](const absl::Status& status) {
+              service_->options_.runner->metrics()->CountRequest(RequestMethod::kExportIsosurface,
+                                                                 status, absl::Now() - arrival_);
+              Finish(rpc::ToGrpcStatus(status));
+            }) {}
 
   void Run() {
     const absl::Time start = absl::Now();
@@ -190,7 +212,8 @@ class IsosurfaceServiceImpl::ExportCall final
     outgoing_.Finish(status);
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok() ? "export_done" : "export_failed",
-              {{"dataset", request_.dataset()},
+              {{"request", identity_.request_id()},
+               {"dataset", request_.dataset()},
                {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_},
@@ -228,8 +251,8 @@ class IsosurfaceServiceImpl::ExportCall final
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
     for (const AgentAssignment& agent : dataset.agents) {
-      streams.push_back(
-          std::make_unique<SurfaceStream>(agent, volume.layout, request, cancellation_.deadline()));
+      streams.push_back(std::make_unique<SurfaceStream>(agent, volume.layout, request,
+                                                        cancellation_.deadline(), identity_));
       sources.push_back(streams.back().get());
     }
     ShareStreams(streams);
@@ -247,7 +270,7 @@ class IsosurfaceServiceImpl::ExportCall final
                             .status = streams[i]->status()});
       }
     }
-    service_->options_.runner->ReportFailures(/*frame_number=*/0, failures);
+    service_->options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
     return vertex_count;
   }
 
@@ -280,6 +303,8 @@ class IsosurfaceServiceImpl::ExportCall final
 
   IsosurfaceServiceImpl* const service_;
   const isoscope::v1::ExportIsosurfaceRequest request_;
+  const base::TraceContext identity_;
+  const absl::Time arrival_ = absl::Now();
   rpc::ExportSpec spec_;  // set before Run
   base::Cancellation cancellation_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
@@ -298,25 +323,27 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 
 std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
-    const grpc::CallbackServerContext& context, const v1::RenderIsosurfaceRequest& request,
+    grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest& request,
     Delivery delivery) const {
-  return std::make_unique<FrameCall>(options_.runner, request, delivery, rpc::DeadlineOf(context),
-                                     options_.max_frame_duration);
+  return std::make_unique<FrameCall>(
+      options_.runner,
+      FrameOrigin{.request = rpc::AnswerTraceContext(context), .client = context->peer()}, request,
+      delivery, rpc::DeadlineOf(*context), options_.max_frame_duration);
 }
 
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
     grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest* request,
     v1::RenderIsosurfaceResponse* response) {
-  auto frame = MakeCall(*context, *request, Delivery::kWhole);
+  auto frame = MakeCall(context, *request, Delivery::kWhole);
   const absl::Status admitted = frame->Admit();
-  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(std::move(frame), admitted,
-                                                        &FrameCall::Render, response);
+  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(
+      RequestMethod::kRenderIsosurface, std::move(frame), admitted, &FrameCall::Render, response);
 }
 
 grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse>*
 IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* context,
                                               const v1::RenderIsosurfaceStreamRequest* request) {
-  auto frame = MakeCall(*context, request->request(), Delivery::kParts);
+  auto frame = MakeCall(context, request->request(), Delivery::kParts);
   absl::Status admitted = rpc::CheckKnownFields(*request);
   if (admitted.ok()) {
     admitted = frame->Admit();
@@ -327,10 +354,10 @@ IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* conte
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServerContext* context,
                                                              const v1::PickSurfaceRequest* request,
                                                              v1::PickSurfaceResponse* response) {
-  auto frame = MakeCall(*context, request->frame(), Delivery::kWhole);
+  auto frame = MakeCall(context, request->frame(), Delivery::kWhole);
   const absl::Status admitted = frame->AdmitPick(*request);
-  return UnaryCall<v1::PickSurfaceResponse>::Start(std::move(frame), admitted, &FrameCall::Pick,
-                                                   response);
+  return UnaryCall<v1::PickSurfaceResponse>::Start(RequestMethod::kPickSurface, std::move(frame),
+                                                   admitted, &FrameCall::Pick, response);
 }
 
 grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>*

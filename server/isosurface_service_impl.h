@@ -57,8 +57,8 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   class ExportCall;
 
   [[nodiscard]] std::unique_ptr<FrameCall> MakeCall(
-      const grpc::CallbackServerContext& context,
-      const isoscope::v1::RenderIsosurfaceRequest& request, Delivery delivery) const;
+      grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest& request,
+      Delivery delivery) const;
 
   const IsosurfaceServiceOptions options_;
   base::Executor export_executor_;  // last: its threads use the members above

@@ -126,8 +126,7 @@ absl::Status CheckOneOutput(const OutputOptions& output) {
 class Exchange : public std::enable_shared_from_this<Exchange> {
  public:
   Exchange(const ApiOptions& options, CoordinatorClient* client, std::atomic<int>* pictures,
-           HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
-           Api::Respond respond)
+           HttpRequest request, std::shared_ptr<RequestScope> cancellation, Api::Respond respond)
       : options_(options),
         client_(client),
         pictures_(pictures),
@@ -230,7 +229,14 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     } else if (name == "capabilities") {
       client_->GetCapabilities(cancellation_, AnswerWithJson<v1::GetCapabilitiesResponse>());
     } else if (name == "status") {
-      client_->GetClusterStatus(cancellation_, AnswerWithJson<v1::GetClusterStatusResponse>());
+      client_->GetClusterStatus(cancellation_,
+                                [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
+                                    absl::StatusOr<v1::GetClusterStatusResponse> status) {
+                                  if (status.ok()) {
+                                    status->clear_frames();  // they name other people's addresses
+                                  }
+                                  answer(std::move(status));
+                                });
     } else {
       client_->ListDatasets(cancellation_, AnswerWithJson<v1::ListDatasetsResponse>());
     }
@@ -382,6 +388,10 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (status.ok()) {
       status = CheckOneOutput(render_.output());
     }
+    if (status.ok() && render_.with_trace()) {
+      status = absl::InvalidArgumentError(
+          "withTrace is true: an answer over HTTP has no trace; ask the coordinator for one");
+    }
     if (!status.ok()) {
       RespondError(status);
       return;
@@ -529,7 +539,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   CoordinatorClient* const client_;
   std::atomic<int>* const pictures_;
   HttpRequest request_;
-  const std::shared_ptr<base::Cancellation> cancellation_;
+  const std::shared_ptr<RequestScope> cancellation_;
   Api::Respond respond_;
   bool is_picture_ = false;
 
@@ -543,8 +553,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
 }  // namespace
 
-void Api::Answer(HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
-                 Respond respond) {
+void Api::Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond) {
   std::make_shared<Exchange>(options_, client_, &pictures_in_work_, std::move(request),
                              std::move(cancellation), std::move(respond))
       ->Route();

@@ -13,6 +13,7 @@
 #include <grpcpp/support/client_callback.h>
 
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 
 namespace isoscope::gateway {
@@ -32,6 +33,7 @@ class CallBase {
     client_->calls()->Add();
     context_.set_deadline(absl::ToChronoTime(absl::Now() + duration));
     if (cancel_ != nullptr) {
+      rpc::SetTraceparent(cancel_->identity(), &context_);
       on_cancel_.emplace(*cancel_, [this] { context_.TryCancel(); });
     }
   }

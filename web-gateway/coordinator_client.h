@@ -14,12 +14,12 @@
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 
-#include "core/base/cancellation.h"
 #include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "web-gateway/request_scope.h"
 
 namespace isoscope::gateway {
 
@@ -44,13 +44,14 @@ struct CoordinatorClientOptions {
   std::size_t max_picture_bytes = std::size_t{1} << 28;  // of a picture with its planes
 };
 
-// Thread-safe. Each call ends early with CANCELLED once its cancellation fires. `done` is called
+// Thread-safe. Each call carries the identity of its request, and ends early with CANCELLED once
+// that is cancelled. `done` is called
 // exactly once; it must not destroy the client.
 class CoordinatorClient {
  public:
   template <typename Response>
   using Done = std::function<void(absl::StatusOr<Response>)>;
-  using Cancel = std::shared_ptr<base::Cancellation>;
+  using Cancel = std::shared_ptr<RequestScope>;
 
   explicit CoordinatorClient(CoordinatorClientOptions options);
   // Waits until all calls have ended.

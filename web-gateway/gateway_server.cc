@@ -59,7 +59,8 @@ class GatewayServerImpl final : public GatewayServer {
         parts_{.limits = options.limits,
                .access = AccessRules(AccessFor(options)),
                .client = &client_,
-               .api = &api_},
+               .api = &api_,
+               .metrics = &metrics_},
         work_(asio::make_work_guard(io_)),
         acceptor_(asio::make_strand(io_)),
         accept_timer_(acceptor_.get_executor()) {}
@@ -117,6 +118,13 @@ class GatewayServerImpl final : public GatewayServer {
 
   [[nodiscard]] int port() const override { return port_; }
 
+  std::vector<base::MetricFamily> CollectMetrics() override {
+    return metrics_.Collect({.connections = connections_.count(),
+                             .max_connections = parts_.limits.max_connections,
+                             .pictures = api_.pictures_in_work(),
+                             .max_pictures = parts_.limits.max_pictures});
+  }
+
   void Shutdown(absl::Duration grace) override {
     asio::post(acceptor_.get_executor(), [this] {
       error_code ignored;
@@ -165,12 +173,14 @@ class GatewayServerImpl final : public GatewayServer {
       ServeHttp(std::move(socket), &parts_, std::move(lease));
       return;
     }
+    metrics_.refused.Add();
     // The buffer of a new socket has room for this.
     socket.non_blocking(true, ignored);
     socket.send(asio::buffer(kTooManyConnections.data(), kTooManyConnections.size()), 0, ignored);
     socket.shutdown(tcp::socket::shutdown_both, ignored);
   }
 
+  GatewayMetrics metrics_;
   Connections connections_;
   CoordinatorClient client_;
   Api api_;

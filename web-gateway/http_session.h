@@ -10,10 +10,12 @@
 #include <boost/beast/http/message.hpp>
 #include <boost/beast/http/string_body.hpp>
 
+#include "core/base/trace_context.h"
 #include "web-gateway/access.h"
 #include "web-gateway/api.h"
 #include "web-gateway/connections.h"
 #include "web-gateway/coordinator_client.h"
+#include "web-gateway/gateway_metrics.h"
 #include "web-gateway/gateway_server.h"
 
 namespace isoscope::gateway {
@@ -24,6 +26,7 @@ struct GatewayParts {
   AccessRules access;
   CoordinatorClient* client = nullptr;
   Api* api = nullptr;
+  GatewayMetrics* metrics = nullptr;
 };
 
 // Serves a connection until its end. `socket` has a strand of its own.
@@ -33,7 +36,8 @@ void ServeHttp(boost::asio::ip::tcp::socket socket, GatewayParts* parts,
 // Serves a WebSocket of /v1/interact. `upgrade`: the request that asks for it, checked.
 void ServeWebSocket(boost::beast::tcp_stream stream,
                     boost::beast::http::request<boost::beast::http::string_body> upgrade,
-                    GatewayParts* parts, std::shared_ptr<Connections::Lease> lease);
+                    const base::TraceContext& identity, GatewayParts* parts,
+                    std::shared_ptr<Connections::Lease> lease);
 
 }  // namespace isoscope::gateway
 

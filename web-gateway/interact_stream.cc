@@ -8,12 +8,14 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/request_context.h"
 
 namespace isoscope::gateway {
 
 namespace v1 = isoscope::v1;
 
 std::shared_ptr<InteractStream> InteractStream::Open(CoordinatorClient* client,
+                                                     const base::TraceContext& identity,
                                                      OnResponse on_response, OnEnd on_end) {
   CallCounter* const calls = client->calls();
   calls->Add();
@@ -25,6 +27,7 @@ std::shared_ptr<InteractStream> InteractStream::Open(CoordinatorClient* client,
         calls->Remove();
       });
   stream->self_ = stream;
+  rpc::SetTraceparent(identity, &stream->context_);
   client->interact()->async()->Interact(&stream->context_, stream.get());
   stream->AddHold();
   stream->StartRead(&stream->incoming_);
