@@ -211,9 +211,9 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
 }  // namespace
 
 std::vector<Command> Commands() {
-  return {PartitionCommand(), InfoCommand(),      ServeCommand(),
-          RenderCommand(),    PickCommand(),      ExportCommand(),
-          GenerateCommand(),  CacheListCommand(), CacheClearCommand()};
+  return {PartitionCommand(), InfoCommand(),      ServeCommand(),  TopCommand(),
+          RenderCommand(),    PickCommand(),      ExportCommand(), GenerateCommand(),
+          CacheListCommand(), CacheClearCommand()};
 }
 
 int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,

@@ -48,6 +48,7 @@ Command ExportCommand();
 Command GenerateCommand();
 Command CacheListCommand();
 Command CacheClearCommand();
+Command TopCommand();
 
 // All commands of this room, in the order of --help.
 std::vector<Command> Commands();
