@@ -234,9 +234,9 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
 }  // namespace
 
 std::vector<Command> Commands() {
-  return {PartitionCommand(),  InfoCommand(),      ServeCommand(),    RenderCommand(),
-          PickCommand(),       ExportCommand(),    GenerateCommand(), CacheListCommand(),
-          CacheClearCommand(), CompletionCommand()};
+  return {PartitionCommand(), InfoCommand(),      ServeCommand(),  TopCommand(),
+          RenderCommand(),    PickCommand(),      ExportCommand(), GenerateCommand(),
+          CacheListCommand(), CacheClearCommand(), CompletionCommand()};
 }
 
 ProgramDescription DescribeProgram(const std::vector<Command>& commands) {

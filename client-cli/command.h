@@ -56,6 +56,7 @@ Command GenerateCommand();
 Command CacheListCommand();
 Command CacheClearCommand();
 Command CompletionCommand();
+Command TopCommand();
 
 // All commands of this room, in the order of --help.
 std::vector<Command> Commands();

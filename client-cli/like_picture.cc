@@ -26,7 +26,7 @@ constexpr std::array<absl::string_view, 27> kFlagsBesideLike = {
     "input",   "server",       "dataset",   "dims",    "type",         "spacing",     "origin",
     "endian",  "header-bytes", "shards",    "threads", "memory-limit", "cache-limit", "timeout",
     "verbose", "renderer",     "output",    "stats",   "culling",      "like",        "no-metadata",
-    "help",    "axes",         "scale-bar", "caption", "legend",       "show"};
+    "help",    "trace", "axes",    "scale-bar", "caption", "legend",       "show"};
 
 absl::Status WithPath(const std::string& path, const absl::Status& status) {
   return {status.code(), absl::StrCat("--like '", path, "': ", status.message())};

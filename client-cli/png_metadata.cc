@@ -168,6 +168,7 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_culling();
   deciding.clear_ray_seed();
   deciding.clear_output();
+  deciding.clear_with_trace();
   return deciding;
 }
 

@@ -34,6 +34,7 @@
 #include "client-cli/session.h"
 #include "client-cli/show_picture.h"
 #include "client-cli/sweep.h"
+#include "client-cli/trace_file.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
 #include "client-cli/waiting_line.h"
@@ -64,6 +65,7 @@ struct RenderFlags {
   std::optional<std::string> stats;
   std::optional<std::string> like;
   std::optional<ShowMode> show;
+  std::optional<std::string> trace;
   bool has_no_metadata = false;
   AnnotationFlags annotations;
 };
@@ -127,6 +129,11 @@ absl::Status CheckPoster(const RenderFlags& flags) {
         "a picture of ", size, " is drawn in regions: --save-camera is for pictures of at most ",
         kMaxSinglePixels, " pixels"));
   }
+  if (flags.trace) {
+    return UsageError(absl::StrCat("a picture of ", size,
+                                   " is drawn in regions: --trace is for one frame, as a --region "
+                                   "of it is"));
+  }
   if (flags.annotations.any()) {
     return UsageError(absl::StrCat("a picture of ", size,
                                    " is drawn in regions: annotations are drawn on pictures of at "
@@ -167,6 +174,9 @@ absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app, const Con
     if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
     }
+    if (flags.trace && flags.sweep.frame_count() > 1) {
+      return UsageError("--trace is for one frame: leave --repeat and sweeps out");
+    }
     if (flags.annotations.has_legend && flags.look.color_by.empty()) {
       return UsageError("--legend shows what the colours of --color-by mean: give that too");
     }
@@ -190,6 +200,9 @@ absl::Status CheckOutputs(const RenderFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
   if (flags.view.save_camera_file) {
     ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+  }
+  if (flags.trace) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.trace));
   }
   return flags.stats && *flags.stats != "-" ? CheckWritable(*flags.stats) : absl::OkStatus();
 }
@@ -240,12 +253,13 @@ std::size_t PlaneBytes(const RenderFlags& flags) {
          flags.planes.bytes_per_pixel();
 }
 
-// Renders one frame and remembers its statistics. Large planes come in parts.
-absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurfaceRequest& request,
-                                                         std::size_t plane_bytes, Session* session,
-                                                         std::vector<FrameRecord>* frames,
-                                                         bool says_waiting,
-                                                         const Context& context) {
+// Renders one frame, remembers its statistics and writes its trace. Large planes come in parts.
+absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
+    const v1::RenderIsosurfaceRequest& plain_request, std::size_t plane_bytes,
+    const std::optional<std::string>& trace_path, Session* session,
+    std::vector<FrameRecord>* frames, bool says_waiting, const Context& context) {
+  v1::RenderIsosurfaceRequest request = plain_request;
+  request.set_with_trace(trace_path.has_value());
   const absl::Time start = absl::Now();
   const WaitingLine waiting(context.err, says_waiting && context.err_is_terminal, "rendering");
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -255,6 +269,10 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurf
           : session->client().RenderIsosurface(request, session->timeout()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
                      .statistics = response.statistics()});
+  if (trace_path) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        WriteFileAtomically(*trace_path, TraceToJson(response.trace(), absl::Now() - start)));
+  }
   return response;
 }
 
@@ -432,7 +450,7 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
       ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
                                 MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
       ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                                RenderFrame(request, PlaneBytes(flags), session, &frames,
+                                RenderFrame(request, PlaneBytes(flags), flags.trace, session, &frames,
                                             /*says_waiting=*/frame_count == 1, context));
       if (i == 0 && flags.view.save_camera_file) {
         ISOSCOPE_RETURN_IF_ERROR(
@@ -469,7 +487,7 @@ absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded,
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
-                            RenderFrame(request, /*plane_bytes=*/0, session, &frames,
+                            RenderFrame(request, /*plane_bytes=*/0, flags.trace, session, &frames,
                                         /*says_waiting=*/true, context));
   PictureOutput output = MakeOutput(flags, subject);
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
@@ -533,6 +551,8 @@ Action RegisterFlags(CLI::App* app) {
               "can, or in a format whatever it is; --output may then be left out");
   AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");
+  AddFlag(app, "--trace", "FILE.json", &flags->trace, ParseText,
+          "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
   AddFlag(app, "--like", "FILE.png", &flags->like, ParseText,
           "make the picture in FILE.png again, from the record that render keeps in its pictures, "
           "and compare; takes no flag that decides a pixel");

@@ -1,18 +1,40 @@
 #include "client-cli/service_client.h"
 
+#include <cstdlib>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
 #include "core/base/status_macros.h"
+#include "core/base/trace_context.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/peer.h"
+#include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 
 namespace isoscope::cli {
 
 namespace v1 = isoscope::v1;
+
+namespace {
+
+// Whether the servers' logs may say more.
+bool IsForOperator(const absl::Status& status) {
+  return absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status) ||
+         absl::IsDataLoss(status) || absl::IsInternal(status) || absl::IsUnknown(status) ||
+         absl::IsFailedPrecondition(status) || absl::IsResourceExhausted(status);
+}
+
+absl::Status WithRequestId(const absl::Status& status, const std::string& request_id) {
+  return request_id.empty()
+             ? status
+             : absl::Status(status.code(),
+                            absl::StrCat(status.message(), " (request ", request_id, ")"));
+}
+
+}  // namespace
 
 ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
                              Interrupt* interrupt, std::string token)
@@ -71,7 +93,14 @@ absl::Status ServiceClient::Call(absl::Duration timeout,
   }
   const base::Cancellation::Callback on_interrupt(interrupt_->cancellation(),
                                                   [&context] { context.TryCancel(); });
-  return Explain(call(&context));
+  const char* const traceparent = std::getenv("TRACEPARENT");
+  const std::optional<base::TraceContext> caller =
+      base::TraceContext::Parse(traceparent == nullptr ? "" : traceparent);
+  if (caller.has_value()) {
+    rpc::SetTraceparent(*caller, &context);
+  }
+  const absl::Status status = Explain(call(&context));
+  return IsForOperator(status) ? WithRequestId(status, rpc::RequestIdOf(context)) : status;
 }
 
 absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,

@@ -48,6 +48,9 @@ class InteractStream {
   base::Mutex write_mutex_;
 };
 
+// Every call is part of the trace that the environment variable TRACEPARENT names (W3C Trace
+// Context), if it does. Errors that servers' logs may explain end in the id of the request.
+//
 // Every call ends with DEADLINE_EXCEEDED after its `timeout`, and with CANCELLED on an interrupt.
 // Thread-safe.
 class ServiceClient {

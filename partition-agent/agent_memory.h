@@ -51,6 +51,7 @@ class AgentMemory {
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveStep(
       const view::Viewport& viewport, const base::Cancellation& cancellation, int max_layers = 0);
 
+  [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
   [[nodiscard]] BlockCache* cache() { return &cache_; }
   [[nodiscard]] render::LayerRenderer* layers() { return &layers_; }
 

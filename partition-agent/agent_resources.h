@@ -7,9 +7,11 @@
 
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/base/trace_recorder.h"
 #include "core/io/read_queue.h"
 #include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
+#include "partition-agent/agent_metrics.h"
 #include "partition-agent/block_cache.h"
 
 namespace isoscope::agent {
@@ -22,6 +24,8 @@ struct AgentResources {
   tbb::task_arena* arena = nullptr;
   BlockCache* cache = nullptr;
   std::size_t max_read_bytes = io::ReadQueueOptions().max_bytes;  // of each step, under way
+  base::TraceRecorder* trace = nullptr;                           // of one frame; null: it has none
+  AgentMetrics* metrics = nullptr;                                // null: nobody counts
 };
 
 }  // namespace isoscope::agent

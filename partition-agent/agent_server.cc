@@ -130,6 +130,8 @@ class AgentServerImpl final : public AgentServer {
 
   [[nodiscard]] int frames_in_work() const override { return service_.frames_in_work(); }
 
+  std::vector<base::MetricFamily> CollectMetrics() override { return service_.CollectMetrics(); }
+
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {
       return;  // never listened

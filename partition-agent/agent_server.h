@@ -14,6 +14,7 @@
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/base/metrics.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
 #include "core/rpc/transport.h"
@@ -56,6 +57,8 @@ class AgentServer {
   [[nodiscard]] virtual std::string shard_summary() const = 0;
   // Frames whose call has not ended yet; 0: no step of any frame runs.
   [[nodiscard]] virtual int frames_in_work() const = 0;
+  // Returns the numbers for monitoring (agent_metrics).
+  virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for calls in work, then
   // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

@@ -100,6 +100,9 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
     actives_.Insert({shard.number, BitsOf(isovalue)}, std::move(active), size);
   }
 
+  [[nodiscard]] std::size_t mesh_bytes() const { return meshes_.size_bytes(); }
+  [[nodiscard]] std::size_t sample_bytes() const { return samples_.size_bytes(); }
+  [[nodiscard]] std::size_t active_bytes() const { return actives_.size_bytes(); }
   [[nodiscard]] std::size_t size_bytes() const {
     return meshes_.size_bytes() + samples_.size_bytes() + actives_.size_bytes();
   }

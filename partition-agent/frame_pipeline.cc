@@ -71,6 +71,7 @@ class FramePipeline::Impl {
         cache_round_(resources.cache->BeginRound(task.frame_number)) {}
 
   absl::StatusOr<RaySelection> SelectOccluders() {
+    const base::TraceScope trace(resources_.trace, "select occluders");
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kFirst, Step::kRenderOccluders);
     absl::Status found;
@@ -86,6 +87,7 @@ class FramePipeline::Impl {
   }
 
   absl::StatusOr<image::FrameImage> RenderOccluders(const std::vector<volume::BlockId>& blocks) {
+    const base::TraceScope trace(resources_.trace, "render occluders");
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kRenderOccluders, Step::kRenderVisible);
     statistics_.occluding_block_count = static_cast<std::int64_t>(blocks.size());
@@ -99,6 +101,7 @@ class FramePipeline::Impl {
 
   absl::StatusOr<image::FrameImage> RenderVisible(const std::vector<volume::BlockId>& blocks,
                                                   absl::string_view open_pixels) {
+    const base::TraceScope trace(resources_.trace, "render visible");
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kRenderVisible, Step::kNone);
     std::vector<image::PixelMask> masks;
@@ -127,6 +130,7 @@ class FramePipeline::Impl {
   }
 
   absl::StatusOr<image::FrameImage> RenderAll() {
+    const base::TraceScope trace(resources_.trace, "render all");
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kFirst, Step::kNone);
     ISOSCOPE_RETURN_IF_ERROR(FindBlocks());
@@ -136,6 +140,7 @@ class FramePipeline::Impl {
   }
 
   std::vector<std::string> Encode(const image::FrameImage& image) {
+    const base::TraceScope trace(resources_.trace, "encode");
     const base::ScopedTimer timer(&statistics_.busy_duration);
     return resources_.arena->execute([&] {
       std::vector<std::string> bands = composite::EncodePixels(image);
@@ -160,6 +165,7 @@ class FramePipeline::Impl {
 
   // Step 0.
   absl::Status FindBlocks() {
+    const base::TraceScope trace(resources_.trace, "index");
     IndexCost cost;
     ISOSCOPE_ASSIGN_OR_RETURN(SurfaceBlocks found,
                               SurfaceBlocks::Find(shards_, frame::IsovaluesOf(task_.spec),
@@ -174,6 +180,11 @@ class FramePipeline::Impl {
     statistics_.active_block_count = blocks_->block_count();
     statistics_.index_page_read_count += cost.page_read_count;
     statistics_.read_bytes += cost.read_bytes;
+    if (resources_.metrics != nullptr) {
+      resources_.metrics->active_hits.Add(cost.kept_list_count);
+      resources_.metrics->active_misses.Add(cost.queried_list_count);
+      resources_.metrics->read_bytes.Add(cost.read_bytes);
+    }
     return absl::OkStatus();
   }
 
@@ -210,6 +221,7 @@ class FramePipeline::Impl {
       if (cancellation_.is_cancelled()) {
         return;
       }
+      const base::TraceScope trace(resources_.trace, "rays");
       const std::int64_t begin = share.begin + task * kRaysPerTask;
       rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), active, &hits_by_thread.local());
     });
@@ -265,6 +277,7 @@ class FramePipeline::Impl {
     statistics_.read_bytes += cost.read_bytes;
     statistics_.extract_duration += cost.extract_duration;
     statistics_.render_duration += cost.deliver_duration;
+    const base::TraceScope trace(resources_.trace, "shade");
     const base::ScopedTimer timer(&statistics_.render_duration);
     layers_ = layer_pass ? layer_pass->Finish() : image::LayerStack();
     return pass->Finish(cancellation_);
@@ -279,6 +292,7 @@ class FramePipeline::Impl {
     if (!image.ok() || !task_.spec.caps.has_value() || task_.spec.culling != of_culling) {
       return image;
     }
+    const base::TraceScope trace(resources_.trace, "caps");
     const base::ScopedTimer timer(&statistics_.render_duration);
     const image::FragmentOrder order{
         .block_count = static_cast<std::uint32_t>(layout_.block_count()),
@@ -287,6 +301,9 @@ class FramePipeline::Impl {
         const std::int64_t read_bytes,
         DrawCaps(shards_, view_, task_.spec, order, resources_, cancellation_, &*image));
     statistics_.read_bytes += read_bytes;
+    if (resources_.metrics != nullptr) {
+      resources_.metrics->read_bytes.Add(read_bytes);
+    }
     return image;
   }
 

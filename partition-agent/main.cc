@@ -19,6 +19,7 @@
 #include "core/base/version.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
+#include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "partition-agent/agent_server.h"
 
@@ -115,13 +116,19 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Start(options));
   ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
   options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
+                            rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
+                              return server->CollectMetrics();
+                            }));
   base::LogInfo("agent_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
                  {"shards", server->shard_summary()},
                  {"renderer", options.renderer->description()},
                  {"threads", options.arena->max_concurrency()},
                  {"version", base::Version()}});
-  return [server = std::move(server)](absl::Duration grace) { server->Shutdown(grace); };
+  return [server = std::move(server), metrics = std::move(metrics)](absl::Duration grace) {
+    server->Shutdown(grace);
+  };
 }
 
 int Main(int argc, char** argv) {

@@ -26,6 +26,7 @@
 #include "core/base/first_error.h"
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
+#include "core/base/trace_recorder.h"
 #include "core/extract/block_extractor.h"
 #include "partition-agent/queued_reads.h"
 
@@ -54,6 +55,8 @@ struct Worker {
   std::vector<frame::SurfaceStatistics> surfaces;
   absl::Duration extract_time;
   absl::Duration deliver_time;
+  std::int64_t kept_mesh_count = 0;
+  std::int64_t kept_sample_count = 0;
 };
 
 // The blocks to read of one shard.
@@ -74,6 +77,8 @@ class MeshSupply::Impl {
         arena_(*resources.arena),
         cache_(*resources.cache),
         max_read_bytes_(resources.max_read_bytes),
+        trace_(resources.trace),
+        metrics_(resources.metrics),
         cancellation_(*cancellation),
         round_(cache_round),
         keeps_gradient_magnitudes_(std::move(keeps_gradient_magnitudes)) {
@@ -94,6 +99,7 @@ class MeshSupply::Impl {
         wanted.push_back(i);
       }
     }
+    CountLookups(static_cast<std::int64_t>(wanted.size()));
     ISOSCOPE_RETURN_IF_ERROR(ReadSamples(
         chosen, std::move(wanted), &cost.read_bytes,
         [&](std::span<const std::size_t> of_block, const volume::BlockSamples& samples) {
@@ -168,6 +174,7 @@ class MeshSupply::Impl {
               return;
             }
             Worker& worker = workers_.local();
+            const base::TraceScope trace(trace_, "extract");
             const absl::Time start = absl::Now();
             for (std::size_t i = range.begin(); i < range.end(); ++i) {
               if (cancellation_.is_cancelled()) {
@@ -184,9 +191,26 @@ class MeshSupply::Impl {
     return cancellation_.Check();
   }
 
+  // Counts what was found and what was not, once for all meshes of a delivery.
+  void CountLookups(std::int64_t missing_count) {
+    std::int64_t kept_mesh_count = 0;
+    std::int64_t kept_sample_count = 0;
+    for (Worker& worker : workers_) {
+      kept_mesh_count += std::exchange(worker.kept_mesh_count, 0);
+      kept_sample_count += std::exchange(worker.kept_sample_count, 0);
+    }
+    if (metrics_ != nullptr) {
+      metrics_->mesh_hits.Add(kept_mesh_count);
+      metrics_->mesh_misses.Add(kept_sample_count + missing_count);
+      metrics_->sample_hits.Add(kept_sample_count);
+      metrics_->sample_misses.Add(missing_count);
+    }
+  }
+
   bool FindKept(const ChosenMesh& chosen, Worker* worker) {
     auto mesh = TableOf(chosen).Find(chosen.active_index, round_);
     if (mesh != nullptr) {
+      ++worker->kept_mesh_count;
       worker->meshes.push_back({std::move(mesh), chosen.surface_index, chosen.open});
       return true;
     }
@@ -195,6 +219,7 @@ class MeshSupply::Impl {
     if (samples == nullptr) {
       return false;
     }
+    ++worker->kept_sample_count;
     Extract({chosen.block_id, shard.reader->manifest().scalar_type, samples->data()}, chosen,
             worker);
     return true;
@@ -235,9 +260,14 @@ class MeshSupply::Impl {
         reads.push_back(reader.RequestFor(disk_run));
       }
     }
+    if (metrics_ != nullptr) {
+      metrics_->reads.Add(static_cast<std::int64_t>(reads.size()));
+      metrics_->read_bytes.Add(*read_bytes);
+    }
     io::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
     return ForEachArrival(
-        &queue, &arena_, cancellation_, [&](const io::ReadQueue::Arrival& arrival) {
+        &queue, &arena_, cancellation_,
+        [&](const io::ReadQueue::Arrival& arrival) {
           const auto after = std::upper_bound(
               by_shard.begin(), by_shard.end(), arrival.index(),
               [](std::size_t read, const ShardReads& of) { return read < of.first_read; });
@@ -245,7 +275,8 @@ class MeshSupply::Impl {
               chosen, wanted, *(after - 1),
               *blocks_.shards()[static_cast<std::size_t>(after - by_shard.begin() - 1)], arrival,
               visit);
-        });
+        },
+        {.trace = trace_, .wait = metrics_ != nullptr ? &metrics_->read_wait : nullptr});
   }
 
   static absl::Status VisitArrival(const std::vector<ChosenMesh>& chosen,
@@ -289,6 +320,10 @@ class MeshSupply::Impl {
 
   // Hands on the worker's meshes, a part at a time, so that a cancelled frame ends soon.
   absl::Status HandOn(Worker* worker, const Deliver& deliver) const {
+    if (worker->meshes.empty()) {
+      return absl::OkStatus();
+    }
+    const base::TraceScope trace(trace_, "draw");
     const base::ScopedTimer timer(&worker->deliver_time);
     for (const render::MeshToDraw& item : worker->meshes) {
       worker->surfaces[item.surface_index] +=
@@ -343,6 +378,8 @@ class MeshSupply::Impl {
   tbb::task_arena& arena_;
   BlockCache& cache_;
   const std::size_t max_read_bytes_;
+  base::TraceRecorder* const trace_;  // null: none is asked for
+  AgentMetrics* const metrics_;       // null: nobody counts
   const base::Cancellation& cancellation_;
   const std::uint64_t round_;
   std::vector<bool> keeps_gradient_magnitudes_;  // by surface

@@ -35,8 +35,12 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
+#include "core/base/memory_info.h"
+#include "core/base/metrics.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/trace_context.h"
+#include "core/base/trace_recorder.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
 #include "core/render/cpu_renderer.h"
@@ -47,6 +51,8 @@
 #include "core/rpc/known_fields.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/trace_convert.h"
 #include "core/rpc/unary_call.h"
 #include "core/rpc/write_queue.h"
 #include "partition-agent/frame_pipeline.h"
@@ -174,6 +180,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
       OnReadsEnded();
       return;
     }
+    NoteReceived();
     v1::RenderFrameRequest message;
     message.Swap(&incoming_);
     const absl::Status status = Accept(std::move(message));
@@ -208,11 +215,29 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   RenderFrameCall(PartitionAgentServiceImpl* service, grpc::CallbackServerContext* context)
       : service_(service),
         context_(context),
+        identity_(rpc::AnswerTraceContext(context)),
         cancellation_(rpc::DeadlineOf(*context)),
         outgoing_(
             kMaxQueuedBytes,
             [this](const v1::RenderFrameResponse* message) { StartWrite(message); },
-            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+            [this](const absl::Status& status) {
+              service_->metrics_.CountRequest(AgentMethod::kRenderFrame, status,
+                                              absl::Now() - start_);
+              Finish(rpc::ToGrpcStatus(status));
+            }) {}
+
+  // Begins a trace if this is the message that asks for one, and notes when it came.
+  void NoteReceived() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const bool begins = incoming_.has_begin() && incoming_.begin().request().with_trace();
+    const base::MutexLock lock(&mutex_);
+    if (begins && phase_ == Phase::kExpectBegin) {
+      trace_ = std::make_unique<base::TraceRecorder>();
+      trace_zero_ = base::TraceClock::now();
+    }
+    if (trace_ != nullptr) {
+      receive_times_.push_back(base::TraceClock::now());
+    }
+  }
 
   static const char* NameOf(Phase phase) {
     switch (phase) {
@@ -275,8 +300,16 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   // Runs `step` on the executor, which always has room for one step of each admitted frame.
   template <typename Step>
   absl::Status Schedule(Step step) {
-    const bool is_scheduled =
-        service_->frame_executor_.TrySchedule([call = self_, step = std::move(step)]() mutable {
+    const absl::Time scheduled = absl::Now();
+    const base::TraceTime trace_scheduled =
+        trace_ == nullptr ? base::TraceTime() : base::TraceClock::now();
+    const bool is_scheduled = service_->frame_executor_.TrySchedule(
+        [call = self_, scheduled, trace_scheduled, step = std::move(step)]() mutable {
+          call->service_->metrics_.queue_wait.Observe(absl::Now() - scheduled);
+          if (call->trace_ != nullptr) {
+            call->trace_->NameThisThread("frame");
+            call->trace_->AddTo("queue", "queue", trace_scheduled, base::TraceClock::now());
+          }
           const absl::Status status = step();
           if (!status.ok()) {
             call->Fail(status);
@@ -310,6 +343,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   }
 
   absl::Status Send(v1::RenderFrameResponse message) {
+    const base::TraceScope trace(trace_.get(), "send");
+    if (trace_ != nullptr && !message.has_frame_done()) {  // SendLast notes that one
+      send_times_.push_back(base::TraceClock::now());
+    }
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
@@ -320,6 +357,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   // Reserves the memory of one step: its image, and its bands until they are queued. OpenGL draws
   // a region into a picture of the whole.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory() {
+    const base::TraceScope trace(trace_.get(), "memory");
+    const base::ScopedObservation wait(&service_->metrics_.memory_wait);
     const bool draws_whole =
         service_->renderer_->picture_revision().back_end == frame::BackEnd::kEgl;
     return service_->memory_->ReserveStep(
@@ -344,7 +383,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     }
     v1::RenderFrameResponse message;
     std::size_t bytes = 0;
-    for (std::string& band : pipeline_->Encode(image)) {
+    base::ScopedObservation encode(&service_->metrics_.encode);
+    std::vector<std::string> bands = pipeline_->Encode(image);
+    encode.End();
+    for (std::string& band : bands) {
       ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
       if (bytes > 0 && bytes + band.size() > kMaxBandsBytes) {
         ISOSCOPE_RETURN_IF_ERROR(Send(std::exchange(message, {})));
@@ -372,15 +414,19 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     shard_indices_.assign(begin.shard_indices().begin(), begin.shard_indices().end());
     block_count_ = shards.front()->reader->layout().block_count();
     ISOSCOPE_ASSIGN_OR_RETURN(
-        pipeline_,
-        FramePipeline::Make(std::move(shards), task_, service_->Resources(), &cancellation_));
+        pipeline_, FramePipeline::Make(std::move(shards), task_, service_->Resources(trace_.get()),
+                                       &cancellation_));
     if (task_.spec.culling == frame::Culling::kNone) {
       EnterPhase(Phase::kRenderingRest);
       ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+      base::ScopedObservation render(&service_->metrics_.render_visible);
       ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, pipeline_->RenderAll());
+      render.End();
       return SendLast(std::move(image), std::move(reserved));
     }
+    base::ScopedObservation select(&service_->metrics_.select_occluders);
     ISOSCOPE_ASSIGN_OR_RETURN(const RaySelection selection, pipeline_->SelectOccluders());
+    select.End();
     v1::RenderFrameResponse message;
     *message.mutable_ray_hits()->mutable_hits() = rpc::ToProto(selection.hits);
     *message.mutable_ray_hits()->mutable_active_blocks() = rpc::ToProto(selection.active);
@@ -394,7 +440,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(occluders.blocks(), block_count_, "occluders.blocks"));
     ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+    base::ScopedObservation render(&service_->metrics_.render_occluders);
     ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image, pipeline_->RenderOccluders(blocks));
+    render.End();
     v1::RenderFrameResponse message;
     ISOSCOPE_RETURN_IF_ERROR(SendPixels(std::move(image), std::move(reserved), &message));
     message.mutable_occluders_done();
@@ -408,8 +456,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
         const std::vector<volume::BlockId> blocks,
         rpc::BlockListFromProto(visible.blocks(), block_count_, "visible_blocks.blocks"));
     ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, ReserveMemory());
+    base::ScopedObservation render(&service_->metrics_.render_visible);
     ISOSCOPE_ASSIGN_OR_RETURN(image::FrameImage image,
                               pipeline_->RenderVisible(blocks, visible.open_pixels()));
+    render.End();
     return SendLast(std::move(image), std::move(reserved));
   }
 
@@ -423,10 +473,15 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     for (const int index : shard_indices_) {
       proto->add_shard_indices(index);
     }
+    AddTrace(message.mutable_frame_done());
     ISOSCOPE_RETURN_IF_ERROR(Send(std::move(message)));
     EnterPhase(Phase::kEnded);
     outgoing_.Finish(absl::OkStatus());
-    base::LogInfo("frame_done", {{"frame", frame_number_},
+    service_->metrics_.triangles.Add(statistics.triangle_count);
+    service_->metrics_.drawn_blocks.Add(statistics.visible_block_count);
+    service_->metrics_.CountFrame(absl::OkStatus(), statistics.busy_duration);
+    base::LogInfo("frame_done", {{"request", identity_.request_id()},
+                                 {"frame", frame_number_},
                                  {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
                                  {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
                                  {"active_blocks", statistics.active_block_count},
@@ -437,9 +492,26 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     return absl::OkStatus();
   }
 
+  // Tells the times, if they were asked for. Nothing that follows is in them.
+  void AddTrace(v1::FrameDone* done) ABSL_LOCKS_EXCLUDED(mutex_) {
+    if (trace_ == nullptr) {
+      return;
+    }
+    rpc::MessageTimes times;
+    {
+      const base::MutexLock lock(&mutex_);
+      times.received = receive_times_;
+    }
+    const base::RecordedTrace recorded = trace_->Get();
+    send_times_.push_back(base::TraceClock::now());
+    times.sent = send_times_;
+    *done->mutable_trace() = rpc::ToProto(recorded, times, trace_zero_);
+  }
+
   // Ends the frame with an error. Only the first error counts.
   void Fail(const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
     std::int64_t frame_number = 0;
+    bool is_admitted = false;
     {
       const base::MutexLock lock(&mutex_);
       if (phase_ == Phase::kEnded) {
@@ -447,16 +519,22 @@ class PartitionAgentServiceImpl::RenderFrameCall final
       }
       phase_ = Phase::kEnded;
       frame_number = frame_number_;
+      is_admitted = is_admitted_;
     }
     cancellation_.Cancel();  // a step may still run
     outgoing_.Finish(status);
-    base::LogWarning("frame_failed", {{"frame", frame_number},
+    if (is_admitted) {
+      service_->metrics_.CountFrame(status, absl::ZeroDuration());
+    }
+    base::LogWarning("frame_failed", {{"request", identity_.request_id()},
+                                      {"frame", frame_number},
                                       {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
                                       {"status", status}});
   }
 
   PartitionAgentServiceImpl* const service_;
   grpc::CallbackServerContext* const context_;
+  const base::TraceContext identity_;
   const absl::Time start_ = absl::Now();
   base::Cancellation cancellation_;
   rpc::WriteQueue<v1::RenderFrameResponse> outgoing_;
@@ -465,8 +543,12 @@ class PartitionAgentServiceImpl::RenderFrameCall final
 
   base::Mutex mutex_;
   Phase phase_ ABSL_GUARDED_BY(mutex_) = Phase::kExpectBegin;
-  std::int64_t frame_number_ = 0;  // set before the first step
-  bool is_admitted_ = false;       // set before the first step
+  std::int64_t frame_number_ = 0;                                       // set before the first step
+  bool is_admitted_ = false;                                            // set before the first step
+  std::vector<base::TraceTime> receive_times_ ABSL_GUARDED_BY(mutex_);  // if there is a trace
+  std::unique_ptr<base::TraceRecorder>
+      trace_;                   // null: none is asked for; set with the first message
+  base::TraceTime trace_zero_;  // the same
 
   // The steps use these, one after the other.
   FrameTask task_;
@@ -474,6 +556,7 @@ class PartitionAgentServiceImpl::RenderFrameCall final
   std::int64_t block_count_ = 0;
   std::int64_t mailbox_ = 0;  // 0: pixels leave as bands
   std::unique_ptr<FramePipeline> pipeline_;
+  std::vector<base::TraceTime> send_times_;  // if there is a trace
 };
 
 // One ExtractSurface. It owns itself as a RenderFrameCall does.
@@ -509,11 +592,16 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
                      const v1::ExtractSurfaceRequest& request)
       : service_(service),
         request_(request),
+        identity_(rpc::AnswerTraceContext(context)),
         cancellation_(rpc::DeadlineOf(*context)),
         outgoing_(
             kMaxQueuedBytes,
             [this](const v1::ExtractSurfaceResponse* message) { StartWrite(message); },
-            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+            [this](const absl::Status& status) {
+              service_->metrics_.CountRequest(AgentMethod::kExtractSurface, status,
+                                              absl::Now() - arrival_);
+              Finish(rpc::ToGrpcStatus(status));
+            }) {}
 
   void Run() {
     const absl::Time start = absl::Now();
@@ -521,7 +609,8 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
     outgoing_.Finish(status);
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok() ? "extraction_done" : "extraction_failed",
-              {{"dataset_id", request_.dataset_id()},
+              {{"request", identity_.request_id()},
+               {"dataset_id", request_.dataset_id()},
                {"isovalue", request_.isovalue()},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"triangles", triangle_count_},
@@ -536,9 +625,10 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         std::vector<std::shared_ptr<const Shard>> shards,
         service_->FindShards(request_.dataset_id(), request_.shard_indices()));
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<SurfaceExtraction> extraction,
-                              SurfaceExtraction::Make(std::move(shards), request_.isovalue(), clip,
-                                                      service_->Resources(), &cancellation_));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const std::unique_ptr<SurfaceExtraction> extraction,
+        SurfaceExtraction::Make(std::move(shards), request_.isovalue(), clip,
+                                service_->Resources(/*trace=*/nullptr), &cancellation_));
     v1::ExtractSurfaceResponse message;
     std::size_t message_bytes = 0;
     while (true) {
@@ -571,6 +661,8 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
 
   PartitionAgentServiceImpl* const service_;
   const v1::ExtractSurfaceRequest request_;
+  const base::TraceContext identity_;
+  const absl::Time arrival_ = absl::Now();
   base::Cancellation cancellation_;
   rpc::WriteQueue<v1::ExtractSurfaceResponse> outgoing_;
   std::int64_t triangle_count_ = 0;
@@ -598,22 +690,58 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
 
 PartitionAgentServiceImpl::~PartitionAgentServiceImpl() = default;
 
-AgentResources PartitionAgentServiceImpl::Resources() const {
+AgentGauges PartitionAgentServiceImpl::gauges() const {
+  return {.frames = frame_count_.load(),
+          .max_frames = max_frames_,
+          .shard_count = shards_.size(),
+          .mesh_cache_bytes = memory_->cache()->mesh_bytes(),
+          .sample_cache_bytes = memory_->cache()->sample_bytes(),
+          .active_cache_bytes = memory_->cache()->active_bytes(),
+          .memory_limit_bytes = memory_->limit_bytes()};
+}
+
+isoscope::v1::AgentLoad PartitionAgentServiceImpl::Load() const {
+  isoscope::v1::AgentLoad load;
+  *load.mutable_up_duration() = rpc::ToProto(absl::Now() - start_);
+  load.set_working_frame_count(frame_count_.load());
+  load.set_done_frame_count(metrics_.done_frames.value());
+  load.set_failed_frame_count(metrics_.failed_frames.value() + metrics_.cancelled_frames.value());
+  load.set_read_bytes(metrics_.read_bytes.value());
+  load.set_triangle_count(metrics_.triangles.value());
+  *load.mutable_busy_duration() = rpc::ToProto(absl::Nanoseconds(metrics_.busy.value()));
+  load.set_resident_bytes(static_cast<std::int64_t>(base::ResidentBytes()));
+  load.set_memory_limit_bytes(static_cast<std::int64_t>(memory_->limit_bytes()));
+  return load;
+}
+
+rpc::OnCallEnd PartitionAgentServiceImpl::Counter(AgentMethod method) {
+  return [this, method](const absl::Status& status, absl::Duration duration) {
+    metrics_.CountRequest(method, status, duration);
+  };
+}
+
+AgentResources PartitionAgentServiceImpl::Resources(base::TraceRecorder* trace) {
   return {.renderer = renderer_.get(),
           .layers = memory_->layers(),
           .cpu_renderer = cpu_renderer_.get(),
           .arena = arena_.get(),
           .cache = memory_->cache(),
-          .max_read_bytes = memory_->read_bytes()};
+          .max_read_bytes = memory_->read_bytes(),
+          .trace = trace,
+          .metrics = &metrics_};
 }
 
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
     grpc::CallbackServerContext* context, const v1::DescribeShardsRequest* request,
     v1::DescribeShardsResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&] {
-    *response = description_;
-    return absl::OkStatus();
-  });
+  return rpc::AnswerUnary(
+      context, *request,
+      [&] {
+        *response = description_;
+        *response->mutable_load() = Load();
+        return absl::OkStatus();
+      },
+      Counter(AgentMethod::kDescribeShards));
 }
 
 grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse>*
@@ -631,7 +759,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetShardHistogram(
     v1::GetShardHistogramResponse* response) {
   return rpc::UnaryTask::Start(
       context, *request, &query_executor_, kMaxQueryDuration,
-      [this, request, response](const base::Cancellation& /*cancellation*/) -> absl::Status {
+      [this, request, response](const base::Cancellation& /*cancellation*/,
+                                const base::TraceContext& /*identity*/) -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query,
                                   rpc::HistogramQueryFromProto(*request));
         ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::shared_ptr<const Shard>> shards,
@@ -641,7 +770,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetShardHistogram(
             HistogramOfShards(shards, query.max_bin_count, query.value_range));
         *response = rpc::ToProto(part);
         return absl::OkStatus();
-      });
+      },
+      Counter(AgentMethod::kGetShardHistogram));
 }
 
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
@@ -649,7 +779,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
     v1::GetActiveBoxResponse* response) {
   return rpc::UnaryTask::Start(
       context, *request, &query_executor_, kMaxQueryDuration,
-      [this, request, response](const base::Cancellation& /*cancellation*/) -> absl::Status {
+      [this, request, response](const base::Cancellation& /*cancellation*/,
+                                const base::TraceContext& /*identity*/) -> absl::Status {
         if (request->isovalues().empty()) {
           return absl::InvalidArgumentError("isovalues is empty: must name at least one");
         }
@@ -666,7 +797,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
                         view::Clipper(clip, shard->reader->manifest().geometry));
         *response = rpc::ToProto(box.block_count, box.cells);
         return absl::OkStatus();
-      });
+      },
+      Counter(AgentMethod::kGetActiveBox));
 }
 
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
@@ -674,7 +806,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
     v1::GetGradientsResponse* response) {
   return rpc::UnaryTask::Start(
       context, *request, &query_executor_, kMaxQueryDuration,
-      [this, request, response](const base::Cancellation& cancellation) -> absl::Status {
+      [this, request, response](const base::Cancellation& cancellation,
+                                const base::TraceContext& /*identity*/) -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<math::Vec3d> points,
                                   rpc::PickedPointsFromProto(*request));
         ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::shared_ptr<const Shard>> shards,
@@ -687,7 +820,8 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
           *out->mutable_gradient() = rpc::ToProto(gradient.gradient);
         }
         return absl::OkStatus();
-      });
+      },
+      Counter(AgentMethod::kGetGradients));
 }
 
 absl::StatusOr<std::shared_ptr<const Shard>> PartitionAgentServiceImpl::FindAnyShard(

@@ -11,13 +11,19 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/executor.h"
+#include "core/base/metrics.h"
+#include "core/base/trace_recorder.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
+#include "core/rpc/unary_call.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_memory.h"
+#include "partition-agent/agent_metrics.h"
 #include "partition-agent/agent_resources.h"
 #include "partition-agent/shard.h"
 
@@ -52,6 +58,10 @@ class PartitionAgentServiceImpl final
 
   // Frames whose call has not ended yet.
   [[nodiscard]] int frames_in_work() const { return frame_count_.load(); }
+  // Returns the numbers for monitoring.
+  [[nodiscard]] std::vector<base::MetricFamily> CollectMetrics() const {
+    return metrics_.Collect(gauges());
+  }
 
   grpc::ServerUnaryReactor* DescribeShards(
       grpc::CallbackServerContext* context,
@@ -80,7 +90,12 @@ class PartitionAgentServiceImpl final
   class RenderFrameCall;
   class ExtractSurfaceCall;
 
-  [[nodiscard]] AgentResources Resources() const;
+  // `trace`: of a frame that has one.
+  [[nodiscard]] AgentResources Resources(base::TraceRecorder* trace);
+  [[nodiscard]] AgentGauges gauges() const;
+  [[nodiscard]] isoscope::v1::AgentLoad Load() const;
+  // Counts the calls of a method.
+  [[nodiscard]] rpc::OnCallEnd Counter(AgentMethod method);
 
   // Finds the shards of a dataset by index. FAILED_PRECONDITION names the dataset or shard that is
   // not served; INVALID_ARGUMENT if the indices are malformed.
@@ -99,6 +114,8 @@ class PartitionAgentServiceImpl final
   const int max_frames_;
   isoscope::internal::v1::DescribeShardsResponse description_;
   std::atomic<int> frame_count_{0};  // begun and not yet ended
+  AgentMetrics metrics_;
+  const absl::Time start_ = absl::Now();
   // These come last, because their threads use the members above.
   base::Executor frame_executor_;
   base::Executor extraction_executor_;

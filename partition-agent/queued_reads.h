@@ -8,16 +8,27 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/metrics.h"
+#include "core/base/trace_recorder.h"
 #include "core/io/read_queue.h"
 
 namespace isoscope::agent {
+
+// Who is told of the times. Each may be null.
+struct ReadWatch {
+  // Copies from the system's memory ("read"), waits for the disk ("wait for reads") and calls of
+  // `work` ("extract").
+  base::TraceRecorder* trace = nullptr;
+  base::Counter* wait = nullptr;  // a duration: waits for the disk
+};
 
 // Calls `work` for each read of `queue` that arrives, on several threads of the arena at once.
 // Returns when all are done, or the first error of `work` or `cancellation`; after an error it
 // takes no further read. Threads of the arena never wait for a disk. The calling thread does.
 absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
                             const base::Cancellation& cancellation,
-                            absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work);
+                            absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work,
+                            const ReadWatch& watch = {});
 
 }  // namespace isoscope::agent
 

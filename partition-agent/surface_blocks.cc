@@ -63,6 +63,7 @@ absl::StatusOr<SurfaceBlocks> SurfaceBlocks::Find(std::vector<std::shared_ptr<co
   for (const std::shared_ptr<const Shard>& shard : blocks.shards_) {
     for (const double isovalue : blocks.isovalues_) {
       ActiveList active = cache == nullptr ? nullptr : cache->FindActive(*shard, isovalue);
+      ++(active != nullptr ? cost->kept_list_count : cost->queried_list_count);
       if (active == nullptr) {
         ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
         ISOSCOPE_ASSIGN_OR_RETURN(active, QueryTree(*shard, isovalue, cost));

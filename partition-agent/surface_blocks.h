@@ -36,6 +36,9 @@ struct ChosenMesh {
 struct IndexCost {
   std::int64_t page_read_count = 0;
   std::int64_t read_bytes = 0;
+  // Lists of active blocks that the cache had, and that it did not.
+  std::int64_t kept_list_count = 0;
+  std::int64_t queried_list_count = 0;
 };
 
 // Immutable; thread-safe. A block counts once, however many surfaces meet it.

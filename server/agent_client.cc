@@ -35,6 +35,8 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/trace_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -100,13 +102,16 @@ class FrameStream final
     : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
  public:
   FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
-              image::PixelMailboxes* mailboxes, AgentListener* listener)
+              image::PixelMailboxes* mailboxes, const base::TraceContext& identity,
+              const AgentTraceTarget& trace_target, AgentListener* listener)
       : agent_(agent.identity()),
         block_count_(block_count),
         mailbox_(mailboxes == nullptr ? nullptr : mailboxes->Open()),
+        trace_target_(trace_target),
         listener_(listener),
         stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
     SetDeadline(deadline, &context_);
+    rpc::SetTraceparent(identity, &context_);
   }
 
   static void Start(FrameStream* stream, v1::BeginFrame begin) {
@@ -127,6 +132,9 @@ class FrameStream final
     const base::MutexLock lock(&mutex_);
     if (reads_have_ended_) {
       return;  // OnEnd reports why
+    }
+    if (trace_target_.trace != nullptr) {
+      sent_.push_back(base::TraceClock::now());
     }
     outgoing_.push_back(std::move(request));
     StartNextWrite();
@@ -154,6 +162,10 @@ class FrameStream final
       reads_have_ended_ = true;
       RemoveHold();
       return;
+    }
+    if (trace_target_.trace != nullptr) {
+      received_.push_back(base::TraceClock::now());
+      TakeTrace();
     }
     network_bytes_.fetch_add(static_cast<std::int64_t>(incoming_.ByteSizeLong()));
     // After a malformed message only the end of the stream matters.
@@ -192,8 +204,35 @@ class FrameStream final
       return;
     }
     is_writing_ = true;
-    network_bytes_.fetch_add(static_cast<std::int64_t>(outgoing_.front().ByteSizeLong()));
+    network_bytes_.fetch_add(static_cast<std::int64_t>(BytesWithoutTrace(outgoing_.front())));
     StartWrite(&outgoing_.front());
+  }
+
+  // Statistics are those of the frame without a trace.
+  static std::size_t BytesWithoutTrace(const v1::RenderFrameRequest& message) {
+    if (!message.has_begin() || !message.begin().request().with_trace()) {
+      return message.ByteSizeLong();
+    }
+    v1::RenderFrameRequest plain = message;
+    plain.mutable_begin()->mutable_request()->clear_with_trace();
+    return plain.ByteSizeLong();
+  }
+
+  // Takes the agent's times out of the message.
+  void TakeTrace() ABSL_LOCKS_EXCLUDED(mutex_) {
+    if (!incoming_.has_frame_done() || !incoming_.frame_done().has_trace()) {
+      return;
+    }
+    rpc::MessageTimes times;
+    times.received = received_;
+    {
+      const base::MutexLock lock(&mutex_);
+      times.sent = sent_;
+    }
+    *trace_target_.trace =
+        rpc::AlignAgentTrace(std::move(*incoming_.mutable_frame_done()->mutable_trace()), times,
+                             trace_target_.zero, agent_.address);
+    incoming_.mutable_frame_done()->clear_trace();
   }
 
   // Hands one message to the listener.
@@ -256,6 +295,7 @@ class FrameStream final
   const AgentIdentity agent_;
   const std::int64_t block_count_;
   const std::unique_ptr<image::PixelMailboxes::Mailbox> mailbox_;  // null: pixels come as bands
+  const AgentTraceTarget trace_target_;
   AgentListener* const listener_;
   const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
   grpc::ClientContext context_;
@@ -264,12 +304,14 @@ class FrameStream final
 
   // Only reads touch these, and they follow one another.
   v1::RenderFrameResponse incoming_;
+  std::vector<base::TraceTime> received_;  // each message, if there is a trace
   absl::Status message_error_;
   bool is_frame_done_ = false;
 
   base::Mutex mutex_;
   base::CondVar ended_;
   std::deque<v1::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
+  std::vector<base::TraceTime> sent_ ABSL_GUARDED_BY(mutex_);  // each message, if there is a trace
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool reads_have_ended_ ABSL_GUARDED_BY(mutex_) = false;
   bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
@@ -318,22 +360,27 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
 std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
                                              image::PixelMailboxes* mailboxes,
+                                             const base::TraceContext& identity,
+                                             const AgentTraceTarget& trace_target,
                                              AgentListener* listener) {
   begin.clear_shard_indices();
   for (const int index : agent.shard_indices) {
     begin.add_shard_indices(index);
   }
-  auto stream = std::make_unique<FrameStream>(agent, block_count, deadline, mailboxes, listener);
+  auto stream = std::make_unique<FrameStream>(agent, block_count, deadline, mailboxes, identity,
+                                              trace_target, listener);
   FrameStream::Start(stream.get(), std::move(begin));
   return std::make_unique<GrpcAgentLink>(std::move(stream));
 }
 
 SurfaceStream::SurfaceStream(const AgentAssignment& agent, const volume::BlockLayout& layout,
-                             v1::ExtractSurfaceRequest request, absl::Time deadline)
+                             v1::ExtractSurfaceRequest request, absl::Time deadline,
+                             const base::TraceContext& identity)
     : agent_(agent.identity()),
       layout_(layout),
       stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
   SetDeadline(deadline, &context_);
+  rpc::SetTraceparent(identity, &context_);
   request.clear_shard_indices();
   for (const int index : agent.shard_indices) {
     request.add_shard_indices(index);

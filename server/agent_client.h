@@ -18,11 +18,14 @@
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/sync_stream.h>
 
+#include "core/base/trace_context.h"
+#include "core/base/trace_recorder.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/mesh/block_mesh.h"
 #include "core/volume/block_layout.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/trace.pb.h"
 #include "server/agent_link.h"
 #include "server/surface_export.h"
 
@@ -42,6 +45,13 @@ struct AgentAssignment {
 // INTERNAL, and a stream that was cut, but not by us, becomes UNAVAILABLE.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
+// Where the times of an agent's part go.
+struct AgentTraceTarget {
+  base::TraceTime zero;  // of the axis
+  // Set before the link's OnFrameDone, if the agent tells its times. Outlives the link.
+  isoscope::v1::ProcessTrace* trace = nullptr;  // null: nobody asks
+};
+
 // Begins a frame on an agent. `begin`: complete except for shard_indices and mailbox.
 // `block_count`: blocks of the volume. `deadline`: the call ends by itself then. The listener
 // outlives the link. `mailboxes`: those that the agent puts pixels into, if it shares this process;
@@ -50,6 +60,8 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              isoscope::internal::v1::BeginFrame begin,
                                              std::int64_t block_count, absl::Time deadline,
                                              image::PixelMailboxes* mailboxes,
+                                             const base::TraceContext& identity,
+                                             const AgentTraceTarget& trace_target,
                                              AgentListener* listener);
 
 // The surface of one agent's blocks, pulled message by message. While nobody pulls, gRPC's flow
@@ -58,7 +70,8 @@ class SurfaceStream final : public SurfaceSource {
  public:
   // request: shard_indices is set to the agent's.
   SurfaceStream(const AgentAssignment& agent, const volume::BlockLayout& layout,
-                isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline);
+                isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline,
+                const base::TraceContext& identity);
   // Cancels the call if it has not ended.
   ~SurfaceStream() override;
   SurfaceStream(const SurfaceStream&) = delete;

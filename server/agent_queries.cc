@@ -14,6 +14,7 @@
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "server/agent_client.h"
 
@@ -38,8 +39,9 @@ using Calls = std::vector<Call<Request, Response>>;
 // Starts all calls with `start(call, on_done)` and waits for their ends. `calls`: one for each of
 // the dataset's first agents, with its request.
 template <typename Request, typename Response, typename Start>
-void RunCalls(const DatasetState& dataset, const base::Cancellation& cancellation,
-              Calls<Request, Response>* calls, const Start& start) {
+void RunCalls(const DatasetState& dataset, const base::TraceContext& identity,
+              const base::Cancellation& cancellation, Calls<Request, Response>* calls,
+              const Start& start) {
   absl::BlockingCounter unanswered(static_cast<int>(calls->size()));
   for (std::size_t i = 0; i < calls->size(); ++i) {
     Call<Request, Response>& call = (*calls)[i];
@@ -47,6 +49,7 @@ void RunCalls(const DatasetState& dataset, const base::Cancellation& cancellatio
     if (cancellation.deadline() != absl::InfiniteFuture()) {
       call.context.set_deadline(absl::ToChronoTime(cancellation.deadline()));
     }
+    rpc::SetTraceparent(identity, &call.context);
     start(&call, [&call, &unanswered](const grpc::Status& status) {
       call.status = rpc::ToAbslStatus(status);
       unanswered.DecrementCount();
@@ -102,6 +105,7 @@ AgentFailure Malformed(const DatasetState& dataset, std::size_t i, const absl::S
 
 QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
                                                  const rpc::HistogramQuery& query,
+                                                 const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation) {
   Calls<v1::GetShardHistogramRequest, v1::GetShardHistogramResponse> calls(dataset.agents.size());
   for (std::size_t i = 0; i < calls.size(); ++i) {
@@ -116,7 +120,7 @@ QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
       request.mutable_value_range()->set_max(query.value_range->max);
     }
   }
-  RunCalls(dataset, cancellation, &calls, [](auto* call, auto on_done) {
+  RunCalls(dataset, identity, cancellation, &calls, [](auto* call, auto on_done) {
     call->stub->async()->GetShardHistogram(&call->context, &call->request, &call->response,
                                            std::move(on_done));
   });
@@ -147,6 +151,7 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
                                                          const volume::BlockLayout& layout,
                                                          const std::vector<double>& isovalues,
                                                          const isoscope::v1::ClipRegion& clip,
+                                                         const base::TraceContext& identity,
                                                          const base::Cancellation& cancellation) {
   Calls<v1::GetActiveBoxRequest, v1::GetActiveBoxResponse> calls(1);
   calls[0].request.set_dataset_id(dataset.dataset.dataset_id());
@@ -154,7 +159,7 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
     calls[0].request.add_isovalues(isovalue);
   }
   *calls[0].request.mutable_clip() = clip;
-  RunCalls(dataset, cancellation, &calls, [](auto* call, auto on_done) {
+  RunCalls(dataset, identity, cancellation, &calls, [](auto* call, auto on_done) {
     call->stub->async()->GetActiveBox(&call->context, &call->request, &call->response,
                                       std::move(on_done));
   });
@@ -174,7 +179,7 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
 
 QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
     const DatasetState& dataset, const std::vector<math::Vec3d>& points,
-    const base::Cancellation& cancellation) {
+    const base::TraceContext& identity, const base::Cancellation& cancellation) {
   Calls<v1::GetGradientsRequest, v1::GetGradientsResponse> calls(dataset.agents.size());
   for (std::size_t i = 0; i < calls.size(); ++i) {
     v1::GetGradientsRequest& request = calls[i].request;
@@ -186,7 +191,7 @@ QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
       *request.add_points() = rpc::ToProto(point);
     }
   }
-  RunCalls(dataset, cancellation, &calls, [](auto* call, auto on_done) {
+  RunCalls(dataset, identity, cancellation, &calls, [](auto* call, auto on_done) {
     call->stub->async()->GetGradients(&call->context, &call->request, &call->response,
                                       std::move(on_done));
   });

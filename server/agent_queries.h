@@ -1,5 +1,5 @@
 // Questions to the agents of a dataset, outside of frames. Each part is asked of the agent that
-// works on these shards, all at the same time.
+// works on these shards, all at the same time, in the name of the client's request.
 
 #ifndef ISOSCOPE_SERVER_AGENT_QUERIES_H_
 #define ISOSCOPE_SERVER_AGENT_QUERIES_H_
@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
+#include "core/base/trace_context.h"
 #include "core/math/box.h"
 #include "core/rpc/histogram_convert.h"
 #include "core/volume/block_layout.h"
@@ -32,6 +33,7 @@ struct QueryOutcome {
 // DatasetService.GetHistogram.
 QueryOutcome<volume::HistogramPart> AskHistogram(const DatasetState& dataset,
                                                  const rpc::HistogramQuery& query,
+                                                 const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation);
 
 // Returns the cells of the box around the blocks that are active for any of some isovalues and not
@@ -41,6 +43,7 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
                                                          const volume::BlockLayout& layout,
                                                          const std::vector<double>& isovalues,
                                                          const isoscope::v1::ClipRegion& clip,
+                                                         const base::TraceContext& identity,
                                                          const base::Cancellation& cancellation);
 
 // Returns the gradient of the field at each of some points of world space, at most
@@ -48,7 +51,7 @@ QueryOutcome<std::optional<math::IndexBox>> AskActiveBox(const DatasetState& dat
 // shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
     const DatasetState& dataset, const std::vector<math::Vec3d>& points,
-    const base::Cancellation& cancellation);
+    const base::TraceContext& identity, const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server
 

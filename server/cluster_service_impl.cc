@@ -1,14 +1,17 @@
 #include "server/cluster_service_impl.h"
 
+#include <algorithm>
+#include <cstdint>
 #include <map>
 #include <set>
 #include <string>
 
 #include "absl/status/status.h"
 
+#include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/peer.h"
-#include "core/rpc/unary_call.h"
+#include "core/rpc/proto_convert.h"
 
 namespace isoscope::server {
 namespace {
@@ -41,6 +44,9 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
   proto.set_state(isoscope::v1::AgentStatus::STATE_REACHABLE);
   proto.set_picture_revision(frame::ToString(agent.picture_revision));
   proto.set_message(Complaint(agent, datasets));
+  if (agent.load.has_value()) {
+    *proto.mutable_load() = *agent.load;
+  }
   for (const isoscope::internal::v1::ShardDescription& shard : agent.shards) {
     if (!caller.MaySee(shard.dataset().name())) {
       continue;
@@ -54,17 +60,68 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
   return proto;
 }
 
+isoscope::v1::FrameInWork::Step ToProto(FrameStep step) {
+  using Proto = isoscope::v1::FrameInWork;
+  switch (step) {
+    case FrameStep::kQueued:
+      return Proto::STEP_QUEUED;
+    case FrameStep::kPreparing:
+      return Proto::STEP_PREPARING;
+    case FrameStep::kOccluderSelection:
+      return Proto::STEP_OCCLUDER_SELECTION;
+    case FrameStep::kOccluderRendering:
+      return Proto::STEP_OCCLUDER_RENDERING;
+    case FrameStep::kVisibilityCulling:
+      return Proto::STEP_VISIBILITY_CULLING;
+    case FrameStep::kFinishing:
+      return Proto::STEP_FINISHING;
+  }
+  return Proto::STEP_UNSPECIFIED;
+}
+
+isoscope::v1::FrameInWork ToProto(const FrameBoard::Frame& frame, absl::Time now) {
+  isoscope::v1::FrameInWork proto;
+  proto.set_request_id(frame.note.request_id);
+  proto.set_client(frame.note.client);
+  proto.set_dataset(frame.note.dataset);
+  proto.mutable_extent()->set_width_px(frame.note.width_px);
+  proto.mutable_extent()->set_height_px(frame.note.height_px);
+  proto.set_step(ToProto(frame.step));
+  *proto.mutable_age_duration() =
+      rpc::ToProto(std::max(now - frame.note.arrival, absl::ZeroDuration()));
+  return proto;
+}
+
+isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
+  const CoordinatorGauges gauges = runner->gauges();
+  const CoordinatorMetrics& metrics = *runner->metrics();
+  isoscope::v1::CoordinatorLoad load;
+  *load.mutable_up_duration() = rpc::ToProto(up);
+  load.set_working_frame_count(gauges.working_frames);
+  load.set_queued_frame_count(gauges.queued_frames);
+  load.set_done_frame_count(metrics.done_frames.value());
+  load.set_failed_frame_count(metrics.failed_frames.value() + metrics.cancelled_frames.value());
+  load.set_refused_frame_count(metrics.refused_frames.value());
+  load.set_network_bytes(metrics.network_bytes.value());
+  load.set_resident_bytes(static_cast<std::int64_t>(base::ResidentBytes()));
+  load.set_memory_limit_bytes(static_cast<std::int64_t>(gauges.memory_limit_bytes));
+  return load;
+}
+
 }  // namespace
 
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
-    ISOSCOPE_RETURN_IF_ERROR(access_->CheckCapabilities(rpc::PeerOf(*context)));
-    const base::MutexLock lock(&mutex_);
-    *response = capabilities_;
-    return absl::OkStatus();
-  });
+  return rpc::AnswerUnary(
+      context, *request,
+      [&]() -> absl::Status {
+        ISOSCOPE_RETURN_IF_ERROR(access_->CheckCapabilities(rpc::PeerOf(*context)));
+        const base::MutexLock lock(&mutex_);
+        *response = capabilities_;
+        return absl::OkStatus();
+      },
+      Counter(RequestMethod::kGetCapabilities));
 }
 
 void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
@@ -75,14 +132,31 @@ void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-    const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
-    for (const AgentState& agent : registry_->agents()) {
-      *response->add_agents() = ToProto(agent, caller, datasets);
-    }
-    return absl::OkStatus();
-  });
+  return rpc::AnswerUnary(
+      context, *request,
+      [&]() -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+        const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
+        for (const AgentState& agent : registry_->agents()) {
+          *response->add_agents() = ToProto(agent, caller, datasets);
+        }
+        const absl::Time now = absl::Now();
+        *response->mutable_load() = LoadOf(runner_, now - start_);
+        for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
+          if (caller.MaySee(frame.note.dataset)) {
+            *response->add_frames() = ToProto(frame, now);
+          }
+        }
+        return absl::OkStatus();
+      },
+      Counter(RequestMethod::kGetClusterStatus));
+}
+
+rpc::OnCallEnd ClusterServiceImpl::Counter(RequestMethod method) const {
+  return
+      [metrics = runner_->metrics(), method](const absl::Status& status, absl::Duration duration) {
+        metrics->CountRequest(method, status, duration);
+      };
 }
 
 }  // namespace isoscope::server

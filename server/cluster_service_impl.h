@@ -7,20 +7,28 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 
 #include "core/base/mutex.h"
+#include "core/rpc/unary_call.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "server/access_control.h"
 #include "server/agent_registry.h"
+#include "server/frame_runner.h"
 
 namespace isoscope::server {
 
 // Thread-safe. `registry` and `access` outlive it.
 class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackService {
  public:
-  ClusterServiceImpl(const AgentRegistry* registry, AccessControl* access,
+  // All of them outlive the service.
+  ClusterServiceImpl(const AgentRegistry* registry, AccessControl* access, FrameRunner* runner,
                      isoscope::v1::GetCapabilitiesResponse capabilities)
-      : registry_(registry), access_(access), capabilities_(std::move(capabilities)) {}
+      : registry_(registry),
+        access_(access),
+        runner_(runner),
+        capabilities_(std::move(capabilities)) {}
 
   grpc::ServerUnaryReactor* GetCapabilities(
       grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
@@ -33,8 +41,13 @@ class ClusterServiceImpl final : public isoscope::v1::ClusterService::CallbackSe
   void SetGatewayAddress(const std::string& address) ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
+  // Counts the calls of a method.
+  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method) const;
+
   const AgentRegistry* const registry_;
   AccessControl* const access_;
+  FrameRunner* const runner_;
+  const absl::Time start_ = absl::Now();
   base::Mutex mutex_;
   isoscope::v1::GetCapabilitiesResponse capabilities_ ABSL_GUARDED_BY(mutex_);
 };

@@ -40,6 +40,10 @@ class CoordinatorMemory {
   [[nodiscard]] std::size_t unused_image_bytes() const;
   [[nodiscard]] std::size_t active_blocks_bytes() const;
 
+  [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
+  // The bytes that frames have taken.
+  [[nodiscard]] std::size_t frame_bytes() const { return frames_.reserved_bytes(); }
+
   // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit.
   [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery) const;
   // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`

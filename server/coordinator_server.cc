@@ -106,8 +106,8 @@ class CoordinatorServerImpl final : public CoordinatorServer {
         interact_service_({.runner = &runner_,
                            .access = access_.get(),
                            .max_frame_duration = options.max_frame_duration}),
-        dataset_service_(registry_.get(), access_.get()),
-        cluster_service_(registry_.get(), access_.get(), CapabilitiesOf(options)) {}
+        dataset_service_(registry_.get(), access_.get(), &runner_),
+        cluster_service_(registry_.get(), access_.get(), &runner_, CapabilitiesOf(options)) {}
   ~CoordinatorServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
   absl::Status Listen(const CoordinatorServerOptions& options) {
@@ -137,6 +137,17 @@ class CoordinatorServerImpl final : public CoordinatorServer {
 
   absl::Status WaitUntilReady(absl::Time deadline) override {
     return registry_->WaitUntilReady(deadline);
+  }
+
+  std::vector<base::MetricFamily> CollectMetrics() override {
+    CoordinatorGauges gauges = runner_.gauges();
+    for (const AgentState& agent : registry_->agents()) {
+      ++(agent.status.ok() ? gauges.reachable_agents : gauges.unreachable_agents);
+    }
+    for (const auto& [name, dataset] : registry_->datasets()) {
+      ++(dataset.status.ok() ? gauges.complete_datasets : gauges.incomplete_datasets);
+    }
+    return runner_.metrics()->Collect(gauges);
   }
 
   void SetGatewayAddress(const std::string& address) override {

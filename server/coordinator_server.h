@@ -16,6 +16,7 @@
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/base/metrics.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
@@ -79,6 +80,8 @@ class CoordinatorServer {
   virtual absl::Status WaitUntilReady(absl::Time deadline) = 0;
   // Names the web gateway in GetCapabilities, for one that starts later. Thread-safe.
   virtual void SetGatewayAddress(const std::string& address) = 0;
+  // Returns the numbers for monitoring (coordinator_metrics).
+  virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for frames in work, then
   // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

@@ -147,6 +147,10 @@ void AdoptAnswer(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* 
   }
   agent->version = answer->version();
   agent->renderer = answer->renderer();
+  agent->load.reset();
+  if (answer->has_load()) {
+    agent->load = answer->load();
+  }
   absl::StatusOr<frame::PictureRevision> revision =
       rpc::PictureRevisionFromProto(answer->picture_revision(), "picture_revision");
   absl::Status status = Validate(*answer);

@@ -12,6 +12,7 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,7 @@
 
 #include "core/frame/picture_revision.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "server/access_control.h"
 #include "server/agent_client.h"
@@ -36,6 +38,7 @@ struct AgentState {
   std::string version;
   std::string renderer;
   frame::PictureRevision picture_revision;
+  std::optional<isoscope::v1::AgentLoad> load;  // of its last answer; none from older versions
   // The shards of its last answer, even if it does not answer any more.
   std::vector<isoscope::internal::v1::ShardDescription> shards;
 };

@@ -9,7 +9,6 @@
 #include "core/rpc/histogram_convert.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
-#include "core/rpc/unary_call.h"
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
 #include "server/agent_queries.h"
@@ -25,26 +24,33 @@ constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
     isoscope::v1::ListDatasetsResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-    for (const auto& [name, state] : registry_->datasets(caller)) {
-      if (state.is_served) {
-        *response->add_datasets() = state.dataset;
-      }
-    }
-    return absl::OkStatus();
-  });
+  return rpc::AnswerUnary(
+      context, *request,
+      [&]() -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+        for (const auto& [name, state] : registry_->datasets(caller)) {
+          if (state.is_served) {
+            *response->add_datasets() = state.dataset;
+          }
+        }
+        return absl::OkStatus();
+      },
+      Counter(RequestMethod::kListDatasets));
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     grpc::CallbackServerContext* context, const isoscope::v1::GetDatasetRequest* request,
     isoscope::v1::GetDatasetResponse* response) {
-  return rpc::AnswerUnary(context, *request, [&]() -> absl::Status {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-    ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState state, registry_->Find(request->name(), caller));
-    *response->mutable_dataset() = state.dataset;
-    return absl::OkStatus();
-  });
+  return rpc::AnswerUnary(
+      context, *request,
+      [&]() -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+        ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState state,
+                                  registry_->Find(request->name(), caller));
+        *response->mutable_dataset() = state.dataset;
+        return absl::OkStatus();
+      },
+      Counter(RequestMethod::kGetDataset));
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
@@ -52,17 +58,28 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
     isoscope::v1::GetHistogramResponse* response) {
   absl::StatusOr<Caller> caller = access_->Identify(rpc::PeerOf(*context));
   if (!caller.ok()) {
-    return rpc::AnswerUnary(context, *request, [&] { return caller.status(); });
+    return rpc::AnswerUnary(
+        context, *request, [&] { return caller.status(); }, Counter(RequestMethod::kGetHistogram));
   }
-  return rpc::UnaryTask::Start(context, *request, &executor_, kMaxHistogramDuration,
-                               [this, request, response, caller = *std::move(caller)](
-                                   const base::Cancellation& cancellation) {
-                                 return AnswerHistogram(*request, caller, cancellation, response);
-                               });
+  return rpc::UnaryTask::Start(
+      context, *request, &executor_, kMaxHistogramDuration,
+      [this, request, response, caller = *std::move(caller)](
+          const base::Cancellation& cancellation, const base::TraceContext& identity) {
+        return AnswerHistogram(*request, caller, identity, cancellation, response);
+      },
+      Counter(RequestMethod::kGetHistogram));
+}
+
+rpc::OnCallEnd DatasetServiceImpl::Counter(RequestMethod method) const {
+  return
+      [metrics = runner_->metrics(), method](const absl::Status& status, absl::Duration duration) {
+        metrics->CountRequest(method, status, duration);
+      };
 }
 
 absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
                                                  const Caller& caller,
+                                                 const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation,
                                                  isoscope::v1::GetHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
@@ -71,12 +88,9 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
-  const QueryOutcome<volume::HistogramPart> outcome = AskHistogram(dataset, query, cancellation);
-  for (const AgentFailure& failure : outcome.failures) {
-    if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
-      registry_->ReportFailure(failure.agent.address);
-    }
-  }
+  const QueryOutcome<volume::HistogramPart> outcome =
+      AskHistogram(dataset, query, identity, cancellation);
+  runner_->ReportFailures(identity, /*frame_number=*/0, outcome.failures);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const volume::HistogramPart& whole = *outcome.result;
   std::vector<volume::IsovalueSuggestion> suggestions;

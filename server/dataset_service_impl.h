@@ -8,9 +8,12 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
+#include "core/base/trace_context.h"
+#include "core/rpc/unary_call.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "server/access_control.h"
 #include "server/agent_registry.h"
+#include "server/frame_runner.h"
 
 namespace isoscope::server {
 
@@ -20,9 +23,11 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   static constexpr int kMaxConcurrentHistograms = 2;
   static constexpr int kMaxQueuedHistograms = 32;
 
-  DatasetServiceImpl(AgentRegistry* registry, AccessControl* access)
+  // All of them outlive the service.
+  DatasetServiceImpl(AgentRegistry* registry, AccessControl* access, FrameRunner* runner)
       : registry_(registry),
         access_(access),
+        runner_(runner),
         executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
 
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* context,
@@ -37,11 +42,16 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
 
  private:
   absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
-                               const Caller& caller, const base::Cancellation& cancellation,
+                               const Caller& caller, const base::TraceContext& identity,
+                               const base::Cancellation& cancellation,
                                isoscope::v1::GetHistogramResponse* response);
+
+  // Counts the calls of a method.
+  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method) const;
 
   AgentRegistry* const registry_;
   AccessControl* const access_;
+  FrameRunner* const runner_;
   base::Executor executor_;  // comes last: its threads use the members above
 };
 

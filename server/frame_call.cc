@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
@@ -14,6 +15,7 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/trace_convert.h"
 #include "server/agent_queries.h"
 #include "server/picture_finish.h"
 #include "server/render_statistics.h"
@@ -48,6 +50,21 @@ absl::Status CheckMessageBytes(std::size_t bytes) {
   return absl::InvalidArgumentError(absl::StrCat(
       "output: picture and planes have ", bytes, " bytes and one message holds at most ",
       rpc::kMaxMessageBytes, ": ask RenderIsosurfaceStream, or for a region or fewer planes"));
+}
+
+// The name of a picture's encoding in a trace.
+const char* NameOf(frame::ImageFormat format) {
+  switch (format) {
+    case frame::ImageFormat::kPng:
+      return "png";
+    case frame::ImageFormat::kJpeg:
+      return "jpeg";
+    case frame::ImageFormat::kRgba8:
+      return "raw picture";
+    case frame::ImageFormat::kNone:
+      break;
+  }
+  return "no picture";
 }
 
 // Whether planes were asked for that `output` does not have yet.
@@ -98,13 +115,20 @@ std::optional<std::size_t> AgentOf(volume::BlockId block, const ActiveBlocks& ac
 
 }  // namespace
 
-FrameCall::FrameCall(FrameRunner* runner, const v1::RenderIsosurfaceRequest& request,
-                     Delivery delivery, absl::Time client_deadline, absl::Duration max_duration)
+FrameCall::FrameCall(FrameRunner* runner, FrameOrigin origin,
+                     const v1::RenderIsosurfaceRequest& request, Delivery delivery,
+                     absl::Time client_deadline, absl::Duration max_duration)
     : runner_(runner),
+      origin_(std::move(origin)),
       request_(request),
       delivery_(delivery),
       start_(absl::Now()),
-      cancellation_(std::min(AnswerBefore(client_deadline, start_), start_ + max_duration)) {}
+      cancellation_(std::min(AnswerBefore(client_deadline, start_), start_ + max_duration)) {
+  if (request.with_trace()) {
+    trace_ = std::make_unique<base::TraceRecorder>();
+    trace_zero_ = base::TraceClock::now();
+  }
+}
 
 absl::Status FrameCall::Admit() {
   ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::FrameSpecFromProto(request_));
@@ -113,6 +137,10 @@ absl::Status FrameCall::Admit() {
 
 absl::Status FrameCall::AdmitPick(const v1::PickSurfaceRequest& pick) {
   ISOSCOPE_ASSIGN_OR_RETURN(rpc::PickSpec converted, rpc::PickSpecFromProto(pick));
+  if (converted.request.with_trace()) {
+    return absl::InvalidArgumentError(
+        "frame.with_trace is set: must be unset, picks have no trace");
+  }
   pixels_ = std::move(converted.pixels);
   request_ = std::move(converted.request);
   spec_ = std::move(converted.frame);
@@ -128,26 +156,96 @@ absl::Status FrameCall::TakePlace() {
   ISOSCOPE_ASSIGN_OR_RETURN(FrameRunner::Place place, runner_->Admit(spec_, delivery_));
   ISOSCOPE_RETURN_IF_ERROR(caller_.TakeFrame(is_moving_));
   place_.emplace(std::move(place));
+  const view::Viewport size = frame::ImageSizeOf(spec_);
+  on_board_.emplace(runner_->board()->Add({.request_id = origin_.request.request_id(),
+                                           .client = origin_.client,
+                                           .dataset = request_.dataset(),
+                                           .width_px = size.width_px,
+                                           .height_px = size.height_px,
+                                           .arrival = start_}));
   return absl::OkStatus();
 }
 
+void FrameCall::BeginWork() {
+  on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
+  runner_->metrics()->queue_wait.Observe(absl::Now() - start_);
+}
+
+void FrameCall::EndWork(std::int64_t frame_number, const absl::Status& status,
+                        const v1::RenderStatistics& statistics) {
+  Log(frame_number, status, statistics);
+  runner_->metrics()->CountFrame(status, absl::Now() - start_);
+  if (status.ok()) {
+    CountSteps(statistics);
+  }
+  on_board_.reset();
+  place_.reset();  // before the client gets its answer: its next request finds the place free
+}
+
+void FrameCall::CountSteps(const v1::RenderStatistics& statistics) const {
+  CoordinatorMetrics* const metrics = runner_->metrics();
+  const v1::StepDurations& durations = statistics.durations();
+  metrics->occluder_selection.Observe(
+      rpc::DurationFromProto(durations.occluder_selection_duration()));
+  metrics->occluder_rendering.Observe(
+      rpc::DurationFromProto(durations.occluder_rendering_duration()));
+  metrics->visibility_culling.Observe(
+      rpc::DurationFromProto(durations.visibility_culling_duration()));
+  metrics->composite.Observe(rpc::DurationFromProto(durations.composite_duration()));
+  metrics->encode.Observe(rpc::DurationFromProto(durations.encode_duration()));
+  metrics->network_bytes.Add(statistics.network_bytes());
+}
+
+FrameIdentity FrameCall::IdentityOf(std::int64_t frame_number) {
+  return {.number = frame_number,
+          .request = &origin_.request,
+          .step = on_board_->step(),
+          .trace = trace_.get(),
+          .trace_zero = trace_zero_,
+          .agent_traces = &agent_traces_};
+}
+
 absl::Status FrameCall::Render(v1::RenderIsosurfaceResponse* response) {
+  BeginWork();
+  const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
   const std::int64_t frame_number = runner_->NextFrameNumber();
   const absl::Status status = TryRender(frame_number, response);
-  Log(frame_number, status, response->statistics());
-  place_.reset();  // before the client gets its answer: its next request finds the place free
+  if (trace_ != nullptr && status.ok()) {
+    AddTrace(frame_number, begin, response);
+  }
+  EndWork(frame_number, status, response->statistics());
   return status;
 }
 
+void FrameCall::AddTrace(std::int64_t frame_number, base::TraceTime begin,
+                         v1::RenderIsosurfaceResponse* response) {
+  trace_->NameThisThread("frame");
+  trace_->AddTo("queue", "queue", trace_zero_, begin);
+  trace_->Add("frame", begin, base::TraceClock::now());
+  v1::FrameTrace* const trace = response->mutable_trace();
+  trace->set_frame_number(frame_number);
+  trace->set_request_id(origin_.request.request_id());
+  *trace->add_processes() = rpc::ToProto(trace_->Get(), trace_zero_);
+  trace->mutable_processes(0)->set_name("coordinator");
+  for (v1::ProcessTrace& of_agent : agent_traces_) {
+    if (!of_agent.name().empty()) {
+      *trace->add_processes() = std::move(of_agent);
+    }
+  }
+}
+
 absl::Status FrameCall::Pick(v1::PickSurfaceResponse* response) {
+  BeginWork();
   const std::int64_t frame_number = runner_->NextFrameNumber();
   const absl::Status status = TryPick(frame_number, response);
-  Log(frame_number, status, response->statistics());
-  place_.reset();
+  EndWork(frame_number, status, response->statistics());
   return status;
 }
 
 absl::Status FrameCall::Reserve() {
+  const base::TraceScope trace(trace_.get(), "memory");
+  const absl::Time start = absl::Now();
+  const absl::Cleanup count = [&] { runner_->metrics()->memory_wait.Observe(absl::Now() - start); };
   ISOSCOPE_ASSIGN_OR_RETURN(base::MemoryBudget::Reservation memory,
                             runner_->ReserveMemory(spec_, delivery_, cancellation_));
   memory_.emplace(std::move(memory));
@@ -157,9 +255,11 @@ absl::Status FrameCall::Reserve() {
 absl::Status FrameCall::TryRender(std::int64_t frame_number,
                                   v1::RenderIsosurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
+  base::TraceScope find(trace_.get(), "find dataset");
   ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
                             runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/false,
-                                                cancellation_, caller_));
+                                                origin_.request, cancellation_, caller_));
+  find.End();
   dataset_name_ = target.dataset.dataset.name();
   ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset.dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
@@ -179,6 +279,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   if (delivery_ == Delivery::kWhole) {
     ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
   }
+  runner_->metrics()->response_bytes.Add(static_cast<std::int64_t>(output.size_bytes()));
   MoveInto(std::move(output), response);
   return absl::OkStatus();
 }
@@ -205,6 +306,7 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
   }
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  const base::TraceScope trace(trace_.get(), "finish picture");
   ISOSCOPE_RETURN_IF_ERROR(runner_->arena()->execute([&]() -> absl::Status {
     // With normals in place of colours, the plane is there already.
     const bool shows_samples = spec_.caps.has_value() && spec_.caps->map.has_value();
@@ -217,6 +319,7 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
     if (depth_grid_side_ > 0 && (!larger.has_value() || !spec_.region.has_value())) {
       depth_grid_ = MakeDepthGrid(drawn_, drawn.view, depth_grid_side_);
     }
+    base::TraceScope shade(trace_.get(), "shade and blend");
     FinishedPicture finished = FinishPicture({.spec = &spec_,
                                               .window = &window,
                                               .drawn_view = &drawn.view,
@@ -225,8 +328,11 @@ absl::Status FrameCall::RenderPicture(std::int64_t frame_number, const FrameTarg
                                               .images = runner_->images()},
                                              &drawn_);
     image_ = std::move(finished.image);
+    shade.End();
     statistics->set_truncated_pixel_count(finished.truncated_pixel_count);
+    base::TraceScope encode(trace_.get(), NameOf(spec_.output.image_format));
     ISOSCOPE_ASSIGN_OR_RETURN(output->image, EncodePicture(image_, spec_));
+    encode.End();
     if (spec_.effects.samples_per_side == 1) {
       FillPlanes(image_, spec_, target.view, target.order, output);
     }
@@ -255,6 +361,7 @@ absl::Status FrameCall::RenderPlanes(std::int64_t frame_number, const FrameTarge
   layers_ = std::move(result.layers);
   const absl::Time encode_start = absl::Now();
   ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+  const base::TraceScope trace(trace_.get(), "planes");
   runner_->arena()->execute([&] {
     picture::ShowNearest(layers_, &image_);
     if (spec_.output.normal) {
@@ -293,7 +400,8 @@ absl::StatusOr<FrameResult> FrameCall::Draw(std::int64_t frame_number, const Fra
   request.clear_samples();
   request.clear_ambient_occlusion();
   request.clear_silhouette();
-  return runner_->Run(frame_number, request, spec, target, cancellation_);
+  const base::TraceScope trace(trace_.get(), "agents");
+  return runner_->Run(IdentityOf(frame_number), request, spec, target, cancellation_);
 }
 
 void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* response) const {
@@ -318,15 +426,15 @@ void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* respo
 
 absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      const FrameTarget target,
-      runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true, cancellation_, caller_));
+  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
+                            runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true,
+                                                origin_.request, cancellation_, caller_));
   dataset_name_ = target.dataset.dataset.name();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
   ShowSurfacesOnCaps(&spec_, &request_);
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result,
-                            runner_->Run(frame_number, request_, spec_, target, cancellation_));
+  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, runner_->Run(IdentityOf(frame_number), request_,
+                                                             spec_, target, cancellation_));
   *response->mutable_statistics() = StatisticsOf(result);
   image_ = std::move(result.image);
   layers_ = std::move(result.layers);
@@ -337,8 +445,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
   return AddGradients(target, response);
 }
 
-absl::Status FrameCall::AddGradients(const FrameTarget& target,
-                                     v1::PickSurfaceResponse* response) const {
+absl::Status FrameCall::AddGradients(const FrameTarget& target, v1::PickSurfaceResponse* response) {
   std::vector<math::Vec3d> points;
   for (const v1::PickedPoint& point : response->points()) {
     if (point.is_hit()) {
@@ -349,8 +456,8 @@ absl::Status FrameCall::AddGradients(const FrameTarget& target,
     return absl::OkStatus();
   }
   const QueryOutcome<std::vector<std::optional<math::Vec3d>>> outcome =
-      AskGradients(target.dataset, points, cancellation_);
-  runner_->ReportFailures(/*frame_number=*/0, outcome.failures);
+      AskGradients(target.dataset, points, origin_.request, cancellation_);
+  runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   std::size_t next = 0;
   for (v1::PickedPoint& point : *response->mutable_points()) {
@@ -405,7 +512,8 @@ void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,
   const std::string duration = base::LogMilliseconds(absl::Now() - start_);
   if (status.ok()) {
     base::LogInfo(pixels_.empty() ? "frame_done" : "pick_done",
-                  {{"frame", frame_number},
+                  {{"request", origin_.request.request_id()},
+                   {"frame", frame_number},
                    {"dataset", dataset_name_},
                    {"isovalues", absl::StrJoin(frame::IsovaluesOf(spec_), ",")},
                    {"width", frame::ImageSizeOf(spec_).width_px},
@@ -416,7 +524,8 @@ void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,
                    {"network_bytes", statistics.network_bytes()}});
   } else {
     base::LogWarning(pixels_.empty() ? "frame_failed" : "pick_failed",
-                     {{"frame", frame_number},
+                     {{"request", origin_.request.request_id()},
+                      {"frame", frame_number},
                       {"dataset", request_.dataset()},
                       {"duration_ms", duration},
                       {"status", status}});

@@ -18,6 +18,9 @@
 // picture and normals is drawn twice, too. The picture of a frame with lights or a color_by is
 // computed from normals (core/picture/deferred_shading).
 //
+// A trace (with_trace) has the times of all this: the coordinator's own from a recorder that the
+// call passes down, the agents' from their streams. Its zero is the call's begin.
+//
 // A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
 // its own, so that the block of a pixel tells its shard.
 
@@ -27,6 +30,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -37,6 +41,8 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/memory_budget.h"
+#include "core/base/trace_context.h"
+#include "core/base/trace_recorder.h"
 #include "core/frame/drawn_window.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
@@ -46,10 +52,17 @@
 #include "server/access_control.h"
 #include "server/coordinator_memory.h"
 #include "server/depth_grid.h"
+#include "server/frame_board.h"
 #include "server/frame_output.h"
 #include "server/frame_runner.h"
 
 namespace isoscope::server {
+
+// Who asks for a frame.
+struct FrameOrigin {
+  base::TraceContext request;
+  std::string client;  // as gRPC names the peer
+};
 
 // The reactor of a call owns it, and the thread that renders shares it. Cancel is thread-safe, the
 // other functions are for one thread at a time: Admit or AdmitPick, then Schedule, and on the frame
@@ -59,8 +72,9 @@ class FrameCall {
   // The frame ends a tenth of the client's time, at most 200 ms, before `client_deadline`, so that
   // the client still hears which agent is late; and `max_duration` from now at the latest. The
   // runner outlives the call.
-  FrameCall(FrameRunner* runner, const isoscope::v1::RenderIsosurfaceRequest& request,
-            Delivery delivery, absl::Time client_deadline, absl::Duration max_duration);
+  FrameCall(FrameRunner* runner, FrameOrigin origin,
+            const isoscope::v1::RenderIsosurfaceRequest& request, Delivery delivery,
+            absl::Time client_deadline, absl::Duration max_duration);
 
   // Whose frame it is; without this, that of a caller who may do everything. A moving frame is one
   // of many, and leaves room for the exact one after it. Call before Admit.
@@ -88,6 +102,9 @@ class FrameCall {
   void Schedule(std::function<void()> work) { runner_->Schedule(std::move(work)); }
   void Cancel() { cancellation_.Cancel(); }
 
+  [[nodiscard]] absl::Time start() const { return start_; }
+  [[nodiscard]] FrameRunner* runner() const { return runner_; }
+
   // Renders the frame into `response`. Blocks. Errors as IsosurfaceService says.
   absl::Status Render(isoscope::v1::RenderIsosurfaceResponse* response);
   absl::Status Pick(isoscope::v1::PickSurfaceResponse* response);
@@ -101,6 +118,15 @@ class FrameCall {
 
  private:
   absl::Status TakePlace();
+  // Ends the wait for a thread.
+  void BeginWork();
+  // Gives the place away, counts the frame and logs it.
+  void EndWork(std::int64_t frame_number, const absl::Status& status,
+               const isoscope::v1::RenderStatistics& statistics);
+  void CountSteps(const isoscope::v1::RenderStatistics& statistics) const;
+  void AddTrace(std::int64_t frame_number, base::TraceTime begin,
+                isoscope::v1::RenderIsosurfaceResponse* response);
+  [[nodiscard]] FrameIdentity IdentityOf(std::int64_t frame_number);
   absl::Status Reserve();
   absl::Status TryRender(std::int64_t frame_number,
                          isoscope::v1::RenderIsosurfaceResponse* response);
@@ -117,13 +143,13 @@ class FrameCall {
   absl::StatusOr<FrameResult> Draw(std::int64_t frame_number, const FrameTarget& target,
                                    const frame::DrawnWindow& window, Content content);
   // Adds the gradients at all points that were hit.
-  absl::Status AddGradients(const FrameTarget& target,
-                            isoscope::v1::PickSurfaceResponse* response) const;
+  absl::Status AddGradients(const FrameTarget& target, isoscope::v1::PickSurfaceResponse* response);
   void MoveInto(FrameOutput output, isoscope::v1::RenderIsosurfaceResponse* response) const;
   void Log(std::int64_t frame_number, const absl::Status& status,
            const isoscope::v1::RenderStatistics& statistics) const;
 
   FrameRunner* const runner_;
+  const FrameOrigin origin_;
   isoscope::v1::RenderIsosurfaceRequest request_;  // FindTarget resolves its camera
   const Delivery delivery_;
   Caller caller_;
@@ -137,6 +163,10 @@ class FrameCall {
   bool logs_success_ = true;
   std::function<void()> picture_drawn_;
   std::optional<FrameRunner::Place> place_;
+  std::optional<FrameBoard::Entry> on_board_;
+  std::unique_ptr<base::TraceRecorder> trace_;  // null: none is asked for
+  base::TraceTime trace_zero_;
+  std::vector<isoscope::v1::ProcessTrace> agent_traces_;
   std::string dataset_name_;
   image::FrameImage image_;
   image::FrameImage drawn_;   // if the picture is another one

@@ -38,6 +38,7 @@
 
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/base/trace_recorder.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
 #include "core/view/clip_region.h"
@@ -185,6 +186,8 @@ class Frame {
 
   absl::Status BeginAndDrive(const BeginAgentFrame& begin) {
     phase_start_ = start_;
+    BeginPhase(setup_.spec->culling == frame::Culling::kNone ? FrameStep::kVisibilityCulling
+                                                             : FrameStep::kOccluderSelection);
     reported_.resize(static_cast<std::size_t>(setup_.agent_count));
     for (int i = 0; i < setup_.agent_count; ++i) {
       Agent agent;
@@ -198,7 +201,9 @@ class Frame {
       FindFootprints(*setup_.active);  // while the agents cast rays
     }
     while (!AllAt(FrameStage::kEnded)) {
+      base::TraceScope wait(setup_.trace, "wait for agents");
       absl::StatusOr<std::deque<Event>> events = queue_.PopAll(cancellation_);
+      wait.End();
       if (!events.ok()) {
         return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
       }
@@ -235,7 +240,7 @@ class Frame {
       agent.stage = FrameStage::kDone;
       result_.agents.push_back(std::move(done->statistics));
       if (AllAt(FrameStage::kDone)) {
-        EndPhase(&result_.visibility_culling_duration);
+        EndPhase(&result_.visibility_culling_duration, "visibility culling", FrameStep::kFinishing);
       }
       return absl::OkStatus();
     }
@@ -317,6 +322,7 @@ class Frame {
   }
 
   void CompositeBand(std::size_t agent_index, absl::string_view band) {
+    const base::TraceScope trace(setup_.trace, "composite");
     absl::Status status;
     try {
       status = composite::DecodePixelsInto(band, order_, &result_.image, &row_locks_,
@@ -341,7 +347,10 @@ class Frame {
 
   // Returns once all bands that have arrived are in the image.
   absl::Status FinishCompositing() ABSL_LOCKS_EXCLUDED(damage_mutex_) {
-    setup_.arena->execute([&] { compositing_.wait(); });
+    {
+      const base::TraceScope trace(setup_.trace, "finish compositing");
+      setup_.arena->execute([&] { compositing_.wait(); });
+    }
     absl::Status damage;
     std::size_t agent_index = 0;
     {
@@ -367,12 +376,14 @@ class Frame {
                                                 : std::make_shared<const ActiveBlocks>(
                                                       reported_, setup_.layout->block_count());
       SendOccluders();
-      EndPhase(&result_.occluder_selection_duration);
+      EndPhase(&result_.occluder_selection_duration, "occluder selection",
+               FrameStep::kOccluderRendering);
     }
     return absl::OkStatus();
   }
 
   void SendOccluders() {
+    const base::TraceScope trace(setup_.trace, "find occluders");
     result_.ray_hit_block_count = static_cast<std::int64_t>(hits_.size());
     const ActiveBlocks& active = *result_.active;
     occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active.set);
@@ -398,6 +409,7 @@ class Frame {
 
   // Blocks that are wholly clipped have an empty footprint, and so are never drawn.
   void FindFootprints(const ActiveBlocks& active) {
+    const base::TraceScope trace(setup_.trace, "footprints");
     footprints_.resize(active.ids.size());
     setup_.arena->execute([&] {
       tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active.ids.size(), kBlocksPerTask),
@@ -466,13 +478,15 @@ class Frame {
     if (AllAt(FrameStage::kRenderingVisible)) {
       ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
       SendVisibleBlocks();
-      EndPhase(&result_.occluder_rendering_duration);
+      EndPhase(&result_.occluder_rendering_duration, "occluder rendering",
+               FrameStep::kVisibilityCulling);
     }
     return absl::OkStatus();
   }
 
   void SendVisibleBlocks() {
     const bool has_depth = setup_.spec->culling == frame::Culling::kDepth;
+    const base::TraceScope trace(setup_.trace, "cull");
     const visibility::OcclusionMap map = setup_.arena->execute([&] {
       return visibility::OcclusionMap::FromImage(
           result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
@@ -509,9 +523,22 @@ class Frame {
     return agent.stage == stage && AllAt(stage);
   }
 
-  // Notes the time since the last phase ended. The last phase ends with the last agent's last
-  // event; compositing follows.
-  void EndPhase(absl::Duration* duration) {
+  void BeginPhase(FrameStep step) {
+    if (setup_.step != nullptr) {
+      setup_.step->store(step, std::memory_order_relaxed);
+    }
+    if (setup_.trace != nullptr) {
+      phase_trace_start_ = base::TraceClock::now();
+    }
+  }
+
+  // Notes the time since the last phase ended, and what comes next. The last phase ends with the
+  // last agent's last event; compositing follows.
+  void EndPhase(absl::Duration* duration, const char* name, FrameStep next) {
+    if (setup_.trace != nullptr) {
+      setup_.trace->Add(name, phase_trace_start_, base::TraceClock::now());
+    }
+    BeginPhase(next);
     const absl::Time now =
         duration == &result_.visibility_culling_duration ? last_arrival_ : absl::Now();
     *duration = std::max(now - phase_start_, absl::ZeroDuration());
@@ -559,6 +586,7 @@ class Frame {
   const bool has_layers_;  // step 2 then draws only the opaque surfaces of a block
   const absl::Time start_;
   absl::Time phase_start_;
+  base::TraceTime phase_trace_start_;  // if there is a trace
   absl::Time last_arrival_;
   EventQueue queue_;  // outlives the links
   std::vector<Agent> agents_;

@@ -9,6 +9,7 @@
 #ifndef ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
 #define ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -19,6 +20,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
@@ -26,6 +28,7 @@
 #include "core/volume/block_layout.h"
 #include "server/active_blocks.h"
 #include "server/agent_link.h"
+#include "server/frame_board.h"
 
 namespace isoscope::server {
 
@@ -39,7 +42,9 @@ struct FrameSetup {
   // The active blocks, if they are known: then no agent may be asked to report them. May be null.
   std::shared_ptr<const ActiveBlocks> active;
   image::FrameImagePool* images = nullptr;
-  tbb::task_arena* arena = nullptr;  // for what the coordinator computes
+  tbb::task_arena* arena = nullptr;        // for what the coordinator computes
+  base::TraceRecorder* trace = nullptr;    // null: none is asked for
+  std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
 };
 
 struct FrameResult {

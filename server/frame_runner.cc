@@ -94,6 +94,7 @@ absl::StatusOr<FrameRunner::Place> FrameRunner::Admit(const frame::FrameSpec& sp
   const int before = frame_count_.fetch_add(1);
   Place place(this);
   if (before >= options_.max_concurrent_frames + options_.max_queued_frames) {
+    metrics_.refused_frames.Add();
     return absl::ResourceExhaustedError(absl::StrCat(
         options_.max_concurrent_frames, " frames are in work and ", options_.max_queued_frames,
         " wait (--max-concurrent-frames, --max-queued-frames): retry later, with back-off"));
@@ -108,6 +109,7 @@ void FrameRunner::Schedule(std::function<void()> work) {
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                                     frame::FrameSpec* spec,
                                                     bool is_each_shard_apart,
+                                                    const base::TraceContext& identity,
                                                     const base::Cancellation& cancellation,
                                                     const Caller& caller) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
@@ -118,7 +120,8 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
-  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera(dataset, geometry, layout, cancellation, request, spec));
+  ISOSCOPE_RETURN_IF_ERROR(
+      PlaceCamera(dataset, geometry, layout, identity, cancellation, request, spec));
   ISOSCOPE_ASSIGN_OR_RETURN(
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
   ISOSCOPE_RETURN_IF_ERROR(
@@ -136,14 +139,15 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
 absl::Status FrameRunner::PlaceCamera(const DatasetState& dataset,
                                       const volume::GridGeometry& geometry,
                                       const volume::BlockLayout& layout,
+                                      const base::TraceContext& identity,
                                       const base::Cancellation& cancellation,
                                       isoscope::v1::RenderIsosurfaceRequest* request,
-                                      frame::FrameSpec* spec) const {
+                                      frame::FrameSpec* spec) {
   std::optional<math::Box3d> surface_bounds;
   if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
-    const QueryOutcome<std::optional<math::IndexBox>> outcome =
-        AskActiveBox(dataset, layout, frame::IsovaluesOf(*spec), request->clip(), cancellation);
-    ReportFailures(/*frame_number=*/0, outcome.failures);
+    const QueryOutcome<std::optional<math::IndexBox>> outcome = AskActiveBox(
+        dataset, layout, frame::IsovaluesOf(*spec), request->clip(), identity, cancellation);
+    ReportFailures(identity, /*frame_number=*/0, outcome.failures);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->has_value()) {
       surface_bounds =
@@ -153,7 +157,7 @@ absl::Status FrameRunner::PlaceCamera(const DatasetState& dataset,
   return rpc::ResolveCamera(geometry.Bounds(), request, spec, surface_bounds);
 }
 
-absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,
+absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
                                              const isoscope::v1::RenderIsosurfaceRequest& request,
                                              const frame::FrameSpec& spec,
                                              const FrameTarget& target,
@@ -169,25 +173,39 @@ absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,
   setup.active = active_blocks_.Find(active_key);
   setup.images = images_.get();
   setup.arena = options_.arena.get();
+  setup.trace = identity.trace;
+  setup.step = identity.step;
+  (setup.active != nullptr ? metrics_.active_blocks_hits : metrics_.active_blocks_misses).Add();
   internal::BeginFrame begin;
-  begin.set_frame_number(frame_number);
+  begin.set_frame_number(identity.number);
   begin.set_dataset_id(dataset.dataset.dataset_id());
   *begin.mutable_request() = request;
   begin.set_agent_count(setup.agent_count);
   begin.set_report_active_blocks(setup.active == nullptr);
   begin.set_sends_normals(spec.sends_normals);
   begin.set_sends_map_steps(spec.sends_map_steps);
+  std::size_t first_trace = 0;
+  if (identity.trace != nullptr) {
+    first_trace = identity.agent_traces->size();
+    identity.agent_traces->resize(first_trace + dataset.agents.size());
+  }
   const auto begin_on_agent =
       [&](int agent_index, AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
     internal::BeginFrame of_agent = begin;
     of_agent.set_agent_index(agent_index);
-    return BeginFrameOnAgent(dataset.agents[static_cast<std::size_t>(agent_index)],
-                             std::move(of_agent), dataset.dataset.block_count(),
-                             cancellation.deadline(), options_.mailboxes.get(), listener);
+    const auto index = static_cast<std::size_t>(agent_index);
+    AgentTraceTarget trace_target;
+    if (identity.trace != nullptr) {
+      trace_target = {.zero = identity.trace_zero,
+                      .trace = &(*identity.agent_traces)[first_trace + index]};
+    }
+    return BeginFrameOnAgent(dataset.agents[index], std::move(of_agent),
+                             dataset.dataset.block_count(), cancellation.deadline(),
+                             options_.mailboxes.get(), *identity.request, trace_target, listener);
   };
   FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
   if (!outcome.status.ok()) {
-    ReportFailures(frame_number, outcome.failures);
+    ReportFailures(*identity.request, identity.number, outcome.failures);
     return outcome.status;
   }
   if (setup.active == nullptr && outcome.result.active != nullptr) {
@@ -196,10 +214,12 @@ absl::StatusOr<FrameResult> FrameRunner::Run(std::int64_t frame_number,
   return std::move(outcome.result);
 }
 
-void FrameRunner::ReportFailures(std::int64_t frame_number,
-                                 const std::vector<AgentFailure>& failures) const {
+void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
+                                 const std::vector<AgentFailure>& failures) {
   for (const AgentFailure& failure : failures) {
-    base::LogWarning("agent_failed", {{"frame", frame_number},
+    metrics_.CountAgentFailure(failure.stage, failure.status);
+    base::LogWarning("agent_failed", {{"request", request.request_id()},
+                                      {"frame", frame_number},
                                       {"agent", failure.agent.address},
                                       {"shards", absl::StrJoin(failure.agent.shard_indices, ",")},
                                       {"stage", NameOf(failure.stage)},
@@ -208,6 +228,18 @@ void FrameRunner::ReportFailures(std::int64_t frame_number,
       options_.registry->ReportFailure(failure.agent.address);
     }
   }
+}
+
+CoordinatorGauges FrameRunner::gauges() const {
+  CoordinatorGauges gauges;
+  for (const FrameBoard::Frame& frame : board_.Frames()) {
+    ++(frame.step == FrameStep::kQueued ? gauges.queued_frames : gauges.working_frames);
+  }
+  gauges.max_working_frames = options_.max_concurrent_frames;
+  gauges.max_queued_frames = options_.max_queued_frames;
+  gauges.memory_limit_bytes = memory_.limit_bytes();
+  gauges.frame_memory_bytes = memory_.frame_bytes();
+  return gauges;
 }
 
 }  // namespace isoscope::server

@@ -20,6 +20,8 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
+#include "core/base/trace_context.h"
+#include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
 #include "core/view/camera.h"
@@ -31,6 +33,8 @@
 #include "server/agent_failure.h"
 #include "server/agent_registry.h"
 #include "server/coordinator_memory.h"
+#include "server/coordinator_metrics.h"
+#include "server/frame_board.h"
 #include "server/frame_coordinator.h"
 
 namespace isoscope::server {
@@ -53,6 +57,18 @@ struct FrameTarget {
   view::View view;
   volume::BlockLayout layout;
   image::FragmentOrder order;
+};
+
+// A frame apart from what it draws: who it is, and who looks on. All that it points to outlives the
+// frame.
+struct FrameIdentity {
+  std::int64_t number = 0;
+  const base::TraceContext* request = nullptr;
+  std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
+  base::TraceRecorder* trace = nullptr;    // null: none is asked for
+  base::TraceTime trace_zero;              // of the axis
+  // Gets the traces of the agents, in their order, if `trace` is set.
+  std::vector<isoscope::v1::ProcessTrace>* agent_traces = nullptr;
 };
 
 // Thread-safe.
@@ -101,29 +117,38 @@ class FrameRunner {
   // Errors as IsosurfaceService says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                          frame::FrameSpec* spec, bool is_each_shard_apart,
+                                         const base::TraceContext& identity,
                                          const base::Cancellation& cancellation,
                                          const Caller& caller = {});
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
-  absl::StatusOr<FrameResult> Run(std::int64_t frame_number,
+  absl::StatusOr<FrameResult> Run(const FrameIdentity& identity,
                                   const isoscope::v1::RenderIsosurfaceRequest& request,
                                   const frame::FrameSpec& spec, const FrameTarget& target,
                                   const base::Cancellation& cancellation);
 
-  // Logs the agents that made a frame fail (frame 0: an export), and tells the registry about those
-  // that were lost or have changed.
-  void ReportFailures(std::int64_t frame_number, const std::vector<AgentFailure>& failures) const;
+  // Logs and counts the agents that made a frame fail (frame 0: an export or a query), and tells
+  // the registry about those that were lost or have changed.
+  void ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
+                      const std::vector<AgentFailure>& failures);
+
+  // The frames that have a place.
+  [[nodiscard]] FrameBoard* board() { return &board_; }
+  [[nodiscard]] CoordinatorMetrics* metrics() { return &metrics_; }
+  // What the metrics do not count themselves, but for agents and datasets.
+  [[nodiscard]] CoordinatorGauges gauges() const;
 
  private:
   // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
   absl::Status PlaceCamera(const DatasetState& dataset, const volume::GridGeometry& geometry,
-                           const volume::BlockLayout& layout,
+                           const volume::BlockLayout& layout, const base::TraceContext& identity,
                            const base::Cancellation& cancellation,
-                           isoscope::v1::RenderIsosurfaceRequest* request,
-                           frame::FrameSpec* spec) const;
+                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
 
   const FrameRunnerOptions options_;
   CoordinatorMemory memory_;
+  CoordinatorMetrics metrics_;
+  FrameBoard board_;
   std::atomic<std::int64_t> next_frame_number_{1};
   std::atomic<int> frame_count_{0};  // in work or waiting
   ActiveBlocksCache active_blocks_;

@@ -29,6 +29,10 @@ absl::Status CheckInteractiveOutput(const v1::ViewState& state) {
                                                    static_cast<int>(output.image_format()),
                                                    ": must be 0 or 1 (PNG) in a view state"));
   }
+  if (state.frame().with_trace()) {
+    return absl::InvalidArgumentError(
+        "frame.with_trace is set: must be unset in a view state; ask RenderIsosurface for a trace");
+  }
   if (output.depth() || output.surface_index() || output.position() || output.normal()) {
     return absl::InvalidArgumentError(
         "frame.output asks for a plane: a view state must not; ask RenderIsosurface for planes");

@@ -37,6 +37,7 @@
 #include "core/rpc/known_fields.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
 #include "server/frame_call.h"
 #include "server/interact_frame.h"
 #include "server/interactive_schedule.h"
@@ -80,8 +81,10 @@ class InteractServiceImpl::InteractCall final
     : public grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>,
       public std::enable_shared_from_this<InteractCall> {
  public:
-  InteractCall(InteractServiceImpl* service, const grpc::CallbackServerContext& context)
-      : service_(service), deadline_(rpc::DeadlineOf(context)) {}
+  InteractCall(InteractServiceImpl* service, grpc::CallbackServerContext* context)
+      : service_(service),
+        origin_{.request = rpc::AnswerTraceContext(context), .client = context->peer()},
+        deadline_(rpc::DeadlineOf(*context)) {}
 
   // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
   void Start(const absl::StatusOr<Caller>& caller, const absl::Status& added) {
@@ -125,7 +128,8 @@ class InteractServiceImpl::InteractCall final
     service_->Remove(last_use);
     const base::MutexLock lock(&mutex_);
     alarm_.reset();
-    base::LogInfo("interact_done", {{"states", newest_sequence_},
+    base::LogInfo("interact_done", {{"request", origin_.request.request_id()},
+                                    {"states", newest_sequence_},
                                     {"frames", frame_count_},
                                     {"duration_ms", base::LogMilliseconds(absl::Now() - start_)}});
   }
@@ -211,7 +215,7 @@ class InteractServiceImpl::InteractCall final
     const MovingQuality quality = rate_.quality();
     absl::Status admitted = CheckInteractiveOutput(state_);
     auto frame = std::make_shared<FrameCall>(
-        service_->options_.runner,
+        service_->options_.runner, origin_,
         start.is_exact ? state_.frame() : MovingRequest(state_.frame(), quality), Delivery::kWhole,
         deadline_, service_->options_.max_frame_duration);
     frame->SetCaller(caller_, /*is_moving=*/!start.is_exact);
@@ -357,11 +361,14 @@ class InteractServiceImpl::InteractCall final
   void FinishIfIdle() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (end_.has_value() && frames_.empty() && !is_writing_ && !is_finished_) {
       is_finished_ = true;
+      service_->options_.runner->metrics()->CountRequest(RequestMethod::kInteract, *end_,
+                                                         absl::Now() - start_);
       Finish(rpc::ToGrpcStatus(*end_));
     }
   }
 
   InteractServiceImpl* const service_;
+  const FrameOrigin origin_;  // of each frame of the stream
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
   Caller caller_;                // set by Start
@@ -395,7 +402,7 @@ InteractServiceImpl::~InteractServiceImpl() = default;
 
 grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>* InteractServiceImpl::Interact(
     grpc::CallbackServerContext* context) {
-  const auto call = std::make_shared<InteractCall>(this, *context);
+  const auto call = std::make_shared<InteractCall>(this, context);
   const absl::StatusOr<Caller> caller = options_.access->Identify(rpc::PeerOf(*context));
   call->Start(caller, caller.ok() ? Add(call) : absl::OkStatus());
   return call.get();

@@ -31,6 +31,7 @@
 #include "core/rpc/known_fields.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 #include "core/rpc/write_queue.h"
 #include "core/rpc/write_timeout.h"
@@ -50,6 +51,9 @@ constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
 // In which a client must take a part of an answer, or a chunk of a mesh. A whole answer may take as
 // long as a frame.
 constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
+void CountRequest(RequestMethod method, const absl::Status& status, const FrameCall& frame) {
+  frame.runner()->metrics()->CountRequest(method, status, absl::Now() - frame.start());
+}
 
 }  // namespace
 
@@ -60,19 +64,19 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
   using Work = absl::Status (FrameCall::*)(Response* response);
 
   // Runs `work` on a frame thread if `admitted` is OK.
-  static UnaryCall* Start(grpc::CallbackServerContext* context, absl::Duration max_write_duration,
-                          std::unique_ptr<FrameCall> frame, const absl::Status& admitted, Work work,
-                          Response* response) {
-    std::shared_ptr<UnaryCall> call(new UnaryCall(context, std::move(frame)));
+  static UnaryCall* Start(RequestMethod method, grpc::CallbackServerContext* context,
+                          absl::Duration max_write_duration, std::unique_ptr<FrameCall> frame,
+                          const absl::Status& admitted, Work work, Response* response) {
+    std::shared_ptr<UnaryCall> call(new UnaryCall(method, context, std::move(frame)));
     call->self_ = call;
     if (!admitted.ok()) {
-      call->Finish(rpc::ToGrpcStatus(admitted));
+      call->End(admitted);
       return call.get();
     }
     call->frame_->Schedule([call, work, response, max_write_duration] {
       const absl::Status status = (call->frame_.get()->*work)(response);
       call->timeout_.Start(max_write_duration);
-      call->Finish(rpc::ToGrpcStatus(status));
+      call->End(status);
       call->frame_->ReleaseImages();
     });
     return call.get();
@@ -85,9 +89,16 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
   }
 
  private:
-  UnaryCall(grpc::CallbackServerContext* context, std::unique_ptr<FrameCall> frame)
-      : frame_(std::move(frame)), timeout_(context) {}
+  UnaryCall(RequestMethod method, grpc::CallbackServerContext* context,
+            std::unique_ptr<FrameCall> frame)
+      : method_(method), frame_(std::move(frame)), timeout_(context) {}
 
+  void End(const absl::Status& status) {
+    CountRequest(method_, status, *frame_);
+    Finish(rpc::ToGrpcStatus(status));
+  }
+
+  const RequestMethod method_;
   const std::unique_ptr<FrameCall> frame_;
   rpc::WriteTimeout timeout_;
   std::shared_ptr<UnaryCall> self_;  // reset by OnDone
@@ -103,7 +114,7 @@ class IsosurfaceServiceImpl::StreamCall final
     std::shared_ptr<StreamCall> call(new StreamCall(context, std::move(frame)));
     call->self_ = call;
     if (!admitted.ok()) {
-      call->Finish(rpc::ToGrpcStatus(admitted));
+      call->End(admitted);
       return call.get();
     }
     call->frame_->Schedule([call] { call->Run(); });
@@ -114,7 +125,7 @@ class IsosurfaceServiceImpl::StreamCall final
     if (ok) {
       WriteNext();
     } else {
-      Finish(rpc::ToGrpcStatus(absl::CancelledError("the client cancelled the frame")));
+      End(absl::CancelledError("the client cancelled the frame"));
     }
   }
   void OnCancel() override { frame_->Cancel(); }
@@ -131,7 +142,7 @@ class IsosurfaceServiceImpl::StreamCall final
     v1::RenderIsosurfaceResponse response;
     const absl::Status status = frame_->Render(&response);
     if (!status.ok()) {
-      Finish(rpc::ToGrpcStatus(status));
+      End(status);
       return;
     }
     splitter_.emplace(std::move(response));
@@ -142,11 +153,16 @@ class IsosurfaceServiceImpl::StreamCall final
   void WriteNext() {
     message_.Clear();
     if (!splitter_->Next(message_.mutable_part())) {
-      Finish(grpc::Status::OK);
+      End(absl::OkStatus());
       return;
     }
     timeout_.Start(kMaxWriteDuration);
     StartWrite(&message_);
+  }
+
+  void End(const absl::Status& status) {
+    CountRequest(RequestMethod::kRenderIsosurfaceStream, status, *frame_);
+    Finish(rpc::ToGrpcStatus(status));
   }
 
   const std::unique_ptr<FrameCall> frame_;
@@ -202,6 +218,7 @@ class IsosurfaceServiceImpl::ExportCall final
              const isoscope::v1::ExportIsosurfaceRequest& request)
       : service_(service),
         request_(request),
+        identity_(rpc::AnswerTraceContext(context)),
         cancellation_(rpc::DeadlineOf(*context)),
         timeout_(context),
         outgoing_(
@@ -210,7 +227,11 @@ class IsosurfaceServiceImpl::ExportCall final
               timeout_.Start(kMaxWriteDuration);
               StartWrite(message);
             },
-            [this](const absl::Status& status) { Finish(rpc::ToGrpcStatus(status)); }) {}
+            [this](const absl::Status& status) {
+              service_->options_.runner->metrics()->CountRequest(RequestMethod::kExportIsosurface,
+                                                                 status, absl::Now() - arrival_);
+              Finish(rpc::ToGrpcStatus(status));
+            }) {}
 
   absl::Status Admit(const grpc::CallbackServerContext& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->options_.access->Identify(rpc::PeerOf(context)));
@@ -224,7 +245,8 @@ class IsosurfaceServiceImpl::ExportCall final
     outgoing_.Finish(status);
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok() ? "export_done" : "export_failed",
-              {{"dataset", request_.dataset()},
+              {{"request", identity_.request_id()},
+               {"dataset", request_.dataset()},
                {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_},
@@ -263,8 +285,8 @@ class IsosurfaceServiceImpl::ExportCall final
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
     for (const AgentAssignment& agent : dataset.agents) {
-      streams.push_back(
-          std::make_unique<SurfaceStream>(agent, volume.layout, request, cancellation_.deadline()));
+      streams.push_back(std::make_unique<SurfaceStream>(agent, volume.layout, request,
+                                                        cancellation_.deadline(), identity_));
       sources.push_back(streams.back().get());
     }
     ShareStreams(streams);
@@ -282,7 +304,7 @@ class IsosurfaceServiceImpl::ExportCall final
                             .status = streams[i]->status()});
       }
     }
-    service_->options_.runner->ReportFailures(/*frame_number=*/0, failures);
+    service_->options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
     return vertex_count;
   }
 
@@ -315,6 +337,8 @@ class IsosurfaceServiceImpl::ExportCall final
 
   IsosurfaceServiceImpl* const service_;
   const isoscope::v1::ExportIsosurfaceRequest request_;
+  const base::TraceContext identity_;
+  const absl::Time arrival_ = absl::Now();
   Caller caller_;         // set before Run
   rpc::ExportSpec spec_;  // set before Run
   base::Cancellation cancellation_;
@@ -335,10 +359,12 @@ IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& opt
 IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 
 std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
-    const grpc::CallbackServerContext& context, const v1::RenderIsosurfaceRequest& request,
+    grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest& request,
     Delivery delivery) const {
-  return std::make_unique<FrameCall>(options_.runner, request, delivery, rpc::DeadlineOf(context),
-                                     options_.max_frame_duration);
+  return std::make_unique<FrameCall>(
+      options_.runner,
+      FrameOrigin{.request = rpc::AnswerTraceContext(context), .client = context->peer()}, request,
+      delivery, rpc::DeadlineOf(*context), options_.max_frame_duration);
 }
 
 absl::Status IsosurfaceServiceImpl::Identify(const grpc::CallbackServerContext& context,
@@ -351,20 +377,20 @@ absl::Status IsosurfaceServiceImpl::Identify(const grpc::CallbackServerContext& 
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::RenderIsosurface(
     grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest* request,
     v1::RenderIsosurfaceResponse* response) {
-  auto frame = MakeCall(*context, *request, Delivery::kWhole);
+  auto frame = MakeCall(context, *request, Delivery::kWhole);
   absl::Status admitted = Identify(*context, frame.get());
   if (admitted.ok()) {
     admitted = frame->Admit();
   }
-  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(context, options_.max_frame_duration,
-                                                        std::move(frame), admitted,
-                                                        &FrameCall::Render, response);
+  return UnaryCall<v1::RenderIsosurfaceResponse>::Start(
+      RequestMethod::kRenderIsosurface, context, options_.max_frame_duration, std::move(frame),
+      admitted, &FrameCall::Render, response);
 }
 
 grpc::ServerWriteReactor<v1::RenderIsosurfaceStreamResponse>*
 IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* context,
                                               const v1::RenderIsosurfaceStreamRequest* request) {
-  auto frame = MakeCall(*context, request->request(), Delivery::kParts);
+  auto frame = MakeCall(context, request->request(), Delivery::kParts);
   absl::Status admitted = Identify(*context, frame.get());
   if (admitted.ok()) {
     admitted = rpc::CheckKnownFields(*request);
@@ -378,13 +404,14 @@ IsosurfaceServiceImpl::RenderIsosurfaceStream(grpc::CallbackServerContext* conte
 grpc::ServerUnaryReactor* IsosurfaceServiceImpl::PickSurface(grpc::CallbackServerContext* context,
                                                              const v1::PickSurfaceRequest* request,
                                                              v1::PickSurfaceResponse* response) {
-  auto frame = MakeCall(*context, request->frame(), Delivery::kWhole);
+  auto frame = MakeCall(context, request->frame(), Delivery::kWhole);
   absl::Status admitted = Identify(*context, frame.get());
   if (admitted.ok()) {
     admitted = frame->AdmitPick(*request);
   }
-  return UnaryCall<v1::PickSurfaceResponse>::Start(
-      context, options_.max_frame_duration, std::move(frame), admitted, &FrameCall::Pick, response);
+  return UnaryCall<v1::PickSurfaceResponse>::Start(RequestMethod::kPickSurface, context,
+                                                   options_.max_frame_duration, std::move(frame),
+                                                   admitted, &FrameCall::Pick, response);
 }
 
 grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>*

@@ -59,8 +59,8 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   class ExportCall;
 
   [[nodiscard]] std::unique_ptr<FrameCall> MakeCall(
-      const grpc::CallbackServerContext& context,
-      const isoscope::v1::RenderIsosurfaceRequest& request, Delivery delivery) const;
+      grpc::CallbackServerContext* context, const isoscope::v1::RenderIsosurfaceRequest& request,
+      Delivery delivery) const;
   // Gives the call its caller; errors as AccessControl::Identify.
   absl::Status Identify(const grpc::CallbackServerContext& context, FrameCall* frame) const;
 

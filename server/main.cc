@@ -16,6 +16,7 @@
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "server/coordinator_memory.h"
 #include "server/coordinator_server.h"
@@ -117,11 +118,17 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
+                            rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
+                              return server->CollectMetrics();
+                            }));
   base::LogInfo("coordinator_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
                  {"agents", absl::StrJoin(flags.agents, ",")},
                  {"version", base::Version()}});
-  return [server = std::move(server)](absl::Duration grace) { server->Shutdown(grace); };
+  return [server = std::move(server), metrics = std::move(metrics)](absl::Duration grace) {
+    server->Shutdown(grace);
+  };
 }
 
 int Main(int argc, char** argv) {

@@ -126,13 +126,12 @@ absl::Status CheckOneOutput(const OutputOptions& output) {
 class Exchange : public std::enable_shared_from_this<Exchange> {
  public:
   Exchange(const ApiOptions& options, CoordinatorClient* client, std::atomic<int>* pictures,
-           HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
-           Api::Respond respond)
+           HttpRequest request, std::shared_ptr<RequestScope> cancellation, Api::Respond respond)
       : options_(options),
         client_(client),
         pictures_(pictures),
         request_(std::move(request)),
-        call_{.cancellation = std::move(cancellation), .token = request_.token},
+        call_{.scope = std::move(cancellation), .token = request_.token},
         respond_(std::move(respond)) {}
   ~Exchange() {
     if (is_picture_) {
@@ -233,7 +232,14 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     } else if (name == "capabilities") {
       client_->GetCapabilities(call_, AnswerWithJson<v1::GetCapabilitiesResponse>());
     } else if (name == "status") {
-      client_->GetClusterStatus(call_, AnswerWithJson<v1::GetClusterStatusResponse>());
+      client_->GetClusterStatus(call_,
+                                [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
+                                    absl::StatusOr<v1::GetClusterStatusResponse> status) {
+                                  if (status.ok()) {
+                                    status->clear_frames();  // they name other people's addresses
+                                  }
+                                  answer(std::move(status));
+                                });
     } else {
       client_->ListDatasets(call_, AnswerWithJson<v1::ListDatasetsResponse>());
     }
@@ -382,6 +388,10 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     }
     if (status.ok()) {
       status = CheckOneOutput(render_.output());
+    }
+    if (status.ok() && render_.with_trace()) {
+      status = absl::InvalidArgumentError(
+          "withTrace is true: an answer over HTTP has no trace; ask the coordinator for one");
     }
     if (!status.ok()) {
       RespondError(status);
@@ -545,8 +555,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 
 }  // namespace
 
-void Api::Answer(HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
-                 Respond respond) {
+void Api::Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond) {
   std::make_shared<Exchange>(options_, client_, &pictures_in_work_, std::move(request),
                              std::move(cancellation), std::move(respond))
       ->Route();

@@ -8,9 +8,9 @@
 #include <functional>
 #include <memory>
 
-#include "core/base/cancellation.h"
 #include "web-gateway/coordinator_client.h"
 #include "web-gateway/http_message.h"
+#include "web-gateway/request_scope.h"
 
 namespace isoscope::gateway {
 
@@ -33,8 +33,9 @@ class Api {
 
   // Answers: calls `respond` once, on this thread or on one of gRPC's. When the cancellation fires,
   // the work stops, and the answer comes soon.
-  void Answer(HttpRequest request, std::shared_ptr<base::Cancellation> cancellation,
-              Respond respond);
+  void Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond);
+
+  [[nodiscard]] int pictures_in_work() const { return pictures_in_work_.load(); }
 
  private:
   const ApiOptions options_;

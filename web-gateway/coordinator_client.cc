@@ -14,6 +14,7 @@
 
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/peer.h"
+#include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 
 namespace isoscope::gateway {
@@ -29,12 +30,13 @@ constexpr absl::Duration kHistogramDuration = absl::Seconds(60);
 class CallBase {
  public:
   CallBase(CoordinatorClient* client, CallOptions call, absl::Duration duration)
-      : client_(client), cancel_(std::move(call.cancellation)) {
+      : client_(client), scope_(std::move(call.scope)) {
     client_->calls()->Add();
     client_->SendToken(call.token, &context_);
     context_.set_deadline(absl::ToChronoTime(absl::Now() + duration));
-    if (cancel_ != nullptr) {
-      on_cancel_.emplace(*cancel_, [this] { context_.TryCancel(); });
+    if (scope_ != nullptr) {
+      rpc::SetTraceparent(scope_->identity(), &context_);
+      on_cancel_.emplace(*scope_, [this] { context_.TryCancel(); });
     }
   }
   CallBase(const CallBase&) = delete;
@@ -57,7 +59,7 @@ class CallBase {
 
  private:
   CoordinatorClient* const client_;
-  const std::shared_ptr<base::Cancellation> cancel_;
+  const std::shared_ptr<RequestScope> scope_;
   grpc::ClientContext context_;
   std::optional<base::Cancellation::Callback> on_cancel_;  // ends before the context
 };

@@ -15,12 +15,12 @@
 #include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
-#include "core/base/cancellation.h"
 #include "core/base/mutex.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "web-gateway/request_scope.h"
 
 namespace isoscope::gateway {
 
@@ -40,8 +40,8 @@ class CallCounter {
 
 // How a call is made.
 struct CallOptions {
-  // Ends the call early; null: nothing does.
-  std::shared_ptr<base::Cancellation> cancellation = nullptr;
+  // The request that the call serves: its identity, and its cancellation. Null: none.
+  std::shared_ptr<RequestScope> scope = nullptr;
   // What the user of the call has shown; empty: the token of the client's own, if it has one.
   std::string token = {};
 };
@@ -54,8 +54,8 @@ struct CoordinatorClientOptions {
   std::size_t max_picture_bytes = std::size_t{1} << 28;  // of a picture with its planes
 };
 
-// Thread-safe. Each call ends early with CANCELLED once its cancellation fires. `done` is called
-// exactly once; it must not destroy the client.
+// Thread-safe. Each call carries the identity of its request, and ends early with CANCELLED once
+// that is cancelled. `done` is called exactly once; it must not destroy the client.
 class CoordinatorClient {
  public:
   template <typename Response>

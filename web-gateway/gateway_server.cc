@@ -58,7 +58,8 @@ class GatewayServerImpl final : public GatewayServer {
         parts_{.limits = options.limits,
                .access = AccessRules(AccessFor(options)),
                .client = &client_,
-               .api = &api_},
+               .api = &api_,
+               .metrics = &metrics_},
         api_({.max_pictures = options.limits.max_pictures,
               .is_private = parts_.access.asks_token(),
               .passes_tokens = !parts_.access.has_token()},
@@ -123,6 +124,13 @@ class GatewayServerImpl final : public GatewayServer {
 
   [[nodiscard]] int port() const override { return port_; }
 
+  std::vector<base::MetricFamily> CollectMetrics() override {
+    return metrics_.Collect({.connections = connections_.count(),
+                             .max_connections = parts_.limits.max_connections,
+                             .pictures = api_.pictures_in_work(),
+                             .max_pictures = parts_.limits.max_pictures});
+  }
+
   void Shutdown(absl::Duration grace) override {
     asio::post(acceptor_.get_executor(), [this] {
       error_code ignored;
@@ -172,6 +180,7 @@ class GatewayServerImpl final : public GatewayServer {
                 &parts_, std::move(lease));
       return;
     }
+    metrics_.refused.Add();
     if (tls_ != nullptr) {
       return;  // an answer would cost a handshake
     }
@@ -181,6 +190,7 @@ class GatewayServerImpl final : public GatewayServer {
     socket.shutdown(tcp::socket::shutdown_both, ignored);
   }
 
+  GatewayMetrics metrics_;
   Connections connections_;
   CoordinatorClient client_;
   GatewayParts parts_;

@@ -10,6 +10,7 @@
 #include "absl/time/time.h"
 #include <grpcpp/channel.h>
 
+#include "core/base/metrics.h"
 #include "web-gateway/access.h"
 
 namespace isoscope::gateway {
@@ -52,6 +53,8 @@ class GatewayServer {
   virtual ~GatewayServer() = default;
 
   [[nodiscard]] virtual int port() const = 0;
+  // Returns the numbers for monitoring (gateway_metrics).
+  virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
   // Takes no new connections, closes WebSockets with 1001, lets answers in work end for at most
   // `grace`, then cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

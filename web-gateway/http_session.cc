@@ -16,6 +16,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <optional>
 #include <string>
 #include <utility>
@@ -37,6 +38,7 @@
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/base/trace_context.h"
 #include "core/base/version.h"
 
 namespace isoscope::gateway {
@@ -172,6 +174,14 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     return absl::StrCat(View(parser_->get()[name]));
   }
 
+  // W3C Trace Context: the client's identity, or a new one.
+  void IdentifyRequest() {
+    const auto [begin, end] = parser_->get().equal_range("traceparent");
+    identity_ = begin != end && std::next(begin) == end
+                    ? base::TraceContext::ParseOrRandom(View(begin->value()))
+                    : base::TraceContext::Random();
+  }
+
   // Checks who asks. Returns the target without its token, and keeps that for the coordinator.
   absl::StatusOr<Target> Admit() {
     user_token_.clear();
@@ -190,6 +200,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     is_reading_ = false;
     started_ = absl::Now();
     origin_ = Field(http::field::origin);
+    IdentifyRequest();
     const http::verb method = parser_->get().method();
     is_head_ = method == http::verb::head;
     if (!parser_->get().keep_alive()) {
@@ -215,7 +226,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
         .token = user_token_,
         .if_none_match = Field(http::field::if_none_match),
         .body = std::move(parser_->get().body())};
-    cancellation_ = std::make_shared<base::Cancellation>();
+    cancellation_ = std::make_shared<RequestScope>(identity_);
     // A client may wait for long, and says nothing meanwhile.
     stream_.next_layer().expires_never();
     WatchClient();
@@ -269,6 +280,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
   void Upgrade() {
     origin_ = Field(http::field::origin);
+    IdentifyRequest();
     is_ending_ = true;  // an error ends the connection
     absl::StatusOr<Target> target = Admit();
     if (!target.ok()) {
@@ -279,7 +291,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
           "token")));
     } else {
       is_upgraded_ = true;
-      ServeWebSocket(std::move(stream_), user_token_, parser_->release(), parts_,
+      ServeWebSocket(std::move(stream_), user_token_, parser_->release(), identity_, parts_,
                      std::move(lease_));
     }
   }
@@ -295,12 +307,14 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     header.version(11);
     header.result(static_cast<unsigned>(status));
     header.set(http::field::server, absl::StrCat("isoscope-gateway/", base::Version()));
+    header.set("X-Request-Id", identity_.request_id());
+    header.set("traceresponse", identity_.MakeTraceparent());
     header.set("X-Content-Type-Options", "nosniff");
     header.set("Referrer-Policy", "no-referrer");  // addresses may hold the token
     if (!origin_.empty() && parts_->access.IsAllowedOrigin(origin_)) {
       header.set(http::field::access_control_allow_origin, origin_);
       header.set(http::field::access_control_expose_headers,
-                 "ETag, X-Isoscope-Extent, X-Isoscope-Camera");
+                 "ETag, X-Isoscope-Extent, X-Isoscope-Camera, X-Request-Id");
       header.set(http::field::vary, "Origin");
     }
     header.keep_alive(!is_ending_);
@@ -311,14 +325,16 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     auto response = MakeHeader<http::empty_body>(204);
     response.set(http::field::access_control_allow_methods, "GET, POST");
     response.set(http::field::access_control_allow_headers,
-                 "Authorization, Content-Type, If-None-Match");
+                 "Authorization, Content-Type, If-None-Match, traceparent");
     response.set(http::field::access_control_max_age, "600");
     Write(std::move(response));
   }
 
   void WriteResponse(HttpResponse response) {
+    parts_->metrics->CountRequest(response.status, absl::Now() - started_);
     base::LogDebug("http_request",
-                   {{"method", absl::StrCat(View(parser_->get().method_string()))},
+                   {{"request", identity_.request_id()},
+                    {"method", absl::StrCat(View(parser_->get().method_string()))},
                     {"status", response.status},
                     {"duration_ms", base::LogMilliseconds(absl::Now() - started_)}});
     const auto fill = [&](auto* message) {
@@ -426,9 +442,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   boost::asio::steady_timer watch_timer_;
   beast::flat_buffer buffer_{kMaxHeaderBytes + kMaxBodyBytes};
   std::optional<Parser> parser_;
-  std::shared_ptr<base::Cancellation> cancellation_;  // of the answer in work
+  std::shared_ptr<RequestScope> cancellation_;  // of the answer in work
   std::string origin_;
   std::string user_token_;  // of the request in work
+  base::TraceContext identity_ = base::TraceContext::Random();  // of the request in work
   absl::Time started_ = absl::Now();
   bool is_head_ = false;
   bool is_reading_ = false;

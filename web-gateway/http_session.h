@@ -10,10 +10,12 @@
 #include <boost/beast/http/message.hpp>
 #include <boost/beast/http/string_body.hpp>
 
+#include "core/base/trace_context.h"
 #include "web-gateway/access.h"
 #include "web-gateway/api.h"
 #include "web-gateway/connections.h"
 #include "web-gateway/coordinator_client.h"
+#include "web-gateway/gateway_metrics.h"
 #include "web-gateway/gateway_server.h"
 #include "web-gateway/peer_stream.h"
 
@@ -25,6 +27,7 @@ struct GatewayParts {
   AccessRules access;
   CoordinatorClient* client = nullptr;
   Api* api = nullptr;
+  GatewayMetrics* metrics = nullptr;
 };
 
 // Serves a connection until its end. `stream` has a strand of its own.
@@ -34,7 +37,8 @@ void ServeHttp(PeerStream stream, GatewayParts* parts, std::shared_ptr<Connectio
 // the user's, for the coordinator; empty: none.
 void ServeWebSocket(PeerStream stream, std::string token,
                     boost::beast::http::request<boost::beast::http::string_body> upgrade,
-                    GatewayParts* parts, std::shared_ptr<Connections::Lease> lease);
+                    const base::TraceContext& identity, GatewayParts* parts,
+                    std::shared_ptr<Connections::Lease> lease);
 
 }  // namespace isoscope::gateway
 

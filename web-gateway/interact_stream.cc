@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/request_context.h"
 
 namespace isoscope::gateway {
 
@@ -15,6 +16,7 @@ namespace v1 = isoscope::v1;
 
 std::shared_ptr<InteractStream> InteractStream::Open(CoordinatorClient* client,
                                                      const std::string& token,
+                                                     const base::TraceContext& identity,
                                                      OnResponse on_response, OnEnd on_end) {
   CallCounter* const calls = client->calls();
   calls->Add();
@@ -27,6 +29,7 @@ std::shared_ptr<InteractStream> InteractStream::Open(CoordinatorClient* client,
       });
   stream->self_ = stream;
   client->SendToken(token, &stream->context_);
+  rpc::SetTraceparent(identity, &stream->context_);
   client->interact()->async()->Interact(&stream->context_, stream.get());
   stream->AddHold();
   stream->StartRead(&stream->incoming_);

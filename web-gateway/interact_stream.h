@@ -15,6 +15,7 @@
 #include <grpcpp/support/client_callback.h>
 
 #include "core/base/mutex.h"
+#include "core/base/trace_context.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "web-gateway/coordinator_client.h"
 
@@ -33,9 +34,10 @@ class InteractStream final : private grpc::ClientBidiReactor<isoscope::v1::Inter
   // The most reports that wait to be sent; more end the stream with INVALID_ARGUMENT.
   static constexpr std::size_t kMaxWaitingReports = 256;
 
-  // Opens the stream at once. `client` outlives it and all of its calls. `token`: the user's, or
-  // empty.
+  // Opens the stream at once, in the name of the viewer's request. `client` outlives it and all of
+  // its calls. `token`: the user's, or empty.
   static std::shared_ptr<InteractStream> Open(CoordinatorClient* client, const std::string& token,
+                                              const base::TraceContext& identity,
                                               OnResponse on_response, OnEnd on_end);
 
   // Queues a message. Does nothing once the stream has ended.

@@ -14,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/metrics_server.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/server_program.h"
 #include "web-gateway/gateway_server.h"
@@ -166,6 +167,10 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.limits.max_pictures = flags.max_pictures;
   options.limits.max_picture_duration = absl::Seconds(flags.max_picture_seconds);
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<GatewayServer> server, GatewayServer::Start(options));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
+                            rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
+                              return server->CollectMetrics();
+                            }));
   base::LogInfo("gateway_started",
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
                  // A token that the operator has given stays out of the log.
@@ -174,7 +179,9 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                                       !options.certificate_file.empty())},
                  {"server", flags.server},
                  {"version", base::Version()}});
-  return [server = std::move(server)](absl::Duration grace) { server->Shutdown(grace); };
+  return [server = std::move(server), metrics = std::move(metrics)](absl::Duration grace) {
+    server->Shutdown(grace);
+  };
 }
 
 int Main(int argc, char** argv) {

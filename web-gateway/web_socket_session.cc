@@ -59,10 +59,11 @@ absl::string_view CutText(absl::string_view text, std::size_t max_bytes) {
 
 class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
  public:
-  WebSocketSession(PeerStream stream, std::string token, GatewayParts* parts,
-                   std::shared_ptr<Connections::Lease> lease)
+  WebSocketSession(PeerStream stream, std::string token, base::TraceContext identity,
+                   GatewayParts* parts, std::shared_ptr<Connections::Lease> lease)
       : parts_(parts),
         token_(std::move(token)),
+        identity_(std::move(identity)),
         lease_(std::move(lease)),
         socket_(std::move(stream)),
         timer_(socket_.get_executor()) {}
@@ -93,10 +94,11 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
 
  private:
   void OnAccept() {
-    base::LogInfo("viewer_connected");
+    base::LogInfo("viewer_connected", {{"request", identity_.request_id()}});
     is_open_ = true;
+    parts_->metrics->viewers.fetch_add(1);
     stream_ = InteractStream::Open(
-        parts_->client, token_,
+        parts_->client, token_, identity_,
         [self = shared_from_this()](v1::InteractResponse response) {
           const std::int64_t number = response.frame_number();
           FrameSlot::Frame frame{.frame_number = number, .bytes = EncodeFrame(std::move(response))};
@@ -151,6 +153,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     }
     if (const std::optional<std::int64_t> replaced = slot_.Offer(std::move(frame))) {
       ++replaced_count_;
+      parts_->metrics->replaced_frames.Add();
       v1::InteractRequest shown;
       shown.mutable_frame_shown()->set_frame_number(*replaced);
       stream_->Send(std::move(shown));
@@ -180,6 +183,7 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       return;
     }
     ++sent_count_;
+    parts_->metrics->sent_frames.Add();
     if (!is_closing_) {
       timer_.cancel();
       WriteNext();
@@ -222,7 +226,9 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     }
     is_closing_ = true;
     const absl::string_view cut = CutText(reason, kMaxReasonBytes);
-    base::LogInfo("viewer_closed", {{"code", static_cast<int>(code)}, {"reason", reason}});
+    base::LogInfo("viewer_closed", {{"request", identity_.request_id()},
+                                    {"code", static_cast<int>(code)},
+                                    {"reason", reason}});
     if (stream_ != nullptr) {
       stream_->Cancel();
     }
@@ -241,13 +247,17 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       stream_ = nullptr;
     }
     if (lease_ != nullptr && is_open_) {
-      base::LogInfo("viewer_left", {{"frames", sent_count_}, {"replaced", replaced_count_}});
+      base::LogInfo("viewer_left", {{"request", identity_.request_id()},
+                                    {"frames", sent_count_},
+                                    {"replaced", replaced_count_}});
+      parts_->metrics->viewers.fetch_sub(1);
     }
     lease_ = nullptr;
   }
 
   GatewayParts* const parts_;
   const std::string token_;
+  const base::TraceContext identity_;
   std::shared_ptr<Connections::Lease> lease_;
   websocket::stream<PeerStream> socket_;
   boost::asio::steady_timer timer_;  // of the write, or of the close
@@ -265,10 +275,11 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
 }  // namespace
 
 void ServeWebSocket(PeerStream stream, std::string token, http::request<http::string_body> upgrade,
-                    GatewayParts* parts, std::shared_ptr<Connections::Lease> lease) {
+                    const base::TraceContext& identity, GatewayParts* parts,
+                    std::shared_ptr<Connections::Lease> lease) {
   const auto request = std::make_shared<http::request<http::string_body>>(std::move(upgrade));
   const auto session = std::make_shared<WebSocketSession>(std::move(stream), std::move(token),
-                                                          parts, std::move(lease));
+                                                          identity, parts, std::move(lease));
   session->Run(*request);
 }
 

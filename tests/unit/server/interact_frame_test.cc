@@ -87,6 +87,10 @@ TEST(InteractFrameTest, OutputsThatAreNoPictureAreNamed) {
   state.mutable_frame()->mutable_output()->set_position(true);
   EXPECT_THAT(CheckInteractiveOutput(state),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("plane")));
+  state.mutable_frame()->clear_output();
+  state.mutable_frame()->set_with_trace(true);
+  EXPECT_THAT(CheckInteractiveOutput(state),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.with_trace")));
 }
 
 }  // namespace

@@ -516,6 +516,83 @@ TEST_F(IsosurfaceServiceTest, StatusAndDatasetsTellWhatTheRegistrySaw) {
   EXPECT_FALSE(capabilities.version().empty());
 }
 
+TEST_F(IsosurfaceServiceTest, TheStatusOfTheClusterHasTheFramesInWorkAndWhatCameOfThem) {
+  absl::Notification begun;
+  absl::Notification go_on;
+  second_.on_frame = [&](grpc::ServerContext* context, FakeAgent::FrameStream* stream) {
+    const auto traceparent = context->client_metadata().find("traceparent");
+    EXPECT_NE(traceparent, context->client_metadata().end());
+    begun.Notify();
+    go_on.WaitForNotification();
+    return PlayEmptyFrame(stream);
+  };
+  StartCluster();
+  const auto cluster = isoscope::v1::ClusterService::NewStub(channel_);
+  const auto status = [&] {
+    grpc::ClientContext context;
+    isoscope::v1::GetClusterStatusResponse response;
+    EXPECT_TRUE(cluster->GetClusterStatus(&context, {}, &response).ok());
+    return response;
+  };
+  EXPECT_EQ(status().frames_size(), 0);
+  std::thread client([&] { EXPECT_THAT(Render(Request()), IsOk()); });
+  begun.WaitForNotification();
+  const isoscope::v1::GetClusterStatusResponse during = status();
+  go_on.Notify();
+  client.join();
+  EXPECT_EQ(during.load().working_frame_count(), 1);
+  ASSERT_EQ(during.frames_size(), 1);
+  EXPECT_EQ(during.frames(0).dataset(), "head");
+  EXPECT_EQ(during.frames(0).extent().width_px(), 32);
+  EXPECT_EQ(during.frames(0).request_id().size(), 32u);
+  EXPECT_EQ(during.frames(0).step(), isoscope::v1::FrameInWork::STEP_OCCLUDER_SELECTION);
+  const isoscope::v1::GetClusterStatusResponse after = status();
+  EXPECT_EQ(after.frames_size(), 0);
+  EXPECT_EQ(after.load().done_frame_count(), 1);
+  EXPECT_EQ(after.load().failed_frame_count(), 0);
+}
+
+TEST_F(IsosurfaceServiceTest, AFrameIsTracedOfAgentsThatTellNoTimesAndAPickIsRefused) {
+  StartCluster();
+  isoscope::v1::RenderIsosurfaceRequest request = Request();
+  request.set_with_trace(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto response, Render(request));
+  ASSERT_EQ(response.trace().processes_size(), 1);
+  EXPECT_EQ(response.trace().processes(0).name(), "coordinator");
+
+  isoscope::v1::PickSurfaceRequest pick;
+  *pick.mutable_frame() = request;
+  pick.add_pixels();
+  grpc::ClientContext context;
+  isoscope::v1::PickSurfaceResponse picked;
+  EXPECT_THAT(rpc::ToAbslStatus(stub_->PickSurface(&context, pick, &picked)),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.with_trace")));
+}
+
+TEST_F(IsosurfaceServiceTest, MetricsCountFramesCallsAndTheAgentThatFailed) {
+  second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
+    return grpc::Status(grpc::StatusCode::DATA_LOSS, "block 7 is damaged");
+  };
+  StartCluster();
+  EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("block 7")));
+  std::string text;
+  for (const base::MetricFamily& family : coordinator_->CollectMetrics()) {
+    for (const base::MetricSample& sample : family.samples) {
+      if (sample.value > 0) {
+        text += family.name;
+        for (const auto& [name, value] : sample.labels) {
+          text += " " + value;
+        }
+        text += "\n";
+      }
+    }
+  }
+  EXPECT_THAT(text, AllOf(HasSubstr("isoscope_frames_total failed\n"),
+                          HasSubstr("isoscope_requests_total RenderIsosurface DATA_LOSS\n"),
+                          HasSubstr("isoscope_agent_failures_total selecting_occluders DATA_LOSS"),
+                          HasSubstr("isoscope_agents reachable\n")));
+}
+
 TEST_F(IsosurfaceServiceTest, AnAddressInUseIsUnavailable) {
   StartCluster();
   CoordinatorServerOptions options = options_;

@@ -1,0 +1,77 @@
+// All metrics of an agent. docs/operations.md has them in a table, which a test compares with what
+// Collect gives.
+
+#ifndef ISOSCOPE_PARTITION_AGENT_AGENT_METRICS_H_
+#define ISOSCOPE_PARTITION_AGENT_AGENT_METRICS_H_
+
+#include <cstddef>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+
+#include "core/base/metrics.h"
+
+namespace isoscope::agent {
+
+// Every method of PartitionAgentService.
+enum class AgentMethod {
+  kDescribeShards,
+  kRenderFrame,
+  kExtractSurface,
+  kGetShardHistogram,
+  kGetActiveBox,
+  kGetGradients,
+};
+
+// Numbers that others keep, as they are when they are asked for.
+struct AgentGauges {
+  int frames = 0;      // begun and not ended
+  int max_frames = 0;  // more are refused
+  std::size_t shard_count = 0;
+  std::size_t mesh_cache_bytes = 0;
+  std::size_t sample_cache_bytes = 0;
+  std::size_t active_cache_bytes = 0;
+  std::size_t memory_limit_bytes = 0;
+};
+
+// Updated while the agent works, by atomics alone. Thread-safe.
+struct AgentMetrics {
+  AgentMetrics();
+
+  void CountRequest(AgentMethod method, const absl::Status& status, absl::Duration duration);
+  // Counts a frame that had begun.
+  void CountFrame(const absl::Status& status, absl::Duration busy);
+
+  base::Counter done_frames;
+  base::Counter failed_frames;
+  base::Counter cancelled_frames;
+  base::Counter busy;  // a duration: work on frames that ended well
+  base::DurationHistogram queue_wait;
+  base::DurationHistogram memory_wait;
+  base::DurationHistogram select_occluders;
+  base::DurationHistogram render_occluders;
+  base::DurationHistogram render_visible;
+  base::DurationHistogram encode;
+  base::Counter triangles;
+  base::Counter drawn_blocks;
+  base::Counter reads;       // disk runs of blocks
+  base::Counter read_bytes;  // of blocks and index pages, for frames
+  base::Counter read_wait;   // a duration: steps that could do nothing but wait for reads
+  base::Counter mesh_hits;
+  base::Counter mesh_misses;
+  base::Counter sample_hits;
+  base::Counter sample_misses;
+  base::Counter active_hits;
+  base::Counter active_misses;
+
+  // Returns all of the above and `gauges`, with the metrics of the process.
+  [[nodiscard]] std::vector<base::MetricFamily> Collect(const AgentGauges& gauges) const;
+
+ private:
+  base::RequestMetrics requests_;
+};
+
+}  // namespace isoscope::agent
+
+#endif  // ISOSCOPE_PARTITION_AGENT_AGENT_METRICS_H_

@@ -1,0 +1,77 @@
+#include "partition-agent/agent_metrics.h"
+
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+
+namespace isoscope::agent {
+namespace {
+
+std::map<std::string, double> ValuesOf(const std::vector<base::MetricFamily>& families) {
+  std::map<std::string, double> values;
+  for (const base::MetricFamily& family : families) {
+    for (const base::MetricSample& sample : family.samples) {
+      std::string key = family.name;
+      for (const auto& [name, value] : sample.labels) {
+        absl::StrAppend(&key, " ", name, "=", value);
+      }
+      values[key] = sample.value;
+    }
+  }
+  return values;
+}
+
+TEST(AgentMetricsTest, OnlyFramesThatEndedWellCountAsBusy) {
+  AgentMetrics metrics;
+  metrics.CountFrame(absl::OkStatus(), absl::Milliseconds(250));
+  metrics.CountFrame(absl::CancelledError(""), absl::Seconds(9));
+  metrics.CountFrame(absl::DataLossError(""), absl::Seconds(9));
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_agent_frames_total outcome=done"], 1);
+  EXPECT_EQ(values["isoscope_agent_frames_total outcome=failed"], 1);
+  EXPECT_EQ(values["isoscope_agent_frames_total outcome=cancelled"], 1);
+  EXPECT_DOUBLE_EQ(values["isoscope_agent_busy_seconds_total"], 0.25);
+}
+
+TEST(AgentMetricsTest, EachCacheHasItsHitsMissesAndBytes) {
+  AgentMetrics metrics;
+  metrics.mesh_hits.Add(10);
+  metrics.mesh_misses.Add(3);
+  metrics.sample_hits.Add(2);
+  metrics.sample_misses.Add(1);
+  metrics.active_hits.Add(7);
+  metrics.active_misses.Add(4);
+  auto values = ValuesOf(metrics.Collect(
+      {.mesh_cache_bytes = 100, .sample_cache_bytes = 200, .active_cache_bytes = 300}));
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=meshes result=hit"], 10);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=meshes result=miss"], 3);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=samples result=hit"], 2);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=samples result=miss"], 1);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=active_blocks result=hit"], 7);
+  EXPECT_EQ(values["isoscope_cache_lookups_total cache=active_blocks result=miss"], 4);
+  EXPECT_EQ(values["isoscope_cache_bytes cache=samples"], 200);
+}
+
+TEST(AgentMetricsTest, NamesFollowTheConvention) {
+  AgentMetrics metrics;
+  metrics.CountRequest(AgentMethod::kGetGradients, absl::OkStatus(), absl::Seconds(1));
+  std::set<std::string> names;
+  for (const base::MetricFamily& family : metrics.Collect({})) {
+    EXPECT_TRUE(names.insert(family.name).second) << family.name << " comes twice";
+    EXPECT_TRUE(absl::EndsWith(family.help, ".")) << family.name;
+    EXPECT_FALSE(family.samples.empty()) << family.name;
+    EXPECT_EQ(absl::EndsWith(family.name, "_total"),
+              family.type == base::MetricFamily::Type::kCounter)
+        << family.name;
+  }
+  EXPECT_EQ(ValuesOf(metrics.Collect({}))["isoscope_requests_total method=GetGradients code=OK"],
+            1);
+}
+
+}  // namespace
+}  // namespace isoscope::agent

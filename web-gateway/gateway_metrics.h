@@ -1,0 +1,49 @@
+// All metrics of a gateway. docs/operations.md has them in a table, which a test compares with what
+// Collect gives.
+
+#ifndef ISOSCOPE_WEB_GATEWAY_GATEWAY_METRICS_H_
+#define ISOSCOPE_WEB_GATEWAY_GATEWAY_METRICS_H_
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <vector>
+
+#include "absl/time/time.h"
+
+#include "core/base/metrics.h"
+
+namespace isoscope::gateway {
+
+// Numbers that others keep, as they are when they are asked for.
+struct GatewayGauges {
+  int connections = 0;
+  int max_connections = 0;
+  int pictures = 0;
+  int max_pictures = 0;
+};
+
+// Updated while the gateway works, by atomics alone. Thread-safe.
+struct GatewayMetrics {
+  // status: of HTTP.
+  void CountRequest(int status, absl::Duration duration);
+
+  std::atomic<int> viewers{0};    // open WebSockets
+  base::Counter refused;          // connections beyond --max-connections
+  base::Counter sent_frames;      // to viewers
+  base::Counter replaced_frames;  // by newer ones, because the viewer was slow
+
+  // Returns all of the above and `gauges`, with the metrics of the process.
+  [[nodiscard]] std::vector<base::MetricFamily> Collect(const GatewayGauges& gauges) const;
+
+ private:
+  static constexpr int kLeastStatus = 100;
+  static constexpr std::size_t kStatusCount = 500;
+
+  std::array<base::Counter, kStatusCount> by_status_;
+  base::DurationHistogram duration_;
+};
+
+}  // namespace isoscope::gateway
+
+#endif  // ISOSCOPE_WEB_GATEWAY_GATEWAY_METRICS_H_
