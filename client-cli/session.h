@@ -67,8 +67,8 @@ class Session {
   [[nodiscard]] const std::string& token() const { return token_; }
   // Name of the dataset in requests; "" is the only one of the cluster.
   [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
-  // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is its
-  // operator's affair.
+  // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is
+  // its operator's affair.
   void SetGatewayAddress(const std::string& address) {
     if (cluster_ != nullptr) {
       cluster_->SetGatewayAddress(address);

@@ -21,6 +21,7 @@ chromium-driver and python3-selenium: run it with Debian's /usr/bin/python3.
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -73,13 +74,18 @@ const view = isoscope.view;
 const STEPS = ['occluderSelectionDuration', 'occluderRenderingDuration', 'visibilityCullingDuration', 'compositeDuration'];
 const taken = [];
 const move = () => view.setCamera({ ...view.camera, up: view.camera.up.map((value, i) => value + 1e-3 * Math.sin(taken.length + i)) });
+let timer = 0;
 const listen = ({ detail }) => {
+  // After an exact picture, too: a quick one that came just before it was not shown.
+  clearTimeout(timer);
+  timer = setTimeout(move, 50);
   if (detail.isExact || detail.roundTripMs === null) return;
   const durations = detail.header.frame.statistics.durations;
   const drawn = STEPS.reduce((sum, name) => sum + 1000 * parseFloat(durations[name] ?? '0'), 0);
   const encode = 1000 * parseFloat(durations.encodeDuration ?? '0');
   taken.push([detail.roundTripMs + detail.decodeMs - drawn, encode, detail.decodeMs, detail.roundTripMs - drawn - encode]);
-  if (taken.length < 40) { setTimeout(move, 50); return; }
+  if (taken.length < 40) return;
+  clearTimeout(timer);
   view.removeEventListener('frame', listen);
   const summary = ['all', 'encode', 'decode', 'transport'].map((name, i) => {
     const sorted = taken.map((one) => one[i]).sort((a, b) => a - b);
@@ -172,6 +178,7 @@ def main():
   parser.add_argument('--isoscope', default=os.path.join(root, 'build/release/bin/isoscope'))
   flags = parser.parse_args()
 
+  signal.signal(signal.SIGTERM, lambda *_: sys.exit('measure_page.py: ended by a signal'))
   server = subprocess.Popen([flags.isoscope, 'view', flags.input, '--isovalue', flags.isovalue, '--no-open'],
                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
   browser = None
@@ -190,12 +197,15 @@ def main():
     browser.get('about:blank')
     time.sleep(1)
     empty_mib = total(memory_mib(driver.process.pid))
-    browser.get(url)
+    browser.get(url.replace('/?', f'/#surface={flags.isovalue}&').split('&isovalue=')[0])
     end = time.monotonic() + PATIENCE_S
     while not browser.execute_script('return window.isoscope && isoscope.view.isExact'):
       if time.monotonic() > end:
         sys.exit('measure_page.py: no exact picture came: ' + browser.execute_script('return document.body.innerText'))
       time.sleep(0.1)
+    shown = browser.execute_script('return isoscope.view.state.surfaces[0].isovalue')
+    if shown != float(flags.isovalue):
+      sys.exit(f'measure_page.py: the page shows the isovalue {shown} in place of {flags.isovalue}')
     browser.execute_script('const v = document.getElementById("view"); v.style.width = v.style.height = arguments[0] + "px";'
                            'v.style.flex = "none"; isoscope.view.options.targetFramesPerSecond = arguments[1];',
                            flags.side, flags.rate)

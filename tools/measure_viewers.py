@@ -17,6 +17,7 @@ import asyncio
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import urllib.parse
@@ -99,6 +100,7 @@ def main():
   flags = parser.parse_args()
   if not 0 <= flags.stalled < flags.viewers or flags.link is not None and len(flags.link) != 2:
     parser.error('--stalled must be less than --viewers, and --link two numbers, as in 10,150')
+  signal.signal(signal.SIGTERM, lambda *_: sys.exit('measure_viewers.py: ended by a signal'))
   server = subprocess.Popen([flags.isoscope, 'view', flags.input, '--listen', '127.0.0.1:0', '--no-open'],
                             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
   try:

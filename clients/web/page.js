@@ -142,7 +142,16 @@ byId('fold', HTMLElement).onclick = (event) => {
 
 // ---- the view ----
 
-const start = stateFromHash(location.hash);
+/** Returns the view of the address: after '#', else what `isoscope view` names after '?'. */
+function stateOfAddress() {
+  if (location.hash.length > 1) {
+    return stateFromHash(location.hash);
+  }
+  const words = [...query].filter(([name]) => ['dataset', 'isovalue', 'surface'].includes(name));
+  return stateFromHash(new URLSearchParams(words).toString());
+}
+
+const start = stateOfAddress();
 
 const shown = mount(byId('view', HTMLElement), { state: start.state.surfaces ? start.state : undefined, renderer,
   maxSide: Number(query.get('max-side')) || 2048 });
@@ -173,7 +182,7 @@ shown.addEventListener('state', () => {
   }, 250);
 });
 window.addEventListener('hashchange', () => {
-  const { state, problems } = stateFromHash(location.hash);
+  const { state, problems } = stateOfAddress();
   if (stateToHash(state) !== stateToHash(shown.getState())) {
     open(state, problems);
   }
@@ -253,7 +262,7 @@ async function loadDatasets() {
     say('The server has no dataset yet. Start an agent with one: isoscope partition head.nii.gz, then isoscope serve head.', true);
   }
   page.dataset.replaceChildren(...datasets.map((dataset) => make('option', { value: dataset.name, title: dataset.name }, labelOf(dataset.name, datasets))));
-  open(stateFromHash(location.hash).state, start.problems);
+  open(stateOfAddress().state, start.problems);
 }
 
 /**

@@ -182,6 +182,12 @@ export function stateFromHash(hash) {
         (state.surfaces ??= []).push(mixed ? { isovalue: isovalue[0], color: mixed } : { isovalue: isovalue[0] });
       }
     },
+    isovalue: (value) => {
+      const isovalue = reader.numbers('isovalue', value, 1);
+      if (isovalue) {
+        (state.surfaces ??= []).push({ isovalue: isovalue[0] });
+      }
+    },
     'color-by': (value) => {
       const [quantity, map, ends, opacities] = value.split(':');
       if (quantity !== 'none' && !QUANTITIES[quantity] || map && !COLOR_MAPS.includes(map)) {

@@ -526,7 +526,8 @@ class RealTest(PageTest):
         volume = os.path.join(cls.folder, 'gyroid.nrrd')
         subprocess.run([program, 'generate', 'gyroid', '--dims', '48,48,48', '--type', 'uint8', '--output', volume], check=True,
                        stdout=subprocess.DEVNULL, env=cls.environment)
-        cls.server = subprocess.Popen([program, 'view', volume, '--no-open', '--listen', '127.0.0.1:0', '--renderer', 'cpu'],
+        cls.server = subprocess.Popen([program, 'view', volume, '--isovalue', '100', '--no-open', '--listen', '127.0.0.1:0',
+                                       '--renderer', 'cpu'],
                                       stdout=subprocess.PIPE, text=True, env=cls.environment)
         cls.page = cls.server.stdout.readline().strip()
         cls.volume = volume
@@ -552,6 +553,19 @@ class RealTest(PageTest):
                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=self.environment)
         with open(os.path.join(self.folder, 'picture.png'), 'rb') as file:
             return decode_png(file.read())
+
+    def test_the_address_of_isoscope_view_opens_what_was_asked_for(self):
+        self.browser.get('about:blank')
+        self.browser.get(f'{self.page}&max-side=420')
+        self.until('isoscope.view.isExact && isoscope.view.frame && location.hash')
+        self.assertIn('isovalue=100', self.page)
+        self.assertEqual(100, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+        # What was changed since is in the link, and counts.
+        self.js('isoscope.view.update({ surfaces: [{ isovalue: 90 }] })')
+        self.until('isoscope.view.isExact && /surface=90/.test(location.hash)')
+        self.browser.refresh()
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
 
     def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
         self.browser.get('about:blank')

@@ -72,6 +72,11 @@ test('no link makes the reader throw', () => {
   }
 });
 
+test('an isovalue alone, as isoscope view names it, is a surface', () => {
+  assert.deepEqual(stateFromHash('dataset=head&isovalue=60').state, { dataset: 'head', surfaces: [{ isovalue: 60 }] });
+  assert.equal(stateFromHash('isovalue=x').problems.length, 1);
+});
+
 test('the command of a state quotes what a shell would read otherwise', () => {
   const command = stateToCommand({ dataset: 'it\'s; rm -rf', surfaces: [{ isovalue: 60 }], caps: {} }, 'a.png');
   assert.equal(command, 'isoscope render --server HOST:50051 \\\n  --dataset \'it\'\\\'\'s; rm -rf\' \\\n  --surface 60 \\\n  --caps \\\n  --output a.png');
