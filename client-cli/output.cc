@@ -104,6 +104,12 @@ std::string Table::Part(std::size_t begin, std::size_t end,
   for (std::size_t column = std::max<std::size_t>(begin, 1); column < end; ++column) {
     columns.push_back(column);
   }
+  // Columns of text that goes on in the next line begin at one place.
+  const auto is_left = [&](std::size_t column) {
+    return column == 0 || std::any_of(rows_.begin(), rows_.end(), [&](const auto& row) {
+             return row[column].size() > widths[column];
+           });
+  };
   std::string text;
   for (const std::vector<std::string>& row : rows_) {
     std::vector<std::vector<std::string>> cells;
@@ -117,9 +123,8 @@ std::string Table::Part(std::size_t begin, std::size_t end,
       for (std::size_t j = 0; j < columns.size(); ++j) {
         const std::string cell = i < cells[j].size() ? cells[j][i] : "";
         const std::string padding(widths[columns[j]] - cell.size(), ' ');
-        // The lines of a cell stand below each other.
-        const bool is_left = j == 0 || cells[j].size() > 1;
-        line += absl::StrCat(j == 0 ? "" : "  ", is_left ? cell + padding : padding + cell);
+        line +=
+            absl::StrCat(j == 0 ? "" : "  ", is_left(columns[j]) ? cell + padding : padding + cell);
       }
       line.erase(line.find_last_not_of(' ') + 1);
       text += line + "\n";

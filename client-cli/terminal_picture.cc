@@ -15,6 +15,8 @@
 #include <memory>
 #include <optional>
 #include <unordered_map>
+#include <unordered_set>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/escaping.h"
@@ -115,9 +117,31 @@ absl::StatusOr<std::vector<unsigned char>> ChoosePalette(const image::RgbaImage&
       palette, palette + 3 * sixel_dither_get_num_of_palette_colors(dither->get()));
 }
 
-// With one colour of the palette that is not drawn. The library has no way to make such indices.
-absl::StatusOr<std::string> TransparentSixel(const image::RgbaImage& picture) {
-  absl::StatusOr<std::vector<unsigned char>> palette = ChoosePalette(picture, kSixelColors - 1);
+// The colours of the shown pixels, three bytes each, if they are at most `max_count`. The library
+// looks at every sixth pixel only.
+std::optional<std::vector<unsigned char>> FewColors(const image::RgbaImage& picture,
+                                                    std::size_t max_count) {
+  std::unordered_set<std::uint32_t> known;
+  std::vector<unsigned char> palette;
+  for (const image::Rgba8& pixel : picture.pixels) {
+    if (IsShown(pixel) &&
+        known.insert(image::PackedColor({pixel.r, pixel.g, pixel.b, 255})).second) {
+      if (known.size() > max_count) {
+        return std::nullopt;
+      }
+      palette.insert(palette.end(), {pixel.r, pixel.g, pixel.b});
+    }
+  }
+  if (palette.empty()) {
+    palette.resize(3);
+  }
+  return palette;
+}
+
+// Pixels that do not show get the index behind the palette, which the library does not draw. Its
+// own transparent colour loses a column: version 1.10.3 compares its index with the column, too.
+absl::StatusOr<std::string> IndexedSixel(const image::RgbaImage& picture,
+                                         absl::StatusOr<std::vector<unsigned char>> palette) {
   if (!palette.ok()) {
     return palette.status();
   }
@@ -144,15 +168,18 @@ absl::StatusOr<std::string> TransparentSixel(const image::RgbaImage& picture) {
   for (const image::Rgba8& pixel : picture.pixels) {
     indices.push_back(IsShown(pixel) ? nearest(pixel) : static_cast<unsigned char>(color_count));
   }
-  palette->insert(palette->end(), {0, 0, 0});
-  absl::StatusOr<Dither> dither = NewDither(color_count + 1);
+  absl::StatusOr<Dither> dither = NewDither(color_count);
   if (!dither.ok()) {
     return dither.status();
   }
   sixel_dither_set_palette(dither->get(), palette->data());
   sixel_dither_set_pixelformat(dither->get(), SIXEL_PIXELFORMAT_PAL8);
-  sixel_dither_set_transparent(dither->get(), color_count);
-  return EncodeSixel(&indices, picture, dither->get());
+  absl::StatusOr<std::string> text = EncodeSixel(&indices, picture, dither->get());
+  if (text.ok()) {
+    // The second parameter leaves what is not drawn as it is; the library does not set it.
+    text->replace(0, text->find('q'), "\x1BP0;1");
+  }
+  return text;
 }
 
 // --- half blocks ---------------------------------------------------------------------------------
@@ -234,8 +261,12 @@ std::string ITerm2Picture(absl::string_view file, const view::Viewport& size, co
 }
 
 absl::StatusOr<std::string> SixelPicture(const image::RgbaImage& picture, SixelQuality quality) {
+  constexpr int kMaxShown = kSixelColors - 1;
+  if (std::optional<std::vector<unsigned char>> palette = FewColors(picture, kMaxShown)) {
+    return IndexedSixel(picture, *std::move(palette));
+  }
   if (!std::all_of(picture.pixels.begin(), picture.pixels.end(), IsShown)) {
-    return TransparentSixel(picture);
+    return IndexedSixel(picture, ChoosePalette(picture, kMaxShown));
   }
   std::vector<unsigned char> rgb;
   rgb.reserve(picture.pixels.size() * 3);

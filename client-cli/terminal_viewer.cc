@@ -98,7 +98,10 @@ class FrameFeed {
   // `stream` must outlive it.
   explicit FrameFeed(InteractStream* stream) : stream_(stream), reader_([this] { Read(); }) {}
   ~FrameFeed() {
-    stream_->Cancel();
+    // Cancelling a stream that has ended would hide why.
+    if (!has_ended()) {
+      stream_->Cancel();
+    }
     reader_.join();
   }
   FrameFeed(const FrameFeed&) = delete;
@@ -182,6 +185,8 @@ class Viewer {
   absl::Status Run(const base::Cancellation& cancellation);
   // The newest view.
   [[nodiscard]] v1::RenderIsosurfaceRequest Frame() const;
+  // Whether Run returned because the stream had ended.
+  [[nodiscard]] bool was_ended_by_server() const { return was_ended_by_server_; }
 
  private:
   absl::Status Handle(TerminalSignals::Pending pending);
@@ -211,6 +216,7 @@ class Viewer {
   int image_number_ = 1;
   bool shows_help_ = false;
   bool is_done_ = false;
+  bool was_ended_by_server_ = false;
 };
 
 v1::RenderIsosurfaceRequest Viewer::Frame() const {
@@ -373,6 +379,7 @@ absl::Status Viewer::Run(const base::Cancellation& cancellation) {
     ISOSCOPE_RETURN_IF_ERROR(Handle(TerminalSignals::Take()));
     ISOSCOPE_RETURN_IF_ERROR(Draw(&feed));
   }
+  was_ended_by_server_ = !is_done_ && !cancellation.is_cancelled();
   raw_.reset();
   return absl::OkStatus();
 }
@@ -467,8 +474,8 @@ absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, Show
   const absl::Status status = viewer.Run(context.interrupt->cancellation());
   const absl::Status of_stream = stream->Finish();
   ISOSCOPE_RETURN_IF_ERROR(status);
-  if (!of_stream.ok() && !absl::IsCancelled(of_stream)) {
-    return of_stream;
+  if (viewer.was_ended_by_server()) {
+    return of_stream.ok() ? absl::UnavailableError("the server has ended the view") : of_stream;
   }
   *context.out << "the last view, for isoscope render: " << FlagsOfFrame(viewer.Frame())
                << std::endl;

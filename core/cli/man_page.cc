@@ -29,7 +29,7 @@ std::string Escaped(absl::string_view text) {
 
 // Lines as they are.
 std::string Verbatim(absl::string_view text) {
-  std::string lines = ".PP\n.nf\n";
+  std::string lines = ".nf\n";
   for (const absl::string_view line :
        absl::StrSplit(absl::StripTrailingAsciiWhitespace(text), '\n')) {
     absl::StrAppend(&lines, line.empty() ? "\\&" : Escaped(line), "\n");

@@ -204,7 +204,9 @@ std::string ZshAction(const FlagDescription& flag) {
 std::string ZshCommand(const CommandDescription& command, absl::string_view indent) {
   std::string text = absl::StrCat(indent, "_arguments -s");
   for (const FlagDescription& flag : command.flags) {
-    const std::string value = absl::StrCat(":", ZshText(flag.value_name), ":", ZshAction(flag));
+    // What CLI11 says of its checks behind a ':' is no name.
+    const std::string name_of_value = flag.value_name.substr(0, flag.value_name.find(":{"));
+    const std::string value = absl::StrCat(":", ZshText(name_of_value), ":", ZshAction(flag));
     const std::string repeats = flag.is_repeatable ? "*" : "";
     if (flag.names.empty()) {
       absl::StrAppend(&text, " \\\n", indent, "  ", Quoted(absl::StrCat(repeats, value)));
@@ -235,7 +237,8 @@ std::string ZshDescribe(absl::string_view tag, const std::vector<Word>& words,
 }
 
 std::string ZshScript(const ProgramDescription& program) {
-  const std::string function = Identifier(program.name);
+  // The name of its file, too: zsh loads it by that.
+  const std::string function = absl::StrCat("_", program.name);
   std::string text = absl::StrCat("#compdef ", program.name, "\n# Completion of ", program.name,
                                   " for zsh.\n", function, "() {\n");
   if (!HasCommands(program)) {

@@ -19,7 +19,7 @@ import tempfile
 import time
 import unittest
 
-FOLDER = pathlib.Path(sys.argv[1])
+FOLDER = pathlib.Path(sys.argv[1]).resolve()
 PROGRAM = pathlib.Path(sys.argv[2]).resolve()
 SERVERS = ["isoscope-agent", "isoscope-coordinator", "isoscope-gateway"]
 PATIENCE_S = 60
@@ -165,7 +165,7 @@ class Zsh(WithFolder):
         self.text = ""
         self.type(line + "\t")
         self.read_until(wanted)
-        self.type("\x03")
+        self.type("\x15\n")  # an empty line
         self.read_until("ready> ")
 
     def test_lines(self):

@@ -114,12 +114,13 @@ TEST_F(TerminalTest, ASilentTerminalGetsBlocks) {
 }
 
 TEST_F(TerminalTest, NoEscapesWithoutColoursOrATerminal) {
-  for (const char* variable : {"TERM=dumb", "NO_COLOR=1"}) {
+  const std::vector<std::vector<std::string>> plain = {{"TERM=dumb"},
+                                                       {"TERM=xterm-kitty", "NO_COLOR=1"}};
+  for (const std::vector<std::string>& variables : plain) {
     PseudoTerminal terminal(kWindow);
-    terminal.Start(RenderCommand({"--output", Path("a.png")}),
-                   Environment({"TERM=xterm-kitty", variable}));
+    terminal.Start(RenderCommand({"--output", Path("a.png")}), Environment(variables));
     ASSERT_EQ(terminal.Wait(), 0) << terminal.bytes();
-    EXPECT_TRUE(ReadTerminalBytes(terminal.bytes()).pictures.empty()) << variable;
+    EXPECT_TRUE(ReadTerminalBytes(terminal.bytes()).pictures.empty()) << variables[0];
   }
   PseudoTerminal terminal(kWindow);
   terminal.Start(RenderCommand({"--output", Path("a.png"), "--show", "never"}),

@@ -88,7 +88,7 @@ TEST(ScalePictureTest, AWholeFactorIsTheMeanOfTheSamples) {
       for (int i = 0; i < 9; ++i) {
         const Rgba8 sample =
             picture.pixels[static_cast<std::size_t>((3 * y + i / 3) * 12 + 3 * x + i % 3)];
-        light += double{sample.a} * tables.light[sample.g];
+        light += static_cast<double>(sample.a) * tables.light[sample.g];
         alpha += sample.a;
       }
       const Rgba8 pixel = small.pixels[static_cast<std::size_t>(4 * y + x)];
