@@ -95,7 +95,88 @@ bool Encode(const Picture& picture, JSAMPLE* row, Encoder* encoder) {
   return true;
 }
 
+// What libjpeg reads with.
+struct Decoder {
+  Decoder() = default;
+  Decoder(const Decoder&) = delete;
+  Decoder& operator=(const Decoder&) = delete;
+  ~Decoder() { jpeg_destroy_decompress(&info); }
+
+  jpeg_decompress_struct info{};
+  ErrorManager errors{};
+};
+
+// A warning means bytes that are missing or wrong: libjpeg would go on with grey.
+void OnDecoderMessage(j_common_ptr info, int level) {
+  if (level < 0) {
+    OnError(info);
+  }
+}
+
+// Reads the sizes of the picture.
+bool StartDecoding(absl::string_view jpeg, Decoder* decoder) {
+  jpeg_decompress_struct& info = decoder->info;
+  info.err = jpeg_std_error(&decoder->errors.base);
+  decoder->errors.base.error_exit = OnError;
+  decoder->errors.base.output_message = OnMessage;
+  decoder->errors.base.emit_message = OnDecoderMessage;
+  if (setjmp(decoder->errors.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg's way
+    return false;
+  }
+  jpeg_create_decompress(&info);
+  jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(jpeg.data()), jpeg.size());
+  jpeg_read_header(&info, TRUE);
+  info.out_color_space = JCS_RGB;
+  return true;
+}
+
+// Reads the pixels. `row` has room for three bytes a pixel, `to` for all pixels.
+bool DecodeRows(Decoder* decoder, JSAMPLE* row, Rgba8* to) {
+  jpeg_decompress_struct& info = decoder->info;
+  if (setjmp(decoder->errors.jump) != 0) {  // NOLINT(cert-err52-cpp): libjpeg's way
+    return false;
+  }
+  jpeg_start_decompress(&info);
+  while (info.output_scanline < info.output_height) {
+    Rgba8* const pixels = to + std::size_t{info.output_scanline} * info.output_width;
+    jpeg_read_scanlines(&info, &row, 1);
+    for (std::size_t x = 0; x < info.output_width; ++x) {
+      pixels[x] = {row[3 * x], row[3 * x + 1], row[3 * x + 2], 255};
+    }
+  }
+  jpeg_finish_decompress(&info);
+  return true;
+}
+
 }  // namespace
+
+absl::StatusOr<RgbaImage> DecodeJpeg(absl::string_view jpeg) {
+  Decoder decoder;
+  const auto error = [&decoder] {
+    return absl::DataLossError(absl::StrCat("no readable JPEG: ", decoder.errors.text.data()));
+  };
+  if (jpeg.empty()) {
+    return absl::DataLossError("no readable JPEG: it is empty");
+  }
+  if (!StartDecoding(jpeg, &decoder)) {
+    return error();
+  }
+  constexpr JDIMENSION kMaxSide = kMaxPngSidePx;
+  const JDIMENSION width = decoder.info.image_width;
+  const JDIMENSION height = decoder.info.image_height;
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) {
+    return absl::DataLossError(
+        absl::StrCat("a JPEG of ", width, " x ", height, " pixels: sides are at most ", kMaxSide));
+  }
+  RgbaImage image{
+      .width = static_cast<int>(width), .height = static_cast<int>(height), .pixels = {}};
+  image.pixels.resize(std::size_t{width} * height);
+  std::vector<JSAMPLE> row(std::size_t{width} * 3);
+  if (!DecodeRows(&decoder, row.data(), image.pixels.data())) {
+    return error();
+  }
+  return image;
+}
 
 absl::StatusOr<std::string> EncodeJpeg(int width, int height, std::span<const Rgba8> pixels,
                                        Rgba8 background, int quality) {

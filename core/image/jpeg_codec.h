@@ -1,4 +1,4 @@
-// JPEG files in memory, 8-bit sRGB, written with libjpeg-turbo.
+// JPEG files in memory, 8-bit sRGB, written and read with libjpeg-turbo.
 
 #ifndef ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_
 #define ISOSCOPE_CORE_IMAGE_JPEG_CODEC_H_
@@ -7,8 +7,10 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 
 #include "core/image/fragment.h"
+#include "core/image/png_codec.h"
 
 namespace isoscope::image {
 
@@ -22,6 +24,10 @@ namespace isoscope::image {
 // 65500. RESOURCE_EXHAUSTED when memory runs out. Thread-safe.
 absl::StatusOr<std::string> EncodeJpeg(int width, int height, std::span<const Rgba8> pixels,
                                        Rgba8 background, int quality);
+
+// Decodes a JPEG of grey or colours to opaque pixels. Safe for any bytes. DATA_LOSS if they are no
+// complete JPEG, or one with a side above kMaxPngSidePx. Thread-safe.
+absl::StatusOr<RgbaImage> DecodeJpeg(absl::string_view jpeg);
 
 }  // namespace isoscope::image
 

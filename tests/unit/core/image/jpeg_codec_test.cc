@@ -100,5 +100,33 @@ TEST(JpegCodecTest, OneRowAndOneColumnAreEnough) {
   }
 }
 
+TEST(DecodeJpegTest, GivesTheSizeAndNearlyTheColours) {
+  const std::vector<Rgba8> pixels = Ramp(40, 24);
+  const absl::StatusOr<std::string> jpeg = EncodeJpeg(40, 24, pixels, {}, 95);
+  ISOSCOPE_ASSERT_OK(jpeg);
+  const absl::StatusOr<RgbaImage> image = DecodeJpeg(*jpeg);
+  ISOSCOPE_ASSERT_OK(image);
+  ASSERT_EQ(image->width, 40);
+  ASSERT_EQ(image->height, 24);
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    EXPECT_NEAR(image->pixels[i].r, pixels[i].r, 6);
+    EXPECT_NEAR(image->pixels[i].g, pixels[i].g, 6);
+    EXPECT_NEAR(image->pixels[i].b, pixels[i].b, 6);
+    EXPECT_EQ(image->pixels[i].a, 255);
+  }
+}
+
+TEST(DecodeJpegTest, RefusesEveryPrefixAndNoise) {
+  const absl::StatusOr<std::string> jpeg = EncodeJpeg(17, 9, Ramp(17, 9), {}, 80);
+  ISOSCOPE_ASSERT_OK(jpeg);
+  for (std::size_t size = 0; size + 2 < jpeg->size(); ++size) {
+    const std::vector<char> exact(jpeg->begin(), jpeg->begin() + static_cast<std::ptrdiff_t>(size));
+    EXPECT_THAT(DecodeJpeg(absl::string_view(exact.data(), exact.size())),
+                testing::StatusIs(absl::StatusCode::kDataLoss))
+        << size;
+  }
+  EXPECT_THAT(DecodeJpeg("no picture at all"), testing::StatusIs(absl::StatusCode::kDataLoss));
+}
+
 }  // namespace
 }  // namespace isoscope::image
