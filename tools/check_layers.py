@@ -18,6 +18,7 @@ import sys
 # Module: floor. A module may include modules on lower floors.
 MODULES = {
     "core/base": 0,
+    "core/cli": 1,
     "core/io": 1,
     "core/math": 1,
     "core/image": 1,

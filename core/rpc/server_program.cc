@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -13,6 +14,9 @@
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/cli/command_description.h"
+#include "core/cli/man_page.h"
+#include "core/cli/shell_completion.h"
 
 namespace isoscope::rpc {
 namespace {
@@ -50,6 +54,41 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
   return absl::OkStatus();
 }
 
+constexpr char kEnvironmentNote[] =
+    "Every option can also be given as the environment variable named beside it.\n"
+    "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once.";
+
+// Answers what builds and shells ask: --man-page, --completion SHELL. Unset if something else is
+// asked.
+std::optional<int> DescribeItself(const ServerProgram& program, const CLI::App& app, int argc,
+                                  char** argv) {
+  const absl::string_view asked = argc >= 2 ? argv[1] : "";
+  const bool is_page = asked == "--man-page" && argc == 2;
+  if (!is_page && (asked != "--completion" || argc != 3)) {
+    return std::nullopt;
+  }
+  const cli::ProgramDescription description{
+      .name = program.name,
+      .summary = program.summary,
+      .version = std::string(base::Version()),
+      .commands = {{.name = "",
+                    .summary = program.summary,
+                    .usage = "[OPTIONS]",
+                    .examples = absl::StrCat(program.examples, "\n", kEnvironmentNote),
+                    .flags = cli::DescribeFlags(app)}}};
+  if (is_page) {
+    std::cout << cli::CommandManPage(description, description.commands[0]);
+    return kDone;
+  }
+  const absl::StatusOr<cli::Shell> shell = cli::ShellFromName(argv[2]);
+  if (!shell.ok()) {
+    std::cerr << program.name << ": --completion: " << shell.status().message() << "\n";
+    return kWrongUsage;
+  }
+  std::cout << cli::CompletionScript(*shell, description);
+  return kDone;
+}
+
 int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   // Debian builds abseil with the detection on, so every lock would take a global one.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
@@ -57,13 +96,13 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   base::ShutdownSignal shutdown_signal;
   CLI::App app(program.summary, program.name);
   app.set_version_flag("--version", absl::StrCat(program.name, " ", base::Version()));
-  app.footer(absl::StrCat(
-      "Examples:\n", program.examples,
-      "\nEvery option can also be given as the environment variable named beside it.\n"
-      "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once."));
+  app.footer(absl::StrCat("Examples:\n", program.examples, "\n", kEnvironmentNote));
   ServerFlags flags = program.defaults;
   program.add_flags(&app);
   AddServerFlags(&app, &flags, program.has_frame_flags);
+  if (const std::optional<int> code = DescribeItself(program, app, argc, argv)) {
+    return *code;
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
