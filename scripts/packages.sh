@@ -15,7 +15,7 @@ ISOSCOPE_BUILD_PACKAGES=(
   libspdlog-dev libcli11-dev nlohmann-json3-dev libboost1.81-dev
   libepoxy-dev libegl-dev libgl-dev libegl1 libgl1-mesa-dri
   libinsighttoolkit5-dev libhdf5-dev libtiff-dev libexpat1-dev
-  libwebp-dev libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core
+  libwebp-dev libsixel-dev libmeshoptimizer-dev libcairo2-dev fonts-dejavu-core
 )
 
 # What the programs run with, in the container images: all three; those that draw (isoscope-agent and
@@ -24,13 +24,13 @@ ISOSCOPE_BUILD_PACKAGES=(
 ISOSCOPE_RUNTIME_PACKAGES=(
   libgrpc++1.51 libspdlog1.10 libtbb12 libpng16-16 libjpeg62-turbo libisal2 libhwy1 liblz4-1 liburing2)
 ISOSCOPE_RENDERING_PACKAGES=(libepoxy0 libegl1 libopengl0 libgl1-mesa-dri)
-ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 libwebp7 libwebpmux3
+ISOSCOPE_SOURCE_PACKAGES=(libinsighttoolkit5.2 libhdf5-103-1 libtiff6 libexpat1 libwebp7 libwebpmux3 libsixel1
   libmeshoptimizer2d libcairo2 fonts-dejavu-core)
 
 # What the tests and benchmarks need besides.
 ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3
   python3-grpcio python3-protobuf python3-numpy python3-pytest python3-mypy python3-pip python3-setuptools
-  python3-wheel python3-nbconvert python3-ipykernel python3-aiohttp openssl procps)
+  python3-wheel python3-nbconvert python3-ipykernel python3-aiohttp openssl procps zsh fish mandoc man-db)
 
 # What the tests of clients/web need, some 700 MB with all that they depend on; tests whose program is
 # missing are skipped, and say so.
