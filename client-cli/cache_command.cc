@@ -53,7 +53,7 @@ std::string ToJson(const std::string& folder, std::int64_t limit_bytes,
 }
 
 std::string ToText(const std::string& folder, std::int64_t limit_bytes,
-                   const std::vector<CacheEntry>& entries) {
+                   const std::vector<CacheEntry>& entries, int max_width) {
   std::string text;
   if (!entries.empty()) {
     Table table({"source", "name", "size", "last used", ""});
@@ -62,7 +62,7 @@ std::string ToText(const std::string& folder, std::int64_t limit_bytes,
                     absl::FormatTime("%Y-%m-%d %H:%M", entry.last_used, absl::LocalTimeZone()),
                     entry.is_damaged ? "damaged" : (entry.is_in_use ? "in use" : "")});
     }
-    text = table.ToString() + "\n";
+    text = table.ToString(max_width) + "\n";
   }
   absl::StrAppend(&text, folder, ": ", FormatCount(static_cast<std::int64_t>(entries.size())),
                   entries.size() == 1 ? " volume, " : " volumes, ",
@@ -77,7 +77,7 @@ absl::Status RunList(const ListFlags& flags, const Context& context) {
                             CacheLimitBytes(flags.limit_bytes, folder));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<CacheEntry> entries, ListEntries(folder));
   *context.out << (flags.is_json ? ToJson(folder, limit_bytes, entries)
-                                 : ToText(folder, limit_bytes, entries));
+                                 : ToText(folder, limit_bytes, entries, context.out_columns));
   return absl::OkStatus();
 }
 

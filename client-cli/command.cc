@@ -21,11 +21,17 @@
 #include "absl/strings/str_join.h"
 #include <CLI/CLI.hpp>
 
+#include "client-cli/output.h"
 #include "client-cli/usage.h"
+#include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/cli/man_page.h"
 
 namespace isoscope::cli {
 namespace {
+
+constexpr char kSummary[] = "isosurfaces of volumes too large for one machine";
+constexpr char kExample[] = "  isoscope render head.nii.gz --isovalue 60 --output head.png\n";
 
 bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
 
@@ -98,6 +104,20 @@ absl::Status Run(const Command& command, const std::vector<std::string>& argumen
   return action(context);
 }
 
+// Writes a man page for the program, and one for each command, into `directory`: for the build.
+absl::Status WriteManPages(const std::vector<Command>& commands, const std::string& directory) {
+  const ProgramDescription program = DescribeProgram(commands);
+  const auto path = [&](const std::string& command) {
+    return absl::StrCat(directory, "/", ManPageName(program, command), ".1");
+  };
+  ISOSCOPE_RETURN_IF_ERROR(WriteFileAtomically(path(""), ProgramManPage(program, kExample)));
+  for (const CommandDescription& command : program.commands) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        WriteFileAtomically(path(command.name), CommandManPage(program, command)));
+  }
+  return absl::OkStatus();
+}
+
 // The commands of the program, found by name.
 class CommandTable {
  public:
@@ -126,16 +146,16 @@ class CommandTable {
 
   // The text of `isoscope --help`.
   [[nodiscard]] std::string Overview() const {
-    return absl::StrCat(
-        "isoscope: isosurfaces of volumes too large for one machine\n\n"
-        "Usage: isoscope COMMAND ...\n\nCommands:\n",
-        List(""),
-        "\nOptions:\n"
-        "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
-        "  --version   print the version\n"
-        "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
-        "\nExample:\n"
-        "  isoscope render head.nii.gz --isovalue 60 --output head.png\n");
+    return absl::StrCat("isoscope: ", kSummary,
+                        "\n\n"
+                        "Usage: isoscope COMMAND ...\n\nCommands:\n",
+                        List(""),
+                        "\nOptions:\n"
+                        "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
+                        "  --version   print the version\n"
+                        "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
+                        "\nExample:\n",
+                        kExample);
   }
 
   // The error for a `name` that Find doesn't know: names the commands that may have been meant.
@@ -186,6 +206,9 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
     *context.out << "isoscope " << base::Version() << "\n";
     return absl::OkStatus();
   }
+  if (arguments[0] == "--man-pages" && arguments.size() == 2) {
+    return WriteManPages(*context.commands, arguments[1]);
+  }
   std::vector<std::string> rest(arguments.begin() + 1, arguments.end());
   std::string name = arguments[0];
   if (name == "help") {
@@ -211,15 +234,34 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
 }  // namespace
 
 std::vector<Command> Commands() {
-  return {PartitionCommand(), InfoCommand(),      ServeCommand(),
-          RenderCommand(),    PickCommand(),      ExportCommand(),
-          GenerateCommand(),  CacheListCommand(), CacheClearCommand()};
+  return {PartitionCommand(),  InfoCommand(),      ServeCommand(),    RenderCommand(),
+          PickCommand(),       ExportCommand(),    GenerateCommand(), CacheListCommand(),
+          CacheClearCommand(), CompletionCommand()};
+}
+
+ProgramDescription DescribeProgram(const std::vector<Command>& commands) {
+  ProgramDescription program{.name = "isoscope",
+                             .summary = kSummary,
+                             .version = std::string(base::Version()),
+                             .commands = {}};
+  for (const Command& command : commands) {
+    CLI::App app(command.summary);
+    const Action action = command.register_flags(&app);
+    program.commands.push_back({.name = command.name,
+                                .summary = command.summary,
+                                .usage = command.usage,
+                                .examples = command.examples,
+                                .flags = DescribeFlags(app)});
+  }
+  return program;
 }
 
 int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,
                    const Context& context) {
   std::string command;
-  const absl::Status status = Dispatch(CommandTable(commands), arguments, &command, context);
+  Context of_command = context;
+  of_command.commands = &commands;
+  const absl::Status status = Dispatch(CommandTable(commands), arguments, &command, of_command);
   context.out->flush();
   if (!status.ok()) {
     *context.err << FormatError(command, status) << std::endl;

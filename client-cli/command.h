@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 
 #include "client-cli/interrupt.h"
+#include "core/cli/command_description.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): theirs
 class App;
@@ -18,12 +19,18 @@ class App;
 
 namespace isoscope::cli {
 
+struct Command;
+
 // The surroundings of a command. Nothing is owned.
 struct Context {
   std::ostream* out = nullptr;  // standard output
   std::ostream* err = nullptr;  // standard error: progress, and text beside `--stats -`
   bool err_is_terminal = false;
   Interrupt* interrupt = nullptr;
+  // Characters of a line of standard output if that is a terminal, else 0.
+  int out_columns = 0;
+  // Those that the program has; set by RunCommandLine.
+  const std::vector<Command>* commands = nullptr;
 };
 
 // The work of a command, once its flags are read. A UsageError ends the process with 2, any other
@@ -48,9 +55,13 @@ Command ExportCommand();
 Command GenerateCommand();
 Command CacheListCommand();
 Command CacheClearCommand();
+Command CompletionCommand();
 
 // All commands of this room, in the order of --help.
 std::vector<Command> Commands();
+
+// What completions and man pages are made of.
+ProgramDescription DescribeProgram(const std::vector<Command>& commands);
 
 // Runs the command line, given without the program's name, with one of `commands`; --help lists
 // them in their order. Returns the exit code.

@@ -3,8 +3,11 @@
 
 #include "client-cli/dataset_json.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <map>
+#include <vector>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -198,17 +201,44 @@ std::string DescribeDataset(const Json& dataset) {
   return text;
 }
 
-std::string DescribeAgents(const Json& agents) {
+std::string DescribeAgents(const Json& agents, int max_width) {
+  // How many agents have a message.
+  std::map<std::string, int> agents_of;
+  for (const Json& agent : agents) {
+    ++agents_of[Text(agent, "message")];
+  }
+  const auto is_shared = [&](const std::string& message) {
+    return max_width > 0 && !message.empty() && agents_of[message] > 1;
+  };
+  std::vector<std::string> shared;
   Table table({"agent", "state", "version", "shards", "renderer", "message"});
   for (const Json& agent : agents) {
     const std::string shards =
         absl::StrJoin(agent.at("shards"), ",", [](std::string* out, const Json& shard) {
           absl::StrAppend(out, Text(shard, "dataset"), "/", shard.at("shard").dump());
         });
+    std::string message = Text(agent, "message");
+    if (is_shared(message)) {
+      const auto known = std::find(shared.begin(), shared.end(), message);
+      const std::ptrdiff_t index = known - shared.begin();
+      if (known == shared.end()) {
+        shared.push_back(message);
+      }
+      message = absl::StrCat("[", index + 1, "]");
+    }
     table.AddRow({Text(agent, "address"), Text(agent, "state"), Text(agent, "version"), shards,
-                  Text(agent, "renderer"), Text(agent, "message")});
+                  Text(agent, "renderer"), message});
   }
-  return table.ToString();
+  std::string text = table.ToString(max_width);
+  for (std::size_t i = 0; i < shared.size(); ++i) {
+    const std::string number = absl::StrCat("[", i + 1, "] ");
+    const auto width = static_cast<std::size_t>(std::max(max_width, 24));
+    absl::StrAppend(&text, "\n", number,
+                    absl::StrJoin(WrapText(shared[i], width - number.size()),
+                                  "\n" + std::string(number.size(), ' ')),
+                    "\n");
+  }
+  return text;
 }
 
 }  // namespace isoscope::cli

@@ -36,8 +36,9 @@ Json DatasetDirectoryToJson(const store::DatasetDescription& description);
 // The same for people, from the JSON above.
 std::string DescribeVolume(const Json& volume);
 std::string DescribeDataset(const Json& dataset);
-// A table with one row for each agent.
-std::string DescribeAgents(const Json& agents);
+// A table with one row for each agent. max_width: as Table::ToString; if there is one, a message
+// that several agents have stands once, below.
+std::string DescribeAgents(const Json& agents, int max_width = 0);
 
 }  // namespace isoscope::cli
 

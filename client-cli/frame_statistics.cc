@@ -90,7 +90,7 @@ nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames) 
   return json;
 }
 
-std::string DescribeStatistics(const std::vector<FrameRecord>& frames) {
+std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width) {
   Table blocks({"frame", "wall ms", "active blocks", "hit by rays", "occluding", "drawn", "culled",
                 "triangles", "read", "network", "png"});
   Table steps({"frame", "occluder selection ms", "occluder rendering ms", "visibility culling ms",
@@ -113,7 +113,7 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames) {
                   FormatStep(durations.composite_duration()),
                   FormatStep(durations.encode_duration())});
   }
-  std::string text = absl::StrCat(blocks.ToString(), "\n", steps.ToString());
+  std::string text = absl::StrCat(blocks.ToString(max_width), "\n", steps.ToString(max_width));
   if (!frames.empty() && !frames.back().statistics.agents().empty()) {
     Table agents({"agent", "shards", "active blocks", "drawn", "triangles", "read", "extract ms",
                   "render ms", "busy ms"});
@@ -125,7 +125,7 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames) {
                      FormatStep(agent.render_duration()), FormatStep(agent.busy_duration())});
     }
     absl::StrAppend(&text, "\n", frames.size() > 1 ? "Agents of the last frame:\n" : "",
-                    agents.ToString());
+                    agents.ToString(max_width));
   }
   return text;
 }

@@ -21,8 +21,9 @@ struct FrameRecord {
 // renamed or moved. Times are milliseconds with three decimals.
 nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames);
 
-// Three tables: frames, their steps, and the agents of the last frame.
-std::string DescribeStatistics(const std::vector<FrameRecord>& frames);
+// Three tables: frames, their steps, and the agents of the last frame. max_width: as
+// Table::ToString.
+std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width = 0);
 
 }  // namespace isoscope::cli
 

@@ -21,6 +21,7 @@
 #include "client-cli/session.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
+#include "client-cli/waiting_line.h"
 #include "core/base/status_macros.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
@@ -149,6 +150,7 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
     request.mutable_value_range()->set_min(flags.value_range->min);
     request.mutable_value_range()->set_max(flags.value_range->max);
   }
+  const WaitingLine waiting(context.err, context.err_is_terminal, "counting");
   ISOSCOPE_ASSIGN_OR_RETURN(result.histogram,
                             session->client().GetHistogram(request, session->timeout()));
   return result;
@@ -192,7 +194,7 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
   return absl::OkStatus();
 }
 
-std::string ToText(const Json& json) {
+std::string ToText(const Json& json, int max_width) {
   if (json.contains("volume")) {
     return DescribeVolume(json.at("volume"));
   }
@@ -209,7 +211,7 @@ std::string ToText(const Json& json) {
     absl::StrAppend(&text, "\nno dataset is served\n");
   }
   if (json.contains("agents")) {
-    absl::StrAppend(&text, "\n", DescribeAgents(json.at("agents")));
+    absl::StrAppend(&text, "\n", DescribeAgents(json.at("agents"), max_width));
   }
   return text;
 }
@@ -239,7 +241,8 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
   }
   *context.out << (flags.is_json ? json.dump(2) + "\n"
-                                 : absl::StrCat(ToText(json), plot.empty() ? "" : "\n", plot));
+                                 : absl::StrCat(ToText(json, context.out_columns),
+                                                plot.empty() ? "" : "\n", plot));
   return absl::OkStatus();
 }
 

@@ -6,6 +6,7 @@
 
 #include <thread>
 
+#include "client-cli/raw_terminal.h"
 #include "client-cli/usage.h"
 #include "core/base/mutex.h"
 
@@ -22,6 +23,7 @@ void Interrupt::InstallForProcess() {
     sigwait(&signals, &signal_number);
     Trigger();
     sigwait(&signals, &signal_number);
+    RestoreTerminal();
     _exit(kExitFailed);
   }).detach();
 }

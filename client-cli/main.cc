@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <iostream>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "bench/commands.h"
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
+#include "client-cli/terminal.h"
 #include "core/base/memory_info.h"
 #include "web-gateway/view_command.h"
 
@@ -31,10 +33,13 @@ int main(int argc, char** argv) {
   // Never destroyed: its thread waits until the process ends.
   auto* const interrupt = new isoscope::cli::Interrupt();
   interrupt->InstallForProcess();
+  const std::optional<isoscope::cli::TerminalSize> terminal =
+      isoscope::cli::SizeOfTerminal(STDOUT_FILENO);
   const isoscope::cli::Context context{.out = &std::cout,
                                        .err = &std::cerr,
                                        .err_is_terminal = isatty(STDERR_FILENO) == 1,
-                                       .interrupt = interrupt};
+                                       .interrupt = interrupt,
+                                       .out_columns = terminal ? terminal->columns : 0};
   std::vector<isoscope::cli::Command> commands = isoscope::cli::Commands();
   commands.push_back(isoscope::gateway::ViewCommand());
   for (isoscope::cli::Command& command : isoscope::bench::Commands()) {

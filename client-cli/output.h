@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_H_
 #define ISOSCOPE_CLIENT_CLI_OUTPUT_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <fstream>
 #include <iosfwd>
@@ -36,11 +37,23 @@ class Table {
   // REQUIRES: as many cells as the header has.
   void AddRow(std::vector<std::string> cells);
   // Two spaces between columns, lines end in a line feed, no spaces at their ends.
-  [[nodiscard]] std::string ToString() const;
+  //
+  // max_width: characters of a line, 0 for no limit. A wider table gets narrower columns of text,
+  // whose cells go on in the next line; if that is not enough, the columns that are left over
+  // follow below, behind the first column once more.
+  [[nodiscard]] std::string ToString(int max_width = 0) const;
 
  private:
+  // The part of the table with the first column and [begin, end).
+  [[nodiscard]] std::string Part(std::size_t begin, std::size_t end,
+                                 const std::vector<std::size_t>& widths) const;
+
   std::vector<std::vector<std::string>> rows_;
 };
+
+// Lines of at most `width` characters (>= 1), broken at spaces and behind commas and slashes, in
+// the middle of a word only if there is none. At least one line.
+std::vector<std::string> WrapText(absl::string_view text, std::size_t width);
 
 // "reading ranges   42 %  1,024.0 of 2,437.5 MiB  310.2 MiB/s  4 s left".
 std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
@@ -61,6 +74,8 @@ class ProgressLine {
   void Update(absl::string_view phase, std::int64_t done_bytes, std::int64_t total_bytes);
   // The same with a text in place of the figures, for work of unknown length.
   void Update(absl::string_view text);
+  // The same at once, whenever the last one was.
+  void UpdateNow(absl::string_view text) { Draw(std::string(text)); }
 
  private:
   bool IsDue();

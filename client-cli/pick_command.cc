@@ -22,6 +22,7 @@
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
+#include "client-cli/waiting_line.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -107,7 +108,7 @@ std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
 }
 
 std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
-                            const v1::PickSurfaceResponse& response) {
+                            const v1::PickSurfaceResponse& response, int max_width) {
   Table table({"pixel", "position", "depth", "surface", "normal", "gradient", "block", "shard"});
   for (int i = 0; i < response.points_size(); ++i) {
     const v1::PickedPoint& point = response.points(i);
@@ -123,7 +124,7 @@ std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
          point.has_gradient() ? ToText(point.gradient()) : "-", absl::StrCat(point.block_id()),
          point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
   }
-  return table.ToString();
+  return table.ToString(max_width);
 }
 
 absl::Status Run(const PickFlags& flags, const Context& context) {
@@ -155,8 +156,11 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
     out->set_x(pixel.x);
     out->set_y(pixel.y);
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const v1::PickSurfaceResponse response,
-                            session->client().PickSurface(request, session->timeout()));
+  const auto pick = [&] {
+    const WaitingLine waiting(context.err, context.err_is_terminal, "picking");
+    return session->client().PickSurface(request, session->timeout());
+  };
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::PickSurfaceResponse response, pick());
   if (response.points_size() != request.pixels_size()) {
     return absl::DataLossError(absl::StrCat("the server sent ", response.points_size(),
                                             " points for ", request.pixels_size(), " pixels"));
@@ -166,7 +170,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
         WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
   }
   *context.out << (flags.is_json ? DescribeAsJson(request, response)
-                                 : DescribeAsTable(request, response));
+                                 : DescribeAsTable(request, response, context.out_columns));
   return absl::OkStatus();
 }
 

@@ -95,6 +95,10 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
     ISOSCOPE_RETURN_IF_ERROR(AnnotatePng(options_.annotations, request, response,
                                          options_.patient_frame, &png, &*annotated));
   }
+  last_png_ = png;
+  if (options_.path.empty()) {
+    return absl::OkStatus();
+  }
   if (is_animation) {
     return AddToAnimation(request, png);
   }

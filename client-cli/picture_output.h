@@ -19,7 +19,8 @@
 namespace isoscope::cli {
 
 struct PictureOutputOptions {
-  std::string path;  // with %d or {} in it: one picture for each frame
+  // With %d or {} in it: one picture for each frame. Empty: nothing is written.
+  std::string path;
   int frame_count = 1;
   double fps = 12;  // of an animation
   bool has_metadata = true;
@@ -46,12 +47,16 @@ class PictureOutput {
   // After the last frame: an animation appears now.
   absl::Status Finish();
 
+  // The last picture, annotated, as PNG; empty before.
+  [[nodiscard]] const std::string& last_png() const { return last_png_; }
+
  private:
   absl::Status AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,
                               const std::string& png);
 
   const PictureOutputOptions options_;
   std::unique_ptr<AnimationWriter> animation_;  // null for pictures, and before the first frame
+  std::string last_png_;
 };
 
 }  // namespace isoscope::cli

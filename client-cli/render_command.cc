@@ -26,16 +26,20 @@
 #include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/picture_output.h"
+#include "client-cli/picture_scaling.h"
 #include "client-cli/plane_flags.h"
 #include "client-cli/png_metadata.h"
 #include "client-cli/poster.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
+#include "client-cli/show_picture.h"
 #include "client-cli/sweep.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
+#include "client-cli/waiting_line.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
+#include "core/image/jpeg_codec.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -59,6 +63,7 @@ struct RenderFlags {
   std::optional<std::string> output;
   std::optional<std::string> stats;
   std::optional<std::string> like;
+  std::optional<ShowMode> show;
   bool has_no_metadata = false;
   AnnotationFlags annotations;
 };
@@ -102,6 +107,10 @@ absl::Status CheckPoster(const RenderFlags& flags) {
   }
   const std::string size = absl::StrCat(flags.request.viewport().width_px, " x ",
                                         flags.request.viewport().height_px, " pixels");
+  if (!flags.output) {
+    return UsageError(absl::StrCat("--output FILE.png is missing: a picture of ", size,
+                                   " is written while it is drawn"));
+  }
   if (IsJpeg(flags) || flags.planes.any_plane()) {
     return UsageError(absl::StrCat(
         "a picture of ", size, " is drawn in regions into a PNG: ",
@@ -127,14 +136,29 @@ absl::Status CheckPoster(const RenderFlags& flags) {
   return absl::OkStatus();
 }
 
-absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app) {
+// Standard output has room for one: the statistics, or the picture.
+ShowMode ShowModeOf(const RenderFlags& flags) {
+  return flags.show.value_or(flags.stats == "-" ? ShowMode::kNever : ShowMode::kAuto);
+}
+
+absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
+  const ShowMode mode = ShowModeOf(flags);
+  if (flags.stats == "-" && mode != ShowMode::kNever) {
+    return UsageError("--show and --stats - both write to standard output: leave one out");
+  }
+  const bool may_show = IsFormat(mode) || (mode == ShowMode::kAuto && context.out_columns > 0);
+  if (!flags.output && (flags.like || (!flags.planes.any_plane() && !may_show))) {
+    return UsageError("--output FILE.png is missing: the picture to write");
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   }
-  if (!flags.output && (flags.like || !flags.planes.any_plane())) {
-    return UsageError("--output FILE.png is missing: the picture to write");
-  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckShow(flags, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
@@ -219,8 +243,11 @@ std::size_t PlaneBytes(const RenderFlags& flags) {
 // Renders one frame and remembers its statistics. Large planes come in parts.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(const v1::RenderIsosurfaceRequest& request,
                                                          std::size_t plane_bytes, Session* session,
-                                                         std::vector<FrameRecord>* frames) {
+                                                         std::vector<FrameRecord>* frames,
+                                                         bool says_waiting,
+                                                         const Context& context) {
   const absl::Time start = absl::Now();
+  const WaitingLine waiting(context.err, says_waiting && context.err_is_terminal, "rendering");
   ISOSCOPE_ASSIGN_OR_RETURN(
       v1::RenderIsosurfaceResponse response,
       plane_bytes > kMaxUnaryPlaneBytes
@@ -249,9 +276,28 @@ void WarnIfTruncated(const std::vector<FrameRecord>& frames, const RenderFlags& 
   }
 }
 
-// The stream for text: standard error if the statistics go to standard output.
+// The stream for text: standard error if the statistics, or the bytes of the picture that a file
+// takes, go to standard output.
 std::ostream& TextOut(const RenderFlags& flags, const Context& context) {
-  return flags.stats == "-" ? *context.err : *context.out;
+  const bool is_taken =
+      flags.stats == "-" || (IsFormat(ShowModeOf(flags)) && context.out_columns == 0);
+  return is_taken ? *context.err : *context.out;
+}
+
+// Shows the last picture, if there is one.
+absl::Status ShowFrame(const PictureDisplay& display, const PictureOutput& output,
+                       const v1::RenderIsosurfaceResponse& response, const Context& context) {
+  if (!display.is_on() || (output.last_png().empty() && response.jpeg().empty())) {
+    return absl::OkStatus();
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, output.last_png().empty()
+                                                          ? image::DecodeJpeg(response.jpeg())
+                                                          : image::DecodePng(output.last_png()));
+  const view::Viewport size = display.SizeOf({picture.width, picture.height});
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
+                            display.Encode(ScalePicture(std::move(picture), size)));
+  *context.out << bytes << std::flush;
+  return absl::OkStatus();
 }
 
 absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& response) {
@@ -271,12 +317,16 @@ absl::StatusOr<image::RgbaImage> ImageOfRaw(const v1::RenderIsosurfaceResponse& 
 
 // Renders a picture that is too large for one frame, region by region.
 absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceRequest& whole,
-                       Session* session, const Context& context) {
+                       const PictureDisplay& display, Session* session, const Context& context) {
   const absl::Time start = absl::Now();
   const view::Viewport viewport = flags.request.viewport();
   std::vector<FrameRecord> regions;
   v1::RenderIsosurfaceRequest of_region = whole;
   of_region.mutable_output()->set_image_format(v1::OutputOptions::IMAGE_FORMAT_RGBA8);
+  std::optional<PictureScaler> shown;
+  if (display.is_on()) {
+    shown.emplace(viewport, display.SizeOf(viewport));
+  }
   const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
     *of_region.mutable_region() = rpc::ToProto(region);
     const absl::Time region_start = absl::Now();
@@ -287,7 +337,11 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
     of_region.clear_camera_fit();
     regions.push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - region_start),
                        .statistics = std::move(*response.mutable_statistics())});
-    return ImageOfRaw(response);
+    absl::StatusOr<image::RgbaImage> image = ImageOfRaw(response);
+    if (image.ok() && shown) {
+      shown->Add(region.x, region.y, *image);
+    }
+    return image;
   };
   const std::string path = FrameFileName(*flags.output, 0);
   const bool is_opaque = !whole.has_background_color() || whole.background_color().alpha() == 1.0F;
@@ -299,6 +353,10 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
                                 [&](absl::string_view text) { line.Update(text); }));
   }
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, regions, context));
+  if (shown) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes, display.Encode(shown->Finish()));
+    *context.out << bytes << std::flush;
+  }
   TextOut(flags, context) << path << ": " << viewport.width_px << " x " << viewport.height_px
                           << " pixels in " << FormatCount(static_cast<std::int64_t>(regions.size()))
                           << " regions, " << FormatMebibytes(size_bytes) << ", in "
@@ -313,7 +371,7 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   if (IsJpeg(flags)) {
     ISOSCOPE_RETURN_IF_ERROR(
         WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
-  } else if (flags.output) {
+  } else if (flags.output || !flags.planes.any_plane()) {
     ISOSCOPE_RETURN_IF_ERROR(output->Write(frame_index, request, response));
   }
   return WritePlanes(flags.planes, response);
@@ -337,13 +395,14 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   }
   SetEffects(flags.effects, &request);
   AddLook(flags.look, &request);
-  if (!flags.output || IsJpeg(flags) || flags.planes.any_plane()) {
+  if (IsJpeg(flags) || flags.planes.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
   return request;
 }
 
-absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context& context) {
+absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, Session* session,
+                       const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
   const v1::Dataset& dataset = subject.dataset;
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
@@ -355,10 +414,11 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
     ISOSCOPE_ASSIGN_OR_RETURN(
         const v1::RenderIsosurfaceRequest whole,
         MakeFrameRequest(flags, flags.request, dataset.name(), camera, /*i=*/0));
-    return RunPoster(flags, whole, session, context);
+    return RunPoster(flags, whole, display, session, context);
   }
   PictureOutput output = MakeOutput(flags, subject);
   std::vector<FrameRecord> frames;
+  v1::RenderIsosurfaceResponse last;
   const int frame_count = flags.sweep.frame_count();
   {
     FrameProgress progress(frame_count, context.err, context.err_is_terminal);
@@ -371,21 +431,26 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
                                 MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
-      ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse response,
-                                RenderFrame(request, PlaneBytes(flags), session, &frames));
+      ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
+                                RenderFrame(request, PlaneBytes(flags), session, &frames,
+                                            /*says_waiting=*/frame_count == 1, context));
       if (i == 0 && flags.view.save_camera_file) {
         ISOSCOPE_RETURN_IF_ERROR(
             WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
       }
       ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
       progress.Update(i + 1);
+      last = std::move(response);
     }
     ISOSCOPE_RETURN_IF_ERROR(output.Finish());
   }
+  ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, last, context));
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   WarnIfTruncated(frames, flags, context);
-  const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1) : "planes";
-  TextOut(flags, context) << DescribeStatistics(frames) << "\n"
+  const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
+                           : flags.planes.any_plane() ? "planes"
+                                                      : "picture";
+  TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n"
                           << name << ": " << flags.request.image_size().width_px << " x "
                           << flags.request.image_size().height_px << " pixels"
                           << (IsAnimationName(name) ? absl::StrCat(", ", frame_count, " frames")
@@ -395,8 +460,8 @@ absl::Status RunFrames(const RenderFlags& flags, Session* session, const Context
 }
 
 // Makes a picture again from its record and says how the two compare.
-absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded, Session* session,
-                     const Context& context) {
+absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded,
+                     const PictureDisplay& display, Session* session, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const Subject subject, FindSubject(session));
   ISOSCOPE_RETURN_IF_ERROR(CheckSameSamples(recorded.record, subject.dataset));
   isoscope::v1::RenderIsosurfaceRequest request = recorded.record.request;
@@ -404,10 +469,12 @@ absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded, Sess
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
-                            RenderFrame(request, /*plane_bytes=*/0, session, &frames));
+                            RenderFrame(request, /*plane_bytes=*/0, session, &frames,
+                                        /*says_waiting=*/true, context));
   PictureOutput output = MakeOutput(flags, subject);
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
   ISOSCOPE_RETURN_IF_ERROR(output.Finish());
+  ISOSCOPE_RETURN_IF_ERROR(ShowFrame(display, output, response, context));
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   ISOSCOPE_ASSIGN_OR_RETURN(const PictureComparison comparison,
                             ComparePictures(recorded, response.png()));
@@ -426,8 +493,12 @@ view::Viewport ExpectedSize(const RenderFlags& flags) {
 }
 
 absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, app));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, app, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
+  const PictureDisplay display = PictureDisplay::ForStandardOutput(ShowModeOf(flags), context);
+  if (!flags.output && !flags.planes.any_plane() && !display.is_on()) {
+    return UsageError("--output FILE.png is missing: this terminal shows no pictures");
+  }
   if (flags.like) {
     // Read before anything is written: the output may be the same file.
     ISOSCOPE_ASSIGN_OR_RETURN(const RecordedPng recorded, ReadRecordedPng(*flags.like));
@@ -436,11 +507,11 @@ absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& c
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::unique_ptr<Session> session,
         Session::Open(flags.session, frame::DrawnWindowOf(spec).image_size(), context));
-    return RunLike(flags, recorded, session.get(), context);
+    return RunLike(flags, recorded, display, session.get(), context);
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, ExpectedSize(flags), context));
-  return RunFrames(flags, session.get(), context);
+  return RunFrames(flags, display, session.get(), context);
 }
 
 Action RegisterFlags(CLI::App* app) {
@@ -457,6 +528,9 @@ Action RegisterFlags(CLI::App* app) {
   AddEffectFlags(app, &flags->effects);
   AddViewFlags(app, &flags->view);
   AddLookFlags(app, &flags->look);
+  AddShowFlag(app, &flags->show,
+              "show the picture in the terminal: auto (default) where standard output is one that "
+              "can, or in a format whatever it is; --output may then be left out");
   AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");
   AddFlag(app, "--like", "FILE.png", &flags->like, ParseText,
@@ -474,10 +548,11 @@ Command RenderCommand() {
   return {.name = "render",
           .summary = "Renders an isosurface of a volume, a dataset or a server's dataset to a PNG",
           .usage =
-              "INPUT | DIR | --server HOST:PORT {--isovalue V | --like FILE.png} --output FILE.png "
-              "[OPTIONS]",
+              "INPUT | DIR | --server HOST:PORT {--isovalue V | --like FILE.png} [--output "
+              "FILE.png] [OPTIONS]",
           .examples =
               "  isoscope render head.nii.gz --isovalue 60 --azimuth 30 --output head.png\n"
+              "  isoscope render head.nii.gz --isovalue 60          in the terminal\n"
               "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 --orbit 10 \\\n"
               "    --output turn-%d.png --stats turn.json\n"
               "  isoscope render head.nii.gz --isovalue 20:120:5 --output levels.webp\n"

@@ -12,6 +12,7 @@
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/usage.h"
+#include "client-cli/waiting_line.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
@@ -201,6 +202,8 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   // Nobody else waits for this process: --timeout alone decides.
   options.max_frame_duration = absl::Hours(24 * 365);
   options.expected_viewport = expected_viewport;
+  // Log lines of --verbose would stand in the middle of it.
+  const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
   ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
   session->channel_ = session->cluster_->Channel();
   session->client_ = std::make_unique<ServiceClient>(session->channel_, "", context.interrupt);

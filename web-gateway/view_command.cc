@@ -1,4 +1,5 @@
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--no-open]
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 
 #include "web-gateway/view_command.h"
 
@@ -25,6 +26,9 @@
 #include "client-cli/no_surface.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/session.h"
+#include "client-cli/show_picture.h"
+#include "client-cli/terminal_viewer.h"
+#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "web-gateway/gateway_server.h"
 #include "web-gateway/url.h"
@@ -45,6 +49,8 @@ struct ViewFlags {
   std::optional<double> isovalue;
   std::optional<std::string> listen_address;
   bool has_no_open = false;
+  bool is_in_terminal = false;
+  std::optional<cli::ShowMode> show;
 };
 
 // Whether a browser can be opened where the address is read.
@@ -103,8 +109,24 @@ absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset&
   return FirstIsovalue(histogram, dataset);
 }
 
+absl::Status CheckTerminalUsage(const ViewFlags& flags) {
+  if (flags.show && !flags.is_in_terminal) {
+    return cli::UsageError("--show says how --terminal draws: give that too");
+  }
+  if (flags.show == cli::ShowMode::kNever) {
+    return cli::UsageError("--show never leaves --terminal nothing to do");
+  }
+  if (flags.is_in_terminal && (flags.listen_address || flags.has_no_open)) {
+    return cli::UsageError(absl::StrCat("--terminal can't be used with ",
+                                        flags.listen_address ? "--listen" : "--no-open",
+                                        ", which is for the browser"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(CheckTerminalUsage(flags));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<cli::Session> session,
                             cli::Session::Open(flags.session, view::kCommonViewport, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
@@ -112,6 +134,10 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
       session->client().GetDataset(session->dataset_name(), session->timeout()));
   ISOSCOPE_ASSIGN_OR_RETURN(const double isovalue,
                             ChooseIsovalue(flags, dataset, session.get(), context));
+  if (flags.is_in_terminal) {
+    return cli::RunTerminalViewer(dataset, isovalue, flags.show.value_or(cli::ShowMode::kAuto),
+                                  session.get(), context);
+  }
   GatewayOptions options;
   options.channel = session->channel();
   options.coordinator_address = flags.session.server.value_or("");
@@ -147,6 +173,10 @@ cli::Action RegisterFlags(CLI::App* app) {
                             kFirstAddress, ", or another port if that is taken)"));
   app->add_flag("--no-open", flags->has_no_open,
                 "do not open a browser; it is opened on a desktop only");
+  app->add_flag("--terminal", flags->is_in_terminal,
+                "show it in this terminal instead, turned with the keys: arrows, + - to zoom, [ ] "
+                "for the isovalue, ? for all");
+  cli::AddShowFlag(app, &flags->show, "how --terminal draws (default: auto, the best it can)");
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 
@@ -173,12 +203,13 @@ std::string ViewAddress(absl::string_view page, const std::string& dataset, doub
 
 cli::Command ViewCommand() {
   return {.name = "view",
-          .summary = "Shows an isosurface in the browser, to be turned with the mouse",
+          .summary = "Shows an isosurface to be turned: in the browser, or in the terminal",
           .usage = "INPUT | DIR | --server HOST:PORT [OPTIONS]",
           .examples =
               "  isoscope view head.nii.gz\n"
               "  isoscope view head.nii.gz --isovalue 60 --listen 127.0.0.1:9000 --no-open\n"
               "  isoscope view --server localhost:50051 --dataset head\n"
+              "  isoscope view head.nii.gz --terminal\n"
               "\nStarts everything in this process and prints the address of the page, alone, on\n"
               "standard output. Ctrl-C ends it.\n",
           .register_flags = RegisterFlags};

@@ -1,8 +1,10 @@
 #include "client-cli/dataset_json.h"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -91,6 +93,36 @@ TEST(DatasetJsonTest, AgentsShowStateAndShards) {
   EXPECT_EQ(AgentToJson(agent)["state"], "reachable");
   agent.set_state(v1::AgentStatus::STATE_UNSPECIFIED);
   EXPECT_EQ(AgentToJson(agent)["state"], "unknown");
+}
+
+// One agent that can't be reached, and why.
+Json UnreachableAgent(const std::string& address, const std::string& message) {
+  v1::AgentStatus agent;
+  agent.set_address(address);
+  agent.set_state(v1::AgentStatus::STATE_UNREACHABLE);
+  agent.set_message(message);
+  agent.add_shards()->set_dataset("head");
+  return AgentToJson(agent);
+}
+
+TEST(DescribeAgentsTest, AMessageOfSeveralAgentsStandsOnceAndLinesKeepToTheWidth) {
+  const std::string message =
+      "failed to connect to all addresses; last error: UNKNOWN: ipv4:10.0.0.1:50052: connection "
+      "attempt timed out before receiving SETTINGS frame, and so on for a long time";
+  const Json agents = Json::array({UnreachableAgent("10.0.0.1:50052", message),
+                                   UnreachableAgent("10.0.0.2:50052", message),
+                                   UnreachableAgent("10.0.0.3:50052", "another reason")});
+  const std::string text = DescribeAgents(agents, 80);
+  EXPECT_THAT(text, HasSubstr("[1] failed to connect"));
+  EXPECT_EQ(text.find("failed to connect"), text.rfind("failed to connect"));
+  EXPECT_THAT(text, HasSubstr("another reason"));
+  for (const absl::string_view line : absl::StrSplit(text, '\n')) {
+    EXPECT_LE(line.size(), 80) << line;
+  }
+  // Into files every row has its message, in one line.
+  const std::string full = DescribeAgents(agents);
+  EXPECT_NE(full.find(message), full.rfind(message));
+  EXPECT_EQ(std::count(full.begin(), full.end(), '\n'), 4);
 }
 
 }  // namespace
