@@ -449,9 +449,10 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
                                 MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
-      ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                                RenderFrame(request, PlaneBytes(flags), flags.trace, session, &frames,
-                                            /*says_waiting=*/frame_count == 1, context));
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          v1::RenderIsosurfaceResponse response,
+          RenderFrame(request, PlaneBytes(flags), flags.trace, session, &frames,
+                      /*says_waiting=*/frame_count == 1, context));
       if (i == 0 && flags.view.save_camera_file) {
         ISOSCOPE_RETURN_IF_ERROR(
             WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));

@@ -25,13 +25,14 @@
 #include <sys/ioctl.h>
 
 #include "client-cli/command.h"
+#include "client-cli/connection_flags.h"
 #include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
+#include "client-cli/session.h"
 #include "client-cli/top_screen.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/channel.h"
 
 namespace isoscope::cli {
 namespace {
@@ -42,6 +43,7 @@ constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
 struct TopFlags {
   std::optional<std::string> server;
+  ConnectionFlags connection;
   std::optional<absl::Duration> interval;
   std::optional<absl::Duration> timeout;
   bool is_once = false;
@@ -154,12 +156,13 @@ class Waiter {
 
 class Top {
  public:
-  Top(const TopFlags& flags, const Context& context)
-      : flags_(flags),
-        context_(context),
-        client_(rpc::MakeChannel(*flags.server), *flags.server, context.interrupt) {}
+  Top(const TopFlags& flags, const Context& context) : flags_(flags), context_(context) {}
 
   absl::Status Run() {
+    SessionFlags session_flags;
+    session_flags.server = flags_.server;
+    session_flags.connection = flags_.connection;
+    ISOSCOPE_ASSIGN_OR_RETURN(session_, Session::Open(session_flags, std::nullopt, context_));
     ISOSCOPE_RETURN_IF_ERROR(Sample());  // a server that is not there is told in plain text
     if (flags_.is_once) {
       Print();
@@ -190,8 +193,9 @@ class Top {
 
  private:
   absl::Status Sample() {
-    ISOSCOPE_ASSIGN_OR_RETURN(isoscope::v1::GetClusterStatusResponse status,
-                              client_.GetClusterStatus(flags_.timeout.value_or(kDefaultTimeout)));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        isoscope::v1::GetClusterStatusResponse status,
+        session_->client().GetClusterStatus(flags_.timeout.value_or(kDefaultTimeout)));
     before_ = std::exchange(now_, ClusterSample{absl::Now(), std::move(status)});
     return absl::OkStatus();
   }
@@ -226,7 +230,7 @@ class Top {
 
   const TopFlags& flags_;
   const Context& context_;
-  ServiceClient client_;
+  std::unique_ptr<Session> session_;
   std::optional<ClusterSample> before_;
   std::optional<ClusterSample> now_;
   absl::Status error_;
@@ -236,6 +240,7 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
   if (!flags.server) {
     return UsageError("--server HOST:PORT is missing: the coordinator to look at");
   }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.connection));
   if (flags.interval && *flags.interval < kLeastInterval) {
     return UsageError("--interval must be at least 0.1 seconds");
   }
@@ -248,6 +253,7 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
 Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<TopFlags>();
   AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddConnectionFlags(app, &flags->connection);
   AddFlag(app, "--interval", "SECONDS", &flags->interval, ParseSeconds,
           "time between two looks, at least 0.1 (default: 2); agents tell their load every 2 "
           "seconds");
