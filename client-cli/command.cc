@@ -234,8 +234,8 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
 }  // namespace
 
 std::vector<Command> Commands() {
-  return {PartitionCommand(), InfoCommand(),       ServeCommand(),     TopCommand(),
-          RenderCommand(),    PickCommand(),       ExportCommand(),    GenerateCommand(),
+  return {PartitionCommand(), InfoCommand(),       ServeCommand(),     RenderCommand(),
+          PickCommand(),      ExportCommand(),     GenerateCommand(),  TopCommand(),
           CacheListCommand(), CacheClearCommand(), CompletionCommand()};
 }
 

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -39,6 +40,8 @@ namespace {
 
 constexpr absl::Duration kDefaultInterval = absl::Seconds(2);
 constexpr absl::Duration kLeastInterval = absl::Milliseconds(100);
+// Rates look back so far: over some of the questions that the coordinator asks its agents.
+constexpr absl::Duration kRateWindow = absl::Seconds(4);
 constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
 
 struct TopFlags {
@@ -196,13 +199,18 @@ class Top {
     ISOSCOPE_ASSIGN_OR_RETURN(
         isoscope::v1::GetClusterStatusResponse status,
         session_->client().GetClusterStatus(flags_.timeout.value_or(kDefaultTimeout)));
-    before_ = std::exchange(now_, ClusterSample{absl::Now(), std::move(status)});
+    samples_.push_back({absl::Now(), std::move(status)});
+    while (samples_.size() > 2 && samples_.back().time - samples_[1].time >= kRateWindow) {
+      samples_.pop_front();
+    }
     return absl::OkStatus();
   }
 
   [[nodiscard]] std::vector<std::string> Lines(TopScreenOptions options) const {
     options.server = *flags_.server;
-    std::vector<std::string> lines = TopScreen(*now_, before_, options);
+    const std::optional<ClusterSample> before =
+        samples_.size() > 1 ? std::optional(samples_.front()) : std::nullopt;
+    std::vector<std::string> lines = TopScreen(samples_.back(), before, options);
     if (!error_.ok()) {
       lines[0] = absl::StrCat("isoscope top: ", error_.message())
                      .substr(0, options.width > 0 ? static_cast<std::size_t>(options.width)
@@ -231,8 +239,7 @@ class Top {
   const TopFlags& flags_;
   const Context& context_;
   std::unique_ptr<Session> session_;
-  std::optional<ClusterSample> before_;
-  std::optional<ClusterSample> now_;
+  std::deque<ClusterSample> samples_;  // the newest last; the oldest is what rates refer to
   absl::Status error_;
 };
 

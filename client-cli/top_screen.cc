@@ -137,17 +137,20 @@ std::string FormatUptime(absl::Duration up) {
                   : FormatElapsed(up);
 }
 
-// The growth of counters of a process in a second.
+// The growth of counters of a process in a second. Its own clock measures the time: an agent's
+// answer may be as old as the coordinator's last question to it.
 class Rates {
  public:
-  // `before`: null if there is no earlier answer. `span`: the time between the answers.
+  // `before`: null if there is no earlier answer.
   template <typename Load>
-  Rates(const Load& now, const Load* before, absl::Duration span) {
-    const absl::Duration up = rpc::DurationFromProto(now.up_duration());
+  Rates(const Load& now, const Load* before) {
+    absl::Duration span = rpc::DurationFromProto(now.up_duration());
     // A process that began anew has counted from 0.
-    is_since_before_ = before != nullptr && up >= rpc::DurationFromProto(before->up_duration()) &&
-                       span > absl::ZeroDuration();
-    seconds_ = std::max(absl::ToDoubleSeconds(is_since_before_ ? span : up), 1e-3);
+    if (before != nullptr && span > rpc::DurationFromProto(before->up_duration())) {
+      is_since_before_ = true;
+      span -= rpc::DurationFromProto(before->up_duration());
+    }
+    seconds_ = std::max(absl::ToDoubleSeconds(span), 1e-3);
   }
 
   [[nodiscard]] double Of(double now, double before) const {
@@ -202,8 +205,7 @@ const v1::AgentStatus* FindAgent(const std::optional<ClusterSample>& sample,
   return nullptr;
 }
 
-std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::AgentStatus* before,
-                                    absl::Duration span) {
+std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::AgentStatus* before) {
   std::vector<std::string> cells = {
       Printable(agent.address()), agent.state() == v1::AgentStatus::STATE_REACHABLE ? "ok" : "lost",
       Printable(FormatShards(agent))};
@@ -215,7 +217,7 @@ std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::Agen
   const bool has_before = before != nullptr && before->has_load();
   const v1::AgentLoad empty;
   const v1::AgentLoad& old = has_before ? before->load() : empty;
-  const Rates rates(load, has_before ? &old : nullptr, span);
+  const Rates rates(load, has_before ? &old : nullptr);
   const double busy = rates.Of(absl::ToDoubleSeconds(rpc::DurationFromProto(load.busy_duration())),
                                absl::ToDoubleSeconds(rpc::DurationFromProto(old.busy_duration())));
   cells.push_back(absl::StrCat(load.working_frame_count()));
@@ -252,8 +254,7 @@ void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& be
   const bool has_before = before.has_value() && before->status.has_load();
   const v1::CoordinatorLoad empty;
   const v1::CoordinatorLoad& old = has_before ? before->status.load() : empty;
-  const Rates rates(load, has_before ? &old : nullptr,
-                    has_before ? now.time - before->time : absl::ZeroDuration());
+  const Rates rates(load, has_before ? &old : nullptr);
   lines->push_back(absl::StrCat("isoscope top: ", Printable(options.server), ", ",
                                 absl::FormatTime("%H:%M:%S", now.time, absl::UTCTimeZone()),
                                 " UTC"));
@@ -284,8 +285,7 @@ void AppendAgents(const ClusterSample& now, const std::optional<ClusterSample>& 
                  {"READ/s"},
                  {"MEMORY"}});
   for (const v1::AgentStatus& agent : now.status.agents()) {
-    table.AddRow(AgentCells(agent, FindAgent(before, agent.address()),
-                            before.has_value() ? now.time - before->time : absl::ZeroDuration()));
+    table.AddRow(AgentCells(agent, FindAgent(before, agent.address())));
   }
   lines->push_back("");
   for (std::string& line : table.Lines(static_cast<std::size_t>(options.width))) {

@@ -27,8 +27,8 @@ struct TopScreenOptions {
   int height = 0;
 };
 
-// Returns the lines, without line feeds and control characters. Rates are those since `before`;
-// without it, or if a process began anew meanwhile, since the process began.
+// Returns the lines, without line feeds and control characters. Rates are those since `before`, by
+// the clock of each process; without it, or if a process began anew meanwhile, since it began.
 std::vector<std::string> TopScreen(const ClusterSample& now,
                                    const std::optional<ClusterSample>& before,
                                    const TopScreenOptions& options);

@@ -165,7 +165,10 @@ class Frame {
     for (const Agent& agent : agents_) {
       result_.network_bytes += agent.link->network_bytes();
     }
-    agents_.clear();
+    {
+      const base::TraceScope trace(setup_.trace, "end streams");
+      agents_.clear();
+    }
     if (!status.ok()) {
       return {.status = std::move(status), .result = {}, .failures = std::move(failures_)};
     }
@@ -612,6 +615,7 @@ FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
   const view::Viewport size = setup.view->image_size();
   image::FrameImage image;
   try {
+    const base::TraceScope trace(setup.trace, "take image");
     image = setup.images->Take(size.width_px, size.height_px);
   } catch (const std::bad_alloc&) {
     return {.status = absl::ResourceExhaustedError(

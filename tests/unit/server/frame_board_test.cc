@@ -10,10 +10,18 @@
 namespace isoscope::server {
 namespace {
 
+FrameNote NoteOf(const char* request_id) {
+  FrameNote note;
+  note.request_id = request_id;
+  note.client = "ipv4:1.2.3.4:5";
+  note.width_px = 8;
+  return note;
+}
+
 TEST(FrameBoardTest, FramesStandInTheOrderOfArrivalWithTheirSteps) {
   FrameBoard board;
-  const FrameBoard::Entry first = board.Add({.request_id = "a", .client = "ipv4:1.2.3.4:5"});
-  const FrameBoard::Entry second = board.Add({.request_id = "b", .width_px = 8, .height_px = 4});
+  const FrameBoard::Entry first = board.Add(NoteOf("a"));
+  const FrameBoard::Entry second = board.Add(NoteOf("b"));
   second.step()->store(FrameStep::kOccluderRendering);
   const std::vector<FrameBoard::Frame> frames = board.Frames();
   ASSERT_EQ(frames.size(), 2u);
@@ -28,7 +36,7 @@ TEST(FrameBoardTest, AFrameLeavesOnceWithItsEntryAlsoAfterAMove) {
   FrameBoard board;
   std::optional<FrameBoard::Entry> kept;
   {
-    FrameBoard::Entry entry = board.Add({.request_id = "a"});
+    FrameBoard::Entry entry = board.Add(NoteOf("a"));
     kept.emplace(std::move(entry));
   }
   EXPECT_EQ(board.Frames().size(), 1u);
@@ -42,7 +50,7 @@ TEST(FrameBoardTest, ThreadsComeAndGoWhileOthersLook) {
   for (int i = 0; i < 4; ++i) {
     threads.emplace_back([&] {
       for (int k = 0; k < 500; ++k) {
-        const FrameBoard::Entry entry = board.Add({.request_id = "x"});
+        const FrameBoard::Entry entry = board.Add(NoteOf("x"));
         entry.step()->store(FrameStep::kFinishing);
         EXPECT_GE(board.Frames().size(), 1u);
       }
