@@ -164,7 +164,8 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<GatewayServer> server,
                             StartGateway(flags, &options));
   // Without the token: it is for those who are told.
-  session->SetGatewayAddress(PageAddress(options.listen_address, server->port(), /*token=*/""));
+  session->SetGatewayAddress(PageAddress(options.listen_address, server->port(), /*token=*/"",
+                                         !options.certificate_file.empty()));
   const std::string address =
       ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token,
                               !options.certificate_file.empty()),
