@@ -109,11 +109,15 @@ class AgentServerImpl final : public AgentServer {
         const std::shared_ptr<grpc::ServerCredentials> credentials,
         rpc::MakeServerCredentials(options.transport, rpc::kAgentRole,
                                    rpc::PeerCertificate::kRequired, rpc::kCoordinatorRole));
-    rpc::EnableServerPlugins(options.has_reflection);
+    rpc::EnableServerPlugins();
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder);
+    if (!options.has_reflection) {
+      rpc::RemoveReflection(&builder);
+    }
     builder.RegisterService(&service_);
-    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, options.listen_address, credentials));
+    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running,
+                              rpc::StartServer(&builder, options.listen_address, credentials));
     server_ = std::move(running.server);
     port_ = running.port;
     SetServing(true);

@@ -68,13 +68,11 @@ absl::Status Caller::CheckViewport(int width_px, int height_px) const {
   }
   return absl::PermissionDeniedError(absl::StrCat("viewport is ", width_px, " x ", height_px,
                                                   ": token \"", grant_->token().name,
-                                                  "\" may have at most ", limit,
-                                                  " pixels a side"));
+                                                  "\" may have at most ", limit, " pixels a side"));
 }
 
 absl::Status Caller::TakeFrame(bool is_moving) const {
-  return grant_ == nullptr ? absl::OkStatus()
-                           : grant_->TakeFrame(is_moving ? 1 : 0, absl::Now());
+  return grant_ == nullptr ? absl::OkStatus() : grant_->TakeFrame(is_moving ? 1 : 0, absl::Now());
 }
 
 absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Make(AccessOptions options) {
@@ -144,8 +142,7 @@ absl::StatusOr<Caller> AccessControl::FindToken(const std::string& authorization
   if (!absl::StartsWithIgnoreCase(text, kBearer)) {
     return absl::UnauthenticatedError("authorization must be 'Bearer TOKEN'");
   }
-  const std::string digest =
-      DigestOfToken(absl::StripAsciiWhitespace(text.substr(kBearer.size())));
+  const std::string digest = DigestOfToken(absl::StripAsciiWhitespace(text.substr(kBearer.size())));
   const base::MutexLock lock(&mutex_);
   ReloadIfChanged();
   // All are compared, each in the same time, so that the time tells nothing.

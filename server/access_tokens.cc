@@ -40,8 +40,9 @@ absl::Status ReadDigest(const Json& value, absl::string_view where, std::string*
     return absl::ascii_isxdigit(static_cast<unsigned char>(c));
   });
   if (text.size() != 2 * SHA256_DIGEST_LENGTH || !is_hex) {
-    return Wrong(where, "sha256 must be the 64 hexadecimal digits that `sha256sum` prints for the "
-                        "token without a line feed");
+    return Wrong(where,
+                 "sha256 must be the 64 hexadecimal digits that `sha256sum` prints for the "
+                 "token without a line feed");
   }
   *digest = absl::HexStringToBytes(text);
   return absl::OkStatus();
@@ -124,8 +125,8 @@ absl::StatusOr<std::vector<AccessToken>> ParseAccessTokens(absl::string_view tex
   }
   const Json& entries = json["tokens"];
   if (entries.size() > kMaxAccessTokens) {
-    return Wrong(where, absl::StrCat("has ", entries.size(), " tokens: at most ",
-                                     kMaxAccessTokens));
+    return Wrong(where,
+                 absl::StrCat("has ", entries.size(), " tokens: at most ", kMaxAccessTokens));
   }
   std::vector<AccessToken> tokens;
   std::set<std::string> names;

@@ -19,12 +19,12 @@
 namespace isoscope::server {
 
 struct AccessToken {
-  std::string name;    // of its holder, for logs and messages; unique
-  std::string digest;  // the 32 bytes of SHA-256 of the token; unique
+  std::string name = {};    // of its holder, for logs and messages; unique
+  std::string digest = {};  // the 32 bytes of SHA-256 of the token; unique
   bool sees_all_datasets = false;
-  std::vector<std::string> datasets;  // ascending; those that it may see
-  int max_viewport_px = 0;            // of a side of the viewport; 0: the service's own limit
-  double max_frames_per_second = 0;   // 0: no limit
+  std::vector<std::string> datasets = {};  // ascending; those that it may see
+  int max_viewport_px = 0;                 // of a side of the viewport; 0: the service's own limit
+  double max_frames_per_second = 0;        // 0: no limit
 
   friend bool operator==(const AccessToken&, const AccessToken&) = default;
 };

@@ -114,14 +114,18 @@ class CoordinatorServerImpl final : public CoordinatorServer {
         const std::shared_ptr<grpc::ServerCredentials> credentials,
         rpc::MakeServerCredentials(options.transport, rpc::kCoordinatorRole,
                                    rpc::PeerCertificate::kIfShown, /*required_role=*/""));
-    rpc::EnableServerPlugins(options.has_reflection);
+    rpc::EnableServerPlugins();
     grpc::ServerBuilder builder;
     rpc::ConfigureServer(&builder, rpc::kMaxPublicRequestBytes);
+    if (!options.has_reflection) {
+      rpc::RemoveReflection(&builder);
+    }
     builder.RegisterService(&isosurface_service_);
     builder.RegisterService(&interact_service_);
     builder.RegisterService(&dataset_service_);
     builder.RegisterService(&cluster_service_);
-    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running, rpc::StartServer(&builder, options.listen_address, credentials));
+    ISOSCOPE_ASSIGN_OR_RETURN(rpc::RunningServer running,
+                              rpc::StartServer(&builder, options.listen_address, credentials));
     server_ = std::move(running.server);
     port_ = running.port;
     health_->SetServer(server_.get());

@@ -111,9 +111,8 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
                                                     const base::Cancellation& cancellation,
                                                     const Caller& caller) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      DatasetState dataset,
-      options_.registry->FindComplete(request->dataset(), cancellation, caller));
+  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset, options_.registry->FindComplete(
+                                                      request->dataset(), cancellation, caller));
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));

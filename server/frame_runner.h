@@ -94,9 +94,9 @@ class FrameRunner {
   [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
-  // Finds the dataset of a frame, among those that the caller may see, and checks that its agents can draw it. Resolves the camera in
-  // both `request` and `spec`. If `is_each_shard_apart`, each shard becomes an agent of its own.
-  // Errors as IsosurfaceService says.
+  // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
+  // can draw it. Resolves the camera in both `request` and `spec`. If `is_each_shard_apart`, each
+  // shard becomes an agent of its own. Errors as IsosurfaceService says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                          frame::FrameSpec* spec, bool is_each_shard_apart,
                                          const base::Cancellation& cancellation,

@@ -87,8 +87,7 @@ void AddFlags(CLI::App* app, Flags* flags) {
 }
 
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
-  ISOSCOPE_RETURN_IF_ERROR(
-      rpc::CheckListen(server_flags.transport, server_flags.listen_address));
+  ISOSCOPE_RETURN_IF_ERROR(rpc::CheckListen(server_flags.transport, server_flags.listen_address));
   if (flags.agents.empty()) {
     return absl::InvalidArgumentError("--agent is required: name at least one; see --help");
   }

@@ -1,8 +1,10 @@
 #include "core/rpc/channel.h"
 
 #include <chrono>
+#include <memory>
 #include <mutex>
 #include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -10,6 +12,8 @@
 #include <grpcpp/create_channel.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/impl/server_builder_option.h>
+#include <grpcpp/impl/server_builder_plugin.h>
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/security/server_credentials.h>
 
@@ -40,6 +44,17 @@ void SetTransferSizes(const SetFn& set) {
   set(GRPC_ARG_TCP_READ_CHUNK_SIZE, kMessageBytes / 4);
   set(GRPC_ARG_TCP_MIN_READ_CHUNK_SIZE, kMessageBytes / 16);
 }
+
+// gRPC's library of reflection gives it to every server as soon as it is linked.
+class ReflectionRemover final : public grpc::ServerBuilderOption {
+ public:
+  void UpdateArguments(grpc::ChannelArguments* /*arguments*/) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    std::erase_if(*plugins, [](const std::unique_ptr<grpc::ServerBuilderPlugin>& plugin) {
+      return plugin->name() == "proto_server_reflection";
+    });
+  }
+};
 
 std::shared_ptr<grpc::Channel> Dial(const std::string& target, const Dialing& dialing,
                                     grpc::ChannelArguments arguments) {
@@ -76,21 +91,22 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dial
   return Dial(target, dialing, MakeChannelArguments());
 }
 
-std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
-                                                const Dialing& dialing) {
+std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target, const Dialing& dialing) {
   grpc::ChannelArguments arguments = MakeChannelArguments();
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   return Dial(target, dialing, std::move(arguments));
 }
 
-void EnableServerPlugins(bool has_reflection) {
+void EnableServerPlugins() {
   static std::once_flag once;
-  std::call_once(once, [has_reflection] {
+  std::call_once(once, [] {
     grpc::EnableDefaultHealthCheckService(true);
-    if (has_reflection) {
-      grpc::reflection::InitProtoReflectionServerBuilderPlugin();
-    }
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   });
+}
+
+void RemoveReflection(grpc::ServerBuilder* builder) {
+  builder->SetOption(std::make_unique<ReflectionRemover>());
 }
 
 void ConfigureServer(grpc::ServerBuilder* builder, int max_request_bytes) {

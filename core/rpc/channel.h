@@ -40,9 +40,11 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dial
 std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
                                                 const Dialing& dialing = {});
 
-// Switches on health, and reflection if wanted, for all servers built later. Call before a
-// ServerBuilder is made. Thread-safe; any number of times, of which the first decides.
-void EnableServerPlugins(bool has_reflection = true);
+// Switches on health and reflection for all servers built later. Call before a ServerBuilder is
+// made. Thread-safe; any number of times.
+void EnableServerPlugins();
+// Takes reflection away from one server.
+void RemoveReflection(grpc::ServerBuilder* builder);
 // Sets the limits of a server. `max_request_bytes`: of one message that it takes.
 void ConfigureServer(grpc::ServerBuilder* builder, int max_request_bytes = kMaxMessageBytes);
 

@@ -56,8 +56,8 @@ absl::Status ProbeHealth(const std::string& address, const Dialing& dialing,
   const std::uint64_t serving = StatusOf(&response);
   return serving == kServing
              ? absl::OkStatus()
-             : absl::UnavailableError(absl::StrCat("the server says that it does not serve (status ",
-                                                   serving, ")"));
+             : absl::UnavailableError(
+                   absl::StrCat("the server says that it does not serve (status ", serving, ")"));
 }
 
 std::string OwnAddress(absl::string_view listen_address) {

@@ -83,8 +83,8 @@ absl::Status CheckTokenText(absl::string_view token) {
     return absl::InvalidArgumentError("the token is empty");
   }
   if (token.size() > kMaxTokenBytes) {
-    return absl::InvalidArgumentError(absl::StrCat("the token has ", token.size(),
-                                                   " bytes: at most ", kMaxTokenBytes));
+    return absl::InvalidArgumentError(
+        absl::StrCat("the token has ", token.size(), " bytes: at most ", kMaxTokenBytes));
   }
   const bool is_clean = std::all_of(token.begin(), token.end(), [](char c) {
     return absl::ascii_isalnum(static_cast<unsigned char>(c)) ||

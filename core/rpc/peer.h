@@ -18,10 +18,10 @@ namespace isoscope::rpc {
 struct Peer {
   // A certificate of the authority was shown and checked.
   bool has_certificate = false;
-  std::string name;                // of the certificate (CN), for logs and messages
-  std::vector<std::string> roles;  // of the certificate: "agent", "coordinator", ...
+  std::string name = {};                // of the certificate (CN), for logs and messages
+  std::vector<std::string> roles = {};  // of the certificate: "agent", "coordinator", ...
   // The value of "authorization"; empty if the call has none, or several.
-  std::string authorization;
+  std::string authorization = {};
 
   [[nodiscard]] bool HasRole(absl::string_view role) const;
 };

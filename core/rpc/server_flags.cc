@@ -18,7 +18,8 @@ void AddFrameFlags(CLI::App* app, ServerFlags* flags) {
       ->envname("ISOSCOPE_MAX_QUEUED_FRAMES")
       ->capture_default_str();
   app->add_option_function<std::string>(
-         "--reflection", [flags](const std::string& value) { flags->has_reflection = value == "on"; },
+         "--reflection",
+         [flags](const std::string& value) { flags->has_reflection = value == "on"; },
          "Whether anybody may ask which services there are")
       ->check(CLI::IsMember({"on", "off"}))
       ->type_name("on|off")

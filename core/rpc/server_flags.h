@@ -19,9 +19,9 @@ struct ServerFlags {
   double drain_seconds = 30;
   std::string log_level = "info";  // "debug", "info", "warning", "error" or "off"
   TransportFlags transport = {};
-  bool has_reflection = true;       // --reflection; programs without gRPC servers ignore it
-  bool is_probe = false;            // --probe: ask a server whether it serves, and end
-  std::string probe_address = {};   // of --probe; empty: listen_address
+  bool has_reflection = true;      // --reflection; programs without gRPC servers ignore it
+  bool is_probe = false;           // --probe: ask a server whether it serves, and end
+  std::string probe_address = {};  // of --probe; empty: listen_address
 };
 
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive

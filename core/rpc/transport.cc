@@ -103,9 +103,9 @@ absl::Status CheckKey(const TransportFlags& flags, const X509& certificate) {
         absl::StrCat("--tls-key: ", flags.key_file, " holds no private key without pass phrase"));
   }
   if (X509_check_private_key(&certificate, key.get()) != 1) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("--tls-key: the key in ", flags.key_file, " is not that of the certificate in ",
-                     flags.certificate_file));
+    return absl::InvalidArgumentError(absl::StrCat("--tls-key: the key in ", flags.key_file,
+                                                   " is not that of the certificate in ",
+                                                   flags.certificate_file));
   }
   return absl::OkStatus();
 }
@@ -142,8 +142,8 @@ std::vector<std::string> NamesOf(const X509& certificate, int kind) {
   for (int i = 0; i < count; ++i) {
     const GENERAL_NAME* const name = sk_GENERAL_NAME_value(names.get(), i);
     if (name->type == kind) {
-      const ASN1_IA5STRING* const text = kind == GEN_DNS ? name->d.dNSName
-                                                         : name->d.uniformResourceIdentifier;
+      const ASN1_IA5STRING* const text =
+          kind == GEN_DNS ? name->d.dNSName : name->d.uniformResourceIdentifier;
       found.emplace_back(reinterpret_cast<const char*>(ASN1_STRING_get0_data(text)),
                          static_cast<std::size_t>(ASN1_STRING_length(text)));
     }

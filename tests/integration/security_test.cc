@@ -180,8 +180,7 @@ class SecurityTest : public ::testing::Test {
   }
   static std::string TokensFile() { return suite_->folder.Sub("tokens.json"); }
   static void WriteTokens(const std::string& entries) {
-    ISOSCOPE_ASSERT_OK(
-        io::WriteWholeFile(TokensFile(), absl::StrCat(R"({"tokens": [)", entries, "]}")));
+    testing::ReplaceFile(TokensFile(), absl::StrCat(R"({"tokens": [)", entries, "]}"));
   }
 
   void StartAgent(const rpc::TransportFlags& transport, const Flags& more = {}) {
@@ -581,6 +580,17 @@ TEST_F(SecurityTest, WhatAPeerSendsHasLimits) {
   EXPECT_THAT(rpc::ToAbslStatus(stub->ListDatasets(&context, {}, &response)),
               StatusIs(absl::StatusCode::kResourceExhausted));
   EXPECT_THAT(caller.Render("ball"), IsOk());
+}
+
+TEST_F(SecurityTest, ADatasetIsFoundByNameAndNeverByPath) {
+  ASSERT_NO_FATAL_FAILURE(StartAgent({}));
+  ASSERT_NO_FATAL_FAILURE(StartCoordinator({}));
+  const Caller caller(coordinator_.address);
+  for (const std::string& name :
+       {std::string("../ball"), std::string("./ball"), suite_->folder.Sub("ball"), Shard("ball"),
+        std::string("ball/"), std::string("/etc/passwd"), std::string("ball\0", 5)}) {
+    EXPECT_THAT(caller.Render(name), StatusIs(absl::StatusCode::kNotFound)) << name;
+  }
 }
 
 TEST_F(SecurityTest, ReflectionCanBeSwitchedOff) {

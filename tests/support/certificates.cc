@@ -1,5 +1,6 @@
 #include "tests/support/certificates.h"
 
+#include <cstdio>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -49,9 +50,8 @@ rpc::TransportFlags TestAuthority::Issue(const CertificateSpec& spec) const {
                                   .ca_file = ca_file()};
   OpenSsl(Request(spec.name, folder_.Sub("new.key"), folder_.Sub("request")));
   const std::string role = spec.role.empty() ? "" : absl::StrCat(",URI:isoscope:role:", spec.role);
-  ISOSCOPE_EXPECT_OK(
-      io::WriteWholeFile(folder_.Sub("extensions"),
-                         absl::StrCat("subjectAltName=", spec.alternative_names, role, "\n")));
+  ReplaceFile(folder_.Sub("extensions"),
+              absl::StrCat("subjectAltName=", spec.alternative_names, role, "\n"));
   OpenSsl({"x509", "-req", "-in", folder_.Sub("request"), "-CA", ca_file(), "-CAkey",
            folder_.Sub("ca.key"), "-CAcreateserial", "-days", absl::StrCat(spec.days), "-extfile",
            folder_.Sub("extensions"), "-out", folder_.Sub("new.pem")});
@@ -59,6 +59,12 @@ rpc::TransportFlags TestAuthority::Issue(const CertificateSpec& spec) const {
   EXPECT_EQ(rename(folder_.Sub("new.key").c_str(), files.key_file.c_str()), 0);
   EXPECT_EQ(rename(folder_.Sub("new.pem").c_str(), files.certificate_file.c_str()), 0);
   return files;
+}
+
+void ReplaceFile(const std::string& path, const std::string& text) {
+  const std::string made = path + ".new";
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(made, text));
+  ASSERT_EQ(rename(made.c_str(), path.c_str()), 0);
 }
 
 std::vector<std::string> FlagsOf(const rpc::TransportFlags& transport) {

@@ -1,5 +1,6 @@
 #include "server/access_control.h"
 
+#include <map>
 #include <memory>
 #include <string>
 #include <thread>
@@ -11,8 +12,8 @@
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
-#include "core/io/file.h"
 #include "server/dataset_catalog.h"
+#include "tests/support/certificates.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -54,8 +55,8 @@ std::string Entry(const std::string& token, const std::string& datasets,
 class AccessControlTest : public ::testing::Test {
  protected:
   void Write(const std::vector<std::string>& entries) {
-    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(
-        path(), absl::StrCat(R"({"tokens": [)", absl::StrJoin(entries, ","), "]}")));
+    testing::ReplaceFile(path(),
+                         absl::StrCat(R"({"tokens": [)", absl::StrJoin(entries, ","), "]}"));
   }
   [[nodiscard]] std::string path() const { return folder_.Sub("tokens.json"); }
   std::unique_ptr<AccessControl> Make(bool has_tls, bool has_tokens) {
@@ -203,14 +204,14 @@ TEST_F(AccessControlTest, AChangedFileCountsSoonAndOpenStreamsNotice) {
   EXPECT_THAT(access->Identify(WithToken("old")), Not(IsOk()));
   EXPECT_THAT(access->Identify(WithToken("new")), IsOk());
   // A file that is being written, or is gone, changes nothing.
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path(), R"({"tokens": [)"));
+  testing::ReplaceFile(path(), R"({"tokens": [)");
   absl::SleepFor(AccessControl::kReloadInterval + absl::Milliseconds(50));
   EXPECT_THAT(access->Identify(WithToken("new")), IsOk());
 }
 
 TEST_F(AccessControlTest, AFileThatIsWrongAtTheStartIsAnError) {
   EXPECT_THAT(AccessControl::Make({.token_file = path()}), StatusIs(absl::StatusCode::kNotFound));
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path(), "no JSON"));
+  testing::ReplaceFile(path(), "no JSON");
   EXPECT_THAT(AccessControl::Make({.token_file = path()}),
               StatusIs(absl::StatusCode::kInvalidArgument));
 }

@@ -54,9 +54,9 @@ TEST(PeerTest, ATokenFileMayEndInALineFeed) {
   ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder.Sub("t"), "  secret\n"));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string token, ReadTokenFile(folder.Sub("t")));
   EXPECT_EQ(token, "secret");
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder.Sub("t"), "two words\n"));
-  EXPECT_THAT(ReadTokenFile(folder.Sub("t")),
-              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(folder.Sub("t"))));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder.Sub("u"), "two words\n"));
+  EXPECT_THAT(ReadTokenFile(folder.Sub("u")),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(folder.Sub("u"))));
   EXPECT_THAT(ReadTokenFile(folder.Sub("absent")), StatusIs(absl::StatusCode::kNotFound));
 }
 
