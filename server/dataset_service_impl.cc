@@ -63,8 +63,8 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
   }
   return rpc::UnaryTask::Start(
       context, *request, &executor_, kMaxHistogramDuration,
-      [this, request, response, caller = *std::move(caller)](
-          const base::Cancellation& cancellation, const base::TraceContext& identity) {
+      [this, request, response, caller = *std::move(caller)](const base::Cancellation& cancellation,
+                                                             const base::TraceContext& identity) {
         return AnswerHistogram(*request, caller, identity, cancellation, response);
       },
       Counter(RequestMethod::kGetHistogram));

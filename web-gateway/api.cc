@@ -232,14 +232,13 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     } else if (name == "capabilities") {
       client_->GetCapabilities(call_, AnswerWithJson<v1::GetCapabilitiesResponse>());
     } else if (name == "status") {
-      client_->GetClusterStatus(call_,
-                                [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
-                                    absl::StatusOr<v1::GetClusterStatusResponse> status) {
-                                  if (status.ok()) {
-                                    status->clear_frames();  // they name other people's addresses
-                                  }
-                                  answer(std::move(status));
-                                });
+      client_->GetClusterStatus(call_, [answer = AnswerWithJson<v1::GetClusterStatusResponse>()](
+                                           absl::StatusOr<v1::GetClusterStatusResponse> status) {
+        if (status.ok()) {
+          status->clear_frames();  // they name other people's addresses
+        }
+        answer(std::move(status));
+      });
     } else {
       client_->ListDatasets(call_, AnswerWithJson<v1::ListDatasetsResponse>());
     }

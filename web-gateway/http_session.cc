@@ -444,7 +444,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   std::optional<Parser> parser_;
   std::shared_ptr<RequestScope> cancellation_;  // of the answer in work
   std::string origin_;
-  std::string user_token_;  // of the request in work
+  std::string user_token_;                                      // of the request in work
   base::TraceContext identity_ = base::TraceContext::Random();  // of the request in work
   absl::Time started_ = absl::Now();
   bool is_head_ = false;
