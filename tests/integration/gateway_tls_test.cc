@@ -45,6 +45,7 @@ namespace http = beast::http;
 namespace websocket = beast::websocket;
 using asio::ip::tcp;
 using boost::system::error_code;
+using ::testing::AnyOf;
 using testing::FlagsOf;
 using ::testing::HasSubstr;
 using testing::kPatience;
@@ -168,7 +169,8 @@ TEST_F(GatewayTlsTest, UsersHaveTheRightsOfTheirTokens) {
   for (const std::string& hostile :
        {std::string("a%0d%0ab"), std::string("%00"), std::string("%c3%a9"), std::string("a%20b"),
         std::string(4000, 'x')}) {
-    EXPECT_EQ(Get("/v1/datasets?token=" + hostile).result_int(), 401U) << hostile;
+    // 400 where the address itself is none.
+    EXPECT_THAT(Get("/v1/datasets?token=" + hostile).result_int(), AnyOf(400U, 401U)) << hostile;
   }
   EXPECT_EQ(Get("/healthz").body(), "ok\n");
 }
