@@ -47,7 +47,7 @@ struct RecordedTrace {
 // Thread-safe.
 class TraceRecorder {
  public:
-  // A span takes 40 bytes. A frame of 10 000 blocks on an agent has some thousand.
+  // A span takes 24 bytes. A frame of 10 000 blocks on an agent has some thousand.
   static constexpr std::size_t kMaxSpans = std::size_t{1} << 15;
 
   explicit TraceRecorder(std::size_t max_spans = kMaxSpans) : max_spans_(max_spans) {}
