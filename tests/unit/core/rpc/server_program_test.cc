@@ -35,7 +35,7 @@ using ::testing::ExitedWithCode;
       .log_name = "test",
       .summary = "Serves nothing.",
       .examples = "  isoscope-test --listen h:1\n",
-      .defaults = {.listen_address = "0.0.0.0:7", .max_queued_frames = 9},
+      .defaults = {.listen_address = "127.0.0.1:7", .max_queued_frames = 9},
       .add_flags =
           [](CLI::App* app) { app->add_flag_function("--own", [](std::int64_t /*count*/) {}); },
       .start = std::move(start)};
@@ -47,7 +47,7 @@ absl::StatusOr<ServerShutdown> MustNotStart(const ServerFlags& /*flags*/) {
 }
 
 TEST(ServerProgramTest, HelpHasTheFlagsOfBothKindsAndTheExamples) {
-  for (const char* text : {"Serves nothing", "--own", "--listen .*0.0.0.0:7.*ISOSCOPE_LISTEN",
+  for (const char* text : {"Serves nothing", "--own", "--listen .*127.0.0.1:7.*ISOSCOPE_LISTEN",
                            "--max-queued-frames .*9", "--drain-seconds", "--log-level",
                            "Examples:", "isoscope-test --listen h:1", "SIGTERM and SIGINT"}) {
     EXPECT_EXIT(RunAndExit({"--help"}, MustNotStart), ExitedWithCode(0), text);
@@ -60,6 +60,14 @@ TEST(ServerProgramTest, WrongUsageEndsWithTwo) {
   EXPECT_EXIT(RunAndExit({"--max-concurrent-frames", "0"}, MustNotStart), ExitedWithCode(2),
               "max-concurrent-frames");
   EXPECT_EXIT(RunAndExit({"--log-level", "loud"}, MustNotStart), ExitedWithCode(2), "loud");
+}
+
+TEST(ServerProgramTest, PlaintextBeyondThisMachineIsRefusedUnlessItIsMeant) {
+  EXPECT_EXIT(RunAndExit({"--listen", "0.0.0.0:7"}, MustNotStart), ExitedWithCode(2),
+              "--listen 0.0.0.0:7 leaves this machine.*--insecure");
+  EXPECT_EXIT(RunAndExit({"--listen", "0.0.0.0:7", "--insecure"},
+                         [](const ServerFlags& /*flags*/) { return ServerShutdown(); }),
+              ExitedWithCode(0), "warning insecure");
 }
 
 TEST(ServerProgramTest, AStartThatFailsEndsWithOneAndOneLine) {
@@ -82,8 +90,9 @@ TEST(ServerProgramTest, TheFirstSignalDrainsTheServer) {
     std::raise(SIGTERM);  // waits until the program asks for it
     return [](absl::Duration grace) { std::cerr << "drains for " << grace << "\n"; };
   };
-  EXPECT_EXIT(RunAndExit({"--listen", "h:1", "--drain-seconds", "2.5"}, start), ExitedWithCode(0),
-              "listens on h:1\n(.*\n)*.*shutdown signal=SIGTERM drain_seconds=2.5\n"
+  EXPECT_EXIT(RunAndExit({"--listen", "localhost:1", "--drain-seconds", "2.5"}, start),
+              ExitedWithCode(0),
+              "listens on localhost:1\n(.*\n)*.*shutdown signal=SIGTERM drain_seconds=2.5\n"
               "drains for 2.5s\n.*test_stopped\n$");
 }
 
