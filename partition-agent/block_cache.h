@@ -121,7 +121,7 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   base::LruCache<BlockKey, std::string> samples_;
   base::LruCache<ActiveKey, std::vector<ActiveBlock>, 1> actives_;
   // Of samples that a frame keeps while a slider moves.
-  static constexpr std::size_t kMaxSliderBytes = std::size_t{512} << 10;
+  static constexpr std::size_t kMaxSliderBytes = std::size_t{3} << 19;
   std::atomic<std::size_t> slider_bytes_{0};
   // A bit for each hash of a block that was read. If two blocks share a bit, one of them is kept
   // early.
