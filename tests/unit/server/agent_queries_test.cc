@@ -10,6 +10,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/mutex.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/camera_fit.h"
@@ -61,7 +62,10 @@ class AgentQueriesTest : public ::testing::Test {
       agent->on_frame = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
         internal::RenderFrameRequest request;
         stream->Read(&request);
-        begin_ = request.begin();
+        {
+          const base::MutexLock lock(&begin_mutex_);  // both agents are asked at a time
+          begin_ = request.begin();
+        }
         internal::RenderFrameResponse response;
         response.mutable_frame_done();
         stream->Write(response);
@@ -114,6 +118,7 @@ class AgentQueriesTest : public ::testing::Test {
   std::atomic<int> box_count_{0};
   internal::GetActiveBoxRequest asked_;
   internal::GetActiveBoxResponse answer_;
+  base::Mutex begin_mutex_;
   internal::BeginFrame begin_;
 
   FakeAgent first_{{MakeShard("head", 0, 2)}};
