@@ -1,11 +1,9 @@
 // isoscope top --server HOST:PORT
 //
-// On a terminal the table fills the alternate screen, which leaves what was there before as it was.
-// The keys come unbuffered and unechoed. A destructor restores the terminal, also after an error,
-// an interrupt (Ctrl-C, SIGTERM) or q. Elsewhere one table follows the other as plain text.
+// On a terminal the table fills the alternate screen, which leaves what was there before as it was,
+// and keys come one by one (RawTerminal). Elsewhere one table follows the other as plain text.
 
 #include <poll.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -20,17 +18,19 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include <sys/eventfd.h>
-#include <sys/ioctl.h>
 
 #include "client-cli/command.h"
 #include "client-cli/connection_flags.h"
 #include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
+#include "client-cli/raw_terminal.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
+#include "client-cli/terminal.h"
 #include "client-cli/top_screen.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
@@ -52,59 +52,17 @@ struct TopFlags {
   bool is_once = false;
 };
 
-bool IsTerminal() { return ::isatty(STDOUT_FILENO) == 1; }
+constexpr absl::string_view kEnterScreen = "\x1b[?1049h\x1b[?25l";  // the alternate one, no cursor
+constexpr absl::string_view kLeaveScreen = "\x1b[?25h\x1b[?1049l";
 
-// The size of the terminal; that of old ones if it tells none.
-void SetSize(TopScreenOptions* options) {
-  winsize size{};
-  if (::ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 && size.ws_row > 0) {
-    options->width = size.ws_col;
-    options->height = size.ws_row;
-  } else {
-    options->width = 80;
-    options->height = 24;
+// Writes over what is there, so that nothing flickers.
+void Show(const std::vector<std::string>& lines, std::ostream* out) {
+  std::string text = "\x1b[H";
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    absl::StrAppend(&text, i > 0 ? "\r\n" : "", lines[i], "\x1b[K");
   }
+  *out << text << "\x1b[J" << std::flush;
 }
-
-// The terminal while the table is on it.
-class LiveScreen {
- public:
-  explicit LiveScreen(std::ostream* out) : out_(out) {
-    has_keys_ = ::isatty(STDIN_FILENO) == 1 && ::tcgetattr(STDIN_FILENO, &before_) == 0;
-    if (has_keys_) {
-      termios raw = before_;
-      raw.c_lflag &= static_cast<tcflag_t>(~(ICANON | ECHO));
-      raw.c_cc[VMIN] = 0;
-      raw.c_cc[VTIME] = 0;
-      ::tcsetattr(STDIN_FILENO, TCSANOW, &raw);
-    }
-    *out_ << "\x1b[?1049h\x1b[?25l" << std::flush;  // the alternate screen, no cursor
-  }
-  ~LiveScreen() {
-    *out_ << "\x1b[?25h\x1b[?1049l" << std::flush;
-    if (has_keys_) {
-      ::tcsetattr(STDIN_FILENO, TCSANOW, &before_);
-    }
-  }
-  LiveScreen(const LiveScreen&) = delete;
-  LiveScreen& operator=(const LiveScreen&) = delete;
-
-  // Writes over what is there, so that nothing flickers.
-  void Show(const std::vector<std::string>& lines) {
-    std::string text = "\x1b[H";
-    for (std::size_t i = 0; i < lines.size(); ++i) {
-      absl::StrAppend(&text, i > 0 ? "\r\n" : "", lines[i], "\x1b[K");
-    }
-    *out_ << text << "\x1b[J" << std::flush;
-  }
-
-  [[nodiscard]] bool has_keys() const { return has_keys_; }
-
- private:
-  std::ostream* const out_;
-  termios before_{};
-  bool has_keys_ = false;
-};
 
 // Waits for time, a key and an interrupt at once.
 class Waiter {
@@ -171,20 +129,21 @@ class Top {
       Print();
       return absl::OkStatus();
     }
-    std::optional<LiveScreen> screen;
-    if (IsTerminal()) {
-      screen.emplace(context_.out);
+    std::unique_ptr<RawTerminal> screen;
+    if (SizeOfTerminal(STDOUT_FILENO)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(screen,
+                                RawTerminal::Enter(STDOUT_FILENO, kEnterScreen, kLeaveScreen));
     }
+    const bool has_keys = screen != nullptr && ::isatty(STDIN_FILENO) == 1;
     Waiter waiter(context_.interrupt->cancellation());
     while (true) {
-      if (screen.has_value()) {
-        ShowOn(&*screen);
+      if (screen != nullptr) {
+        Show(Lines(OptionsOfTerminal()), context_.out);
       } else {
         Print();
         *context_.out << std::endl;
       }
-      if (!waiter.Wait(flags_.interval.value_or(kDefaultInterval),
-                       screen.has_value() && screen->has_keys())) {
+      if (!waiter.Wait(flags_.interval.value_or(kDefaultInterval), has_keys)) {
         return absl::OkStatus();
       }
       error_ = Sample();
@@ -219,21 +178,22 @@ class Top {
     return lines;
   }
 
-  void Print() const {
+  // With the size of the terminal that standard output is, if it is one.
+  static TopScreenOptions OptionsOfTerminal() {
     TopScreenOptions options;
-    if (IsTerminal()) {
-      SetSize(&options);
-      options.height = 0;  // it scrolls
+    if (const std::optional<TerminalSize> size = SizeOfTerminal(STDOUT_FILENO)) {
+      options.width = size->columns;
+      options.height = size->rows;
     }
+    return options;
+  }
+
+  void Print() const {
+    TopScreenOptions options = OptionsOfTerminal();
+    options.height = 0;  // it scrolls
     for (const std::string& line : Lines(options)) {
       *context_.out << line << "\n";
     }
-  }
-
-  void ShowOn(LiveScreen* screen) const {
-    TopScreenOptions options;
-    SetSize(&options);
-    screen->Show(Lines(options));
   }
 
   const TopFlags& flags_;

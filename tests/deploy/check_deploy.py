@@ -54,8 +54,6 @@ OWN_VARIABLES = {
                               "ISOSCOPE_LOCAL", "ISOSCOPE_RUN", "ISOSCOPE_PORT", "ISOSCOPE_AGENT_PORT",
                               "ISOSCOPE_START_SECONDS", "ISOSCOPE_CERTIFICATES", "ISOSCOPE_DATASET"},
 }
-# Written against programs that are not merged yet: take a name out when a program has it.
-AWAITED: set[str] = set()
 
 
 def need(*tools: str) -> None:
@@ -76,7 +74,7 @@ def output(*command, **options) -> str:
 
 
 def all_variables() -> set[str]:
-    return AWAITED.union(*(program.variables for program in PROGRAMS.values()))
+    return set().union(*(program.variables for program in PROGRAMS.values()))
 
 
 def interpolated(text: str) -> str:
@@ -96,7 +94,7 @@ class TestPrograms(unittest.TestCase):
                     if not flags:
                         continue  # or prose: "the user isoscope reads"
                     self.assertIn(name, PROGRAMS)
-                    self.assertEqual(set(flags) - PROGRAMS[name].flags - AWAITED, set())
+                    self.assertEqual(set(flags) - PROGRAMS[name].flags, set())
                     count += len(flags)
         self.assertGreater(count, 20)
 
@@ -122,15 +120,7 @@ class TestPrograms(unittest.TestCase):
             program = PROGRAMS["isoscope-" + re.match(r"[a-z]+", path.name).group(0)]
             for name, value in re.findall(r"^#?(ISOSCOPE_\w+)=(.*)$", path.read_text(), re.MULTILINE):
                 with self.subTest(path=path.name, variable=name):
-                    self.assertIn(name, program.variables | AWAITED)
-
-    def test_awaited_names_are_still_awaited(self):
-        """Says, without failing, what may be taken out."""
-        flags = set().union(*(program.flags for program in PROGRAMS.values()))
-        variables = set().union(*(program.variables for program in PROGRAMS.values()))
-        arrived = sorted(AWAITED & (flags | variables))
-        if arrived:
-            print("\nAWAITED in check_deploy.py: there by now:", " ".join(arrived), file=sys.stderr)
+                    self.assertIn(name, program.variables)
 
     def test_links_of_documents_lead_somewhere(self):
         for path in filter(pathlib.Path.exists, DOCUMENTS):
@@ -182,7 +172,7 @@ class TestContainers(unittest.TestCase):
                     continue
                 for variable in spec.get("environment", {}):
                     with self.subTest(file=name, service=service, variable=variable):
-                        self.assertIn(variable, PROGRAMS[image].variables | AWAITED)
+                        self.assertIn(variable, PROGRAMS[image].variables)
 
     def test_names_and_ports_of_dialled_services_exist(self):
         for name in self.FILES:
@@ -262,7 +252,7 @@ class TestContainers(unittest.TestCase):
                 self.assertEqual(spec["environment"]["ISOSCOPE_INSECURE"], "false")
                 self.assertEqual({v for v in spec["environment"].values() if v.startswith("/tls/")}, mounted)
                 for variable in spec["environment"]:
-                    self.assertIn(variable, PROGRAMS[program].variables | AWAITED)
+                    self.assertIn(variable, PROGRAMS[program].variables)
 
 
 def each(*kinds):
@@ -353,7 +343,7 @@ class TestKubernetes(unittest.TestCase):
             program = PROGRAMS.get("isoscope-" + container["name"])
             for entry in container.get("env", []):
                 if entry["name"].startswith("ISOSCOPE_"):
-                    self.assertIn(entry["name"], program.variables | AWAITED)
+                    self.assertIn(entry["name"], program.variables)
         for name in settings:
             self.assertTrue(name == "DATASET" or name in known, name)
 
