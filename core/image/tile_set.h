@@ -51,12 +51,6 @@ class TileSet {
       }
     }
   }
-  // REQUIRES: `other` is for an image of the same size.
-  void InsertAllOf(const TileSet& other) {
-    for (std::size_t i = 0; i < words_.size(); ++i) {
-      words_[i] |= other.words_[i];
-    }
-  }
   void Clear() { words_.assign(words_.size(), 0); }
 
   // Calls fn(column) for each tile of a row that is in the set, ascending.

@@ -14,21 +14,21 @@ _sym_db = _symbol_database.Default()
 from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x17isoscope/v1/frame.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\"\xc4\x03\n\x10RenderStatistics\x12\x1a\n\x12\x61\x63tive_block_count\x18\x01 \x01(\x03\x12\x1b\n\x13ray_hit_block_count\x18\x02 \x01(\x03\x12\x1d\n\x15occluding_block_count\x18\x03 \x01(\x03\x12\x1b\n\x13visible_block_count\x18\x04 \x01(\x03\x12\x1a\n\x12\x63ulled_block_count\x18\x05 \x01(\x03\x12\x16\n\x0etriangle_count\x18\x06 \x01(\x03\x12\x1b\n\x13unique_vertex_count\x18\x07 \x01(\x03\x12\x12\n\nread_bytes\x18\x08 \x01(\x03\x12\x15\n\rnetwork_bytes\x18\t \x01(\x03\x12\x11\n\tpng_bytes\x18\n \x01(\x03\x12-\n\tdurations\x18\x0b \x01(\x0b\x32\x1a.isoscope.v1.StepDurations\x12,\n\x06\x61gents\x18\x0c \x03(\x0b\x32\x1c.isoscope.v1.AgentStatistics\x12\x30\n\x08surfaces\x18\r \x03(\x0b\x32\x1e.isoscope.v1.SurfaceStatistics\x12\x1d\n\x15truncated_pixel_count\x18\x0e \x01(\x03\"H\n\x11SurfaceStatistics\x12\x16\n\x0etriangle_count\x18\x01 \x01(\x03\x12\x1b\n\x13unique_vertex_count\x18\x02 \x01(\x03\"\xba\x02\n\rStepDurations\x12>\n\x1boccluder_selection_duration\x18\x01 \x01(\x0b\x32\x19.google.protobuf.Duration\x12>\n\x1boccluder_rendering_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12>\n\x1bvisibility_culling_duration\x18\x03 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x35\n\x12\x63omposite_duration\x18\x04 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x32\n\x0f\x65ncode_duration\x18\x05 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xcc\x03\n\x0f\x41gentStatistics\x12\x15\n\ragent_address\x18\x01 \x01(\t\x12\x15\n\rshard_indices\x18\x02 \x03(\x05\x12\x1a\n\x12\x61\x63tive_block_count\x18\x03 \x01(\x03\x12\x1d\n\x15occluding_block_count\x18\x04 \x01(\x03\x12\x1b\n\x13visible_block_count\x18\x05 \x01(\x03\x12\x16\n\x0etriangle_count\x18\x06 \x01(\x03\x12\x1b\n\x13unique_vertex_count\x18\x07 \x01(\x03\x12\x12\n\nread_bytes\x18\x08 \x01(\x03\x12\x1d\n\x15index_page_read_count\x18\t \x01(\x03\x12\x33\n\x10\x65xtract_duration\x18\n \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x32\n\x0frender_duration\x18\x0b \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\rbusy_duration\x18\x0c \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\x08surfaces\x18\r \x03(\x0b\x32\x1e.isoscope.v1.SurfaceStatistics*Y\n\x07\x43ulling\x12\x17\n\x13\x43ULLING_UNSPECIFIED\x10\x00\x12\x11\n\rCULLING_DEPTH\x10\x01\x12\x10\n\x0c\x43ULLING_MASK\x10\x02\x12\x10\n\x0c\x43ULLING_NONE\x10\x03\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x17isoscope/v1/frame.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\"\x9a\x04\n\x10RenderStatistics\x12\x1a\n\x12\x61\x63tive_block_count\x18\x01 \x01(\x03\x12\x1b\n\x13ray_hit_block_count\x18\x02 \x01(\x03\x12\x1d\n\x15occluding_block_count\x18\x03 \x01(\x03\x12\x1b\n\x13visible_block_count\x18\x04 \x01(\x03\x12\x1a\n\x12\x63ulled_block_count\x18\x05 \x01(\x03\x12\x16\n\x0etriangle_count\x18\x06 \x01(\x03\x12\x1b\n\x13unique_vertex_count\x18\x07 \x01(\x03\x12\x12\n\nread_bytes\x18\x08 \x01(\x03\x12\x15\n\rnetwork_bytes\x18\t \x01(\x03\x12\x11\n\tpng_bytes\x18\n \x01(\x03\x12-\n\tdurations\x18\x0b \x01(\x0b\x32\x1a.isoscope.v1.StepDurations\x12,\n\x06\x61gents\x18\x0c \x03(\x0b\x32\x1c.isoscope.v1.AgentStatistics\x12\x30\n\x08surfaces\x18\r \x03(\x0b\x32\x1e.isoscope.v1.SurfaceStatistics\x12\x1d\n\x15truncated_pixel_count\x18\x0e \x01(\x03\x12\x16\n\x0emissing_shards\x18\x0f \x03(\x05\x12\"\n\x15\x61\x63tive_block_coverage\x18\x10 \x01(\x01H\x00\x88\x01\x01\x42\x18\n\x16_active_block_coverage\"H\n\x11SurfaceStatistics\x12\x16\n\x0etriangle_count\x18\x01 \x01(\x03\x12\x1b\n\x13unique_vertex_count\x18\x02 \x01(\x03\"\xba\x02\n\rStepDurations\x12>\n\x1boccluder_selection_duration\x18\x01 \x01(\x0b\x32\x19.google.protobuf.Duration\x12>\n\x1boccluder_rendering_duration\x18\x02 \x01(\x0b\x32\x19.google.protobuf.Duration\x12>\n\x1bvisibility_culling_duration\x18\x03 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x35\n\x12\x63omposite_duration\x18\x04 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x32\n\x0f\x65ncode_duration\x18\x05 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xcc\x03\n\x0f\x41gentStatistics\x12\x15\n\ragent_address\x18\x01 \x01(\t\x12\x15\n\rshard_indices\x18\x02 \x03(\x05\x12\x1a\n\x12\x61\x63tive_block_count\x18\x03 \x01(\x03\x12\x1d\n\x15occluding_block_count\x18\x04 \x01(\x03\x12\x1b\n\x13visible_block_count\x18\x05 \x01(\x03\x12\x16\n\x0etriangle_count\x18\x06 \x01(\x03\x12\x1b\n\x13unique_vertex_count\x18\x07 \x01(\x03\x12\x12\n\nread_bytes\x18\x08 \x01(\x03\x12\x1d\n\x15index_page_read_count\x18\t \x01(\x03\x12\x33\n\x10\x65xtract_duration\x18\n \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x32\n\x0frender_duration\x18\x0b \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\rbusy_duration\x18\x0c \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x30\n\x08surfaces\x18\r \x03(\x0b\x32\x1e.isoscope.v1.SurfaceStatistics*Y\n\x07\x43ulling\x12\x17\n\x13\x43ULLING_UNSPECIFIED\x10\x00\x12\x11\n\rCULLING_DEPTH\x10\x01\x12\x10\n\x0c\x43ULLING_MASK\x10\x02\x12\x10\n\x0c\x43ULLING_NONE\x10\x03\x62\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.frame_pb2', globals())
 if _descriptor._USE_C_DESCRIPTORS == False:
 
   DESCRIPTOR._options = None
-  _CULLING._serialized_start=1381
-  _CULLING._serialized_end=1470
+  _CULLING._serialized_start=1467
+  _CULLING._serialized_end=1556
   _RENDERSTATISTICS._serialized_start=73
-  _RENDERSTATISTICS._serialized_end=525
-  _SURFACESTATISTICS._serialized_start=527
-  _SURFACESTATISTICS._serialized_end=599
-  _STEPDURATIONS._serialized_start=602
-  _STEPDURATIONS._serialized_end=916
-  _AGENTSTATISTICS._serialized_start=919
-  _AGENTSTATISTICS._serialized_end=1379
+  _RENDERSTATISTICS._serialized_end=611
+  _SURFACESTATISTICS._serialized_start=613
+  _SURFACESTATISTICS._serialized_end=685
+  _STEPDURATIONS._serialized_start=688
+  _STEPDURATIONS._serialized_end=1002
+  _AGENTSTATISTICS._serialized_start=1005
+  _AGENTSTATISTICS._serialized_end=1465
 # @@protoc_insertion_point(module_scope)

@@ -65,11 +65,13 @@ class IsosurfaceServiceServicer(object):
         field, its value and the allowed values. Also a field that this server does not know, because
         the picture could be wrong without it. Do not retry.
         * NOT_FOUND: there is no dataset of that name; the message lists the datasets.
-        * FAILED_PRECONDITION: the dataset's shards are not all served, or contradict each other, or
-        are served by agents that would draw different pictures (GetClusterStatus, picture_revision).
+        * FAILED_PRECONDITION: the dataset's shards are not all served (with `allow_partial`: none is),
+        or contradict each other, or no picture revision serves all of them (GetClusterStatus,
+        picture_revision).
         * RESOURCE_EXHAUSTED: too many frames are waiting. Retry later. Or the picture needs more memory
         than the server or an agent may use: names the limit; ask for a region.
-        * UNAVAILABLE: an agent was lost during the frame; names agent and shards. Retry.
+        * UNAVAILABLE: an agent was lost during the frame, and no other serves its shards; names agent
+        and shards. Retry.
         * DEADLINE_EXCEEDED: names the agents that had not answered.
         * CANCELLED: by the caller.
         * DATA_LOSS: a shard is damaged; names dataset, shard, block and offset. For the operator.
