@@ -262,15 +262,15 @@ absl::StatusOr<IsolatedFrame> IsolatedCluster::Render(const frame::FrameSpec& sp
   setup.view = &view;
   setup.ties = frame::TieRuleOf(renderer_->picture_revision().back_end);
   setup.layout = &layout();
-  setup.agent_count = static_cast<int>(shards_.size());
+  setup.replica_counts.assign(shards_.size(), 1);
   setup.images = images_.get();
   setup.arena = &arena_;
   // One for each agent, as on its own machine.
   std::vector<std::unique_ptr<agent::BlockCache>> caches;
   const auto begin =
-      [&](int agent_index,
+      [&](int part_index, int /*replica_index*/,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
-    const auto i = static_cast<std::size_t>(agent_index);
+    const auto i = static_cast<std::size_t>(part_index);
     caches.push_back(std::make_unique<agent::BlockCache>(kCacheBytes, mesh_memory_[i]));
     auto link = std::make_unique<IsolatedLink>(TaskOf(spec, i), &ray_hits, &orders[i],
                                                caches.back().get(), listener);

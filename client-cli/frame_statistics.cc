@@ -4,6 +4,7 @@
 #include <cstddef>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
 #include "client-cli/output.h"
@@ -55,6 +56,13 @@ nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
   if (statistics.truncated_pixel_count() > 0) {
     json["truncated_pixel_count"] = statistics.truncated_pixel_count();
   }
+  if (statistics.missing_shards_size() > 0) {
+    json["missing_shards"] = nlohmann::ordered_json::array();
+    for (const int shard : statistics.missing_shards()) {
+      json["missing_shards"].push_back(shard);
+    }
+    json["active_block_coverage"] = statistics.active_block_coverage();
+  }
   json["durations_ms"] = {
       {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},
       {"occluder_rendering", Rounded(Milliseconds(durations.occluder_rendering_duration()))},
@@ -88,6 +96,17 @@ nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames) 
     json["frames"].push_back(FrameToJson(frame));
   }
   return json;
+}
+
+std::string DescribeMissingShards(const v1::RenderStatistics& statistics) {
+  if (statistics.missing_shards().empty()) {
+    return "";
+  }
+  return absl::StrFormat("%s %s %s missing: the picture shows %.1f %% of the active blocks",
+                         statistics.missing_shards_size() == 1 ? "shard" : "shards",
+                         absl::StrJoin(statistics.missing_shards(), ", "),
+                         statistics.missing_shards_size() == 1 ? "is" : "are",
+                         100 * statistics.active_block_coverage());
 }
 
 std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width) {
@@ -126,6 +145,12 @@ std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_w
     }
     absl::StrAppend(&text, "\n", frames.size() > 1 ? "Agents of the last frame:\n" : "",
                     agents.ToString(max_width));
+  }
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const std::string missing = DescribeMissingShards(frames[i].statistics);
+    if (!missing.empty()) {
+      absl::StrAppend(&text, "\nWarning: frame ", i, ": ", missing, "\n");
+    }
   }
   return text;
 }

@@ -21,8 +21,11 @@ struct FrameRecord {
 // renamed or moved. Times are milliseconds with three decimals.
 nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames);
 
-// Three tables: frames, their steps, and the agents of the last frame. max_width: as
-// Table::ToString.
+// Returns which shards the picture lacks and how much it shows; "" if none is missing.
+std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statistics);
+
+// Three tables: frames, their steps, and the agents of the last frame; and a warning for each frame
+// that lacks shards. max_width: as Table::ToString.
 std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width = 0);
 
 }  // namespace isoscope::cli

@@ -102,8 +102,10 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   if (is_animation) {
     return AddToAnimation(request, png);
   }
-  // The picture of the mask depends on how the volume was cut: no record could make it again.
-  if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK) {
+  // The picture of the mask depends on how the volume was cut, and one without some shards on who
+  // was there: no record could make it again.
+  if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK ||
+      response.statistics().missing_shards_size() > 0) {
     return WriteFileAtomically(path, png);
   }
   PictureRecord record{.picture_revision = options_.picture_revision,

@@ -169,6 +169,7 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_ray_seed();
   deciding.clear_output();
   deciding.clear_with_trace();
+  deciding.clear_allow_partial();
   return deciding;
 }
 

@@ -67,6 +67,7 @@ struct RenderFlags {
   std::optional<ShowMode> show;
   std::optional<std::string> trace;
   bool has_no_metadata = false;
+  bool allow_partial = false;
   AnnotationFlags annotations;
 };
 
@@ -133,6 +134,11 @@ absl::Status CheckPoster(const RenderFlags& flags) {
     return UsageError(absl::StrCat("a picture of ", size,
                                    " is drawn in regions: --trace is for one frame, as a --region "
                                    "of it is"));
+  }
+  if (flags.allow_partial) {
+    return UsageError(absl::StrCat("a picture of ", size,
+                                   " is drawn in regions, of which each could lack other shards: "
+                                   "leave --allow-partial out"));
   }
   if (flags.annotations.any()) {
     return UsageError(absl::StrCat("a picture of ", size,
@@ -413,6 +419,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   }
   SetEffects(flags.effects, &request);
   AddLook(flags.look, &request);
+  request.set_allow_partial(flags.allow_partial);
   if (IsJpeg(flags) || flags.planes.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -559,6 +566,9 @@ Action RegisterFlags(CLI::App* app) {
           "and compare; takes no flag that decides a pixel");
   app->add_flag("--no-metadata", flags->has_no_metadata,
                 "write pictures without a record of how they were made");
+  app->add_flag("--allow-partial", flags->allow_partial,
+                "draw what there is if some shards are not served, and say what is missing; else "
+                "that is an error");
   AddAnnotationFlags(app, &flags->annotations);
   return [flags, app](const Context& context) { return Run(*flags, *app, context); };
 }

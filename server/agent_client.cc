@@ -16,7 +16,8 @@
 // stream that ended with OK before the frame was done, else CallStatus of gRPC's status.
 //
 // A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
-// one and checks each: the next message is read only when somebody asks for it.
+// one and checks each: the next message is read only when somebody asks for it. Blocks come in
+// ascending order, so a replica that takes over is read up to the last block that was given.
 
 #include "server/agent_client.h"
 
@@ -373,62 +374,105 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::B
   return std::make_unique<GrpcAgentLink>(std::move(stream));
 }
 
-SurfaceStream::SurfaceStream(const AgentAssignment& agent, const volume::BlockLayout& layout,
+struct SurfaceStream::Call {
+  std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+  grpc::ClientContext context;
+  std::unique_ptr<grpc::ClientReader<v1::ExtractSurfaceResponse>> reader;
+};
+
+SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
                              v1::ExtractSurfaceRequest request, absl::Time deadline,
                              const base::TraceContext& identity)
-    : agent_(agent.identity()),
+    : part_(std::move(part)),
       layout_(layout),
-      stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
-  SetDeadline(deadline, &context_);
-  rpc::SetTraceparent(identity, &context_);
-  request.clear_shard_indices();
-  for (const int index : agent.shard_indices) {
-    request.add_shard_indices(index);
+      request_(std::move(request)),
+      deadline_(deadline),
+      identity_(identity) {
+  request_.clear_shard_indices();
+  for (const int index : part_.shard_indices) {
+    request_.add_shard_indices(index);
   }
-  reader_ = stub_->ExtractSurface(&context_, request);
+  Open();
+}
+
+void SurfaceStream::Open() {
+  auto call = std::make_unique<Call>();
+  call->stub = v1::PartitionAgentService::NewStub(part_.replicas[replica_].channel);
+  SetDeadline(deadline_, &call->context);
+  rpc::SetTraceparent(identity_, &call->context);
+  call->reader = call->stub->ExtractSurface(&call->context, request_);
+  message_.Clear();
+  next_block_ = 0;
+  has_ended_ = false;
+  const base::MutexLock lock(&mutex_);
+  call_ = std::move(call);
+  if (was_cancelled_.load()) {
+    call_->context.TryCancel();
+  }
 }
 
 SurfaceStream::~SurfaceStream() {
   if (!has_ended_) {
-    context_.TryCancel();
-    reader_->Finish();
+    call_->context.TryCancel();
+    call_->reader->Finish();
   }
 }
 
 void SurfaceStream::Cancel() {
   was_cancelled_.store(true);
-  context_.TryCancel();
+  const base::MutexLock lock(&mutex_);
+  call_->context.TryCancel();
 }
 
 absl::Status SurfaceStream::Fail(absl::Status status) {
-  status_ = std::move(status);
-  return AgentFailure{
-      .agent_index = 0, .agent = agent_, .stage = FrameStage::kRenderingVisible, .status = status_}
-      .ToStatus();
+  failures_.push_back({.part_index = 0,
+                       .agent = part_.On(replica_).identity(),
+                       .stage = FrameStage::kRenderingVisible,
+                       .status = std::move(status)});
+  const AgentFailure& failure = failures_.back();
+  const bool is_repeatable = !was_cancelled_.load() && !absl::IsCancelled(failure.status) &&
+                             !absl::IsDeadlineExceeded(failure.status);
+  if (!is_repeatable || replica_ + 1 == part_.replicas.size()) {
+    return failure.ToStatus();
+  }
+  if (!has_ended_) {
+    call_->context.TryCancel();
+    call_->reader->Finish();
+  }
+  ++replica_;
+  Open();
+  return absl::OkStatus();
 }
 
 absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
-  while (next_block_ == message_.blocks_size()) {
-    if (has_ended_) {
-      return false;
-    }
-    next_block_ = 0;
-    message_.Clear();
-    if (reader_->Read(&message_)) {
+  while (true) {
+    if (next_block_ == message_.blocks_size()) {
+      if (has_ended_) {
+        return false;
+      }
+      next_block_ = 0;
+      message_.Clear();
+      if (call_->reader->Read(&message_)) {
+        continue;
+      }
+      message_.Clear();
+      has_ended_ = true;
+      const grpc::Status status = call_->reader->Finish();
+      if (!status.ok()) {
+        ISOSCOPE_RETURN_IF_ERROR(
+            Fail(CallStatus(rpc::ToAbslStatus(status), was_cancelled_.load())));
+      }
       continue;
     }
-    message_.Clear();
-    has_ended_ = true;
-    const grpc::Status status = reader_->Finish();
+    const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
     if (!status.ok()) {
-      return Fail(CallStatus(rpc::ToAbslStatus(status), was_cancelled_.load()));
+      ISOSCOPE_RETURN_IF_ERROR(
+          Fail(absl::InternalError(absl::StrCat("sent a malformed block: ", status.message()))));
+    } else if (replica_ == 0 || static_cast<std::int64_t>(block->block_id) > last_block_id_) {
+      last_block_id_ = static_cast<std::int64_t>(block->block_id);
+      return true;
     }
   }
-  const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
-  if (!status.ok()) {
-    return Fail(absl::InternalError(absl::StrCat("sent a malformed block: ", status.message())));
-  }
-  return true;
 }
 
 }  // namespace isoscope::server

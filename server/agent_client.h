@@ -5,12 +5,14 @@
 #define ISOSCOPE_SERVER_AGENT_CLIENT_H_
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
@@ -18,6 +20,7 @@
 #include <grpcpp/client_context.h>
 #include <grpcpp/support/sync_stream.h>
 
+#include "core/base/mutex.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/image/pixel_mailboxes.h"
@@ -27,18 +30,10 @@
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/trace.pb.h"
 #include "server/agent_link.h"
+#include "server/frame_part.h"
 #include "server/surface_export.h"
 
 namespace isoscope::server {
-
-// An agent that can be reached, and the shards that it works on.
-struct AgentAssignment {
-  std::string address;
-  std::shared_ptr<grpc::Channel> channel;
-  std::vector<int> shard_indices;  // ascending
-
-  [[nodiscard]] AgentIdentity identity() const { return {address, shard_indices}; }
-};
 
 // Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
 // would mislead the client: INVALID_ARGUMENT (the coordinator's message was wrong) becomes
@@ -64,12 +59,13 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              const AgentTraceTarget& trace_target,
                                              AgentListener* listener);
 
-// The surface of one agent's blocks, pulled message by message. While nobody pulls, gRPC's flow
-// control stops the agent. Cancel is thread-safe, the other functions are for one thread.
+// The surface of one part's blocks, pulled message by message. While nobody pulls, gRPC's flow
+// control stops the agent. If an agent fails, the next replica goes on behind the last block.
+// Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public SurfaceSource {
  public:
-  // request: shard_indices is set to the agent's.
-  SurfaceStream(const AgentAssignment& agent, const volume::BlockLayout& layout,
+  // request: shard_indices is set to the part's.
+  SurfaceStream(FramePart part, const volume::BlockLayout& layout,
                 isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline,
                 const base::TraceContext& identity);
   // Cancels the call if it has not ended.
@@ -77,28 +73,35 @@ class SurfaceStream final : public SurfaceSource {
   SurfaceStream(const SurfaceStream&) = delete;
   SurfaceStream& operator=(const SurfaceStream&) = delete;
 
-  // Blocks. Errors name the agent; INTERNAL if it sent a malformed block.
+  // Blocks. Errors name the last agent; INTERNAL if it sent a malformed block.
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
-  void Cancel();
+  void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
 
-  // Returns OK, or the error of Next without the agent's name.
-  [[nodiscard]] const absl::Status& status() const { return status_; }
-  [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
+  // The agents that failed so far; part_index is 0.
+  [[nodiscard]] const std::vector<AgentFailure>& failures() const { return failures_; }
 
  private:
-  // Keeps the status, and returns it with the agent's name.
+  struct Call;
+
+  // Asks the replica at replica_.
+  void Open() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Notes the failure. OK if another replica was asked; else its error, with the agent's name.
   absl::Status Fail(absl::Status status);
 
-  const AgentIdentity agent_;
-  absl::Status status_;
+  const FramePart part_;
   const volume::BlockLayout layout_;
-  const std::unique_ptr<isoscope::internal::v1::PartitionAgentService::Stub> stub_;
-  grpc::ClientContext context_;
-  std::unique_ptr<grpc::ClientReader<isoscope::internal::v1::ExtractSurfaceResponse>> reader_;
+  isoscope::internal::v1::ExtractSurfaceRequest request_;
+  const absl::Time deadline_;
+  const base::TraceContext identity_;
+  std::size_t replica_ = 0;
+  std::vector<AgentFailure> failures_;
   isoscope::internal::v1::ExtractSurfaceResponse message_;
-  int next_block_ = 0;  // index in message_
+  int next_block_ = 0;               // index in message_
+  std::int64_t last_block_id_ = -1;  // that Next gave
   std::atomic<bool> was_cancelled_{false};
   bool has_ended_ = false;
+  base::Mutex mutex_;  // Cancel meets Open
+  std::unique_ptr<Call> call_;
 };
 
 }  // namespace isoscope::server

@@ -36,7 +36,7 @@ enum class FrameStage {
 const char* NameOf(FrameStage stage);
 
 struct AgentFailure {
-  std::size_t agent_index = 0;  // among the frame's agents
+  std::size_t part_index = 0;  // among the frame's parts
   AgentIdentity agent;
   FrameStage stage = FrameStage::kSelectingOccluders;
   // UNAVAILABLE: the agent or the way to it was lost. DEADLINE_EXCEEDED: it had not answered.

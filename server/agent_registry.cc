@@ -17,6 +17,7 @@
 #include <iterator>
 #include <optional>
 #include <set>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -30,6 +31,17 @@ namespace {
 
 // The pause between two probes while WaitUntilReady waits.
 constexpr absl::Duration kRetryInterval = absl::Milliseconds(50);
+
+// Returns the number of agents that frames of the dataset may use.
+std::size_t AgentCount(const DatasetState& state) {
+  std::set<std::string> addresses;
+  for (const ReplicaSet& set : state.replica_sets) {
+    for (const ServingAgent& agent : set.agents) {
+      addresses.insert(agent.address);
+    }
+  }
+  return addresses.size();
+}
 
 }  // namespace
 
@@ -210,10 +222,22 @@ void AgentRegistry::LogDatasets(const std::map<std::string, DatasetState>& datas
     const auto before = datasets_.find(name);
     const absl::Status was =
         before == datasets_.end() ? absl::UnknownError("") : before->second.status;
+    const std::string revision = frame::ToString(state.picture_revision);
     if (state.status.ok() && !was.ok()) {
-      base::LogInfo("dataset_ready", {{"dataset", name}, {"agents", state.agents.size()}});
+      base::LogInfo(
+          "dataset_ready",
+          {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
+    } else if (state.status.ok() && !(state.picture_revision == before->second.picture_revision)) {
+      base::LogInfo(
+          "dataset_revision",
+          {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
     } else if (!state.status.ok() && state.status != was) {
       base::LogWarning("dataset_not_ready", {{"dataset", name}, {"status", state.status}});
+    }
+    if (state.status.ok() && !state.contradiction.empty() &&
+        (before == datasets_.end() || before->second.contradiction != state.contradiction)) {
+      base::LogWarning("dataset_contradicted",
+                       {{"dataset", name}, {"contents", state.contradiction}});
     }
   }
 }
@@ -248,15 +272,20 @@ void AgentRegistry::AdoptMembers(Members members) {
   }
 }
 
+std::int64_t AgentRegistry::RequestProbe() {
+  const std::int64_t awaited = started_probe_ + 1;
+  wanted_probe_ = std::max(wanted_probe_, awaited);
+  changed_.SignalAll();
+  return awaited;
+}
+
 void AgentRegistry::ProbeNow(absl::Time deadline, const base::Cancellation& cancellation) {
   const base::Cancellation::Callback wake(cancellation, [this] {
     base::MutexLock lock(&mutex_);
     changed_.SignalAll();
   });
   base::MutexLock lock(&mutex_);
-  const std::int64_t awaited = started_probe_ + 1;
-  wanted_probe_ = std::max(wanted_probe_, awaited);
-  changed_.SignalAll();
+  const std::int64_t awaited = RequestProbe();
   changed_.AwaitUntil(&mutex_, deadline,
                       [this, awaited, &cancellation]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
                         return finished_probe_ >= awaited || cancellation.is_cancelled() ||
@@ -266,15 +295,28 @@ void AgentRegistry::ProbeNow(absl::Time deadline, const base::Cancellation& canc
 
 absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name,
                                                          const base::Cancellation& cancellation,
-                                                         const Caller& caller) {
+                                                         const Caller& caller, bool allow_partial) {
+  const auto is_usable = [allow_partial](const DatasetState& state) {
+    return state.status.ok() || (allow_partial && !state.replica_sets.empty());
+  };
   {
     base::MutexLock lock(&mutex_);
     absl::StatusOr<DatasetState> found = FindDataset(datasets_, name, unreachable_, caller);
-    const bool is_any_suspect =
-        std::any_of(members_.begin(), members_.end(),
-                    [](const auto& entry) { return entry.second.is_suspect; });
-    if (found.ok() && found->status.ok() && !is_any_suspect) {
-      return found;
+    std::set<std::string> suspects;
+    for (const auto& [address, member] : members_) {
+      if (member.is_suspect) {
+        suspects.insert(address);
+      }
+    }
+    if (found.ok() && is_usable(*found)) {
+      const std::size_t set_count = found->replica_sets.size();
+      RemoveAgents(suspects, &found->replica_sets);
+      if (found->replica_sets.size() == set_count) {
+        if (!suspects.empty()) {
+          RequestProbe();
+        }
+        return found;
+      }
     }
   }
   ProbeNow(std::min(cancellation.deadline(), absl::Now() + kMaxFrameWait), cancellation);
@@ -283,7 +325,9 @@ absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name
   }
   base::MutexLock lock(&mutex_);
   ISOSCOPE_ASSIGN_OR_RETURN(DatasetState found, FindDataset(datasets_, name, unreachable_, caller));
-  ISOSCOPE_RETURN_IF_ERROR(found.status);
+  if (!is_usable(found)) {
+    return found.status;
+  }
   return found;
 }
 
@@ -299,6 +343,12 @@ void AgentRegistry::ReportFailure(const std::string& address) {
   if (found != members_.end()) {
     found->second.is_suspect = true;
   }
+}
+
+bool AgentRegistry::IsReachable(const std::string& address) const {
+  base::MutexLock lock(&mutex_);
+  const auto found = members_.find(address);
+  return found != members_.end() && found->second.state.status.ok();
 }
 
 std::vector<AgentState> AgentRegistry::agents() const {

@@ -66,18 +66,23 @@ class AgentRegistry {
   AgentRegistry& operator=(const AgentRegistry&) = delete;
 
   // Returns the complete dataset of that name ("": the only one) among those that the caller may
-  // see; others are not there for it. If it is not complete, or an
-  // agent was lost since the last poll, asks the agents again and waits for the answers, at most
-  // for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND, INVALID_ARGUMENT,
-  // FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that fires. May block.
+  // see; others are not there for it. Agents that were lost since they were last asked are not
+  // among its replicas, and are asked again. If it is not complete without them, waits for the
+  // answers, at most for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND,
+  // INVALID_ARGUMENT, FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that
+  // fires. May block.
+  //
+  // With `allow_partial` some shards may be missing, and no lost agent is waited for twice.
   absl::StatusOr<DatasetState> FindComplete(const std::string& name,
                                             const base::Cancellation& cancellation,
-                                            const Caller& caller = {});
+                                            const Caller& caller = {}, bool allow_partial = false);
   // Returns the dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as
   // DatasetService says. Does not block.
   absl::StatusOr<DatasetState> Find(const std::string& name, const Caller& caller = {}) const;
-  // Reports that a call to the agent failed. The agent is asked again before the next frame.
+  // Reports that a call to the agent failed. The agent is asked again before its next frame.
   void ReportFailure(const std::string& address);
+  // Returns false if the agent did not answer when it was last asked, or is gone.
+  [[nodiscard]] bool IsReachable(const std::string& address) const;
 
   // By address.
   [[nodiscard]] std::vector<AgentState> agents() const;
@@ -110,6 +115,8 @@ class AgentRegistry {
   void LogMembers(const Members& members) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   void LogDatasets(const std::map<std::string, DatasetState>& datasets) const
       ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  // Requests a probe that begins after now, and returns its number.
+  std::int64_t RequestProbe() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Requests a probe that begins after now. Waits for its end, until `deadline`, until
   // `cancellation` fires, or until the registry stops.
   void ProbeNow(absl::Time deadline, const base::Cancellation& cancellation)

@@ -138,6 +138,15 @@ std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& g
                         "picture revision.",
                         {Value(gauges.complete_datasets, "state", "complete"),
                          Value(gauges.incomplete_datasets, "state", "incomplete")}));
+  families.push_back(
+      Of(Type::kCounter, "isoscope_replica_parts_total",
+         "Parts of frames that a second agent worked on: repeated because the first "
+         "failed, hedged because it was slow; outrun: the second was done first.",
+         {Value(repeated_parts, "event", "repeated"), Value(hedged_parts, "event", "hedged"),
+          Value(outrun_parts, "event", "outrun")}));
+  families.push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
+                        "Frames without some shards, as their request allowed.",
+                        {Value(partial_frames)}));
   std::vector<MetricSample> failures;
   for (std::size_t stage = 0; stage < kStageCount; ++stage) {
     for (std::size_t code = 0; code < kCodeCount; ++code) {

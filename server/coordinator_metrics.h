@@ -69,6 +69,10 @@ struct CoordinatorMetrics {
   base::Counter response_bytes;
   base::Counter active_blocks_hits;
   base::Counter active_blocks_misses;
+  base::Counter repeated_parts;  // of frames that ended well all the same
+  base::Counter hedged_parts;    // also begun on a replica, because the agent was slow
+  base::Counter outrun_parts;    // a replica was done first
+  base::Counter partial_frames;
 
   // Returns all of the above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const CoordinatorGauges& gauges) const;

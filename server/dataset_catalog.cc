@@ -1,6 +1,9 @@
 #include "server/dataset_catalog.h"
 
+#include <algorithm>
 #include <cstddef>
+#include <set>
+#include <tuple>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -51,89 +54,180 @@ std::string JoinShards(const std::vector<int>& shards) {
       ", ... (", shards.size(), " in all)");
 }
 
-// One dataset, while DatasetsOf goes through the agents.
-struct Draft {
-  const v1::ShardDescription* reference = nullptr;
-  std::string reference_address;
-  bool is_reference_served = false;
-  std::string contradiction;
-  std::map<int, const AgentState*> owners;  // of shards that are served
+// The agents that have one picture revision.
+struct Crew {
+  std::map<int, std::vector<const AgentState*>> owners;  // of shards; by address
+  std::set<const AgentState*> agents;
 };
 
-void AddToDraft(const AgentState& agent, const v1::ShardDescription& shard, Draft* draft) {
+// The agents that have one content.
+struct Content {
+  const v1::ShardDescription* reference = nullptr;  // the first one
+  const AgentState* first = nullptr;                // a served one before a lost one
+  int agent_count = 0;                              // also lost ones
+  std::set<int> served_shards;
+  std::map<std::string, Crew> crews;  // by revision; only of agents that answer
+};
+
+// One dataset, while DatasetsOf goes through the agents.
+struct Draft {
+  std::map<std::string, Content> contents;  // by identity
+};
+
+void AddToDraft(const AgentState& agent, const v1::ShardDescription& shard,
+                std::set<const Content*>* counted, Draft* draft) {
   const bool is_served = agent.status.ok();
-  // An agent that answers is the reference. A lost agent only shows that there is such a dataset.
-  if (draft->reference == nullptr || (is_served && !draft->is_reference_served)) {
-    draft->reference = &shard;
-    draft->reference_address = agent.address;
-    draft->is_reference_served = is_served;
+  Content& content = draft->contents[Identity(shard)];
+  if (content.first == nullptr || (is_served && !content.first->status.ok())) {
+    content.reference = &shard;
+    content.first = &agent;
   }
-  if (!is_served) {
-    return;
+  if (counted->insert(&content).second) {
+    ++content.agent_count;
   }
-  if (Identity(shard) != Identity(*draft->reference)) {
-    if (draft->contradiction.empty()) {
-      draft->contradiction =
-          absl::StrCat("agent ", draft->reference_address, " serves ", Identity(*draft->reference),
-                       "; agent ", agent.address, " serves ", Identity(shard));
-    }
-    return;
+  if (is_served) {
+    content.served_shards.insert(shard.shard_index());
+    Crew& crew = content.crews[frame::ToString(agent.picture_revision)];
+    crew.owners[shard.shard_index()].push_back(&agent);
+    crew.agents.insert(&agent);
   }
-  draft->owners.emplace(shard.shard_index(), &agent);
 }
 
-// Checks that all agents of a dataset draw the same pixels.
-absl::Status CheckRevisions(const std::string& name, const Draft& draft) {
-  const AgentState& first = *draft.owners.begin()->second;
-  for (const auto& [shard, owner] : draft.owners) {
-    if (!(owner->picture_revision == first.picture_revision)) {
-      return absl::FailedPreconditionError(absl::StrCat(
-          "dataset \"", name, "\": agents would draw different pictures: agent ", first.address,
-          " has picture revision ", frame::ToString(first.picture_revision), ", agent ",
-          owner->address, " has ", frame::ToString(owner->picture_revision),
-          "; run one version with one --renderer on all of them"));
+bool HasAllShards(const Content& content, std::size_t shard_count) {
+  return shard_count == static_cast<std::size_t>(content.reference->dataset().shard_count());
+}
+
+// Returns "agent A serves ...; agent B serves ...", of the first agents of two contents that are
+// served; "" if there is only one.
+std::string ContradictionOf(const Draft& draft) {
+  std::vector<const Content*> served;
+  for (const auto& [identity, content] : draft.contents) {
+    if (!content.crews.empty()) {
+      served.push_back(&content);
     }
   }
-  return absl::OkStatus();
+  if (served.size() < 2) {
+    return "";
+  }
+  std::sort(served.begin(), served.end(), [](const Content* a, const Content* b) {
+    return a->first->address < b->first->address;
+  });
+  return absl::StrCat("agent ", served[0]->first->address, " serves ",
+                      Identity(*served[0]->reference), "; agent ", served[1]->first->address,
+                      " serves ", Identity(*served[1]->reference));
+}
+
+// Returns the content that stands for the dataset; null if that is not clear.
+const Content* ChooseContent(const Draft& draft) {
+  const Content* most = nullptr;
+  const Content* only_served = nullptr;
+  int served_count = 0;
+  bool is_tie = false;
+  for (const auto& [identity, content] : draft.contents) {
+    if (!content.crews.empty()) {
+      only_served = &content;
+      ++served_count;
+    }
+    if (most == nullptr || content.agent_count >= most->agent_count) {
+      is_tie = most != nullptr && content.agent_count == most->agent_count;
+      most = &content;
+    }
+  }
+  if (draft.contents.size() == 1 || served_count == 0) {
+    return most;
+  }
+  // Of lost agents nobody knows whether they come back. They count against fewer others.
+  if (served_count == 1 && (is_tie || most == only_served)) {
+    return only_served;
+  }
+  return !is_tie && HasAllShards(*most, most->served_shards.size()) ? most : nullptr;
+}
+
+// Returns the revision to draw with: a complete one if there is one. Null if no agent answers.
+const Crew* ChooseCrew(const Content& content) {
+  const Crew* best = nullptr;
+  const auto rank_of = [&](const Crew& crew) {
+    const frame::PictureRevision& revision = (*crew.agents.begin())->picture_revision;
+    return std::tuple(HasAllShards(content, crew.owners.size()),
+                      HasAllShards(content, crew.owners.size()) ? 0 : crew.owners.size(),
+                      crew.agents.size(), revision.number);
+  };
+  for (const auto& [revision, crew] : content.crews) {
+    if (best == nullptr || rank_of(crew) > rank_of(*best)) {
+      best = &crew;
+    }
+  }
+  return best;
+}
+
+std::vector<ReplicaSet> ReplicaSetsOf(const Crew& crew) {
+  std::vector<ReplicaSet> sets;
+  std::map<std::vector<const AgentState*>, std::size_t> set_of;
+  for (const auto& [shard, owners] : crew.owners) {
+    const auto [entry, is_new] = set_of.emplace(owners, sets.size());
+    if (is_new) {
+      ReplicaSet set;
+      for (const AgentState* owner : owners) {
+        set.agents.push_back({owner->address, owner->channel});
+      }
+      sets.push_back(std::move(set));
+    }
+    sets[entry->second].shard_indices.push_back(shard);
+  }
+  return sets;
+}
+
+// The error of a dataset whose shards are all served, but by agents of several revisions.
+absl::Status RevisionError(const std::string& name, const Content& content) {
+  const AgentState& first = **content.crews.begin()->second.agents.begin();
+  const AgentState& other = **content.crews.rbegin()->second.agents.begin();
+  return absl::FailedPreconditionError(
+      absl::StrCat("dataset \"", name, "\": agents would draw different pictures: agent ",
+                   first.address, " has picture revision ", frame::ToString(first.picture_revision),
+                   ", agent ", other.address, " has ", frame::ToString(other.picture_revision),
+                   "; run one version with one --renderer on agents that serve all shards"));
 }
 
 DatasetState Complete(const std::string& name, const Draft& draft, absl::string_view unreachable) {
   DatasetState state;
-  state.dataset = draft.reference->dataset();
-  state.is_served = draft.is_reference_served;
+  state.contradiction = ContradictionOf(draft);
+  const Content* const content = ChooseContent(draft);
+  if (content == nullptr) {
+    state.is_served = true;
+    const auto served = std::find_if(draft.contents.begin(), draft.contents.end(),
+                                     [](const auto& entry) { return !entry.second.crews.empty(); });
+    state.dataset = served->second.reference->dataset();
+    for (int shard = 0; shard < state.dataset.shard_count(); ++shard) {
+      state.dataset.add_missing_shards(shard);
+    }
+    state.status = absl::FailedPreconditionError(absl::StrCat(
+        "dataset \"", name, "\": agents contradict each other: ",
+        state.contradiction.empty() ? absl::StrCat("most of them are lost; ", unreachable)
+                                    : state.contradiction,
+        "; serve shards of one `isoscope partition` run"));
+    return state;
+  }
+  state.dataset = content->reference->dataset();
+  state.is_served = !content->crews.empty();
   std::vector<int> missing;
   for (int shard = 0; shard < state.dataset.shard_count(); ++shard) {
-    if (draft.owners.count(shard) == 0 || !draft.contradiction.empty()) {
+    if (content->served_shards.count(shard) == 0) {
       missing.push_back(shard);
       state.dataset.add_missing_shards(shard);
     }
   }
-  if (!draft.contradiction.empty()) {
-    state.status = absl::FailedPreconditionError(
-        absl::StrCat("dataset \"", name, "\": agents contradict each other: ", draft.contradiction,
-                     "; serve shards of one `isoscope partition` run"));
-    return state;
+  const Crew* const crew = ChooseCrew(*content);
+  if (crew != nullptr) {
+    state.replica_sets = ReplicaSetsOf(*crew);
+    state.picture_revision = (*crew->agents.begin())->picture_revision;
   }
   if (!missing.empty()) {
     state.status = absl::FailedPreconditionError(absl::StrCat(
         "dataset \"", name, "\": ", missing.size() == 1 ? "shard " : "shards ", JoinShards(missing),
         " of ", state.dataset.shard_count(), " not served by any agent; ",
         unreachable.empty() ? "all agents answer: start agents for them" : unreachable));
-    return state;
-  }
-  state.status = CheckRevisions(name, draft);
-  if (!state.status.ok()) {
-    return state;
-  }
-  state.picture_revision = draft.owners.begin()->second->picture_revision;
-  // Owners are in the order of their first shards, so their order does not depend on addresses.
-  std::map<const AgentState*, std::size_t> agent_index_of;
-  for (const auto& [shard, owner] : draft.owners) {
-    const auto [entry, is_new] = agent_index_of.emplace(owner, state.agents.size());
-    if (is_new) {
-      state.agents.push_back({owner->address, owner->channel, {}});
-    }
-    state.agents[entry->second].shard_indices.push_back(shard);
+  } else if (!HasAllShards(*content, crew->owners.size())) {
+    state.status = RevisionError(name, *content);
   }
   return state;
 }
@@ -168,8 +262,9 @@ void AdoptAnswer(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* 
 std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents) {
   std::map<std::string, Draft> drafts;
   for (const AgentState& agent : agents) {
+    std::set<const Content*> counted;
     for (const v1::ShardDescription& shard : agent.shards) {
-      AddToDraft(agent, shard, &drafts[shard.dataset().name()]);
+      AddToDraft(agent, shard, &counted, &drafts[shard.dataset().name()]);
     }
   }
   const std::string unreachable = DescribeUnreachable(agents);
@@ -178,6 +273,14 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
     datasets.emplace(name, Complete(name, draft, unreachable));
   }
   return datasets;
+}
+
+void RemoveAgents(const std::set<std::string>& addresses, std::vector<ReplicaSet>* sets) {
+  for (ReplicaSet& set : *sets) {
+    std::erase_if(set.agents,
+                  [&](const ServingAgent& agent) { return addresses.count(agent.address) > 0; });
+  }
+  std::erase_if(*sets, [](const ReplicaSet& set) { return set.agents.empty(); });
 }
 
 std::string DescribeUnreachable(const std::vector<AgentState>& agents) {

@@ -1,11 +1,17 @@
-// The datasets that agents make together: the agent of each shard, missing shards, agents that
+// The datasets that agents make together: the agents of each shard, missing shards, agents that
 // contradict each other, and the messages about these. Pure functions.
 //
-// A dataset has a name. Agents whose shards bear the same name must agree on its identity: id,
-// number of shards, checksums of manifest and range table. For each name, the first reachable agent
-// by address is the reference that others must agree with. Of several agents that serve the same
-// shard, the first by address works on it. All that work on a dataset must have one picture
-// revision.
+// Content. A dataset has a name. Agents whose shards bear the same name should agree on its
+// content: id, number of shards, checksums of manifest and range table. If they do not, the content
+// that most agents have is taken, lost ones included, as long as its shards are all served; the
+// others are not used. So a single agent that was started with the wrong folder does no harm, and a
+// picture never mixes contents.
+//
+// Revision. All agents of a frame must have one picture revision. Of those that serve all shards,
+// the one of most agents is taken, then the newest: while agents are updated one after the other,
+// frames go on with the old one until the new one is complete and has the majority.
+//
+// Replicas. Shards that the same agents serve make a set.
 
 #ifndef ISOSCOPE_SERVER_DATASET_CATALOG_H_
 #define ISOSCOPE_SERVER_DATASET_CATALOG_H_
@@ -13,6 +19,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -25,7 +32,7 @@
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "server/access_control.h"
-#include "server/agent_client.h"
+#include "server/frame_part.h"
 
 namespace isoscope::server {
 
@@ -48,11 +55,16 @@ struct DatasetState {
   isoscope::v1::Dataset dataset;  // with missing_shards
   // OK if frames can be rendered. FAILED_PRECONDITION names the missing or contradicting part.
   absl::Status status;
-  // Each shard once, in order of the agents' first shards. Only if `status` is OK.
-  std::vector<AgentAssignment> agents;
+  // Each shard once, in order of the sets' first shards. If `status` is not OK: the shards that can
+  // still be drawn together, perhaps none.
+  std::vector<ReplicaSet> replica_sets;
   frame::PictureRevision picture_revision;  // of all of these agents
   bool is_served = false;                   // at least one shard is
+  std::string contradiction;  // if agents contradict each other: who, with which content
 };
+
+// Removes agents from the sets, and sets that have no other agent.
+void RemoveAgents(const std::set<std::string>& addresses, std::vector<ReplicaSet>* sets);
 
 // Puts an agent's answer, or the error instead of one, into its state.
 void AdoptAnswer(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer,

@@ -88,8 +88,9 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
+  const std::vector<FramePart> parts = runner_->PartsOf(dataset);
   const QueryOutcome<volume::HistogramPart> outcome =
-      AskHistogram(dataset, query, identity, cancellation);
+      AskHistogram({dataset.dataset.dataset_id(), parts}, query, identity, cancellation);
   runner_->ReportFailures(identity, /*frame_number=*/0, outcome.failures);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const volume::HistogramPart& whole = *outcome.result;

@@ -266,21 +266,58 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(spec_, target.view.geometry(), response);
 
+  parts_ = target.parts;
   FrameOutput output;
-  if (spec_.output.image_format != frame::ImageFormat::kNone) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        RenderPicture(frame_number, target, &output, response->mutable_statistics()));
-  }
-  if (NeedsPlanes(spec_.output, output)) {
-    ReleaseImages();
-    ISOSCOPE_RETURN_IF_ERROR(
-        RenderPlanes(frame_number, target, &output, response->mutable_statistics()));
-  }
+  ISOSCOPE_RETURN_IF_ERROR(
+      RenderOutput(frame_number, target, &output, response->mutable_statistics()));
+  ISOSCOPE_RETURN_IF_ERROR(AddMissingShards(target, response->mutable_statistics()));
   if (delivery_ == Delivery::kWhole) {
     ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
   }
   runner_->metrics()->response_bytes.Add(static_cast<std::int64_t>(output.size_bytes()));
   MoveInto(std::move(output), response);
+  return absl::OkStatus();
+}
+
+absl::Status FrameCall::RenderOutput(std::int64_t frame_number, const FrameTarget& target,
+                                     FrameOutput* output, v1::RenderStatistics* statistics) {
+  const bool has_picture = spec_.output.image_format != frame::ImageFormat::kNone;
+  if (has_picture) {
+    ISOSCOPE_RETURN_IF_ERROR(RenderPicture(frame_number, target, output, statistics));
+  }
+  const std::size_t part_count = parts_.size();
+  if (NeedsPlanes(spec_.output, *output)) {
+    ReleaseImages();
+    ISOSCOPE_RETURN_IF_ERROR(RenderPlanes(frame_number, target, output, statistics));
+  }
+  if (!has_picture || parts_.size() == part_count) {
+    return absl::OkStatus();
+  }
+  // The planes lack shards that the picture has.
+  ReleaseImages();
+  *output = FrameOutput();
+  statistics->Clear();
+  return RenderOutput(frame_number, target, output, statistics);
+}
+
+absl::Status FrameCall::AddMissingShards(const FrameTarget& target,
+                                         v1::RenderStatistics* statistics) {
+  const v1::Dataset& dataset = target.dataset.dataset;
+  const std::vector<int> missing = MissingShards(dataset.shard_count(), parts_);
+  if (missing.empty()) {
+    return absl::OkStatus();
+  }
+  const QueryOutcome<ActiveExtent> outcome =
+      AskActiveBox({dataset.dataset_id(), parts_}, target.layout, frame::IsovaluesOf(spec_),
+                   request_.clip(), origin_.request, cancellation_);
+  runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
+  ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
+  const std::int64_t all = outcome.result->active_block_count;
+  statistics->mutable_missing_shards()->Assign(missing.begin(), missing.end());
+  statistics->set_active_block_coverage(
+      all == 0 ? 1.0
+               : static_cast<double>(statistics->active_block_count()) / static_cast<double>(all));
+  runner_->metrics()->partial_frames.Add();
   return absl::OkStatus();
 }
 
@@ -401,7 +438,7 @@ absl::StatusOr<FrameResult> FrameCall::Draw(std::int64_t frame_number, const Fra
   request.clear_ambient_occlusion();
   request.clear_silhouette();
   const base::TraceScope trace(trace_.get(), "agents");
-  return runner_->Run(IdentityOf(frame_number), request, spec, target, cancellation_);
+  return runner_->Run(IdentityOf(frame_number), request, spec, target, cancellation_, &parts_);
 }
 
 void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* response) const {
@@ -433,9 +470,12 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
   ShowSurfacesOnCaps(&spec_, &request_);
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameResult result, runner_->Run(IdentityOf(frame_number), request_,
-                                                             spec_, target, cancellation_));
+  parts_ = target.parts;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      FrameResult result,
+      runner_->Run(IdentityOf(frame_number), request_, spec_, target, cancellation_, &parts_));
   *response->mutable_statistics() = StatisticsOf(result);
+  ISOSCOPE_RETURN_IF_ERROR(AddMissingShards(target, response->mutable_statistics()));
   image_ = std::move(result.image);
   layers_ = std::move(result.layers);
   runner_->arena()->execute([&] { picture::ShowNearest(layers_, &image_); });
@@ -455,8 +495,8 @@ absl::Status FrameCall::AddGradients(const FrameTarget& target, v1::PickSurfaceR
   if (points.empty()) {
     return absl::OkStatus();
   }
-  const QueryOutcome<std::vector<std::optional<math::Vec3d>>> outcome =
-      AskGradients(target.dataset, points, origin_.request, cancellation_);
+  const QueryOutcome<std::vector<std::optional<math::Vec3d>>> outcome = AskGradients(
+      {target.dataset.dataset.dataset_id(), parts_}, points, origin_.request, cancellation_);
   runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   std::size_t next = 0;
@@ -497,7 +537,7 @@ absl::Status FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTar
     return absl::InternalError(absl::StrCat("pixel ", pixel.x, ", ", pixel.y, " shows block ",
                                             point->block_id, ", which no agent has"));
   }
-  const std::vector<int>& shards = target.dataset.agents[*agent].shard_indices;
+  const std::vector<int>& shards = parts_[*agent].shard_indices;
   if (shards.size() == 1) {
     out->set_shard_index(shards.front());
   }

@@ -54,6 +54,7 @@
 #include "server/depth_grid.h"
 #include "server/frame_board.h"
 #include "server/frame_output.h"
+#include "server/frame_part.h"
 #include "server/frame_runner.h"
 
 namespace isoscope::server {
@@ -133,6 +134,11 @@ class FrameCall {
   absl::Status TryPick(std::int64_t frame_number, isoscope::v1::PickSurfaceResponse* response);
   absl::Status AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
                         const ActiveBlocks& active, isoscope::v1::PickSurfaceResponse* response);
+  absl::Status RenderOutput(std::int64_t frame_number, const FrameTarget& target,
+                            FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
+  // Says which shards the frame lacks, if it does.
+  absl::Status AddMissingShards(const FrameTarget& target,
+                                isoscope::v1::RenderStatistics* statistics);
   absl::Status RenderPicture(std::int64_t frame_number, const FrameTarget& target,
                              FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
   absl::Status RenderPlanes(std::int64_t frame_number, const FrameTarget& target,
@@ -168,6 +174,7 @@ class FrameCall {
   base::TraceTime trace_zero_;
   std::vector<isoscope::v1::ProcessTrace> agent_traces_;
   std::string dataset_name_;
+  std::vector<FramePart> parts_;  // of the target, without those that were lost on the way
   image::FrameImage image_;
   image::FrameImage drawn_;   // if the picture is another one
   image::LayerStack layers_;  // of what was drawn

@@ -1,20 +1,29 @@
-// A frame runs on one thread, which waits for the events of the agents. Each agent is at a stage. A
-// step of the frame begins when the last agent has reached its stage.
+// A frame runs on one thread, which waits for the events of the agents. Each part of the frame is
+// at a stage. A step of the frame begins when the last part has reached its stage.
 //
-//   event           allowed at           then                 when all agents are there
-//   ray hits        kSelectingOccluders  kRenderingOccluders  union of the hits; each agent gets
+//   event           allowed at           then                 when all parts are there
+//   ray hits        kSelectingOccluders  kRenderingOccluders  union of the hits; each part gets
 //                                                             its occluding blocks
 //   pixels          kRenderingOccluders  the arena            -
 //                   kRenderingVisible    composites them
-//   occluders done  kRenderingOccluders  kRenderingVisible    occlusion map; each agent gets its
+//   occluders done  kRenderingOccluders  kRenderingVisible    occlusion map; each part gets its
 //                                                             blocks that are not hidden
 //   frame done      kRenderingVisible    kDone                -
 //   end, OK         kDone                kEnded               the frame is complete
-//   end, error      any                  the frame fails
+//   end, error      any                  the part is repeated, or the frame fails
 //
-// Any other event breaks the protocol: INTERNAL. With Culling::kNone agents begin at
+// Any other event breaks the protocol: INTERNAL. With Culling::kNone parts begin at
 // kRenderingVisible. A frame that fails cancels all agents and waits until their streams have
 // ended, so that nobody works for it when RunFrame returns.
+//
+// Attempts. A part is tried on one replica at first. It is tried on the next one
+//   * when an attempt fails, and no other one is under way;
+//   * beside the first attempt, when that is late: its agent no longer answers, or it has used up
+//     its share of the deadline, or it takes twice as long as the other parts at this step.
+// An attempt begins at the first step and is told what the frame knows already, so it makes the
+// same messages as the one before. Its hits and pixels are reduced once more, which changes
+// nothing. The first attempt that is done wins: its statistics count, and the others are cancelled.
+// A part never goes back: while an attempt repeats what an earlier one did, the frame goes on.
 
 #include "server/frame_coordinator.h"
 
@@ -22,6 +31,7 @@
 #include <deque>
 #include <iterator>
 #include <new>
+#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -52,6 +62,18 @@ namespace {
 // One task tests this many blocks, in some hundred microseconds.
 constexpr std::size_t kBlocksPerTask = 512;
 
+// Between two looks for parts that are late, of a frame that has spare replicas.
+constexpr absl::Duration kWatchInterval = absl::Milliseconds(10);
+// A part that takes less is never too slow: a second attempt costs about as much.
+constexpr absl::Duration kMinSlowDuration = absl::Milliseconds(40);
+// An attempt that takes longer than this share of its time to the deadline gets company.
+constexpr int kDeadlineShare = 4;
+
+// Returns true if another agent might do better. The frame's own end is none of these.
+bool IsRepeatable(const absl::Status& status) {
+  return !absl::IsCancelled(status) && !absl::IsDeadlineExceeded(status);
+}
+
 struct RayHits {
   std::vector<volume::BlockId> hits;
   std::vector<volume::BlockId> active;
@@ -71,8 +93,14 @@ struct End {
   absl::Status status;
 };
 
+// One try of a part on one agent.
+struct AttemptId {
+  std::size_t part = 0;
+  std::size_t replica = 0;  // in the order in which the part tries them
+};
+
 struct Event {
-  std::size_t agent_index = 0;
+  AttemptId from;
   absl::Time arrival;
   std::variant<RayHits, Pixels, DrawnPixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
 };
@@ -89,16 +117,23 @@ class EventQueue {
     arrived_.Signal();
   }
 
-  // Waits for an event and returns all that have come. Returns the cancellation's error if it fires
-  // first.
-  absl::StatusOr<std::deque<Event>> PopAll(const base::Cancellation& cancellation)
+  // Waits for an event until `wake`, and returns all that have come; none may have. Returns the
+  // cancellation's error if it fires first.
+  absl::StatusOr<std::deque<Event>> PopAll(absl::Time wake, const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     std::deque<Event> events;
-    ISOSCOPE_RETURN_IF_ERROR(base::AwaitOrCancelled(cancellation, &mutex_, &arrived_,
-                                                    [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-                                                      events.swap(events_);
-                                                      return !events.empty();
-                                                    }));
+    {
+      const base::Cancellation::Callback stop(cancellation, [this] {
+        const base::MutexLock lock(&mutex_);
+        arrived_.SignalAll();
+      });
+      const base::MutexLock lock(&mutex_);
+      arrived_.AwaitUntil(&mutex_, std::min(wake, cancellation.deadline()),
+                          [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+                            return !events_.empty() || cancellation.is_cancelled();
+                          });
+      events.swap(events_);
+    }
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     return events;
   }
@@ -111,8 +146,7 @@ class EventQueue {
 
 class QueueingListener final : public AgentListener {
  public:
-  QueueingListener(std::size_t agent_index, EventQueue* queue)
-      : agent_index_(agent_index), queue_(queue) {}
+  QueueingListener(AttemptId id, EventQueue* queue) : id_(id), queue_(queue) {}
 
   void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
     Push(RayHits{std::move(hits), std::move(active)});
@@ -128,16 +162,17 @@ class QueueingListener final : public AgentListener {
  private:
   template <typename T>
   void Push(T what) {
-    queue_->Push({agent_index_, absl::Now(), std::move(what)});
+    queue_->Push({id_, absl::Now(), std::move(what)});
   }
 
-  const std::size_t agent_index_;
+  const AttemptId id_;
   EventQueue* const queue_;
 };
 
 class Frame {
  public:
-  Frame(const FrameSetup& setup, const base::Cancellation& cancellation, image::FrameImage image)
+  Frame(const FrameSetup& setup, const BeginAgentFrame& begin,
+        const base::Cancellation& cancellation, image::FrameImage image)
       : setup_(setup),
         cancellation_(cancellation),
         order_{.block_count = static_cast<std::uint32_t>(setup.layout->block_count()),
@@ -145,6 +180,7 @@ class Frame {
         clipper_(setup.spec->clip, setup.view->geometry()),
         has_layers_(frame::HasLayers(*setup.spec)),
         start_(absl::Now()),
+        begin_(begin),
         row_locks_(setup.view->image_size().height_px) {
     result_.image = std::move(image);
     if (has_layers_) {
@@ -154,142 +190,272 @@ class Frame {
     }
   }
 
-  FrameOutcome Run(const BeginAgentFrame& begin) {
-    absl::Status status = BeginAndDrive(begin);
+  FrameOutcome Run() {
+    absl::Status status = BeginAndDrive();
     if (!status.ok()) {
-      for (Agent& agent : agents_) {
-        agent.link->Cancel();
+      for (Part& part : parts_) {
+        for (Attempt& attempt : part.attempts) {
+          attempt.link->Cancel();
+        }
       }
-      FinishCompositing().IgnoreError();
+      setup_.arena->execute([&] { compositing_.wait(); });
     }
-    for (const Agent& agent : agents_) {
-      result_.network_bytes += agent.link->network_bytes();
+    for (Part& part : parts_) {
+      if (status.ok()) {
+        result_.network_bytes += part.attempts[*part.winner].link->network_bytes();
+        result_.agents.push_back(std::move(part.statistics));
+      }
     }
     {
       const base::TraceScope trace(setup_.trace, "end streams");
-      agents_.clear();
+      parts_.clear();
     }
-    if (!status.ok()) {
-      return {.status = std::move(status), .result = {}, .failures = std::move(failures_)};
+    FrameOutcome outcome{.status = std::move(status),
+                         .result = {},
+                         .failures = std::move(failures_),
+                         .outrun = std::move(outrun_),
+                         .lost_part = lost_part_,
+                         .hedge_count = hedge_count_};
+    if (outcome.status.ok()) {
+      result_.composite_duration = absl::Now() - phase_start_;
+      std::sort(result_.agents.begin(), result_.agents.end(),
+                [](const frame::AgentStatistics& a, const frame::AgentStatistics& b) {
+                  return a.shard_indices < b.shard_indices;
+                });
+      outcome.result = std::move(result_);
     }
-    result_.composite_duration = absl::Now() - phase_start_;
-    std::sort(result_.agents.begin(), result_.agents.end(),
-              [](const frame::AgentStatistics& a, const frame::AgentStatistics& b) {
-                return a.shard_indices < b.shard_indices;
-              });
-    return {.status = absl::OkStatus(), .result = std::move(result_), .failures = {}};
+    return outcome;
   }
 
  private:
-  struct Agent {
+  struct Attempt {
     std::unique_ptr<QueueingListener> listener;  // outlives the link
     std::unique_ptr<AgentLink> link;
     FrameStage stage = FrameStage::kSelectingOccluders;
+    absl::Time begin;
+    bool is_live = true;  // else its events no longer count
   };
 
-  absl::Status BeginAndDrive(const BeginAgentFrame& begin) {
+  struct Part {
+    std::vector<Attempt> attempts;  // one for each replica that was tried, in their order
+    FrameStage stage = FrameStage::kSelectingOccluders;  // the farthest of any attempt
+    absl::Time stage_begin;
+    std::optional<std::size_t> winner;  // among attempts
+    frame::AgentStatistics statistics;  // of the winner
+    // What every attempt is told at the begin of steps 2 and 3.
+    std::vector<volume::BlockId> occluders;
+    std::vector<volume::BlockId> visible;
+    std::string open_pixels;
+  };
+
+  [[nodiscard]] FrameStage FirstStage() const {
+    return setup_.spec->culling == frame::Culling::kNone ? FrameStage::kRenderingVisible
+                                                         : FrameStage::kSelectingOccluders;
+  }
+
+  absl::Status BeginAndDrive() {
     phase_start_ = start_;
     BeginPhase(setup_.spec->culling == frame::Culling::kNone ? FrameStep::kVisibilityCulling
                                                              : FrameStep::kOccluderSelection);
-    reported_.resize(static_cast<std::size_t>(setup_.agent_count));
-    for (int i = 0; i < setup_.agent_count; ++i) {
-      Agent agent;
-      agent.listener = std::make_unique<QueueingListener>(static_cast<std::size_t>(i), &queue_);
-      agent.stage = setup_.spec->culling == frame::Culling::kNone ? FrameStage::kRenderingVisible
-                                                                  : FrameStage::kSelectingOccluders;
-      ISOSCOPE_ASSIGN_OR_RETURN(agent.link, begin(i, agent.listener.get()));
-      agents_.push_back(std::move(agent));
+    reported_.resize(setup_.replica_counts.size());
+    parts_.resize(setup_.replica_counts.size());
+    bool has_replicas = false;
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      parts_[i].stage = FirstStage();
+      ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
+      has_replicas = has_replicas || HasSpare(i);
     }
     if (setup_.active != nullptr && setup_.spec->culling != frame::Culling::kNone) {
       FindFootprints(*setup_.active);  // while the agents cast rays
     }
-    while (!AllAt(FrameStage::kEnded)) {
-      base::TraceScope wait(setup_.trace, "wait for agents");
-      absl::StatusOr<std::deque<Event>> events = queue_.PopAll(cancellation_);
-      wait.End();
-      if (!events.ok()) {
-        return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
+    while (true) {
+      while (!AllAt(FrameStage::kEnded)) {
+        base::TraceScope wait(setup_.trace, "wait for agents");
+        absl::StatusOr<std::deque<Event>> events = queue_.PopAll(
+            has_replicas ? absl::Now() + kWatchInterval : absl::InfiniteFuture(), cancellation_);
+        wait.End();
+        if (!events.ok()) {
+          return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
+        }
+        for (Event& event : *events) {
+          ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
+        }
+        if (has_replicas) {
+          ISOSCOPE_RETURN_IF_ERROR(RepeatLateParts());
+        }
       }
-      for (Event& event : *events) {
-        ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
+      ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
+      if (AllAt(FrameStage::kEnded)) {  // else a part had sent damaged pixels last
+        return absl::OkStatus();
       }
     }
-    return FinishCompositing();
   }
 
-  absl::Status Handle(Event event) {
-    const std::size_t agent_index = event.agent_index;
-    Agent& agent = agents_[agent_index];
-    last_arrival_ = event.arrival;
-    if (auto* hits = std::get_if<RayHits>(&event.what)) {
-      return HandleRayHits(agent_index, std::move(*hits));
-    }
-    if (auto* pixels = std::get_if<Pixels>(&event.what)) {
-      return HandlePixels(agent_index, std::move(pixels->bands));
-    }
-    if (auto* drawn = std::get_if<DrawnPixels>(&event.what)) {
-      return HandleDrawnPixels(agent_index, std::move(drawn->pixels));
-    }
-    if (std::holds_alternative<OccludersDone>(event.what)) {
-      return HandleOccludersDone(agent_index);
-    }
-    if (std::holds_alternative<PixelsDamaged>(event.what)) {
-      return FinishCompositing();
-    }
-    if (auto* done = std::get_if<FrameDone>(&event.what)) {
-      if (!IsAt(agent, FrameStage::kRenderingVisible)) {
-        return OutOfOrder(agent_index, "the end of the frame");
-      }
-      agent.stage = FrameStage::kDone;
-      result_.agents.push_back(std::move(done->statistics));
-      if (AllAt(FrameStage::kDone)) {
-        EndPhase(&result_.visibility_culling_duration, "visibility culling", FrameStep::kFinishing);
-      }
-      return absl::OkStatus();
-    }
-    const absl::Status& status = std::get<End>(event.what).status;
-    if (absl::IsDeadlineExceeded(status)) {
-      return DeadlineError();
-    }
-    if (!status.ok()) {
-      return Fail(agent_index, status);
-    }
-    if (agent.stage != FrameStage::kDone) {
-      return OutOfOrder(agent_index, "the end of the stream");
-    }
-    agent.stage = FrameStage::kEnded;
+  [[nodiscard]] bool HasSpare(std::size_t part_index) const {
+    return parts_[part_index].attempts.size() <
+           static_cast<std::size_t>(setup_.replica_counts[part_index]);
+  }
+
+  [[nodiscard]] static std::size_t LiveCount(const Part& part) {
+    return static_cast<std::size_t>(
+        std::count_if(part.attempts.begin(), part.attempts.end(),
+                      [](const Attempt& attempt) { return attempt.is_live; }));
+  }
+
+  // Tries a part on its next replica. REQUIRES: there is one.
+  absl::Status BeginAttempt(std::size_t part_index) {
+    Part& part = parts_[part_index];
+    const std::size_t replica = part.attempts.size();
+    Attempt attempt;
+    attempt.listener = std::make_unique<QueueingListener>(AttemptId{part_index, replica}, &queue_);
+    attempt.stage = FirstStage();
+    attempt.begin = absl::Now();
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        attempt.link,
+        begin_(static_cast<int>(part_index), static_cast<int>(replica), attempt.listener.get()));
+    part.attempts.push_back(std::move(attempt));
     return absl::OkStatus();
   }
 
+  // Begins a second attempt of each part whose first one is late.
+  absl::Status RepeatLateParts() {
+    const absl::Time now = absl::Now();
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      const Part& part = parts_[i];
+      if (part.stage >= FrameStage::kDone || !HasSpare(i) || LiveCount(part) != 1) {
+        continue;
+      }
+      const auto live = std::find_if(part.attempts.begin(), part.attempts.end(),
+                                     [](const Attempt& attempt) { return attempt.is_live; });
+      const auto replica = static_cast<int>(live - part.attempts.begin());
+      const auto spare = static_cast<int>(part.attempts.size());
+      const bool is_lost =
+          setup_.is_lost != nullptr && setup_.is_lost(static_cast<int>(i), replica);
+      const bool has_used_its_time =
+          now - live->begin > (cancellation_.deadline() - live->begin) / kDeadlineShare;
+      if (is_lost || has_used_its_time) {
+        ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
+      } else if (IsSlow(part, now) && setup_.may_hedge != nullptr &&
+                 setup_.may_hedge(static_cast<int>(i), spare)) {
+        ++hedge_count_;
+        ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  // Returns true if a part takes twice as long as the slowest of the others, which are at least as
+  // many as those that are not there yet.
+  [[nodiscard]] bool IsSlow(const Part& part, absl::Time now) const {
+    std::size_t behind = 0;
+    absl::Duration slowest = kMinSlowDuration / 2;
+    for (const Part& other : parts_) {
+      if (other.stage <= part.stage) {
+        ++behind;
+      } else {
+        slowest = std::max(slowest, other.stage_begin - phase_start_);
+      }
+    }
+    return 2 * behind <= parts_.size() && now - phase_start_ > 2 * slowest;
+  }
+
+  void SetStage(FrameStage stage, Part* part) {
+    part->stage = stage;
+    part->stage_begin = last_arrival_;
+  }
+
+  absl::Status Handle(Event event) {
+    const AttemptId id = event.from;
+    Attempt& attempt = AttemptOf(id);
+    if (std::holds_alternative<PixelsDamaged>(event.what)) {
+      return FinishCompositing();
+    }
+    if (!attempt.is_live) {
+      return absl::OkStatus();
+    }
+    last_arrival_ = event.arrival;
+    if (auto* hits = std::get_if<RayHits>(&event.what)) {
+      return HandleRayHits(id, std::move(*hits));
+    }
+    if (auto* pixels = std::get_if<Pixels>(&event.what)) {
+      return HandlePixels(id, std::move(pixels->bands));
+    }
+    if (auto* drawn = std::get_if<DrawnPixels>(&event.what)) {
+      return HandleDrawnPixels(id, std::move(drawn->pixels));
+    }
+    if (std::holds_alternative<OccludersDone>(event.what)) {
+      return HandleOccludersDone(id);
+    }
+    if (auto* done = std::get_if<FrameDone>(&event.what)) {
+      return HandleFrameDone(id, std::move(done->statistics));
+    }
+    return HandleEnd(id, std::get<End>(event.what).status);
+  }
+
+  [[nodiscard]] Attempt& AttemptOf(AttemptId id) { return parts_[id.part].attempts[id.replica]; }
+
+  absl::Status HandleFrameDone(AttemptId id, frame::AgentStatistics statistics) {
+    Part& part = parts_[id.part];
+    if (!IsAt(AttemptOf(id), FrameStage::kRenderingVisible)) {
+      return OutOfOrder(id, "the end of the frame");
+    }
+    AttemptOf(id).stage = FrameStage::kDone;
+    SetStage(FrameStage::kDone, &part);
+    part.winner = id.replica;
+    part.statistics = std::move(statistics);
+    for (std::size_t i = 0; i < part.attempts.size(); ++i) {
+      Attempt& other = part.attempts[i];
+      if (i != id.replica && other.is_live) {
+        other.is_live = false;
+        other.link->Cancel();
+        if (i < id.replica) {
+          outrun_.push_back(other.link->agent());
+        }
+      }
+    }
+    if (AllAt(FrameStage::kDone)) {
+      EndPhase(&result_.visibility_culling_duration, "visibility culling", FrameStep::kFinishing);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleEnd(AttemptId id, const absl::Status& status) {
+    Attempt& attempt = AttemptOf(id);
+    // An agent that is lost after its last message has done its part.
+    if (status.ok() || absl::IsUnavailable(status)) {
+      if (attempt.stage == FrameStage::kDone) {
+        attempt.is_live = false;
+        SetStage(FrameStage::kEnded, &parts_[id.part]);
+        return absl::OkStatus();
+      }
+      return status.ok() ? OutOfOrder(id, "the end of the stream") : Fail(id, status);
+    }
+    return absl::IsDeadlineExceeded(status) ? DeadlineError() : Fail(id, status);
+  }
+
   // Lets the arena composite the bands while others arrive.
-  absl::Status HandlePixels(std::size_t agent_index, std::vector<std::string> bands) {
-    const Agent& agent = agents_[agent_index];
-    if (!IsAt(agent, FrameStage::kRenderingOccluders) &&
-        !IsAt(agent, FrameStage::kRenderingVisible)) {
-      return OutOfOrder(agent_index, "pixels");
+  absl::Status HandlePixels(AttemptId id, std::vector<std::string> bands) {
+    if (!IsRendering(AttemptOf(id))) {
+      return OutOfOrder(id, "pixels");
     }
     is_composited_into_ = true;
     setup_.arena->execute([&] {
       for (std::string& band : bands) {
-        compositing_.run(
-            [this, agent_index, owned = std::move(band)] { CompositeBand(agent_index, owned); });
+        compositing_.run([this, id, owned = std::move(band)] { CompositeBand(id, owned); });
       }
     });
     return absl::OkStatus();
   }
 
   // The first image becomes the result; the arena composites others into it.
-  absl::Status HandleDrawnPixels(std::size_t agent_index, image::DrawnPixels pixels) {
-    const Agent& agent = agents_[agent_index];
-    if (!IsAt(agent, FrameStage::kRenderingOccluders) &&
-        !IsAt(agent, FrameStage::kRenderingVisible)) {
-      return OutOfOrder(agent_index, "pixels");
+  absl::Status HandleDrawnPixels(AttemptId id, image::DrawnPixels pixels) {
+    if (!IsRendering(AttemptOf(id))) {
+      return OutOfOrder(id, "pixels");
     }
     if (pixels.image.width != result_.image.width || pixels.image.height != result_.image.height) {
-      return Fail(agent_index,
-                  absl::InternalError(absl::StrFormat("drew %d x %d pixels of %d x %d",
-                                                      pixels.image.width, pixels.image.height,
-                                                      result_.image.width, result_.image.height)));
+      return Fail(id, absl::InternalError(absl::StrFormat(
+                          "drew %d x %d pixels of %d x %d", pixels.image.width, pixels.image.height,
+                          result_.image.width, result_.image.height)));
     }
     if (!std::exchange(is_composited_into_, true)) {
       std::swap(result_.image, pixels.image);
@@ -298,15 +464,14 @@ class Frame {
       }
     }
     setup_.arena->execute([&] {
-      compositing_.run(
-          [this, agent_index, owned = std::make_shared<image::DrawnPixels>(std::move(pixels))] {
-            CompositeDrawn(agent_index, *owned);
-          });
+      compositing_.run([this, id, owned = std::make_shared<image::DrawnPixels>(std::move(pixels))] {
+        CompositeDrawn(id, *owned);
+      });
     });
     return absl::OkStatus();
   }
 
-  void CompositeDrawn(std::size_t agent_index, const image::DrawnPixels& pixels) {
+  void CompositeDrawn(AttemptId id, const image::DrawnPixels& pixels) {
     try {
       tbb::parallel_for(0, pixels.image.touched.rows(), [&](int row) {
         const base::MutexLock lock(&row_locks_.OfTileRow(row));
@@ -316,7 +481,7 @@ class Frame {
         }
       });
     } catch (const std::bad_alloc&) {
-      ReportDamage(agent_index, NoMemoryForLayers());
+      ReportDamage(id, NoMemoryForLayers());
     }
   }
 
@@ -324,7 +489,7 @@ class Frame {
     return absl::ResourceExhaustedError("the coordinator has no memory for more layers");
   }
 
-  void CompositeBand(std::size_t agent_index, absl::string_view band) {
+  void CompositeBand(AttemptId id, absl::string_view band) {
     const base::TraceScope trace(setup_.trace, "composite");
     absl::Status status;
     try {
@@ -334,45 +499,56 @@ class Frame {
       status = NoMemoryForLayers();
     }
     if (!status.ok()) {
-      ReportDamage(agent_index, status);
+      ReportDamage(id, status);
     }
   }
 
-  void ReportDamage(std::size_t agent_index, const absl::Status& status)
-      ABSL_LOCKS_EXCLUDED(damage_mutex_) {
+  void ReportDamage(AttemptId id, const absl::Status& status) ABSL_LOCKS_EXCLUDED(damage_mutex_) {
     const base::MutexLock lock(&damage_mutex_);
-    if (damage_.ok()) {
-      damage_ = {status.code(), absl::StrCat("pixels: ", status.message())};
-      damaging_agent_ = agent_index;
-      queue_.Push({agent_index, absl::Now(), PixelsDamaged{}});
-    }
+    damages_.emplace_back(id,
+                          absl::Status(status.code(), absl::StrCat("pixels: ", status.message())));
+    queue_.Push({id, absl::Now(), PixelsDamaged{}});
   }
 
-  // Returns once all bands that have arrived are in the image.
+  // Returns once all bands that have arrived are in the image. What was damaged is not, and its
+  // part is repeated.
   absl::Status FinishCompositing() ABSL_LOCKS_EXCLUDED(damage_mutex_) {
     {
       const base::TraceScope trace(setup_.trace, "finish compositing");
       setup_.arena->execute([&] { compositing_.wait(); });
     }
-    absl::Status damage;
-    std::size_t agent_index = 0;
+    std::vector<std::pair<AttemptId, absl::Status>> damages;
     {
       const base::MutexLock lock(&damage_mutex_);
-      damage = std::exchange(damage_, absl::OkStatus());
-      agent_index = damaging_agent_;
+      damages.swap(damages_);
     }
-    return damage.ok() ? damage : Fail(agent_index, damage);
+    for (auto& [id, status] : damages) {
+      const Part& part = parts_[id.part];
+      if (part.winner != id.replica && (part.winner.has_value() || !AttemptOf(id).is_live)) {
+        continue;  // another attempt has sent all pixels, or will
+      }
+      ISOSCOPE_RETURN_IF_ERROR(Fail(id, std::move(status)));
+    }
+    return absl::OkStatus();
   }
 
-  absl::Status HandleRayHits(std::size_t agent_index, RayHits hits) {
-    Agent& agent = agents_[agent_index];
-    if (agent.stage != FrameStage::kSelectingOccluders) {
-      return OutOfOrder(agent_index, "ray hits");
+  absl::Status HandleRayHits(AttemptId id, RayHits hits) {
+    Attempt& attempt = AttemptOf(id);
+    Part& part = parts_[id.part];
+    if (attempt.stage != FrameStage::kSelectingOccluders) {
+      return OutOfOrder(id, "ray hits");
     }
-    agent.stage = FrameStage::kRenderingOccluders;
+    attempt.stage = FrameStage::kRenderingOccluders;
+    if (part.stage != FrameStage::kSelectingOccluders) {  // an earlier attempt had told the same
+      if (AllAt(FrameStage::kRenderingOccluders)) {
+        attempt.link->SendOccluders(part.occluders);
+      }
+      return absl::OkStatus();
+    }
+    SetStage(FrameStage::kRenderingOccluders, &part);
     hits_ = visibility::UnionOfHits(hits_, hits.hits);
     if (setup_.active == nullptr) {
-      reported_[agent_index] = std::move(hits.active);
+      reported_[id.part] = std::move(hits.active);
     }
     if (AllAt(FrameStage::kRenderingOccluders)) {
       result_.active = setup_.active != nullptr ? setup_.active
@@ -393,15 +569,20 @@ class Frame {
     if (footprints_.empty()) {
       FindFootprints(active);
     }
-    const std::vector<AgentPart> parts =
-        SelectBlocks([&](std::size_t active_index, AgentPart* part) {
+    std::vector<Selection> selections =
+        SelectBlocks([&](std::size_t active_index, Selection* part) {
           if (occluding_.Contains(active.ids[active_index]) &&
               !footprints_[active_index].rect.empty()) {
             part->blocks.push_back(active.ids[active_index]);
           }
         });
-    for (std::size_t i = 0; i < agents_.size(); ++i) {
-      agents_[i].link->SendOccluders(parts[i].blocks);
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      parts_[i].occluders = std::move(selections[i].blocks);
+      for (Attempt& attempt : parts_[i].attempts) {
+        if (attempt.is_live && attempt.stage == FrameStage::kRenderingOccluders) {
+          attempt.link->SendOccluders(parts_[i].occluders);
+        }
+      }
     }
   }
 
@@ -430,25 +611,25 @@ class Frame {
     });
   }
 
-  // The part of one agent in a step: the blocks that it draws.
-  struct AgentPart {
+  // The blocks that one part draws in a step.
+  struct Selection {
     std::vector<volume::BlockId> blocks;
     std::vector<image::PixelMask> open;  // the pixels that each could win; or none
   };
 
-  // Calls select(active index, part to add it to) for every active block, in parallel, and joins
-  // the parts of each agent in order.
+  // Calls select(active index, selection to add it to) for every active block, in parallel, and
+  // joins the selections of each part in order.
   template <typename Fn>
-  [[nodiscard]] std::vector<AgentPart> SelectBlocks(const Fn& select) const {
+  [[nodiscard]] std::vector<Selection> SelectBlocks(const Fn& select) const {
     const ActiveBlocks& active = *result_.active;
     struct Task {
-      std::size_t agent_index = 0;
+      std::size_t part_index = 0;
       std::size_t begin = 0;
       std::size_t end = 0;
-      AgentPart part;
+      Selection selection;
     };
     std::vector<Task> tasks;
-    for (std::size_t i = 0; i < agents_.size(); ++i) {
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
       for (std::size_t begin = active.begin_by_agent[i]; begin < active.begin_by_agent[i + 1];
            begin += kBlocksPerTask) {
         tasks.push_back(
@@ -459,25 +640,34 @@ class Frame {
       tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t index) {
         Task& task = tasks[index];
         for (std::size_t active_index = task.begin; active_index < task.end; ++active_index) {
-          select(active_index, &task.part);
+          select(active_index, &task.selection);
         }
       });
     });
-    std::vector<AgentPart> parts(agents_.size());
+    std::vector<Selection> selections(parts_.size());
     for (Task& task : tasks) {
-      AgentPart& part = parts[task.agent_index];
-      part.blocks.insert(part.blocks.end(), task.part.blocks.begin(), task.part.blocks.end());
-      std::move(task.part.open.begin(), task.part.open.end(), std::back_inserter(part.open));
+      Selection& of_part = selections[task.part_index];
+      Selection& of_task = task.selection;
+      of_part.blocks.insert(of_part.blocks.end(), of_task.blocks.begin(), of_task.blocks.end());
+      std::move(of_task.open.begin(), of_task.open.end(), std::back_inserter(of_part.open));
     }
-    return parts;
+    return selections;
   }
 
-  absl::Status HandleOccludersDone(std::size_t agent_index) {
-    Agent& agent = agents_[agent_index];
-    if (!IsAt(agent, FrameStage::kRenderingOccluders)) {
-      return OutOfOrder(agent_index, "the end of the occluders");
+  absl::Status HandleOccludersDone(AttemptId id) {
+    Attempt& attempt = AttemptOf(id);
+    Part& part = parts_[id.part];
+    if (!IsAt(attempt, FrameStage::kRenderingOccluders)) {
+      return OutOfOrder(id, "the end of the occluders");
     }
-    agent.stage = FrameStage::kRenderingVisible;
+    attempt.stage = FrameStage::kRenderingVisible;
+    if (part.stage != FrameStage::kRenderingOccluders) {
+      if (AllAt(FrameStage::kRenderingVisible)) {
+        attempt.link->SendVisibleBlocks(part.visible, part.open_pixels);
+      }
+      return absl::OkStatus();
+    }
+    SetStage(FrameStage::kRenderingVisible, &part);
     if (AllAt(FrameStage::kRenderingVisible)) {
       ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
       SendVisibleBlocks();
@@ -495,8 +685,8 @@ class Frame {
           result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
     });
     const ActiveBlocks& active = *result_.active;
-    const std::vector<AgentPart> parts =
-        SelectBlocks([&](std::size_t active_index, AgentPart* part) {
+    std::vector<Selection> selections =
+        SelectBlocks([&](std::size_t active_index, Selection* part) {
           const view::Footprint& footprint = footprints_[active_index];
           const bool is_drawn = !has_layers_ && occluding_.Contains(active.ids[active_index]);
           if (is_drawn || footprint.rect.empty() || map.Hides(footprint)) {
@@ -508,22 +698,34 @@ class Frame {
             part->open.push_back(map.OpenPixels(footprint));
           }
         });
-    for (std::size_t i = 0; i < agents_.size(); ++i) {
-      agents_[i].link->SendVisibleBlocks(
-          parts[i].blocks, has_depth ? visibility::EncodeOpenPixels(parts[i].open) : std::string());
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      Part& part = parts_[i];
+      part.visible = std::move(selections[i].blocks);
+      if (has_depth) {
+        part.open_pixels = visibility::EncodeOpenPixels(selections[i].open);
+      }
+      for (Attempt& attempt : part.attempts) {
+        if (attempt.is_live && attempt.stage == FrameStage::kRenderingVisible) {
+          attempt.link->SendVisibleBlocks(part.visible, part.open_pixels);
+        }
+      }
     }
   }
 
-  // Returns true if every agent is at `stage` or farther.
+  // Returns true if every part is at `stage` or farther.
   [[nodiscard]] bool AllAt(FrameStage stage) const {
-    return std::all_of(agents_.begin(), agents_.end(),
-                       [stage](const Agent& agent) { return agent.stage >= stage; });
+    return std::all_of(parts_.begin(), parts_.end(),
+                       [stage](const Part& part) { return part.stage >= stage; });
   }
 
-  // Returns true if `agent` is at `stage` and was asked for it. A step begins once all agents are
-  // there.
-  [[nodiscard]] bool IsAt(const Agent& agent, FrameStage stage) const {
-    return agent.stage == stage && AllAt(stage);
+  // Returns true if the attempt is at `stage` and was asked for it. A step begins once all parts
+  // are there.
+  [[nodiscard]] bool IsAt(const Attempt& attempt, FrameStage stage) const {
+    return attempt.stage == stage && AllAt(stage);
+  }
+  [[nodiscard]] bool IsRendering(const Attempt& attempt) const {
+    return IsAt(attempt, FrameStage::kRenderingOccluders) ||
+           IsAt(attempt, FrameStage::kRenderingVisible);
   }
 
   void BeginPhase(FrameStep step) {
@@ -544,36 +746,68 @@ class Frame {
     BeginPhase(next);
     const absl::Time now =
         duration == &result_.visibility_culling_duration ? last_arrival_ : absl::Now();
-    *duration = std::max(now - phase_start_, absl::ZeroDuration());
+    // The last step ends a second time if its last pixels were damaged.
+    *duration += std::max(now - phase_start_, absl::ZeroDuration());
     phase_start_ = std::max(now, phase_start_);
   }
 
-  // Notes the agent that failed, and ends the frame.
-  absl::Status Fail(std::size_t agent_index, absl::Status status) {
-    const Agent& agent = agents_[agent_index];
-    failures_.push_back({.agent_index = agent_index,
-                         .agent = agent.link->agent(),
-                         .stage = agent.stage,
+  // Notes the agent that failed. Tries its part elsewhere if nobody else works on it; if there is
+  // no other agent, the frame ends with the error.
+  absl::Status Fail(AttemptId id, absl::Status status) {
+    Part& part = parts_[id.part];
+    Attempt& attempt = AttemptOf(id);
+    NoteFailure(id, attempt.stage, status);
+    attempt.is_live = false;
+    attempt.link->Cancel();
+    if (part.winner == id.replica) {  // it had said that it was done
+      part.winner.reset();
+      part.stage = FrameStage::kRenderingVisible;
+    }
+    if (LiveCount(part) > 0) {
+      return absl::OkStatus();
+    }
+    if (HasSpare(id.part) && IsRepeatable(status)) {
+      return BeginAttempt(id.part);
+    }
+    lost_part_ = id.part;
+    const absl::Status error = failures_.back().ToStatus();
+    if (part.attempts.size() == 1) {
+      return error;
+    }
+    return {error.code(), absl::StrCat(error.message(), " (the last of ", part.attempts.size(),
+                                       " agents that serve it)")};
+  }
+
+  void NoteFailure(AttemptId id, FrameStage stage, absl::Status status) {
+    failures_.push_back({.part_index = id.part,
+                         .agent = AttemptOf(id).link->agent(),
+                         .stage = stage,
                          .status = std::move(status)});
-    return failures_.back().ToStatus();
   }
 
-  absl::Status OutOfOrder(std::size_t agent_index, const char* what) {
-    return Fail(agent_index, absl::InternalError(absl::StrFormat(
-                                 "sent %s out of order; its version may differ", what)));
+  absl::Status OutOfOrder(AttemptId id, const char* what) {
+    return Fail(id, absl::InternalError(
+                        absl::StrFormat("sent %s out of order; its version may differ", what)));
   }
 
-  // Returns the error of a passed deadline. The frame waits for the agents at the earliest stage.
+  // Returns the error of a passed deadline. The frame waits for the parts at the earliest stage.
   absl::Status DeadlineError() {
     FrameStage slowest = FrameStage::kEnded;
-    for (const Agent& agent : agents_) {
-      slowest = std::min(slowest, agent.stage);
+    for (const Part& part : parts_) {
+      slowest = std::min(slowest, part.stage);
     }
     std::vector<std::string> waiting;
-    for (std::size_t i = 0; i < agents_.size(); ++i) {
-      if (agents_[i].stage == slowest) {
-        waiting.push_back(NameOf(agents_[i].link->agent()));
-        Fail(i, absl::DeadlineExceededError("had not answered")).IgnoreError();
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      if (parts_[i].stage != slowest) {
+        continue;
+      }
+      for (std::size_t replica = 0; replica < parts_[i].attempts.size(); ++replica) {
+        const Attempt& attempt = parts_[i].attempts[replica];
+        const bool is_last = replica + 1 == parts_[i].attempts.size();
+        if (attempt.is_live || (is_last && LiveCount(parts_[i]) == 0)) {
+          waiting.push_back(NameOf(attempt.link->agent()));
+          NoteFailure({i, replica}, slowest, absl::DeadlineExceededError("had not answered"));
+        }
       }
     }
     return absl::DeadlineExceededError(absl::StrFormat(
@@ -592,9 +826,10 @@ class Frame {
   base::TraceTime phase_trace_start_;  // if there is a trace
   absl::Time last_arrival_;
   EventQueue queue_;  // outlives the links
-  std::vector<Agent> agents_;
+  const BeginAgentFrame& begin_;
+  std::vector<Part> parts_;
   std::vector<volume::BlockId> hits_;
-  std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by agent
+  std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by part
   volume::BlockSet occluding_;
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;
@@ -603,9 +838,11 @@ class Frame {
   // Decodes bands into the image while others arrive.
   tbb::task_group compositing_;
   base::Mutex damage_mutex_;
-  absl::Status damage_ ABSL_GUARDED_BY(damage_mutex_);  // the first one
-  std::size_t damaging_agent_ ABSL_GUARDED_BY(damage_mutex_) = 0;
+  std::vector<std::pair<AttemptId, absl::Status>> damages_ ABSL_GUARDED_BY(damage_mutex_);
   std::vector<AgentFailure> failures_;
+  std::vector<AgentIdentity> outrun_;
+  std::optional<std::size_t> lost_part_;
+  int hedge_count_ = 0;
 };
 
 }  // namespace
@@ -620,11 +857,9 @@ FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
   } catch (const std::bad_alloc&) {
     return {.status = absl::ResourceExhaustedError(
                 absl::StrFormat("the coordinator has no memory for a picture of %d x %d pixels",
-                                size.width_px, size.height_px)),
-            .result = {},
-            .failures = {}};
+                                size.width_px, size.height_px))};
   }
-  return Frame(setup, cancellation, std::move(image)).Run(begin);
+  return Frame(setup, begin, cancellation, std::move(image)).Run();
 }
 
 }  // namespace isoscope::server

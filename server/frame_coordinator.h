@@ -5,6 +5,10 @@
 // of arrival shows in the result. The coordinator computes once all that follows from a reduce, and
 // tells each agent its own part: its occluding blocks, then its blocks that the occluders do not
 // hide. So these messages do not grow with the number of agents (docs/architecture.md).
+//
+// A part is some shards. Agents that serve all of them are its replicas: when one is lost or late,
+// only its part is repeated, on the next one. All replicas have the frame's picture revision, so
+// they make the same fragments, and a fragment that comes twice counts once.
 
 #ifndef ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
 #define ISOSCOPE_SERVER_FRAME_COORDINATOR_H_
@@ -13,6 +17,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -38,7 +43,12 @@ struct FrameSetup {
   const view::View* view = nullptr;  // the spec's
   const volume::BlockLayout* layout = nullptr;
   image::TieRule ties = image::TieRule::kColor;  // of the agents' back end
-  int agent_count = 0;
+  // How many replicas can work on each part; at least 1.
+  std::vector<int> replica_counts;
+  // Returns true if a replica that a part is tried on no longer answers. Null: nobody knows.
+  std::function<bool(int part_index, int replica_index)> is_lost;
+  // Asked before a part that is only slow is also tried on a replica. Null: never.
+  std::function<bool(int part_index, int replica_index)> may_hedge;
   // The active blocks, if they are known: then no agent may be asked to report them. May be null.
   std::shared_ptr<const ActiveBlocks> active;
   image::FrameImagePool* images = nullptr;
@@ -65,19 +75,26 @@ struct FrameResult {
 // A frame that ran to its end.
 struct FrameOutcome {
   absl::Status status;  // OK: `result` is complete
-  FrameResult result;
-  // If the status is not OK: the agents that failed. Empty for a cancelled frame.
-  std::vector<AgentFailure> failures;
+  FrameResult result = {};
+  // The agents that failed, also those whose part another one then did.
+  std::vector<AgentFailure> failures = {};
+  // The agents whose part a replica finished first.
+  std::vector<AgentIdentity> outrun = {};
+  // The part that ended the frame, because none of its replicas could do it.
+  std::optional<std::size_t> lost_part = std::nullopt;
+  // Number of second attempts that may_hedge allowed.
+  int hedge_count = 0;
 };
 
-// Begins the frame on agent `agent_index` of all; `listener` outlives the link.
+// Begins a part of the frame on the replica of this index; `listener` outlives the link.
 using BeginAgentFrame = std::function<absl::StatusOr<std::unique_ptr<AgentLink>>(
-    int agent_index, AgentListener* listener)>;
+    int part_index, int replica_index, AgentListener* listener)>;
 
-// Runs one frame to its end. Blocks; a cancellation wakes it. A failure of any agent ends the frame
-// with AgentFailure::ToStatus and cancels the others. The frame ends no later than the deadline of
-// the cancellation, with a DEADLINE_EXCEEDED that names the agents that had not answered. The
-// setup's arena decodes and composites bands in parallel, as they arrive.
+// Runs one frame to its end. Blocks; a cancellation wakes it. An agent that fails is replaced by
+// the next replica of its part; without one the frame ends with AgentFailure::ToStatus, and the
+// others are cancelled. The frame ends no later than the deadline of the cancellation, with a
+// DEADLINE_EXCEEDED that names the agents that had not answered. The setup's arena decodes and
+// composites bands in parallel, as they arrive.
 FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                       const base::Cancellation& cancellation);
 

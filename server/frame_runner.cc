@@ -1,6 +1,8 @@
 #include "server/frame_runner.h"
 
 #include <algorithm>
+#include <deque>
+#include <iterator>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -20,16 +22,16 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// Splits agents of several shards into one for each shard.
-std::vector<AgentAssignment> EachShardApart(const std::vector<AgentAssignment>& agents) {
-  std::vector<AgentAssignment> apart;
-  for (const AgentAssignment& agent : agents) {
-    if (agent.shard_indices.size() > FrameRunner::kMaxShardsApart) {
-      apart.push_back(agent);
+// Splits parts of several shards into one for each shard.
+std::vector<FramePart> EachShardApart(const std::vector<FramePart>& parts) {
+  std::vector<FramePart> apart;
+  for (const FramePart& part : parts) {
+    if (part.shard_indices.size() > FrameRunner::kMaxShardsApart) {
+      apart.push_back(part);
       continue;
     }
-    for (const int shard : agent.shard_indices) {
-      apart.push_back({agent.address, agent.channel, {shard}});
+    for (const int shard : part.shard_indices) {
+      apart.push_back({{shard}, part.replicas});
     }
   }
   return apart;
@@ -54,13 +56,22 @@ absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& data
   return absl::OkStatus();
 }
 
-std::string ActiveKeyOf(const FrameTarget& target, const frame::FrameSpec& spec) {
+std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>& parts,
+                        const frame::FrameSpec& spec) {
   std::vector<std::vector<int>> shard_indices;
-  for (const AgentAssignment& agent : target.dataset.agents) {
-    shard_indices.push_back(agent.shard_indices);
+  shard_indices.reserve(parts.size());
+  for (const FramePart& part : parts) {
+    shard_indices.push_back(part.shard_indices);
   }
   return ActiveBlocksCache::KeyOf(target.dataset.dataset.dataset_id(), shard_indices,
                                   frame::IsovaluesOf(spec));
+}
+
+// Returns true if a picture without the part may be wanted: its agents are gone, or its shards are
+// damaged. Else the same would happen to the others.
+bool IsLoss(const absl::Status& status) {
+  return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
+         absl::IsDataLoss(status);
 }
 
 }  // namespace
@@ -113,29 +124,33 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
                                                     const base::Cancellation& cancellation,
                                                     const Caller& caller) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset, options_.registry->FindComplete(
-                                                      request->dataset(), cancellation, caller));
+  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset,
+                            options_.registry->FindComplete(request->dataset(), cancellation,
+                                                            caller, request->allow_partial()));
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
-  ISOSCOPE_RETURN_IF_ERROR(
-      PlaceCamera(dataset, geometry, layout, identity, cancellation, request, spec));
+  std::vector<FramePart> parts = replicas_.Choose(
+      dataset.replica_sets, ReplicaKeyOf(dataset.dataset.dataset_id(), frame::IsovaluesOf(*spec)));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera({dataset.dataset.dataset_id(), parts}, geometry, layout,
+                                       identity, cancellation, request, spec));
   ISOSCOPE_ASSIGN_OR_RETURN(
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
   ISOSCOPE_RETURN_IF_ERROR(
       frame::CheckOwners(frame::OwnerSurfaceCount(*spec), layout.block_count()));
   if (is_each_shard_apart) {
-    dataset.agents = EachShardApart(dataset.agents);
+    parts = EachShardApart(parts);
   }
   const frame::BackEnd drawn_by =
       frame::ShowsGradient(*spec) ? frame::BackEnd::kCpu : dataset.picture_revision.back_end;
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
-  return FrameTarget{std::move(dataset), std::move(view), std::move(layout), order};
+  return FrameTarget{std::move(dataset), std::move(parts), std::move(view), std::move(layout),
+                     order};
 }
 
-absl::Status FrameRunner::PlaceCamera(const DatasetState& dataset,
+absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
                                       const volume::GridGeometry& geometry,
                                       const volume::BlockLayout& layout,
                                       const base::TraceContext& identity,
@@ -144,13 +159,13 @@ absl::Status FrameRunner::PlaceCamera(const DatasetState& dataset,
                                       frame::FrameSpec* spec) {
   std::optional<math::Box3d> surface_bounds;
   if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
-    const QueryOutcome<std::optional<math::IndexBox>> outcome = AskActiveBox(
-        dataset, layout, frame::IsovaluesOf(*spec), request->clip(), identity, cancellation);
+    const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
+        query, layout, frame::IsovaluesOf(*spec), request->clip(), identity, cancellation);
     ReportFailures(identity, /*frame_number=*/0, outcome.failures);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
-    if (outcome.result->has_value()) {
+    if (outcome.result->cells.has_value()) {
       surface_bounds =
-          view::ClippedBounds(view::BoundsOfCells(geometry, **outcome.result), spec->clip);
+          view::ClippedBounds(view::BoundsOfCells(geometry, *outcome.result->cells), spec->clip);
     }
   }
   return rpc::ResolveCamera(geometry.Bounds(), request, spec, surface_bounds);
@@ -160,57 +175,117 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
                                              const isoscope::v1::RenderIsosurfaceRequest& request,
                                              const frame::FrameSpec& spec,
                                              const FrameTarget& target,
-                                             const base::Cancellation& cancellation) {
-  const DatasetState& dataset = target.dataset;
-  const std::string active_key = ActiveKeyOf(target, spec);
+                                             const base::Cancellation& cancellation,
+                                             std::vector<FramePart>* parts) {
+  isoscope::v1::RenderIsosurfaceRequest of_agents = request;
+  of_agents.clear_allow_partial();  // nothing to an agent
+  while (true) {
+    std::optional<std::size_t> lost_part;
+    absl::StatusOr<FrameResult> result =
+        RunParts(identity, of_agents, spec, target, *parts, cancellation, &lost_part);
+    const bool goes_on = request.allow_partial() && lost_part.has_value() && parts->size() > 1 &&
+                         IsLoss(result.status());
+    if (!goes_on) {
+      return result;
+    }
+    // From the beginning: a part that was lost has left some of its pixels in the picture.
+    parts->erase(parts->begin() + static_cast<std::ptrdiff_t>(*lost_part));
+  }
+}
+
+absl::StatusOr<FrameResult> FrameRunner::RunParts(
+    const FrameIdentity& identity, const isoscope::v1::RenderIsosurfaceRequest& request,
+    const frame::FrameSpec& spec, const FrameTarget& target, const std::vector<FramePart>& parts,
+    const base::Cancellation& cancellation, std::optional<std::size_t>* lost_part) {
+  const std::string active_key = ActiveKeyOf(target, parts, spec);
   FrameSetup setup;
   setup.spec = &spec;
   setup.view = &target.view;
   setup.layout = &target.layout;
   setup.ties = target.order.ties;
-  setup.agent_count = static_cast<int>(dataset.agents.size());
   setup.active = active_blocks_.Find(active_key);
   setup.images = images_.get();
   setup.arena = options_.arena.get();
   setup.trace = identity.trace;
   setup.step = identity.step;
+  for (const FramePart& part : parts) {
+    setup.replica_counts.push_back(static_cast<int>(part.replicas.size()));
+  }
+  const auto replica_of = [&parts](int part_index, int replica_index) -> const ServingAgent& {
+    return parts[static_cast<std::size_t>(part_index)]
+        .replicas[static_cast<std::size_t>(replica_index)];
+  };
+  setup.is_lost = [&](int part_index, int replica_index) {
+    return !options_.registry->IsReachable(replica_of(part_index, replica_index).address);
+  };
+  setup.may_hedge = [&](int part_index, int replica_index) {
+    return replicas_.TryHedge(replica_of(part_index, replica_index).address);
+  };
   (setup.active != nullptr ? metrics_.active_blocks_hits : metrics_.active_blocks_misses).Add();
   internal::BeginFrame begin;
   begin.set_frame_number(identity.number);
-  begin.set_dataset_id(dataset.dataset.dataset_id());
+  begin.set_dataset_id(target.dataset.dataset.dataset_id());
   *begin.mutable_request() = request;
-  begin.set_agent_count(setup.agent_count);
+  begin.set_agent_count(static_cast<std::int32_t>(parts.size()));
   begin.set_report_active_blocks(setup.active == nullptr);
   begin.set_sends_normals(spec.sends_normals);
   begin.set_sends_map_steps(spec.sends_map_steps);
-  std::size_t first_trace = 0;
-  if (identity.trace != nullptr) {
-    first_trace = identity.agent_traces->size();
-    identity.agent_traces->resize(first_trace + dataset.agents.size());
-  }
+  std::deque<isoscope::v1::ProcessTrace> traces;  // of the attempts, each with a place of its own
+  std::vector<ReplicaBoard::Lease> leases;
   const auto begin_on_agent =
-      [&](int agent_index, AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
-    internal::BeginFrame of_agent = begin;
-    of_agent.set_agent_index(agent_index);
-    const auto index = static_cast<std::size_t>(agent_index);
+      [&](int part_index, int replica_index,
+          AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+    internal::BeginFrame of_part = begin;
+    of_part.set_agent_index(part_index);
+    const FramePart& part = parts[static_cast<std::size_t>(part_index)];
+    const AgentAssignment agent = part.On(static_cast<std::size_t>(replica_index));
     AgentTraceTarget trace_target;
     if (identity.trace != nullptr) {
-      trace_target = {.zero = identity.trace_zero,
-                      .trace = &(*identity.agent_traces)[first_trace + index]};
+      trace_target = {.zero = identity.trace_zero, .trace = &traces.emplace_back()};
     }
-    return BeginFrameOnAgent(dataset.agents[index], std::move(of_agent),
-                             dataset.dataset.block_count(), cancellation.deadline(),
-                             options_.mailboxes.get(), *identity.request, trace_target, listener);
+    leases.push_back(replicas_.Take(agent.address));
+    return BeginFrameOnAgent(agent, std::move(of_part), target.dataset.dataset.block_count(),
+                             cancellation.deadline(), options_.mailboxes.get(), *identity.request,
+                             trace_target, listener);
   };
   FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
+  LearnFrom(identity, outcome);
+  *lost_part = outcome.lost_part;
   if (!outcome.status.ok()) {
-    ReportFailures(*identity.request, identity.number, outcome.failures);
     return outcome.status;
+  }
+  if (identity.trace != nullptr) {
+    identity.agent_traces->insert(identity.agent_traces->end(),
+                                  std::make_move_iterator(traces.begin()),
+                                  std::make_move_iterator(traces.end()));
   }
   if (setup.active == nullptr && outcome.result.active != nullptr) {
     active_blocks_.Insert(active_key, outcome.result.active);
   }
   return std::move(outcome.result);
+}
+
+// Remembers which agents did well, so that the next frames begin with those.
+void FrameRunner::LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome) {
+  ReportFailures(*identity.request, identity.number, outcome.failures);
+  metrics_.hedged_parts.Add(outcome.hedge_count);
+  metrics_.outrun_parts.Add(static_cast<std::int64_t>(outcome.outrun.size()));
+  if (outcome.status.ok()) {
+    metrics_.repeated_parts.Add(static_cast<std::int64_t>(outcome.failures.size()));
+    for (const frame::AgentStatistics& agent : outcome.result.agents) {
+      replicas_.NoteSuccess(agent.agent_address);
+    }
+  }
+  for (const AgentFailure& failure : outcome.failures) {
+    replicas_.NoteTrouble(failure.agent.address);
+  }
+  for (const AgentIdentity& agent : outcome.outrun) {
+    replicas_.NoteTrouble(agent.address);
+    base::LogInfo("agent_outrun", {{"request", identity.request->request_id()},
+                                   {"frame", identity.number},
+                                   {"agent", agent.address},
+                                   {"shards", absl::StrJoin(agent.shard_indices, ",")}});
+  }
 }
 
 void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t frame_number,

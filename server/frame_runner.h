@@ -31,11 +31,14 @@
 #include "server/access_control.h"
 #include "server/active_blocks.h"
 #include "server/agent_failure.h"
+#include "server/agent_queries.h"
 #include "server/agent_registry.h"
 #include "server/coordinator_memory.h"
 #include "server/coordinator_metrics.h"
 #include "server/frame_board.h"
 #include "server/frame_coordinator.h"
+#include "server/frame_part.h"
+#include "server/replica_board.h"
 
 namespace isoscope::server {
 
@@ -51,9 +54,10 @@ struct FrameRunnerOptions {
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
 
-// A dataset, its agents, and the view of a frame on it.
+// A dataset, the parts of a frame on it, and its view.
 struct FrameTarget {
   DatasetState dataset;
+  std::vector<FramePart> parts;  // of all shards, unless some are missing (allow_partial)
   view::View view;
   volume::BlockLayout layout;
   image::FragmentOrder order;
@@ -74,7 +78,7 @@ struct FrameIdentity {
 // Thread-safe.
 class FrameRunner {
  public:
-  // An agent with more shards works on them as one, whatever `is_each_shard_apart` says.
+  // A part with more shards stays one, whatever `is_each_shard_apart` says.
   static constexpr std::size_t kMaxShardsApart = 32;
 
   explicit FrameRunner(const FrameRunnerOptions& options);
@@ -114,7 +118,7 @@ class FrameRunner {
 
   // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
   // can draw it. Resolves the camera in both `request` and `spec`. If `is_each_shard_apart`, each
-  // shard becomes an agent of its own. Errors as IsosurfaceService says.
+  // shard becomes a part of its own. Errors as IsosurfaceService says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                          frame::FrameSpec* spec, bool is_each_shard_apart,
                                          const base::TraceContext& identity,
@@ -122,13 +126,20 @@ class FrameRunner {
                                          const Caller& caller = {});
 
   // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
+  // With allow_partial, `parts` loses those that no agent could do, and the frame is of the others.
   absl::StatusOr<FrameResult> Run(const FrameIdentity& identity,
                                   const isoscope::v1::RenderIsosurfaceRequest& request,
                                   const frame::FrameSpec& spec, const FrameTarget& target,
-                                  const base::Cancellation& cancellation);
+                                  const base::Cancellation& cancellation,
+                                  std::vector<FramePart>* parts);
 
-  // Logs and counts the agents that made a frame fail (frame 0: an export or a query), and tells
-  // the registry about those that were lost or have changed.
+  // Returns the parts of a request that is not a frame.
+  [[nodiscard]] std::vector<FramePart> PartsOf(const DatasetState& dataset) const {
+    return replicas_.Choose(dataset.replica_sets, dataset.dataset.dataset_id());
+  }
+
+  // Logs and counts agents that failed (frame 0: in an export or a query), and tells the registry
+  // about those that were lost or have changed.
   void ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
                       const std::vector<AgentFailure>& failures);
 
@@ -139,8 +150,17 @@ class FrameRunner {
   [[nodiscard]] CoordinatorGauges gauges() const;
 
  private:
+  // One try of Run, with these parts. With an error, `lost_part` is the part that ended the frame,
+  // if one did.
+  absl::StatusOr<FrameResult> RunParts(const FrameIdentity& identity,
+                                       const isoscope::v1::RenderIsosurfaceRequest& request,
+                                       const frame::FrameSpec& spec, const FrameTarget& target,
+                                       const std::vector<FramePart>& parts,
+                                       const base::Cancellation& cancellation,
+                                       std::optional<std::size_t>* lost_part);
+  void LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome);
   // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
-  absl::Status PlaceCamera(const DatasetState& dataset, const volume::GridGeometry& geometry,
+  absl::Status PlaceCamera(const QueryTarget& query, const volume::GridGeometry& geometry,
                            const volume::BlockLayout& layout, const base::TraceContext& identity,
                            const base::Cancellation& cancellation,
                            isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
@@ -152,6 +172,7 @@ class FrameRunner {
   std::atomic<std::int64_t> next_frame_number_{1};
   std::atomic<int> frame_count_{0};  // in work or waiting
   ActiveBlocksCache active_blocks_;
+  ReplicaBoard replicas_;
   const std::shared_ptr<image::FrameImagePool> images_;
   base::Executor frame_executor_;  // last: its threads use the members above
 };

@@ -33,6 +33,10 @@ absl::Status CheckInteractiveOutput(const v1::ViewState& state) {
     return absl::InvalidArgumentError(
         "frame.with_trace is set: must be unset in a view state; ask RenderIsosurface for a trace");
   }
+  if (state.frame().allow_partial()) {
+    return absl::InvalidArgumentError(
+        "frame.allow_partial is set: must be unset in a view state, whose pictures are complete");
+  }
   if (output.depth() || output.surface_index() || output.position() || output.normal()) {
     return absl::InvalidArgumentError(
         "frame.output asks for a plane: a view state must not; ask RenderIsosurface for planes");

@@ -284,8 +284,8 @@ class IsosurfaceServiceImpl::ExportCall final
     }
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
-    for (const AgentAssignment& agent : dataset.agents) {
-      streams.push_back(std::make_unique<SurfaceStream>(agent, volume.layout, request,
+    for (FramePart& part : service_->options_.runner->PartsOf(dataset)) {
+      streams.push_back(std::make_unique<SurfaceStream>(std::move(part), volume.layout, request,
                                                         cancellation_.deadline(), identity_));
       sources.push_back(streams.back().get());
     }
@@ -296,13 +296,8 @@ class IsosurfaceServiceImpl::ExportCall final
         });
     ShareStreams({});
     std::vector<AgentFailure> failures;
-    for (std::size_t i = 0; i < streams.size(); ++i) {
-      if (!streams[i]->status().ok()) {
-        failures.push_back({.agent_index = i,
-                            .agent = streams[i]->agent(),
-                            .stage = FrameStage::kRenderingVisible,
-                            .status = streams[i]->status()});
-      }
+    for (const std::unique_ptr<SurfaceStream>& stream : streams) {
+      failures.insert(failures.end(), stream->failures().begin(), stream->failures().end());
     }
     service_->options_.runner->ReportFailures(identity_, /*frame_number=*/0, failures);
     return vertex_count;

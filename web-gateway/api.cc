@@ -392,6 +392,11 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       status = absl::InvalidArgumentError(
           "withTrace is true: an answer over HTTP has no trace; ask the coordinator for one");
     }
+    if (status.ok() && render_.allow_partial()) {
+      status = absl::InvalidArgumentError(
+          "allowPartial is true: a picture over HTTP can't say what is missing in it; ask the "
+          "coordinator");
+    }
     if (!status.ok()) {
       RespondError(status);
       return;

@@ -132,7 +132,10 @@ absl::StatusOr<ServerProcess> StartHoldingAgent(const std::string& upstream_addr
 absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& agent_addresses,
                                                const std::vector<std::string>& flags,
                                                bool wait_until_ready) {
-  std::vector<std::string> argv{kCoordinator, "--poll-seconds", "86400"};
+  std::vector<std::string> argv{kCoordinator};
+  if (std::find(flags.begin(), flags.end(), "--poll-seconds") == flags.end()) {
+    Append({"--poll-seconds", "86400"}, &argv);
+  }
   if (std::find(flags.begin(), flags.end(), "--listen") == flags.end()) {
     Append({"--listen", "127.0.0.1:0"}, &argv);
   }

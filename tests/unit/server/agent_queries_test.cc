@@ -183,6 +183,42 @@ TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
   }
 }
 
+// Both agents have all of the dataset; whoever is asked first fails.
+class ReplicaQueriesTest : public AgentQueriesTest {
+ protected:
+  void SetUp() override {
+    AgentQueriesTest::SetUp();
+    for (FakeAgent* agent : {&first_, &second_}) {
+      agent->SetShards({MakeShard("head", 0, 1)});
+      agent->on_histogram = [this](grpc::ServerContext*, const auto&, auto* response) {
+        if (++asked_count_ <= failing_count_) {
+          return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+        }
+        FillPart(1, 2, response);
+        return grpc::Status::OK;
+      };
+    }
+  }
+
+  std::atomic<int> asked_count_{0};
+  int failing_count_ = 1;
+};
+
+TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhereOneFails) {
+  StartCluster();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
+  EXPECT_EQ(asked_count_, 2);
+  ASSERT_EQ(response.bins_size(), 2);
+  EXPECT_EQ(response.bins(0).sample_count(), 1000);
+}
+
+TEST_F(ReplicaQueriesTest, WhereAllFailTheErrorIsTheLastOnes) {
+  failing_count_ = 2;
+  StartCluster();
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the disk smokes")));
+  EXPECT_EQ(asked_count_, 2);
+}
+
 TEST_F(AgentQueriesTest, AnAgentThatHangsIsNamedAtTheDeadlineAndACallerThatLeavesIsLetGo) {
   second_.on_histogram = [](grpc::ServerContext* context, const auto&, auto*) {
     while (!context->IsCancelled()) {

@@ -167,6 +167,49 @@ TEST(AgentRegistryTest, AReturningAgentServesTheNextFrameAtOnce) {
   EXPECT_EQ(ready_count.load(), 2);
 }
 
+// Without a probe that could answer: a frame that waited for one would end with its deadline.
+TEST(AgentRegistryTest, ALostAgentWithAReplicaIsLeftOutAndNotWaitedFor) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  cluster.Serve("b:1", {MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  EXPECT_TRUE(registry->IsReachable("a:1"));
+  EXPECT_FALSE(registry->IsReachable("x:1"));
+  cluster.Hang();
+  registry->ReportFailure("a:1");
+  const base::Cancellation never;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("head", never));
+  ASSERT_EQ(found.replica_sets.size(), 1u);
+  ASSERT_EQ(found.replica_sets[0].agents.size(), 1u);
+  EXPECT_EQ(found.replica_sets[0].agents[0].address, "b:1");
+  cluster.WaitUntilOneHangs();  // the lost one is asked all the same
+}
+
+TEST(AgentRegistryTest, WithoutSomeShardsADatasetIsFoundOnlyIfThatIsAllowed) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("b:1", {MakeShard("head", 1, 2)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  cluster.Stop("a:1");
+  registry->ReportFailure("a:1");
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("head", soon),
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const DatasetState found,
+      registry->FindComplete("head", soon, Caller(), /*allow_partial=*/true));
+  ASSERT_EQ(found.replica_sets.size(), 1u);
+  EXPECT_EQ(found.replica_sets[0].shard_indices, std::vector<int>{1});
+  cluster.Stop("b:1");
+  registry->ReportFailure("b:1");
+  EXPECT_THAT(registry->FindComplete("head", soon, Caller(), /*allow_partial=*/true),
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
 TEST(AgentRegistryTest, WaitsForAgentsThatComeLater) {
   FakeCluster cluster;
   cluster.Serve("a:1", {MakeShard("head", 0, 2)});
@@ -206,7 +249,8 @@ TEST(AgentRegistryTest, EveryAddressBehindANameIsAnAgentAndThoseThatVanishAreDro
   registry->ReportFailure("10.0.0.2:1");
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found,
                                 registry->FindComplete("head", base::Cancellation(Soon())));
-  EXPECT_EQ(found.agents[1].address, "10.0.0.3:1");
+  ASSERT_EQ(found.replica_sets.size(), 2u);
+  EXPECT_EQ(found.replica_sets[1].agents.front().address, "10.0.0.3:1");
   for (const AgentState& agent : registry->agents()) {
     EXPECT_NE(agent.address, "10.0.0.2:1");
   }

@@ -32,6 +32,11 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
       : shards_(std::move(shards)) {}
   ~FakeAgent() override { Stop(); }
 
+  // Before Start.
+  void SetShards(std::vector<isoscope::internal::v1::ShardDescription> shards) {
+    shards_ = std::move(shards);
+  }
+
   // Set before Start.
   std::function<void()> on_describe = [] {};
   std::function<grpc::Status(grpc::ServerContext*, FrameStream*)> on_frame;

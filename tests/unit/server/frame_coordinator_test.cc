@@ -134,7 +134,11 @@ std::vector<std::string> ShuffledBands(const image::FrameImage& image, std::uint
 // What the test learns of one agent; outlives its link.
 class Agent {
  public:
-  Agent(int index, AgentListener* listener) : index_(index), listener_(listener) {}
+  Agent(int index, int replica, AgentListener* listener)
+      : index_(index),
+        identity_{absl::StrCat("agent-", index, replica == 0 ? "" : absl::StrCat(".", replica)),
+                  {index}},
+        listener_(listener) {}
 
   AgentListener& coordinator() { return *listener_; }
   [[nodiscard]] int index() const { return index_; }
@@ -193,7 +197,7 @@ class Agent {
   }
 
   const int index_;
-  const AgentIdentity identity_{absl::StrCat("agent-", index_), {index_}};
+  const AgentIdentity identity_;
   AgentListener* const listener_;
   mutable absl::Mutex mutex_;
   std::optional<Blocks> occluders_ ABSL_GUARDED_BY(mutex_);
@@ -253,14 +257,28 @@ class FrameCoordinatorTest : public ::testing::Test {
   };
 
   absl::StatusOr<FrameResult> Run(frame::Culling culling, const std::vector<Script>& scripts) {
+    std::vector<std::vector<Script>> parts;
+    for (const Script& script : scripts) {
+      parts.push_back({script});
+    }
+    absl::StatusOr<FrameResult> result = RunParts(culling, parts);
+    EXPECT_TRUE(failures_.empty() || !result.ok());
+    return result;
+  }
+
+  // The scripts of each part's replicas.
+  absl::StatusOr<FrameResult> RunParts(frame::Culling culling,
+                                       const std::vector<std::vector<Script>>& parts) {
     agents_.clear();
-    const auto begin = [&](int index,
+    const auto begin = [&](int index, int replica,
                            AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
       if (index == failing_begin_) {
         return absl::FailedPreconditionError("agent-1 serves another dataset");
       }
-      agents_.push_back(std::make_shared<Agent>(index, listener));
-      return std::make_unique<Link>(agents_.back(), scripts[static_cast<std::size_t>(index)], this);
+      agents_.push_back(std::make_shared<Agent>(index, replica, listener));
+      return std::make_unique<Link>(
+          agents_.back(), parts[static_cast<std::size_t>(index)][static_cast<std::size_t>(replica)],
+          this);
     };
     frame::FrameSpec spec;
     spec.surfaces.resize(1);
@@ -269,14 +287,19 @@ class FrameCoordinatorTest : public ::testing::Test {
     setup.spec = &spec;
     setup.view = &view_;
     setup.layout = &layout_;
-    setup.agent_count = static_cast<int>(scripts.size());
+    for (const std::vector<Script>& replicas : parts) {
+      setup.replica_counts.push_back(static_cast<int>(replicas.size()));
+    }
+    setup.is_lost = is_lost_;
+    setup.may_hedge = may_hedge_;
     setup.active = known_active_;
     setup.images = images_.get();
     setup.arena = &arena_;
     FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
     failures_ = outcome.failures;
-    EXPECT_TRUE(failures_.empty() || !outcome.status.ok());
+    outrun_ = outcome.outrun;
+    lost_part_ = outcome.lost_part;
     if (!outcome.status.ok()) {
       return outcome.status;
     }
@@ -320,7 +343,11 @@ class FrameCoordinatorTest : public ::testing::Test {
       .block_count = static_cast<std::uint32_t>(layout_.block_count()),
       .ties = image::TieRule::kColor};
   std::shared_ptr<const ActiveBlocks> known_active_;
+  std::function<bool(int, int)> is_lost_;
+  std::function<bool(int, int)> may_hedge_;
   std::vector<AgentFailure> failures_;  // of the last frame
+  std::vector<AgentIdentity> outrun_;
+  std::optional<std::size_t> lost_part_;
   std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
@@ -681,7 +708,7 @@ TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
         absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
     // As data, for who repeats the agent's part.
     ASSERT_EQ(failures_.size(), 1U);
-    EXPECT_EQ(failures_[0].agent_index, 1U);
+    EXPECT_EQ(failures_[0].part_index, 1U);
     EXPECT_EQ(failures_[0].agent, (AgentIdentity{"agent-1", {1}}));
     EXPECT_EQ(failures_[0].stage, stages[static_cast<std::size_t>(&script - failing.data())]);
     EXPECT_EQ(failures_[0].status, error);
@@ -714,7 +741,7 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
   setup.spec = &spec;
   setup.view = &huge;
   setup.layout = &layout_;
-  setup.agent_count = 1;
+  setup.replica_counts = {1};
   setup.images = images_.get();
   setup.arena = &arena_;
   bool was_begun = false;
@@ -722,7 +749,7 @@ TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIs
   const absl::Status status =
       RunFrame(
           setup,
-          [&](int, AgentListener*) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+          [&](int, int, AgentListener*) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
             was_begun = true;
             return absl::CancelledError();
           },
@@ -815,6 +842,236 @@ TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
     EXPECT_THAT(result, StatusIs(absl::StatusCode::kCancelled, Not(HasSubstr("agent-"))));
     EXPECT_TRUE(agents_[0]->is_cancelled());
   }
+}
+
+// A frame of three parts. The middle one has replicas: `first` is tried before one that behaves.
+class ReplicaTest : public FrameCoordinatorTest {
+ protected:
+  ReplicaTest() {
+    for (std::uint64_t part = 0; part < 3; ++part) {
+      scripts_.push_back(Behave({9 + static_cast<volume::BlockId>(part)},
+                                Every(3, static_cast<volume::BlockId>(part)),
+                                RandomImage(10 + part, 0.3), RandomImage(20 + part, 0.3), part));
+    }
+  }
+
+  absl::StatusOr<FrameResult> RunWith(const std::vector<Script>& replicas) {
+    return RunParts(frame::Culling::kDepth, {{scripts_[0]}, replicas, {scripts_[2]}});
+  }
+
+  // Expects the frame of three agents that behave, with the middle part done by `winner`.
+  void ExpectTheSameFrame(const FrameResult& result, const std::string& winner) {
+    const std::vector<AgentFailure> failures = failures_;
+    const auto agents = agents_;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult plain, RunWith({scripts_[1]}));
+    EXPECT_TRUE(result.image == plain.image);
+    EXPECT_EQ(result.ray_hit_block_count, plain.ray_hit_block_count);
+    EXPECT_EQ(result.active->ids, plain.active->ids);
+    ASSERT_EQ(result.agents.size(), 3u) << "a part counts once, or not at all";
+    EXPECT_EQ(result.agents[1].agent_address, winner);
+    EXPECT_EQ(result.agents[1].active_block_count, plain.agents[1].active_block_count);
+    EXPECT_EQ(result.network_bytes, plain.network_bytes);
+    failures_ = failures;
+    agents_ = agents;
+  }
+
+  [[nodiscard]] const Agent& AgentOfName(const std::string& name) const {
+    for (const auto& agent : agents_) {
+      if (agent->name() == name) {
+        return *agent;
+      }
+    }
+    ADD_FAILURE() << name << " was not asked";
+    return *agents_.front();
+  }
+
+  // Does what the middle part does up to a word, then `end`.
+  [[nodiscard]] Script UpTo(int word, const std::function<absl::Status(Agent&)>& end) const {
+    return [=](Agent& self) -> absl::Status {
+      if (word == 0) {
+        return end(self);
+      }
+      self.coordinator().OnRayHits({10}, Every(3, 1));
+      if (word == 1) {
+        return end(self);
+      }
+      if (const auto all = self.AwaitOccluders(); !all.ok()) {
+        return all.status();
+      }
+      const std::vector<std::string> bands = ShuffledBands(RandomImage(11, 0.3), 1);
+      for (std::size_t i = 0; i < (word == 2 ? bands.size() / 2 : bands.size()); ++i) {
+        self.coordinator().OnPixels({bands[i]});
+      }
+      if (word == 2) {
+        return end(self);
+      }
+      self.coordinator().OnOccludersDone();
+      if (word == 3) {
+        return end(self);
+      }
+      if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+        return visible.status();
+      }
+      self.coordinator().OnPixels({ShuffledBands(RandomImage(21, 0.3), 1).front()});
+      return end(self);
+    };
+  }
+  static constexpr int kWordCount = 5;
+
+  std::vector<Script> scripts_;
+};
+
+TEST_F(ReplicaTest, AnAgentLostAtAnyStepIsReplacedAndTheFrameIsTheSame) {
+  const std::vector<absl::Status> ends = {
+      absl::UnavailableError("connection reset"), absl::DataLossError("block 7 damaged"),
+      absl::FailedPreconditionError("serves other content"), absl::InternalError("a bug"),
+      absl::ResourceExhaustedError("too many frames")};
+  for (int word = 0; word < kWordCount; ++word) {
+    for (const absl::Status& end : ends) {
+      SCOPED_TRACE(absl::StrCat(word, " ", end.ToString()));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const FrameResult result,
+          RunWith({UpTo(word, [&](Agent&) { return end; }), scripts_[1]}));
+      ExpectTheSameFrame(result, "agent-1.1");
+      ASSERT_EQ(failures_.size(), 1u);
+      EXPECT_EQ(failures_[0].agent.address, "agent-1");
+      EXPECT_EQ(failures_[0].status, end);
+      EXPECT_EQ(lost_part_, std::nullopt);
+      EXPECT_TRUE(outrun_.empty());
+    }
+  }
+}
+
+TEST_F(ReplicaTest, ReplicasAreTriedUntilOneDoesThePart) {
+  const auto fails = [](Agent&) { return absl::UnavailableError("gone"); };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({UpTo(4, fails), UpTo(0, fails),
+                                                                   UpTo(2, fails), scripts_[1]}));
+  ExpectTheSameFrame(result, "agent-1.3");
+  EXPECT_EQ(failures_.size(), 3u);
+}
+
+TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowManyThereWere) {
+  const auto fails = [](Agent& self) {
+    return absl::UnavailableError(absl::StrCat("no way to ", self.name()));
+  };
+  EXPECT_THAT(RunWith({UpTo(2, fails), UpTo(1, fails)}),
+              StatusIs(absl::StatusCode::kUnavailable,
+                       AllOf(HasSubstr("no way to agent-1.1"),
+                             HasSubstr("the last of 2 agents that serve it"))));
+  EXPECT_EQ(failures_.size(), 2u);
+  EXPECT_EQ(lost_part_, 1u);
+  EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
+}
+
+TEST_F(ReplicaTest, AnAgentThatIsLostAfterItsLastWordHasDoneItsPart) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
+                                RunWith({[this](Agent& self) -> absl::Status {
+                                           const absl::Status status = scripts_[1](self);
+                                           return status.ok() ? absl::UnavailableError("killed")
+                                                              : status;
+                                         },
+                                         Wait()}));
+  ExpectTheSameFrame(result, "agent-1");
+  EXPECT_TRUE(failures_.empty());
+}
+
+TEST_F(ReplicaTest, DamagedPixelsAreSentAgainByAReplicaAlsoAfterTheAgentWasDone) {
+  const auto damaged = [](Agent& self) {
+    std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
+    band[band.size() / 2] = static_cast<char>(band[band.size() / 2] ^ 0x10);
+    self.coordinator().OnPixels({band});
+  };
+  for (const bool is_done : {false, true}) {
+    SCOPED_TRACE(is_done);
+    const Script script = UpTo(4, [&](Agent& self) -> absl::Status {
+      damaged(self);
+      if (!is_done) {
+        return self.AwaitCancel();
+      }
+      self.coordinator().OnFrameDone(MakeStatistics(self, {1}));
+      return absl::OkStatus();
+    });
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({script, scripts_[1]}));
+    ExpectTheSameFrame(result, "agent-1.1");
+    ASSERT_EQ(failures_.size(), 1u);
+    EXPECT_THAT(failures_[0].status, StatusIs(absl::StatusCode::kDataLoss));
+  }
+}
+
+TEST_F(ReplicaTest, APartWhoseAgentNoLongerAnswersIsTriedBesideItAtAnyStep) {
+  is_lost_ = [](int part, int replica) { return part == 1 && replica == 0; };
+  for (int word = 0; word < kWordCount; ++word) {
+    SCOPED_TRACE(word);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const FrameResult result,
+        RunWith({UpTo(word, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
+    EXPECT_TRUE(AgentOfName("agent-1").is_cancelled());
+    EXPECT_EQ(outrun_, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
+    ExpectTheSameFrame(result, "agent-1.1");
+    EXPECT_TRUE(failures_.empty());
+  }
+}
+
+TEST_F(ReplicaTest, OfTwoAgentsAtOnePartTheOneThatIsDoneFirstCounts) {
+  is_lost_ = [](int part, int replica) { return part == 1 && replica == 0; };
+  std::atomic<bool> has_second{false};
+  const Script comes_back = [&](Agent& self) {
+    while (!has_second) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    return scripts_[1](self);
+  };
+  const Script second = [&](Agent& self) {
+    has_second = true;
+    return self.AwaitCancel();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({comes_back, second}));
+  EXPECT_TRUE(AgentOfName("agent-1.1").is_cancelled());
+  EXPECT_TRUE(outrun_.empty()) << "the first one was not slower";
+  ExpectTheSameFrame(result, "agent-1");
+}
+
+TEST_F(ReplicaTest, ASlowPartIsHedgedOnceIfThatIsAllowed) {
+  std::atomic<int> asked{0};
+  may_hedge_ = [&](int part, int replica) {
+    EXPECT_EQ(part, 1);
+    EXPECT_EQ(replica, 1);
+    ++asked;
+    return asked > 2;
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const FrameResult result,
+      RunWith({UpTo(2, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
+  EXPECT_EQ(asked, 3);
+  EXPECT_EQ(outrun_.size(), 1u);
+  may_hedge_ = nullptr;
+  ExpectTheSameFrame(result, "agent-1.1");
+}
+
+TEST_F(ReplicaTest, APartThatHasUsedItsShareOfTheDeadlineIsTriedElsewhere) {
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(8));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({Wait(), scripts_[1]}));
+  cancellation_ = std::make_unique<base::Cancellation>();
+  ExpectTheSameFrame(result, "agent-1.1");
+}
+
+TEST_F(ReplicaTest, TheDeadlineNamesEveryAgentThatWasAsked) {
+  is_lost_ = [](int, int) { return true; };
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(200));
+  EXPECT_THAT(RunWith({Wait(), Wait(), Wait()}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-1.1 "
+                                "(shard 1)")));
+}
+
+TEST_F(ReplicaTest, ACancelledFrameAsksNoReplica) {
+  const Script cancels = [&](Agent& self) {
+    std::thread user([&] { cancellation_->Cancel(); });
+    user.join();
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(RunWith({cancels, Wait()}), StatusIs(absl::StatusCode::kCancelled));
+  EXPECT_EQ(agents_.size(), 3u);
 }
 
 TEST_F(FrameCoordinatorTest, ManyAgentsAtOnceGiveOneFrame) {

@@ -91,6 +91,10 @@ TEST(InteractFrameTest, OutputsThatAreNoPictureAreNamed) {
   state.mutable_frame()->set_with_trace(true);
   EXPECT_THAT(CheckInteractiveOutput(state),
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.with_trace")));
+  state.mutable_frame()->clear_with_trace();
+  state.mutable_frame()->set_allow_partial(true);
+  EXPECT_THAT(CheckInteractiveOutput(state),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("frame.allow_partial")));
 }
 
 }  // namespace

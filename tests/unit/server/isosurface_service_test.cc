@@ -391,12 +391,14 @@ TEST_F(IsosurfaceServiceTest, ShutdownWithoutGraceCancelsFramesInWork) {
   client.join();
 }
 
-internal::ExtractSurfaceResponse OneTriangle() {
+internal::ExtractSurfaceResponse OneTriangle(std::int64_t block_id = 0) {
   internal::ExtractSurfaceResponse message;
   internal::BlockSurface* block = message.add_blocks();
-  block->set_block_id(0);
+  block->set_block_id(block_id);
   const std::vector<float> positions = {1, 1, 1.5F, 2, 1, 1.5F, 1, 2, 1.5F};
-  const std::vector<std::int64_t> keys = {3 * 91 + 2, 3 * 92 + 2, 3 * 100 + 2};
+  // No vertex is one of another block.
+  const std::int64_t edge = 3 * (91 + 20 * block_id) + 2;
+  const std::vector<std::int64_t> keys = {edge, edge + 3, edge + 27};
   const std::vector<std::uint32_t> triangles = {0, 1, 2};
   block->set_positions(positions.data(), positions.size() * sizeof(float));
   block->set_normals(positions.data(), positions.size() * sizeof(float));
@@ -424,6 +426,33 @@ TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
   EXPECT_EQ(chunk.triangles().size(), 3 * sizeof(std::int64_t));
   EXPECT_FALSE(reader->Read(&chunk));
   EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+}
+
+TEST_F(IsosurfaceServiceTest, AnExportGoesOnBehindTheLastBlockWhenAReplicaTakesOver) {
+  std::atomic<int> stream_count{0};
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->SetShards({MakeShard("head", 0, 1)});
+    agent->on_surface = [&](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+      const bool is_first = ++stream_count == 1;
+      for (std::int64_t block = 0; block < (is_first ? 2 : 5); ++block) {
+        writer->Write(OneTriangle(block));
+      }
+      return is_first ? grpc::Status(grpc::StatusCode::UNAVAILABLE, "killed") : grpc::Status::OK;
+    };
+  }
+  StartCluster();
+  grpc::ClientContext context;
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(100);
+  const auto reader = stub_->ExportIsosurface(&context, request);
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  std::string triangles;
+  while (reader->Read(&chunk)) {
+    triangles += chunk.triangles();
+  }
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+  EXPECT_EQ(stream_count, 2);
+  EXPECT_EQ(triangles.size(), 5 * 3 * sizeof(std::int64_t)) << "each block once";
 }
 
 TEST_F(IsosurfaceServiceTest, SurfacesFollowOneAnotherAndWrongRequestsReachNoAgent) {

@@ -516,6 +516,8 @@ def statistics_from_proto(proto: frame_pb2.RenderStatistics) -> Statistics:
         network_bytes=proto.network_bytes,
         png_bytes=proto.png_bytes,
         truncated_pixels=proto.truncated_pixel_count,
+        missing_shards=tuple(proto.missing_shards),
+        coverage=proto.active_block_coverage if proto.HasField("active_block_coverage") else 1.0,
         step_seconds={step: _seconds(getattr(proto.durations, f"{step}_duration")) for step in steps},
         agents=tuple(
             AgentStatistics(

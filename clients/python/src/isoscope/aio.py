@@ -235,6 +235,7 @@ class Dataset(DatasetInfo):
         format: ImageFormat = "png",
         quality: int | None = None,
         planes: Sequence[PlaneName] = (),
+        allow_partial: bool = False,
         timeout: float | None = None,
     ) -> Frame:
         """Renders one frame: `isoscope.Dataset.render` tells about the arguments."""
@@ -247,6 +248,7 @@ class Dataset(DatasetInfo):
             ambient_occlusion=ambient_occlusion, silhouette=silhouette, culling=culling,
         )  # fmt: skip
         _wire.set_output(request, format, quality, planes)
+        request.allow_partial = bool(allow_partial)
         parts = _wire.FrameParts()
         in_parts = pb.RenderIsosurfaceStreamRequest(request=request)
         await self._client._stream("RenderIsosurfaceStream", in_parts, timeout, parts.add)

@@ -285,6 +285,7 @@ class Dataset(DatasetInfo):
         format: ImageFormat = "png",
         quality: int | None = None,
         planes: Sequence[PlaneName] = (),
+        allow_partial: bool = False,
         timeout: float | None = None,
     ) -> Frame:
         """Renders one frame.
@@ -315,6 +316,8 @@ class Dataset(DatasetInfo):
             format: "png", "jpeg", "rgba" or "none".
             quality: of a JPEG, 1 to 100.
             planes: planes to send along: "depth", "surface_index", "position", "normal".
+            allow_partial: draw what there is if some shards are not served; `frame.statistics.missing_shards`
+                says what is missing. Else that is an error.
             timeout: deadline in seconds; default: the client's.
 
         Raises:
@@ -330,6 +333,7 @@ class Dataset(DatasetInfo):
             ambient_occlusion=ambient_occlusion, silhouette=silhouette, culling=culling,
         )  # fmt: skip
         _wire.set_output(request, format, quality, planes)
+        request.allow_partial = bool(allow_partial)
         return self._client._render(request, timeout)
 
     @overload

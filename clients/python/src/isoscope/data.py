@@ -296,6 +296,8 @@ class Statistics:
         network_bytes: of messages between coordinator and agents.
         png_bytes: size of the PNG; 0 if none was asked for.
         truncated_pixels: pixels with more translucent fragments than max_layers.
+        missing_shards: whose blocks the picture lacks; only with `allow_partial`.
+        coverage: share of the active blocks that the picture has a chance to show; 1 if none is missing.
         step_seconds: wall time by step: "occluder_selection", "occluder_rendering",
             "visibility_culling", "composite", "encode".
         agents: parts of the agents.
@@ -312,6 +314,8 @@ class Statistics:
     network_bytes: int
     png_bytes: int
     truncated_pixels: int
+    missing_shards: tuple[int, ...] = ()
+    coverage: float = 1.0
     step_seconds: dict[str, float] = field(default_factory=dict)
     agents: tuple[AgentStatistics, ...] = ()
     surfaces: tuple[SurfaceStatistics, ...] = ()
