@@ -25,6 +25,7 @@
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "server/agent_list.h"
 
 namespace isoscope::server {
 namespace {
@@ -58,6 +59,7 @@ absl::StatusOr<std::unique_ptr<AgentRegistry>> AgentRegistry::Start(
   std::set<std::string> targets;
   for (const AgentEndpoint& endpoint : options.endpoints) {
     ISOSCOPE_RETURN_IF_ERROR(ParseDnsTarget(endpoint.target).status());
+    ISOSCOPE_RETURN_IF_ERROR(ParseAgentListTarget(endpoint.target).status());
     if (!targets.insert(endpoint.target).second) {
       return absl::InvalidArgumentError(
           absl::StrCat("agent target \"", endpoint.target, "\" is given twice: name it once"));
@@ -100,9 +102,52 @@ void AgentRegistry::Run() {
   }
 }
 
-AgentRegistry::Members AgentRegistry::ResolveMembers(Members members) const {
+void AgentRegistry::ResolveList(std::size_t endpoint_index, const std::string& path,
+                                Members* members) {
+  absl::StatusOr<std::vector<std::string>> targets = ReadAgentList(path);
+  for (std::size_t i = 0; targets.ok() && options_.check_target && i < targets->size(); ++i) {
+    if (absl::Status status = options_.check_target((*targets)[i]); !status.ok()) {
+      targets = std::move(status);
+    }
+  }
+  if (list_errors_[path] != targets.status()) {
+    list_errors_[path] = targets.status();
+    base::Log(targets.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
+              targets.ok() ? "agent_list_read" : "agent_list_not_read",
+              {{"file", path}, {"status", targets.status()}});
+  }
+  const std::string& target = options_.endpoints[endpoint_index].target;
+  if (!targets.ok()) {
+    const bool is_known = std::any_of(members->begin(), members->end(), [&](const auto& entry) {
+      return entry.second.endpoint_index == endpoint_index && entry.first != target;
+    });
+    if (!is_known) {
+      Member& member = (*members)[target];
+      member.endpoint_index = endpoint_index;
+      member.state.address = target;
+      member.state.status = targets.status();
+      member.is_name = true;
+    }
+    return;
+  }
+  std::erase_if(*members, [&](const auto& entry) {
+    return entry.second.endpoint_index == endpoint_index &&
+           !std::binary_search(targets->begin(), targets->end(), entry.first);
+  });
+  for (const std::string& address : *targets) {
+    Member& member = (*members)[address];
+    member.endpoint_index = endpoint_index;
+    member.state.address = address;
+  }
+}
+
+AgentRegistry::Members AgentRegistry::ResolveMembers(Members members) {
   for (std::size_t i = 0; i < options_.endpoints.size(); ++i) {
     const AgentEndpoint& endpoint = options_.endpoints[i];
+    if (const auto list = ParseAgentListTarget(endpoint.target); list.ok() && list->has_value()) {
+      ResolveList(i, **list, &members);
+      continue;
+    }
     const absl::StatusOr<std::optional<DnsName>> name = ParseDnsTarget(endpoint.target);
     if (endpoint.channel != nullptr || !name.ok() || !name->has_value()) {
       Member& member = members[endpoint.target];

@@ -4,8 +4,8 @@
 // It asks every agent at start, then at every poll interval, and at once when a frame needs a
 // dataset that is not complete, or follows the loss of an agent.
 //
-// Other files have the other parts of this work: dns_target finds addresses, agent_prober asks,
-// dataset_catalog combines the answers.
+// Other files have the other parts of this work: dns_target and agent_list find addresses,
+// agent_prober asks, dataset_catalog combines the answers.
 
 #ifndef ISOSCOPE_SERVER_AGENT_REGISTRY_H_
 #define ISOSCOPE_SERVER_AGENT_REGISTRY_H_
@@ -42,6 +42,8 @@ struct AgentRegistryOptions {
   // How agents are dialled. Those behind a name of the DNS must have certificates of that name,
   // unless `dialing` has one for all.
   rpc::Dialing dialing = {};
+  // Checks a target of a list (agent_list). An error refuses the whole list. Null: all are allowed.
+  std::function<absl::Status(const std::string& target)> check_target;
   // Called on the registry's thread when a first dataset is complete, or none is complete any more.
   std::function<void(bool is_any_complete)> on_readiness;
   // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
@@ -108,7 +110,10 @@ class AgentRegistry {
   void Run();
   void Probe();
   // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
-  Members ResolveMembers(Members members) const;
+  Members ResolveMembers(Members members);
+  // Makes the agents of a list the members of an endpoint. A list that can't be read changes
+  // nothing.
+  void ResolveList(std::size_t endpoint_index, const std::string& path, Members* members);
   [[nodiscard]] rpc::Dialing DialingOf(const Member& member) const;
   void AskMembers(Members* members) const;
   void AdoptMembers(Members members) ABSL_LOCKS_EXCLUDED(mutex_);
@@ -135,6 +140,8 @@ class AgentRegistry {
   std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;
   std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;
   std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;
+  // Of the registry's thread: the last error of each list, so that it is logged once.
+  std::map<std::string, absl::Status> list_errors_;
   std::thread thread_;
 };
 

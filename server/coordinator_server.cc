@@ -202,6 +202,9 @@ absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
   AgentRegistryOptions registry_options;
   registry_options.endpoints = options.agents;
   registry_options.poll_interval = options.poll_interval;
+  registry_options.check_target = [transport = options.transport](const std::string& target) {
+    return rpc::CheckDial(transport, "the agent", target);
+  };
   ISOSCOPE_ASSIGN_OR_RETURN(registry_options.dialing,
                             rpc::MakeDialing(options.transport, rpc::kCoordinatorRole));
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AccessControl> access,

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -18,6 +19,7 @@
 #include "core/base/version.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
+#include "server/agent_list.h"
 #include "server/coordinator_memory.h"
 #include "server/coordinator_server.h"
 
@@ -36,6 +38,7 @@ struct Flags {
 constexpr char kExamples[] =
     R"(  isoscope-coordinator --agent 127.0.0.1:50052 --agent 127.0.0.1:50053
   isoscope-coordinator --agent dns:///isoscope-agents:50052      every address behind the name
+  isoscope-coordinator --agent file:/etc/isoscope/agents         those in the list, as it is now
   ISOSCOPE_AGENT="a:50052 b:50052" isoscope-coordinator --listen 0.0.0.0:50051 --tokens tokens.json \
     --tls-cert coordinator.pem --tls-key coordinator.key --tls-ca ca.pem
   isoscope-coordinator --probe                 whether the one on this machine serves
@@ -54,7 +57,7 @@ void AddFlags(CLI::App* app, Flags* flags) {
   constexpr double kMinSeconds = 0.01;
   app->add_option("--agent", flags->agents,
                   "An agent, HOST:PORT or any gRPC target; dns:///NAME:PORT: all behind the name; "
-                  "repeatable")
+                  "file:PATH: those in a list, one a line, which is read again; repeatable")
       ->type_name("TARGET")
       ->delimiter(' ')  // several in the environment variable
       ->envname("ISOSCOPE_AGENT");
@@ -93,7 +96,14 @@ absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags
     return absl::InvalidArgumentError("--agent is required: name at least one; see --help");
   }
   for (const std::string& target : flags.agents) {
-    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckDial(server_flags.transport, "the agent", target));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::optional<std::string> list, ParseAgentListTarget(target));
+    std::vector<std::string> dialled = {target};
+    if (list.has_value()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(dialled, ReadAgentList(*list));
+    }
+    for (const std::string& agent : dialled) {
+      ISOSCOPE_RETURN_IF_ERROR(rpc::CheckDial(server_flags.transport, "the agent", agent));
+    }
   }
   return absl::OkStatus();
 }

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 
+#include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
@@ -25,8 +26,72 @@ struct VisibleBlocks {
   std::string open_pixels;
 };
 
+// Passes a number of events on; then the agent is lost.
+class LossyListener final : public server::AgentListener {
+ public:
+  LossyListener(std::uint64_t event_count, server::AgentListener* listener)
+      : left_(event_count), listener_(listener) {}
+
+  void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
+    if (MayPass()) {
+      listener_->OnRayHits(std::move(hits), std::move(active));
+    }
+  }
+  void OnPixels(std::vector<std::string> bands) override {
+    if (left_ == 1 && bands.size() > 1) {
+      bands.resize(bands.size() / 2);  // in the middle of a step
+    }
+    if (MayPass()) {
+      listener_->OnPixels(std::move(bands));
+    }
+  }
+  void OnDrawnPixels(image::DrawnPixels pixels) override {
+    if (MayPass()) {
+      listener_->OnDrawnPixels(std::move(pixels));
+    }
+  }
+  void OnOccludersDone() override {
+    if (MayPass()) {
+      listener_->OnOccludersDone();
+    }
+  }
+  void OnFrameDone(frame::AgentStatistics statistics) override {
+    if (MayPass()) {
+      listener_->OnFrameDone(std::move(statistics));
+    }
+  }
+  void OnEnd(absl::Status status) override {
+    if (!is_lost_) {
+      listener_->OnEnd(std::move(status));
+    }
+  }
+
+ private:
+  bool MayPass() {
+    if (left_ > 0) {
+      --left_;
+      return true;
+    }
+    if (!std::exchange(is_lost_, true)) {
+      listener_->OnEnd(absl::UnavailableError("the test has lost it"));
+    }
+    return false;
+  }
+
+  std::uint64_t left_;
+  server::AgentListener* const listener_;
+  bool is_lost_ = false;
+};
+
 class LocalAgentLink final : public server::AgentLink {
  public:
+  // Of an agent that is lost after some events.
+  LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
+                 const agent::AgentResources& resources, absl::Time deadline,
+                 std::unique_ptr<LossyListener> lossy)
+      : LocalAgentLink(std::move(shard), task, resources, deadline, lossy.get()) {
+    lossy_ = std::move(lossy);
+  }
   LocalAgentLink(std::shared_ptr<const agent::Shard> shard, const agent::FrameTask& task,
                  const agent::AgentResources& resources, absl::Time deadline,
                  server::AgentListener* listener)
@@ -113,6 +178,7 @@ class LocalAgentLink final : public server::AgentLink {
     return measured;
   }
 
+  std::unique_ptr<LossyListener> lossy_;
   const std::shared_ptr<const agent::Shard> shard_;
   const agent::FrameTask task_;
   const server::AgentIdentity identity_;
@@ -171,27 +237,35 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
   setup.ties = frame::TieRuleOf(
       frame::ShowsGradient(spec) ? frame::BackEnd::kCpu : renderer_->picture_revision().back_end);
   setup.layout = &shards_.front()->reader->layout();
-  setup.agent_count = static_cast<int>(shards_.size());
+  setup.replica_counts.assign(shards_.size(), loses_agents_ ? 2 : 1);
   setup.active = active_blocks_->Find(active_key);
   setup.images = images_.get();
   setup.arena = arena_.get();
   const std::int64_t frame_number = frame_count_.fetch_add(1) + 1;
   const auto begin =
-      [&](int agent_index,
+      [&](int part_index, int replica_index,
           server::AgentListener* listener) -> absl::StatusOr<std::unique_ptr<server::AgentLink>> {
     agent::FrameTask own;
     own.spec = spec;
     own.frame_number = frame_number;
-    own.agent_index = agent_index;
-    own.agent_count = setup.agent_count;
+    own.agent_index = part_index;
+    own.agent_count = static_cast<int>(shards_.size());
     own.report_active_blocks = setup.active == nullptr;
     const agent::AgentResources resources{.renderer = renderer_,
                                           .layers = &layers_,
                                           .cpu_renderer = cpu_renderer_.get(),
                                           .arena = arena_.get(),
                                           .cache = cache_.get()};
-    return std::make_unique<LocalAgentLink>(shards_[static_cast<std::size_t>(agent_index)], own,
-                                            resources, cancellation.deadline(), listener);
+    const auto& shard = shards_[static_cast<std::size_t>(part_index)];
+    if (loses_agents_ && replica_index == 0) {
+      const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),
+                                         static_cast<std::uint64_t>(part_index));
+      // A part has five events, and more with several bands.
+      return std::make_unique<LocalAgentLink>(shard, own, resources, cancellation.deadline(),
+                                              std::make_unique<LossyListener>(draw % 7, listener));
+    }
+    return std::make_unique<LocalAgentLink>(shard, own, resources, cancellation.deadline(),
+                                            listener);
   };
   server::FrameOutcome outcome = server::RunFrame(setup, begin, cancellation);
   ISOSCOPE_RETURN_IF_ERROR(outcome.status);

@@ -51,6 +51,9 @@ class LocalCluster {
   // Agents and coordinator forget what they kept; the agents' cache is one of `cache_bytes` anew.
   void ForgetAll(std::size_t cache_bytes);
 
+  // From now on each part has two agents, and frames lose the first ones somewhere on the way.
+  void LoseAgents() { loses_agents_ = true; }
+
   // Renders one frame through all steps. Of `request`, its number, what tells the
   // agents apart and report_active_blocks are set here.
   absl::StatusOr<server::FrameResult> Render(const frame::FrameSpec& spec,
@@ -69,6 +72,7 @@ class LocalCluster {
   std::unique_ptr<server::ActiveBlocksCache> active_blocks_;
   std::shared_ptr<image::FrameImagePool> images_;
   std::atomic<std::int64_t> frame_count_{0};
+  bool loses_agents_ = false;
 };
 
 }  // namespace isoscope::testing

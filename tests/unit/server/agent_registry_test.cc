@@ -16,8 +16,10 @@
 
 #include "core/base/mutex.h"
 #include "core/frame/picture_revision.h"
+#include "core/io/file.h"
 #include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
 #include "tests/unit/server/make_shard.h"
 
 namespace isoscope::server {
@@ -270,6 +272,44 @@ TEST(AgentRegistryTest, AnAddressThatTheNameForgotStaysAsLongAsItAnswers) {
     registry->ReportFailure("10.0.0.1:1");
     EXPECT_THAT(registry->FindComplete("head", soon), IsOk());
   }
+}
+
+TEST(AgentRegistryTest, AgentsComeAndGoWithAListAndABadListChangesNothing) {
+  const testing::TempDir directory;
+  const std::string path = directory.Sub("agents");
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  cluster.Serve("b:1", {MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, "a:1\n"));
+  AgentRegistryOptions options = cluster.LazyOptions({"file:" + path});
+  options.poll_interval = absl::Milliseconds(1);
+  options.check_target = [](const std::string& target) {
+    return target == "evil:1" ? absl::InvalidArgumentError("in plaintext") : absl::OkStatus();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const auto await_agents = [&](const std::vector<std::string>& expected) {
+    std::vector<std::string> addresses;
+    const absl::Time limit = Soon();
+    while (addresses != expected && absl::Now() < limit) {
+      addresses.clear();
+      for (const AgentState& agent : registry->agents()) {
+        addresses.push_back(agent.address);
+      }
+    }
+    EXPECT_EQ(addresses, expected);
+  };
+  await_agents({"a:1"});
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, "a:1\nb:1\n"));
+  await_agents({"a:1", "b:1"});
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, "b:1\n"));
+  await_agents({"b:1"});
+  for (const char* bad : {"a:1 b:1\n", "evil:1\n"}) {
+    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, bad));
+    absl::SleepFor(absl::Milliseconds(20));
+    await_agents({"b:1"});
+  }
+  EXPECT_THAT(registry->FindComplete("head", base::Cancellation(Soon())), IsOk());
 }
 
 TEST(AgentRegistryTest, ANameThatCannotBeResolvedIsReportedAsSuchUntilItCan) {

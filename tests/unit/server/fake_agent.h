@@ -102,7 +102,7 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   }
 
  private:
-  const std::vector<isoscope::internal::v1::ShardDescription> shards_;
+  std::vector<isoscope::internal::v1::ShardDescription> shards_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
 };
