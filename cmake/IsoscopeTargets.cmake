@@ -46,7 +46,7 @@ function(isoscope_test)
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
     ${ARG_DEPS} isoscope::test_support GTest::gmock GTest::gtest_main
-    isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+    isoscope::warnings isoscope::fp_strict isoscope::test_sanitizers)
   set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME})
   set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT})
