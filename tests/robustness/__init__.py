@@ -13,3 +13,17 @@ run.py is the command, docs/robustness.md says what it does and what it found.
     quiet.py       looks, between storms, whether everything is well and idle again
     report.py      the table, as text and as JSON
 """
+
+import os
+import sys
+
+
+def try_another_python(error):
+    """Called where gRPC can't be imported: goes on as $ISOSCOPE_PYTHON or Debian's python3, else ends with 77."""
+    tried = os.environ.get("ISOSCOPE_TRIED_PYTHONS", "").split(os.pathsep) + [os.path.realpath(sys.executable)]
+    for python in filter(None, (os.environ.get("ISOSCOPE_PYTHON"), "/usr/bin/python3")):
+        if os.path.exists(python) and os.path.realpath(python) not in tried:
+            environment = {**os.environ, "ISOSCOPE_TRIED_PYTHONS": os.pathsep.join(tried)}
+            os.execve(python, [python, *sys.argv], environment)
+    print(f"skipped: {error}; on Debian: apt-get install python3-grpcio python3-protobuf python3-numpy")
+    sys.exit(77)

@@ -74,6 +74,8 @@ class Process:
 
     def start(self, argv=None, log=None, wait=True):
         with self._lock, open(log or self.log, "ab", buffering=0) as out:
+            if self.is_alive():
+                raise HarnessError(f"{self.name} is started although it runs")
             self._process = subprocess.Popen(
                 argv or self.argv, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True
             )
@@ -102,7 +104,8 @@ class Process:
         if self.may_fail and code == 1:
             return
         self._on_exit(self.name, code, self.tail())
-        self.start(wait=False)  # the run goes on
+        with contextlib.suppress(HarnessError):  # a fault was faster
+            self.start(wait=False)  # the run goes on
 
     def kill(self):
         with self._lock:

@@ -13,6 +13,8 @@ import tempfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
+import robustness  # noqa: E402
+
 try:
     from robustness import documented, model, pool, report, schedule
     from robustness.cluster import MAX_FRAME_S, ROOT, Cluster, HarnessError
@@ -20,8 +22,7 @@ try:
     from robustness.load import Load, Watchdog
     from robustness.quiet import Quiet
 except ImportError as error:
-    print(f"skipped: {error}; on Debian: apt-get install python3-grpcio python3-protobuf python3-numpy")
-    sys.exit(77)
+    robustness.try_another_python(error)
 
 
 def parse_arguments(arguments):
@@ -161,6 +162,9 @@ def main(arguments=None):
         return 0
     if not (options.bin / "isoscope-coordinator").is_file():
         print(f"skipped: no programs in {options.bin}: build them, or name their folder with --bin")
+        return 77
+    if not options.plaintext and not shutil.which("openssl"):
+        print("skipped: no openssl, which makes the certificates; on Debian: apt-get install openssl")
         return 77
     if options.keep:
         options.keep.mkdir(parents=True)
