@@ -41,7 +41,10 @@ while [ $# -gt 0 ]; do
   shift
 done
 
-bash scripts/build.sh --with-tests
+# shellcheck source=scripts/packages.sh
+. scripts/packages.sh
+install_packages "${ISOSCOPE_TEST_PACKAGES[@]}"
+bash scripts/build.sh
 mkdir -p build/robustness
 python3 tests/robustness/run.py --seed "$seed" --faults "$faults" --rate 3 --at-once 4 \
   --text "build/robustness/seed-$seed.txt" --json "build/robustness/seed-$seed.json" "${others[@]}"

@@ -172,7 +172,7 @@ class Client:
         options = [
             ("grpc.use_local_subchannel_pool", 1),
             ("grpc.initial_reconnect_backoff_ms", 50),
-            ("grpc.min_reconnect_backoff_ms", 50),
+            ("grpc.min_reconnect_backoff_ms", 3000),  # how long a handshake may take
             ("grpc.max_reconnect_backoff_ms", 300),
             ("grpc.max_receive_message_length", 64 << 20),
         ]
