@@ -22,7 +22,7 @@ ROOT = HERE.parents[1]
 MAX_FRAME_S = 4.0
 DRAIN_S = 3.0
 START_S = 30.0
-MEMORY_LIMIT = "512MiB"
+MEMORY_LIMIT_MIB = 512
 
 
 class HarnessError(Exception):
@@ -266,14 +266,15 @@ class Cluster:
     def agent_argv(self, port, *shards):
         return [str(word) for word in (
             self.binaries / "isoscope-agent", *shards, "--listen", f"127.0.0.1:{port}", "--renderer", "cpu",
-            "--threads", 1, "--memory-limit", MEMORY_LIMIT, "--drain-seconds", DRAIN_S, *self._tls_flags("agent"),
+            "--threads", 1, "--memory-limit", f"{MEMORY_LIMIT_MIB}MiB", "--drain-seconds", DRAIN_S,
+            *self._tls_flags("agent"),
         )]  # fmt: skip
 
     def _coordinator_argv(self, port, agent_ports):
         return [str(word) for word in (
             self.binaries / "isoscope-coordinator", "--listen", f"127.0.0.1:{port}",
             *(f"--agent=127.0.0.1:{agent}" for agent in agent_ports), "--poll-seconds", 0.25,
-            "--max-frame-seconds", MAX_FRAME_S, "--memory-limit", MEMORY_LIMIT, "--drain-seconds", DRAIN_S,
+            "--max-frame-seconds", MAX_FRAME_S, "--memory-limit", f"{MEMORY_LIMIT_MIB}MiB", "--drain-seconds", DRAIN_S,
             *self._tls_flags("coordinator"),
         )]  # fmt: skip
 

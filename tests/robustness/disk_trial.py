@@ -55,7 +55,7 @@ def trial(binaries, folder, right, disk, room, how, chance):
     shards = len(list(right.glob("shard-*")))
     command, output = chance.choice((
         (["partition", folder / "volume.nrrd", "--shards", shards], disk / "flow"),
-        (["render", right, "--isovalue", 120, "--renderer", "cpu", "--width", 400, "--height", 400], disk / "picture.png"),
+        (["render", right, "--isovalue", 120, "--renderer", "cpu", "--width", 400], disk / "picture.png"),
         (["export", right, "--isovalue", 120], disk / "mesh.ply"),
     ))  # fmt: skip
     words = [str(word) for word in (f"{binaries}/isoscope", *command, "--output", output)]

@@ -25,6 +25,9 @@ except ImportError as error:
 from isoscope._proto import cluster_service_pb2_grpc, isosurface_service_pb2_grpc  # noqa: E402
 
 
+METHODS = {"RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface", "GetHistogram"}
+
+
 class ScheduleTest(unittest.TestCase):
     TOPOLOGY = schedule.Topology(2, 2, 2)
 
@@ -180,12 +183,14 @@ class DocumentedTest(unittest.TestCase):
             "  // Draws.\n  //\n  // Errors:\n  // * NOT_FOUND: no such.\n  // * UNAVAILABLE: lost,\n  //   retry.\n"
             "  rpc Draw(A) returns (B);\n\n  // Picks. Errors: as Draw. Also DATA_LOSS.\n  rpc Pick(A) returns (B);\n"
         )
-        self.assertEqual(codes, {"Draw": {"NOT_FOUND", "UNAVAILABLE"}, "Pick": {"NOT_FOUND", "UNAVAILABLE", "DATA_LOSS"}})
+        self.assertEqual(codes["Draw"], {"NOT_FOUND", "UNAVAILABLE"})
+        self.assertEqual(codes["Pick"], {"NOT_FOUND", "UNAVAILABLE", "DATA_LOSS"})
 
     def test_real_protos_promise_what_faults_need_and_no_bugs(self):
         codes = documented.load()
-        for method in ("RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface", "GetHistogram"):
-            self.assertLessEqual({"UNAVAILABLE", "DEADLINE_EXCEEDED", "DATA_LOSS", "FAILED_PRECONDITION"}, codes[method])
+        needed = {"UNAVAILABLE", "DEADLINE_EXCEEDED", "DATA_LOSS", "FAILED_PRECONDITION"}
+        for method in METHODS:
+            self.assertLessEqual(needed, codes[method])
             self.assertFalse(codes[method] & {"INTERNAL", "UNKNOWN", "INVALID_ARGUMENT", "CANCELLED"}, method)
 
 
@@ -339,6 +344,16 @@ class PlantedFaultTest(unittest.TestCase):
         self.assertEqual(found[0][0], "not idle")
         self.assertIn("a: 2", found[0][1])
 
+    def test_process_that_outgrows_its_limit_is_a_finding(self):
+        found = []
+        checker = quiet.Quiet(None, [], self.load, self.judge, self.report, lambda *what: found.append(what))
+        limit = cluster.MEMORY_LIMIT_MIB << 20
+        checker._check_size("a", {"resident_bytes": limit, "descriptors": quiet.MAX_DESCRIPTORS, "threads": 9})
+        checker._check_size("gone", {})
+        self.assertEqual(found, [])
+        checker._check_size("a", {"resident_bytes": limit + (1 << 20), "descriptors": quiet.MAX_DESCRIPTORS + 1})
+        self.assertEqual([kind for kind, _ in found], ["memory", "descriptors"])
+
     def _run(self):
         return {"seed": 1, "tls": True, "clients": 1, "topology": "1 x 1"}
 
@@ -348,8 +363,7 @@ class PoolTest(unittest.TestCase):
         names = [(r.name, r.message.SerializeToString(deterministic=True)) for r in pool.make_pool(3, "d")]
         again = [(r.name, r.message.SerializeToString(deterministic=True)) for r in pool.make_pool(3, "d")]
         self.assertEqual(names, again)
-        self.assertEqual({r.method for r in pool.make_pool(3, "d")}, {
-            "RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface", "GetHistogram"})  # fmt: skip
+        self.assertEqual({r.method for r in pool.make_pool(3, "d")}, METHODS)
 
     def test_parts_of_a_stream_make_the_whole(self):
         whole = pool.pb.RenderIsosurfaceResponse(png=b"abcdef", depth=b"1234")

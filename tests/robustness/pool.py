@@ -21,7 +21,8 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "clients" /
 import grpc  # noqa: E402
 
 from isoscope._proto import cluster_service_pb2 as cluster_pb2  # noqa: E402, F401
-from isoscope._proto import cluster_service_pb2_grpc, dataset_service_pb2_grpc, isosurface_service_pb2_grpc  # noqa: E402
+from isoscope._proto import cluster_service_pb2_grpc, dataset_service_pb2_grpc  # noqa: E402
+from isoscope._proto import isosurface_service_pb2_grpc  # noqa: E402
 from isoscope._proto import dataset_service_pb2 as dataset_pb2  # noqa: E402
 from isoscope._proto import isosurface_service_pb2 as pb  # noqa: E402
 
@@ -121,7 +122,8 @@ def make_pool(seed, dataset, count=48):
             frame = _frame(chance, dataset)
             pick = pb.PickSurfaceRequest(frame=frame)
             for _ in range(chance.randint(1, 6)):
-                pick.pixels.add(x=chance.randrange(frame.viewport.width_px), y=chance.randrange(frame.viewport.height_px))
+                size = frame.viewport
+                pick.pixels.add(x=chance.randrange(size.width_px), y=chance.randrange(size.height_px))
             pool.append(Request(name, "PickSurface", pick, name))
         elif part < 0.95:
             mesh = pb.ExportIsosurfaceRequest(dataset=dataset, isovalue=chance.randrange(60, 200))

@@ -2,12 +2,14 @@
 
 import time
 
+from robustness.cluster import MEMORY_LIMIT_MIB
 from robustness.model import AFTERMATH_S
 from robustness.pool import Client, cluster_pb2, grpc
 
 WELL_AFTER_S = 15.0
 IDLE_AFTER_S = 6.0
 DEADLINE_S = 20.0
+MAX_DESCRIPTORS = 256
 
 
 class Quiet:
@@ -28,7 +30,15 @@ class Quiet:
             finally:
                 client.close()
         for process in self._cluster.processes.values():
-            self._report.add_facts(process.name, process.facts())
+            self._check_size(process.name, process.facts())
+
+    def _check_size(self, name, facts):
+        """A process that is idle has its caches, its threads and some connections."""
+        self._report.add_facts(name, facts)
+        if facts.get("resident_bytes", 0) > MEMORY_LIMIT_MIB << 20:
+            self._on_finding("memory", f"{name}: {facts['resident_bytes'] >> 20} MiB of {MEMORY_LIMIT_MIB} MiB")
+        if facts.get("descriptors", 0) > MAX_DESCRIPTORS:
+            self._on_finding("descriptors", f"{name} has {facts['descriptors']}, more than {MAX_DESCRIPTORS}")
 
     def _await_well(self, client, coordinator):
         """Seconds until a frame is exact again."""

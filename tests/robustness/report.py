@@ -110,29 +110,31 @@ class Report:
 
 def to_text(data):
     """The table for people, of what Report.to_json returns."""
-    columns = ("fault", "count", "answers", "exact", "partial", "altered", "garbled", "wrong", "hung", "other", "slowest", "errors")
+    counts = ("count", "answers", "exact", "partial", "altered", "garbled", "wrong", "hung")
+    columns = ("fault", *counts, "other", "slowest", "errors")
     lines = []
     for row in data["faults"]:
         errors = ", ".join(f"{code} {count}" for code, count in row["errors"].items())
         other = row["undocumented"] + row["unexplained"]
-        lines.append((row["fault"], row["count"], row["answers"], row["exact"], row["partial"], row["altered"], row["garbled"],
-                      row["wrong"], row["hung"], other, f"{row['slowest_s']:.2f} s", errors))  # fmt: skip
+        lines.append((row["fault"], *(row[name] for name in counts), other, f"{row['slowest_s']:.2f} s", errors))
     widths = [max(len(str(line[i])) for line in [columns, *lines]) for i in range(len(columns))]
 
     def row_text(line):
-        cells = [str(cell).ljust(w) if i in (0, 11) else str(cell).rjust(w) for i, (cell, w) in
+        cells = [str(cell).ljust(w) if i in (0, len(columns) - 1) else str(cell).rjust(w) for i, (cell, w) in
                  enumerate(zip(line, widths))]  # fmt: skip
         return "  ".join(cells).rstrip()
 
     totals, run = data["totals"], data["run"]
-    text = [f"seed {run['seed']}, {run['topology']}, {'TLS' if run['tls'] else 'plaintext'}, {run['clients']} clients", ""]
+    wire = "TLS" if run["tls"] else "plaintext"
+    text = [f"seed {run['seed']}, {run['topology']}, {wire}, {run['clients']} clients", ""]
     text += [row_text(columns)] + [row_text(line) for line in lines]
     text += [
         "",
         "An answer counts for every kind of fault around it. other: errors that are undocumented, or without a fault.",
         "",
-        f"{totals['faults']} faults, {totals['answers']} answers in {totals['seconds']:.0f} s: {totals['exact']} exact, "
-        f"{totals['partial']} partial, {totals['error']} documented errors, {totals['altered']} altered, {totals['garbled']} garbled; "
+        f"{totals['faults']} faults, {totals['answers']} answers in {totals['seconds']:.0f} s: "
+        f"{totals['exact']} exact, {totals['partial']} partial, {totals['error']} documented errors, "
+        f"{totals['altered']} altered, {totals['garbled']} garbled; "
         f"{totals['wrong']} wrong, {totals['hung']} hung, {totals['undocumented']} undocumented, "
         f"{totals['unexplained']} unexplained; {totals['findings']} findings",
         f"slowest answer {totals['slowest_s']} s, slowest recovery {data['slowest_recovery_s']} s, "

@@ -146,7 +146,8 @@ class Run:
         return {
             "seed": options.seed, "tls": not options.plaintext, "clients": options.clients, "calm": options.calm,
             "rate": options.rate, "at_once": options.at_once, "partial": options.partial,
-            "topology": f"{topology.shards} shards x {topology.replicas} replicas, {topology.coordinators} coordinators",
+            "topology": f"{topology.shards} shards x {topology.replicas} replicas, "
+            f"{topology.coordinators} coordinators",
         }  # fmt: skip
 
 
