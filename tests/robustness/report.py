@@ -83,6 +83,11 @@ class Report:
                 "seconds": round(time.monotonic() - self._begin, 1),
             }
 
+    def codes(self):
+        """How many answers had which code, for people."""
+        with self._lock:
+            return ", ".join(f"{code} {count}" for code, count in self._codes.most_common())
+
     def _table(self):
         rows = []
         for kind in sorted(set(self._rows) | set(self._faults)):

@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import pathlib
 import shutil
+import signal
 import sys
 import tempfile
 
@@ -134,7 +135,7 @@ class Run:
             quiet.check()
             totals = self.report.totals()
             print(f"storm {number}: {totals['faults']} faults, {totals['answers']} answers, {totals['exact']} exact, "
-                  f"{totals['findings']} findings, {totals['seconds']:.0f} s", flush=True)  # fmt: skip
+                  f"{totals['findings']} findings, {totals['seconds']:.0f} s; {self.report.codes()}", flush=True)  # fmt: skip
         load.end()
         flipped = self.cluster.proxy("counts")["flipped"]
         self.cluster.end()
@@ -171,6 +172,7 @@ def main(arguments=None):
         options.keep.mkdir(parents=True)
     folder = options.keep or pathlib.Path(tempfile.mkdtemp(prefix="isoscope-robustness-"))
     run = Run(options, topology, folder.resolve())
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(3))  # and so ends what it started
     has_ended = False
     try:
         data = run.execute(faults)
