@@ -48,7 +48,6 @@ class Load:
         self._patient_share = 0.0 if is_calm else PATIENT_SHARE
         self._running = threading.Event()
         self._ended = threading.Event()
-        self._idle = threading.Semaphore(0)
         self._parked = threading.Barrier(clients + 1)
         self._threads = [
             threading.Thread(target=self._ask_all_the_time, args=(random.Random(seed * 1000 + number),), daemon=True)

@@ -38,7 +38,7 @@ def parse_arguments(arguments):
     add("--at-once", type=int, default=3, help="faults at a time, at most (default: 3)")
     add("--storm", type=int, default=100, help="faults between two quiet checks (default: 100)")
     add("--kinds", help="only these kinds, separated by commas (default: all)")
-    add("--calm", action="store_true", help="one agent at a time is lost, the rest is well: replicas must hide it, so "
+    add("--calm", action="store_true", help="one agent at a time is hit, the rest is well: replicas must hide it, so "
         "every error is a finding")  # fmt: skip
     add("--shards", type=int, default=2, help="default: 2")
     add("--replicas", type=int, default=2, help="agents for each shard (default: 2)")

@@ -69,8 +69,8 @@ KINDS = {
     "full_disk": Kind("disk", 0.5, (0.0, 0.0), "partition, render and export onto a file system without room"),
 }
 
-# Those that a replica must hide: one agent's loss, while the rest is well.
-HIDDEN_BY_REPLICAS = ("kill_agent", "stop_agent", "restart_agent", "drain_agent", "cut_agent_link")
+# Those that a replica must hide: whatever befalls one agent, or its link, while the rest is well.
+HIDDEN_BY_REPLICAS = tuple(name for name, kind in KINDS.items() if kind.target in ("agent", "agent_link"))
 
 
 @dataclasses.dataclass(frozen=True)
