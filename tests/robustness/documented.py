@@ -32,4 +32,6 @@ def load(folder=PROTOS):
     codes = {}
     for path in sorted(folder.glob("*_service.proto")):
         codes.update(parse(path.read_text()))
+    # Its own table is that of the stream; frames in it have the errors of frames.
+    codes["Interact"] |= codes["RenderIsosurface"]
     return {method: found - _NEVER_RIGHT for method, found in codes.items()}

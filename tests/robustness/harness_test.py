@@ -22,10 +22,13 @@ try:
 except ImportError as error:
     robustness.try_another_python(error)
 
-from isoscope._proto import cluster_service_pb2_grpc, isosurface_service_pb2_grpc  # noqa: E402
+from isoscope._proto import cluster_service_pb2_grpc, interact_service_pb2_grpc  # noqa: E402
+from isoscope._proto import isosurface_service_pb2_grpc  # noqa: E402
 
 
-METHODS = {"RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface", "GetHistogram"}
+METHODS = {
+    "RenderIsosurface", "RenderIsosurfaceStream", "Interact", "PickSurface", "ExportIsosurface", "GetHistogram",
+}  # fmt: skip
 
 
 class ScheduleTest(unittest.TestCase):
@@ -274,14 +277,16 @@ class JudgeTest(unittest.TestCase):
 
 
 class FakeServer(isosurface_service_pb2_grpc.IsosurfaceServiceServicer,
-                 cluster_service_pb2_grpc.ClusterServiceServicer):  # fmt: skip
-    """Answers as it is told: with a picture, late, or busy."""
+                 cluster_service_pb2_grpc.ClusterServiceServicer,
+                 interact_service_pb2_grpc.InteractServiceServicer):  # fmt: skip
+    """Answers as it is told: with a picture, late, or busy; to views with `answers`."""
 
     def __init__(self, test):
-        self.png, self.late_s, self.working = b"right", 0.0, 0
+        self.png, self.late_s, self.working, self.answers = b"right", 0.0, 0, []
         server = pool.grpc.server(concurrent.futures.ThreadPoolExecutor(4))
         isosurface_service_pb2_grpc.add_IsosurfaceServiceServicer_to_server(self, server)
         cluster_service_pb2_grpc.add_ClusterServiceServicer_to_server(self, server)
+        interact_service_pb2_grpc.add_InteractServiceServicer_to_server(self, server)
         self.address = f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}"
         server.start()
         test.addCleanup(lambda: server.stop(None).wait())
@@ -291,6 +296,9 @@ class FakeServer(isosurface_service_pb2_grpc.IsosurfaceServiceServicer,
         response = pool.pb.RenderIsosurfaceResponse(png=self.png)
         response.statistics.read_bytes = int(time.monotonic() * 1e9)  # differs each time, and must not matter
         return response
+
+    def Interact(self, requests, context):
+        yield from self.answers
 
     def GetClusterStatus(self, request, context):
         status = pool.cluster_pb2.GetClusterStatusResponse()
@@ -331,6 +339,23 @@ class PlantedFaultTest(unittest.TestCase):
         self.server.late_s = 0.1 + model.GRACE_S + 0.5
         self.assertEqual(self._judged(None), "hung")
         self.assertEqual(self.report.totals()["findings"], 1)
+
+    def test_view_counts_only_when_it_is_exact(self):
+        view = pool.Request("v", "Interact", pool.pb.RenderIsosurfaceRequest(), "r0")
+        answer_of = pool.interact_pb2.InteractResponse
+        moving = answer_of(sequence_number=1, frame_number=1, frame={"jpeg": b"coarse"})
+        early = answer_of(sequence_number=1, frame_number=2, is_exact=True, frame={"png": b"of the state before"})
+        exact = answer_of(sequence_number=2, frame_number=3, is_exact=True, frame={"png": b"right"})
+        failed = answer_of(sequence_number=2, frame_number=3, error={"code": 14, "message": "agent a was lost"})
+        right = self.judge._references["r0", ()]
+        for answers, code, digest in (
+            ([moving, early, exact], "OK", right),
+            ([moving, failed, exact], "UNAVAILABLE", ""),
+            ([moving, early], "UNKNOWN", ""),
+        ):
+            self.server.answers = answers
+            answer = self.load.ask(self.client, view, "c0", 20)
+            self.assertEqual((answer.code, answer.digest), (code, digest), answer.message)
 
     def test_agent_that_stays_busy_is_a_finding(self):
         found = []

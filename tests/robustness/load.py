@@ -5,7 +5,7 @@ import threading
 import time
 
 from robustness.model import Answer
-from robustness.pool import Client, grpc
+from robustness.pool import Client, FrameFailed, grpc
 
 # A deadline that most faults outlast, and one that most end in.
 DEADLINES_S = (1.0, 2.5, 5.0)
@@ -83,11 +83,12 @@ class Load:
                 break
             while self._running.is_set():
                 coordinator = chance.choice(self._cluster.topology.coordinator_names())
-                is_patient = chance.random() < self._patient_share
+                request = chance.choice(self._pool)
+                # A stream has no limit of its own.
+                is_patient = chance.random() < self._patient_share and request.method != "Interact"
                 key = (coordinator, is_patient)
                 if key not in clients:
                     clients[key] = Client(self._cluster.address(coordinator, is_direct=is_patient), tls)
-                request = chance.choice(self._pool)
                 deadline = None if is_patient else chance.choice(self._deadlines_s)
                 answer = self.ask(clients[key], request, coordinator, deadline)
                 self._judge.judge(answer)
@@ -109,6 +110,8 @@ class Load:
             answer.code, answer.message = error.code().name, error.details() or ""
             metadata = error.trailing_metadata() if hasattr(error, "trailing_metadata") else None
             answer.request_id = dict(metadata or ()).get("x-request-id", "")
+        except FrameFailed as error:
+            answer.code, answer.message = error.code, error.message
         except Exception as error:  # an answer that can't be read is an answer, too
             answer.code, answer.message = "UNREADABLE", f"{type(error).__name__}: {error}"
         answer.end = time.monotonic()

@@ -9,6 +9,7 @@ import hashlib
 import math
 import os
 import pathlib
+import queue
 import random
 import sys
 import typing
@@ -24,6 +25,8 @@ from isoscope._proto import cluster_service_pb2 as cluster_pb2  # noqa: E402, F4
 from isoscope._proto import cluster_service_pb2_grpc, dataset_service_pb2_grpc  # noqa: E402
 from isoscope._proto import isosurface_service_pb2_grpc  # noqa: E402
 from isoscope._proto import dataset_service_pb2 as dataset_pb2  # noqa: E402
+from isoscope._proto import interact_service_pb2 as interact_pb2  # noqa: E402
+from isoscope._proto import interact_service_pb2_grpc  # noqa: E402
 from isoscope._proto import isosurface_service_pb2 as pb  # noqa: E402
 
 SIZE = (56.0, 48.0, 40.0)  # of the volume, world units
@@ -114,7 +117,9 @@ def make_pool(seed, dataset, count=48):
             if part >= 0.5:
                 _output(chance, message)
             pool.append(Request(name, "RenderIsosurface", message, name))
-            # The same frame in parts must be the same frame.
+            # The same frame in parts, or as an interactive view at rest, must be the same frame.
+            if index % 6 == 5 and part < 0.5:
+                pool.append(Request(f"{name}-live", "Interact", message, name))
             if index % 4 == 3:
                 stream = pb.RenderIsosurfaceStreamRequest(request=message)
                 pool.append(Request(f"{name}-stream", "RenderIsosurfaceStream", stream, name))
@@ -167,6 +172,25 @@ def join_parts(parts):
     return whole
 
 
+class FrameFailed(Exception):
+    """The error of a frame in an interactive stream; `code` is the name of gRPC's code."""
+
+    def __init__(self, code, message):
+        super().__init__(f"{code}: {message}")
+        self.code, self.message = code, message
+
+
+_CODE_NAMES = {code.value[0]: code.name for code in grpc.StatusCode}
+
+
+def _turned(frame):
+    """The same frame seen from elsewhere: where a person's view came from."""
+    turned = pb.RenderIsosurfaceRequest()
+    turned.CopyFrom(frame)
+    turned.camera.eye.x += 7
+    return turned
+
+
 class Client:
     """One connection to one coordinator. For one thread."""
 
@@ -184,14 +208,17 @@ class Client:
             files = ((tls / name).read_bytes() for name in ("ca.pem", "client.key", "client.pem"))
             self._channel = grpc.secure_channel(address, grpc.ssl_channel_credentials(*files), options)
         self._frames = isosurface_service_pb2_grpc.IsosurfaceServiceStub(self._channel)
+        self._views = interact_service_pb2_grpc.InteractServiceStub(self._channel)
         self._datasets = dataset_service_pb2_grpc.DatasetServiceStub(self._channel)
         self.cluster = cluster_service_pb2_grpc.ClusterServiceStub(self._channel)
 
     def ask(self, request, timeout):
-        """(digest, missing shards), or grpc.RpcError."""
+        """(digest, missing shards), or grpc.RpcError, FrameFailed."""
         if request.method == "GetHistogram":
             answer = self._datasets.GetHistogram(request.message, timeout=timeout)
             return hashlib.sha256(answer.SerializeToString(deterministic=True)).hexdigest(), ()
+        if request.method == "Interact":
+            return self._look(request.message, timeout)
         call = getattr(self._frames, request.method)
         if request.method == "RenderIsosurface":
             return _frame_digest(call(request.message, timeout=timeout))
@@ -205,6 +232,26 @@ class Client:
         for chunk in call(request.message, timeout=timeout):
             sha.update(chunk.SerializeToString(deterministic=True))
         return sha.hexdigest(), ()
+
+    def _look(self, frame, timeout):
+        """A view that moves once and then rests: the exact frame. Goes away without a word, as people do."""
+        says = queue.SimpleQueue()
+        for number, view in enumerate((_turned(frame), frame), 1):
+            state = interact_pb2.ViewState(sequence_number=number, frame=view, is_at_rest=view is frame)
+            says.put(interact_pb2.InteractRequest(view_state=state))
+        call = self._views.Interact(iter(says.get, None), timeout=timeout)
+        try:
+            for answer in call:
+                if answer.sequence_number == 2 and answer.HasField("error"):
+                    raise FrameFailed(_CODE_NAMES.get(answer.error.code, "UNKNOWN"), answer.error.message)
+                if answer.sequence_number == 2 and answer.is_exact:
+                    return _frame_digest(answer.frame)
+                shown = interact_pb2.FrameShown(frame_number=answer.frame_number)
+                says.put(interact_pb2.InteractRequest(frame_shown=shown))
+            raise FrameFailed("UNKNOWN", "the stream ended with OK, without the exact frame")
+        finally:
+            says.put(None)
+            call.cancel()
 
     def close(self):
         self._channel.close()
