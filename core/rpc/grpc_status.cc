@@ -28,6 +28,11 @@ absl::Status ToAbslStatus(const grpc::Status& status) {
       number > static_cast<int>(absl::StatusCode::kUnauthenticated)) {
     return absl::UnknownError(absl::StrCat("status code ", number, ": ", status.error_message()));
   }
+  // gRPC's own words for a connection that broke, as on a damaged TLS record. No server says so.
+  if (status.error_code() == grpc::StatusCode::UNKNOWN &&
+      status.error_message() == "Stream removed") {
+    return absl::UnavailableError("the connection broke: Stream removed");
+  }
   return {static_cast<absl::StatusCode>(number), status.error_message()};
 }
 

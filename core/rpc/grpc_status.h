@@ -13,7 +13,8 @@ namespace isoscope::rpc {
 grpc::Status ToGrpcStatus(const absl::Status& status);
 inline constexpr int kMaxStatusMessageBytes = 4096;
 
-// A code that gRPC does not define becomes UNKNOWN.
+// A code that gRPC does not define becomes UNKNOWN. gRPC's own UNKNOWN "Stream removed", which says
+// that the connection broke, becomes UNAVAILABLE.
 absl::Status ToAbslStatus(const grpc::Status& status);
 
 }  // namespace isoscope::rpc

@@ -268,6 +268,15 @@ def test_every_code_is_an_isoscope_error_with_the_servers_sentence(code):
     assert (type(again), str(again), again.code) == (type(error), str(error), error.code)
 
 
+# Symptom: a connection that broke on a flipped bit, or a coordinator that shut down, was UNKNOWN or CANCELLED.
+@pytest.mark.parametrize("code, words", [("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")])
+def test_connection_that_broke_is_unavailable(code, words):
+    error = explain(Failed(grpc.StatusCode[code], words), "h:1", 1.0, False)
+    assert isinstance(error, isoscope.UnavailableError)
+    assert "h:1" in str(error) and words in str(error)
+    assert explain(Failed(grpc.StatusCode[code], "Channel closed!"), "h:1", 1.0, False).code == code
+
+
 def test_errors_are_also_pythons_own_classes():
     assert issubclass(isoscope.NotFoundError, LookupError)
     assert issubclass(isoscope.InvalidArgumentError, ValueError)

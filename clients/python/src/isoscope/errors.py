@@ -165,10 +165,17 @@ _NO_CONNECTION = (
 )
 
 
+# Words of gRPC itself, of connections that broke: on a damaged TLS record, and while a server shut down. No server of
+# ours says so, and who cancels a call here gets other words.
+_BROKEN = {("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")}
+
+
 def explain(error: grpc.RpcError, address: str, timeout: float | None, secure: bool) -> IsoscopeError:
     """Returns what a call's error means: of the class of its code, with a sentence that helps."""
     code = error.code().name if isinstance(error.code(), grpc.StatusCode) else "UNKNOWN"
     details = error.details() or ""
+    if (code, details) in _BROKEN:
+        code, details = "UNAVAILABLE", f"the connection to {address} broke ({details}); try again"
     if code == "UNAVAILABLE" and any(words in details.lower() for words in _NO_CONNECTION):
         details = (
             f"no coordinator answers at {address} ({details}); "

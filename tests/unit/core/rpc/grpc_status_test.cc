@@ -38,6 +38,15 @@ TEST(GrpcStatusTest, CodesThatGrpcDoesNotDefineBecomeUnknown) {
               testing::StatusIs(absl::StatusCode::kUnknown, ::testing::HasSubstr("20: odd")));
 }
 
+// Symptom: a client whose TLS connection broke on a flipped bit got UNKNOWN, and did not try again.
+TEST(GrpcStatusTest, ConnectionThatBrokeIsUnavailable) {
+  EXPECT_THAT(
+      ToAbslStatus(grpc::Status(grpc::StatusCode::UNKNOWN, "Stream removed")),
+      testing::StatusIs(absl::StatusCode::kUnavailable, ::testing::HasSubstr("Stream removed")));
+  EXPECT_THAT(ToAbslStatus(grpc::Status(grpc::StatusCode::UNKNOWN, "odd")),
+              testing::StatusIs(absl::StatusCode::kUnknown));
+}
+
 TEST(GrpcStatusTest, MessagesTooLongForAHeaderAreCut) {
   const grpc::Status status = ToGrpcStatus(absl::InternalError(std::string(100000, 'x')));
   EXPECT_EQ(status.error_message().size(), std::size_t{kMaxStatusMessageBytes});
