@@ -1,7 +1,9 @@
 """Pictures, planes, picks, meshes and histograms of a real server, beside what `isoscope` itself says."""
 
+import contextlib
 import json
 import pickle
+import subprocess
 
 import numpy as np
 import pytest
@@ -286,3 +288,33 @@ def test_messages_with_every_field_reach_the_server():
         "surfaces", "clip", "lights", "camera_fit", "region", "output", "ambient_occlusion", "silhouette", "samples",
         "max_layers", "caps", "allow_partial",
     }  # fmt: skip
+
+
+def test_a_picture_of_some_shards_says_what_is_missing(programs, folder, dataset):
+    """One agent of three: an error as ever, unless a part of the picture is allowed."""
+    shard = sorted(path for path in folder.iterdir() if path.is_dir())[1]
+    with contextlib.ExitStack() as stack:
+        agent = start(stack, programs / "isoscope-agent", "agent_started", "--shard", shard)
+        coordinator = start(stack, programs / "isoscope-coordinator", "coordinator_started", "--agent", agent)
+        client = stack.enter_context(isoscope.connect(coordinator))
+        while not any(agent.is_reachable for agent in client.agents()):
+            pass
+        with pytest.raises(isoscope.IsoscopeError, match="shards 0, 2 of 3"):
+            client["shells"].render(127.5, **SIZE)
+        frame = client["shells"].render(127.5, allow_partial=True, **SIZE)
+        assert frame.statistics.missing_shards == (0, 2)
+        assert 0.1 < frame.statistics.coverage < 0.6
+    whole = dataset.render(127.5, allow_partial=True, **SIZE)
+    assert whole.png == dataset.render(127.5, **SIZE).png != frame.png
+    assert whole.statistics.missing_shards == () and whole.statistics.coverage == 1
+
+
+def start(stack, program, event, *flags):
+    """Starts a server on a free port until the stack unwinds; returns its address."""
+    command = [program, "--listen", "127.0.0.1:0", *flags]
+    process = stack.enter_context(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+    stack.callback(process.kill)
+    for line in process.stderr:
+        if event in line:
+            return line.split("address=")[1].split()[0]
+    raise AssertionError(f"{program} ended")
