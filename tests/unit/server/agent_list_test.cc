@@ -1,11 +1,12 @@
 #include "server/agent_list.h"
 
+#include <fstream>
 #include <string>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -20,7 +21,7 @@ using testing::StatusIs;
 class AgentListTest : public ::testing::Test {
  protected:
   absl::StatusOr<std::vector<std::string>> Read(const std::string& text) {
-    ISOSCOPE_EXPECT_OK(io::WriteWholeFile(directory_.Sub("agents"), text));
+    std::ofstream(directory_.Sub("agents")) << text;
     return ReadAgentList(directory_.Sub("agents"));
   }
 

@@ -1,6 +1,7 @@
 #include "server/agent_registry.h"
 
 #include <atomic>
+#include <fstream>
 #include <functional>
 #include <map>
 #include <memory>
@@ -16,7 +17,6 @@
 
 #include "core/base/mutex.h"
 #include "core/frame/picture_revision.h"
-#include "core/io/file.h"
 #include "core/rpc/frame_convert.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -280,7 +280,7 @@ TEST(AgentRegistryTest, AgentsComeAndGoWithAListAndABadListChangesNothing) {
   FakeCluster cluster;
   cluster.Serve("a:1", {MakeShard("head", 0, 1)});
   cluster.Serve("b:1", {MakeShard("head", 0, 1)});
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, "a:1\n"));
+  std::ofstream(path) << "a:1\n";
   AgentRegistryOptions options = cluster.LazyOptions({"file:" + path});
   options.poll_interval = absl::Milliseconds(1);
   options.check_target = [](const std::string& target) {
@@ -300,12 +300,12 @@ TEST(AgentRegistryTest, AgentsComeAndGoWithAListAndABadListChangesNothing) {
     EXPECT_EQ(addresses, expected);
   };
   await_agents({"a:1"});
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, "a:1\nb:1\n"));
+  std::ofstream(path) << "a:1\nb:1\n";
   await_agents({"a:1", "b:1"});
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, "b:1\n"));
+  std::ofstream(path) << "b:1\n";
   await_agents({"b:1"});
   for (const char* bad : {"a:1 b:1\n", "evil:1\n"}) {
-    ISOSCOPE_ASSERT_OK(io::WriteWholeFile(path, bad));
+    std::ofstream(path) << bad;
     absl::SleepFor(absl::Milliseconds(20));
     await_agents({"b:1"});
   }
