@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/retries.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "core/rpc/grpc_status.h"
@@ -86,21 +87,27 @@ absl::Status ServiceClient::Explain(const grpc::Status& status) const {
 
 absl::Status ServiceClient::Call(absl::Duration timeout,
                                  absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const {
-  grpc::ClientContext context;
-  rpc::SendToken(token_, &context);
-  if (timeout < absl::InfiniteDuration()) {
-    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
-  }
-  const base::Cancellation::Callback on_interrupt(interrupt_->cancellation(),
-                                                  [&context] { context.TryCancel(); });
+  const absl::Time deadline = absl::Now() + timeout;
   const char* const traceparent = std::getenv("TRACEPARENT");
   const std::optional<base::TraceContext> caller =
       base::TraceContext::Parse(traceparent == nullptr ? "" : traceparent);
-  if (caller.has_value()) {
-    rpc::SetTraceparent(*caller, &context);
-  }
-  const absl::Status status = Explain(call(&context));
-  return IsForOperator(status) ? WithRequestId(status, rpc::RequestIdOf(context)) : status;
+  std::string request_id;
+  const absl::Status status = CallWithRetries(deadline, interrupt_->cancellation(), [&] {
+    grpc::ClientContext context;
+    rpc::SendToken(token_, &context);
+    if (deadline < absl::InfiniteFuture()) {
+      context.set_deadline(absl::ToChronoTime(deadline));
+    }
+    const base::Cancellation::Callback on_interrupt(interrupt_->cancellation(),
+                                                    [&context] { context.TryCancel(); });
+    if (caller.has_value()) {
+      rpc::SetTraceparent(*caller, &context);
+    }
+    absl::Status explained = Explain(call(&context));
+    request_id = rpc::RequestIdOf(context);
+    return explained;
+  });
+  return IsForOperator(status) ? WithRequestId(status, request_id) : status;
 }
 
 absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,
@@ -165,6 +172,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStre
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
     const std::unique_ptr<grpc::ClientReader<v1::RenderIsosurfaceStreamResponse>> reader =
         isosurface_->RenderIsosurfaceStream(context, in_parts);
+    response.Clear();  // of a try before
     v1::RenderIsosurfaceStreamResponse message;
     while (reader->Read(&message)) {
       rpc::AppendPart(std::move(*message.mutable_part()), &response);
@@ -191,13 +199,17 @@ absl::Status ServiceClient::ExportIsosurface(
     const std::unique_ptr<grpc::ClientReader<v1::ExportIsosurfaceResponse>> reader =
         isosurface_->ExportIsosurface(context, request);
     v1::ExportIsosurfaceResponse chunk;
+    bool has_chunks = false;
     while (visited.ok() && reader->Read(&chunk)) {
       visited = visit(chunk);
+      has_chunks = true;
     }
     if (!visited.ok()) {
       context->TryCancel();
     }
-    return reader->Finish();
+    const grpc::Status status = reader->Finish();
+    // Without its details it is not tried again: what was visited can't be taken back.
+    return has_chunks ? grpc::Status(status.error_code(), status.error_message()) : status;
   });
   return visited.ok() ? called : visited;
 }

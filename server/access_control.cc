@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 
 #include "core/base/log.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
@@ -52,8 +53,14 @@ absl::Status AccessGrant::TakeFrame(int spared, absl::Time now) {
     return absl::OkStatus();
   }
   const double wait_ms = std::ceil((1 + spared - frames_) / rate * 1000);
-  return absl::ResourceExhaustedError(absl::StrCat("token \"", token_.name, "\" may have ", rate,
-                                                   " frames a second: retry in ", wait_ms, " ms"));
+  return base::WithRetryDelay(
+      absl::ResourceExhaustedError(absl::StrCat("token \"", token_.name, "\" may have ", rate,
+                                                " frames a second: retry in ", wait_ms, " ms")),
+      absl::Milliseconds(wait_ms));
+}
+
+std::string Caller::QueueKey(const std::string& peer) const {
+  return grant_ == nullptr ? absl::StrCat("peer ", peer) : absl::StrCat("token ", name());
 }
 
 bool Caller::MaySee(const std::string& dataset) const {

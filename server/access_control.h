@@ -38,7 +38,8 @@ class AccessGrant {
   AccessGrant(AccessToken token, absl::Time now);
 
   [[nodiscard]] const AccessToken& token() const { return token_; }
-  // RESOURCE_EXHAUSTED says when to come again. `spared`: frames that must be left afterwards.
+  // RESOURCE_EXHAUSTED says when to come again (retry_delay.h). `spared`: frames that must be left
+  // afterwards.
   absl::Status TakeFrame(int spared, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
   void Withdraw() { is_withdrawn_.store(true); }
   [[nodiscard]] bool is_withdrawn() const { return is_withdrawn_.load(); }
@@ -61,6 +62,8 @@ class Caller {
 
   // Of the token; empty without one.
   [[nodiscard]] std::string name() const { return grant_ == nullptr ? "" : grant_->token().name; }
+  // Who it is in a line of clients: its token, else `peer`, the connection as gRPC names it.
+  [[nodiscard]] std::string QueueKey(const std::string& peer) const;
   [[nodiscard]] bool sees_all_datasets() const {
     return grant_ == nullptr || grant_->token().sees_all_datasets;
   }

@@ -1,5 +1,6 @@
 #include "server/coordinator_metrics.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -71,6 +72,19 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
                          "Frames in work and waiting now.",
                          {Value(gauges.working_frames, "state", "working"),
                           Value(gauges.queued_frames, "state", "queued")}));
+  families->push_back(Of(Type::kGauge, "isoscope_admission_clients",
+                         "Clients with queued frames, and refused ones that keep their turn.",
+                         {Value(gauges.waiting_clients, "state", "queued"),
+                          Value(gauges.outside_clients, "state", "refused")}));
+  const std::int64_t displaced = metrics.displaced_frames.value();
+  const std::int64_t full = std::max(metrics.refused_frames.value() - displaced, std::int64_t{0});
+  families->push_back(Of(Type::kCounter, "isoscope_admission_refused_frames_total",
+                         "Frames and picks that were not drawn, by reason.",
+                         {Value(static_cast<double>(full), "reason", "queue_full"),
+                          Value(static_cast<double>(displaced), "reason", "made_room"),
+                          Value(metrics.expired_frames, "reason", "deadline"),
+                          Value(metrics.rate_limited_frames, "reason", "token_rate"),
+                          Value(metrics.too_large_frames, "reason", "memory_limit")}));
   families->push_back(Of(Type::kGauge, "isoscope_admission_limit_frames",
                          "Most frames in work (--max-concurrent-frames) and waiting "
                          "(--max-queued-frames).",

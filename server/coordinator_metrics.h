@@ -34,6 +34,8 @@ enum class RequestMethod {
 struct CoordinatorGauges {
   int working_frames = 0;
   int queued_frames = 0;
+  int waiting_clients = 0;  // of the queued frames
+  int outside_clients = 0;  // refused, and expected again
   int max_working_frames = 0;
   int max_queued_frames = 0;
   int reachable_agents = 0;
@@ -56,7 +58,11 @@ struct CoordinatorMetrics {
   base::Counter done_frames;
   base::Counter failed_frames;     // but for cancelled ones
   base::Counter cancelled_frames;  // by the client, or because a newer view replaced it
-  base::Counter refused_frames;    // too many were in work and waiting
+  base::Counter refused_frames;    // too many were in work and waiting, or came before
+  base::Counter displaced_frames;  // of those, waited and made room for another client
+  base::Counter expired_frames;    // of failed ones, whose deadline passed in the queue
+  base::Counter rate_limited_frames;
+  base::Counter too_large_frames;  // for the memory limit
   base::DurationHistogram frame_duration;
   base::DurationHistogram queue_wait;
   base::DurationHistogram memory_wait;

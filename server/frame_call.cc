@@ -153,8 +153,13 @@ absl::Status FrameCall::TakePlace() {
   }
   ISOSCOPE_RETURN_IF_ERROR(
       caller_.CheckViewport(spec_.viewport.width_px, spec_.viewport.height_px));
-  ISOSCOPE_ASSIGN_OR_RETURN(FrameRunner::Place place, runner_->Admit(spec_, delivery_));
-  ISOSCOPE_RETURN_IF_ERROR(caller_.TakeFrame(is_moving_));
+  ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
+                            runner_->Admit(caller_.QueueKey(origin_.client), spec_, delivery_));
+  if (absl::Status status = caller_.TakeFrame(is_moving_); !status.ok()) {
+    runner_->metrics()->rate_limited_frames.Add();
+    return status;
+  }
+  ticket_ = place.ticket();
   place_.emplace(std::move(place));
   const view::Viewport size = frame::ImageSizeOf(spec_);
   on_board_.emplace(runner_->board()->Add({.request_id = origin_.request.request_id(),
@@ -166,6 +171,23 @@ absl::Status FrameCall::TakePlace() {
   return absl::OkStatus();
 }
 
+void FrameCall::Schedule(std::function<void()> work) {
+  const Admission::Ticket ticket = ticket_;
+  runner_->admission()->Schedule(ticket, cancellation_.deadline(),
+                                 [this, work = std::move(work)](const absl::Status& turn) {
+                                   turn_ = turn;
+                                   work();
+                                 });
+  if (cancellation_.is_cancelled()) {  // before there was anything to leave
+    runner_->admission()->Leave(ticket);
+  }
+}
+
+void FrameCall::Cancel() {
+  cancellation_.Cancel();
+  runner_->admission()->Leave(ticket_);
+}
+
 void FrameCall::BeginWork() {
   on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
   runner_->metrics()->queue_wait.Observe(absl::Now() - start_);
@@ -174,12 +196,25 @@ void FrameCall::BeginWork() {
 void FrameCall::EndWork(std::int64_t frame_number, const absl::Status& status,
                         const v1::RenderStatistics& statistics) {
   Log(frame_number, status, statistics);
-  runner_->metrics()->CountFrame(status, absl::Now() - start_);
+  CountEnd(status);
   if (status.ok()) {
     CountSteps(statistics);
   }
   on_board_.reset();
   place_.reset();  // before the client gets its answer: its next request finds the place free
+}
+
+void FrameCall::CountEnd(const absl::Status& status) const {
+  CoordinatorMetrics* const metrics = runner_->metrics();
+  if (absl::IsResourceExhausted(turn_)) {
+    metrics->refused_frames.Add();
+    metrics->displaced_frames.Add();
+    return;
+  }
+  if (absl::IsDeadlineExceeded(turn_)) {
+    metrics->expired_frames.Add();
+  }
+  metrics->CountFrame(status, absl::Now() - start_);
 }
 
 void FrameCall::CountSteps(const v1::RenderStatistics& statistics) const {
@@ -209,7 +244,7 @@ absl::Status FrameCall::Render(v1::RenderIsosurfaceResponse* response) {
   BeginWork();
   const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
   const std::int64_t frame_number = runner_->NextFrameNumber();
-  const absl::Status status = TryRender(frame_number, response);
+  const absl::Status status = turn_.ok() ? TryRender(frame_number, response) : turn_;
   if (trace_ != nullptr && status.ok()) {
     AddTrace(frame_number, begin, response);
   }
@@ -237,7 +272,7 @@ void FrameCall::AddTrace(std::int64_t frame_number, base::TraceTime begin,
 absl::Status FrameCall::Pick(v1::PickSurfaceResponse* response) {
   BeginWork();
   const std::int64_t frame_number = runner_->NextFrameNumber();
-  const absl::Status status = TryPick(frame_number, response);
+  const absl::Status status = turn_.ok() ? TryPick(frame_number, response) : turn_;
   EndWork(frame_number, status, response->statistics());
   return status;
 }

@@ -50,6 +50,7 @@
 #include "core/rpc/pick_convert.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/access_control.h"
+#include "server/admission.h"
 #include "server/coordinator_memory.h"
 #include "server/depth_grid.h"
 #include "server/frame_board.h"
@@ -99,9 +100,11 @@ class FrameCall {
   // Logs only failures: for frames of which there are dozens a second.
   void LogFailuresOnly() { logs_success_ = false; }
 
-  // Runs `work` on a frame thread. REQUIRES: the call was admitted.
-  void Schedule(std::function<void()> work) { runner_->Schedule(std::move(work)); }
-  void Cancel() { cancellation_.Cancel(); }
+  // Runs `work` on a frame thread when the turn of the frame has come. A frame that may not wait so
+  // long (admission.h) runs it at once on another thread: Render or Pick then give the reason.
+  // `work` owns the call. REQUIRES: the call was admitted.
+  void Schedule(std::function<void()> work);
+  void Cancel();
 
   [[nodiscard]] absl::Time start() const { return start_; }
   [[nodiscard]] FrameRunner* runner() const { return runner_; }
@@ -121,6 +124,8 @@ class FrameCall {
   absl::Status TakePlace();
   // Ends the wait for a thread.
   void BeginWork();
+  // Counts a frame that ended, or that lost its place before its turn.
+  void CountEnd(const absl::Status& status) const;
   // Gives the place away, counts the frame and logs it.
   void EndWork(std::int64_t frame_number, const absl::Status& status,
                const isoscope::v1::RenderStatistics& statistics);
@@ -168,7 +173,9 @@ class FrameCall {
   std::optional<DepthGrid> depth_grid_;
   bool logs_success_ = true;
   std::function<void()> picture_drawn_;
-  std::optional<FrameRunner::Place> place_;
+  std::optional<Admission::Place> place_;
+  Admission::Ticket ticket_ = 0;  // of the place; 0: none
+  absl::Status turn_;             // why the turn did not come
   std::optional<FrameBoard::Entry> on_board_;
   std::unique_ptr<base::TraceRecorder> trace_;  // null: none is asked for
   base::TraceTime trace_zero_;

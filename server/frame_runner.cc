@@ -7,7 +7,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
-#include "core/base/check.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
@@ -87,10 +86,8 @@ FrameRunner::FrameRunner(const FrameRunnerOptions& options)
       memory_(options.memory_limit_bytes),
       active_blocks_(memory_.active_blocks_bytes()),
       images_(image::FrameImagePool::Make(memory_.unused_image_bytes())),
-      frame_executor_(
-          static_cast<std::size_t>(options.max_concurrent_frames),
-          // frame_count_ bounds the frames, so each of them fits.
-          static_cast<std::size_t>(options.max_concurrent_frames + options.max_queued_frames)) {
+      admission_({.limits = {.max_working = options.max_concurrent_frames,
+                             .max_waiting = options.max_queued_frames}}) {
   if (options.expected_viewport) {
     // Two, because one may still be cleared when the next frame begins.
     for (int i = 0; i < 2; ++i) {
@@ -99,22 +96,18 @@ FrameRunner::FrameRunner(const FrameRunnerOptions& options)
   }
 }
 
-absl::StatusOr<FrameRunner::Place> FrameRunner::Admit(const frame::FrameSpec& spec,
-                                                      Delivery delivery) {
-  ISOSCOPE_RETURN_IF_ERROR(memory_.CheckFits(spec, delivery));
-  const int before = frame_count_.fetch_add(1);
-  Place place(this);
-  if (before >= options_.max_concurrent_frames + options_.max_queued_frames) {
+absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
+                                                    const frame::FrameSpec& spec,
+                                                    Delivery delivery) {
+  if (absl::Status fits = memory_.CheckFits(spec, delivery); !fits.ok()) {
+    metrics_.too_large_frames.Add();
+    return fits;
+  }
+  absl::StatusOr<Admission::Place> place = admission_.Admit(client);
+  if (!place.ok()) {
     metrics_.refused_frames.Add();
-    return absl::ResourceExhaustedError(absl::StrCat(
-        options_.max_concurrent_frames, " frames are in work and ", options_.max_queued_frames,
-        " wait (--max-concurrent-frames, --max-queued-frames): retry later, with back-off"));
   }
   return place;
-}
-
-void FrameRunner::Schedule(std::function<void()> work) {
-  ISOSCOPE_CHECK(frame_executor_.TrySchedule(std::move(work)));
 }
 
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
@@ -309,6 +302,9 @@ CoordinatorGauges FrameRunner::gauges() const {
   for (const FrameBoard::Frame& frame : board_.Frames()) {
     ++(frame.step == FrameStep::kQueued ? gauges.queued_frames : gauges.working_frames);
   }
+  const Admission::Counts counts = admission_.counts();
+  gauges.waiting_clients = counts.waiting_clients;
+  gauges.outside_clients = counts.outside_clients;
   gauges.max_working_frames = options_.max_concurrent_frames;
   gauges.max_queued_frames = options_.max_queued_frames;
   gauges.memory_limit_bytes = memory_.limit_bytes();

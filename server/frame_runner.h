@@ -6,11 +6,9 @@
 
 #include <atomic>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -19,7 +17,6 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
-#include "core/base/executor.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
@@ -30,6 +27,7 @@
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/access_control.h"
 #include "server/active_blocks.h"
+#include "server/admission.h"
 #include "server/agent_failure.h"
 #include "server/agent_queries.h"
 #include "server/agent_registry.h"
@@ -83,28 +81,13 @@ class FrameRunner {
 
   explicit FrameRunner(const FrameRunnerOptions& options);
 
-  // The place of a frame among those in work and those that wait. Outlived by the runner.
-  class Place {
-   public:
-    Place(Place&& other) noexcept : runner_(std::exchange(other.runner_, nullptr)) {}
-    Place& operator=(Place&&) = delete;
-    ~Place() {
-      if (runner_ != nullptr) {
-        runner_->frame_count_.fetch_sub(1);
-      }
-    }
-
-   private:
-    friend class FrameRunner;
-    explicit Place(FrameRunner* runner) : runner_(runner) {}
-    FrameRunner* runner_;
-  };
-
-  // Takes a place for a frame. RESOURCE_EXHAUSTED if there is none, or if the frame can never fit
-  // the memory limit. Does not block.
-  absl::StatusOr<Place> Admit(const frame::FrameSpec& spec, Delivery delivery);
-  // Runs `work` on a frame thread once one is free. REQUIRES: the caller has a place.
-  void Schedule(std::function<void()> work);
+  // Takes a place for a frame of `client`, a token's name or a peer. RESOURCE_EXHAUSTED if there is
+  // none, which says when to come again, or if the frame can never fit the memory limit. Does not
+  // block.
+  absl::StatusOr<Admission::Place> Admit(const std::string& client, const frame::FrameSpec& spec,
+                                         Delivery delivery);
+  // The line of frames: what has a place is scheduled there.
+  [[nodiscard]] Admission* admission() { return &admission_; }
 
   // Takes the memory of a frame, and waits until it is free. Errors as CoordinatorMemory.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory(
@@ -170,11 +153,10 @@ class FrameRunner {
   CoordinatorMetrics metrics_;
   FrameBoard board_;
   std::atomic<std::int64_t> next_frame_number_{1};
-  std::atomic<int> frame_count_{0};  // in work or waiting
   ActiveBlocksCache active_blocks_;
   ReplicaBoard replicas_;
   const std::shared_ptr<image::FrameImagePool> images_;
-  base::Executor frame_executor_;  // last: its threads use the members above
+  Admission admission_;  // last: its threads use the members above
 };
 
 // Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.

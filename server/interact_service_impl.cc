@@ -31,6 +31,7 @@
 #include <grpcpp/alarm.h>
 
 #include "core/base/log.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
@@ -49,6 +50,8 @@ namespace {
 namespace v1 = isoscope::v1;
 
 constexpr double kMaxFramesPerSecond = 120;
+// After which one who met too many streams may try again: people close pages in minutes.
+constexpr absl::Duration kFullDelay = absl::Seconds(5);
 // The depth grid of an exact frame, which is warped when the view begins to move.
 constexpr int kExactGridSide = 256;
 
@@ -426,8 +429,10 @@ absl::Status InteractServiceImpl::Add(const std::shared_ptr<InteractCall>& call)
     return absl::UnavailableError("the coordinator stops: connect again");
   }
   if (calls_.size() >= kMaxStreams) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat(kMaxStreams, " interactive streams are open: retry later, with back-off"));
+    return base::WithRetryDelay(
+        absl::ResourceExhaustedError(
+            absl::StrCat(kMaxStreams, " interactive streams are open: retry later, with back-off")),
+        kFullDelay);
   }
   calls_.insert(call);
   return absl::OkStatus();

@@ -183,11 +183,10 @@ class IsosurfaceServiceImpl::ExportCall final
     const absl::Status admitted = call->Admit(*context);
     if (!admitted.ok()) {
       call->outgoing_.Finish(admitted);
-    } else if (!service->export_executor_.TrySchedule([call] { call->Run(); })) {
-      call->outgoing_.Finish(absl::ResourceExhaustedError(
-          absl::StrCat(kMaxConcurrentExports, " exports are in work and ", kMaxQueuedExports,
-                       " wait: retry later, with back-off")));
+      return call.get();
     }
+    service->exports_.Schedule(call->place_->ticket(), call->cancellation_.deadline(),
+                               [call](const absl::Status& turn) { call->Run(turn); });
     return call.get();
   }
 
@@ -198,6 +197,7 @@ class IsosurfaceServiceImpl::ExportCall final
 
   void OnCancel() override {
     cancellation_.Cancel();
+    service_->exports_.Leave(ticket_);
     outgoing_.Close();
     {
       const base::MutexLock lock(&streams_mutex_);
@@ -236,12 +236,19 @@ class IsosurfaceServiceImpl::ExportCall final
   absl::Status Admit(const grpc::CallbackServerContext& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->options_.access->Identify(rpc::PeerOf(context)));
     ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
-    return caller_.TakeFrame(/*is_moving=*/false);
+    ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
+                              service_->exports_.Admit(caller_.QueueKey(context.peer())));
+    ISOSCOPE_RETURN_IF_ERROR(caller_.TakeFrame(/*is_moving=*/false));
+    ticket_ = place.ticket();
+    place_.emplace(std::move(place));
+    return absl::OkStatus();
   }
 
-  void Run() {
+  // Gets the reason if the turn of the export did not come.
+  void Run(const absl::Status& turn) {
     const absl::Time start = absl::Now();
-    const absl::Status status = Export();
+    const absl::Status status = turn.ok() ? Export() : turn;
+    place_.reset();
     outgoing_.Finish(status);
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok() ? "export_done" : "export_failed",
@@ -334,8 +341,10 @@ class IsosurfaceServiceImpl::ExportCall final
   const isoscope::v1::ExportIsosurfaceRequest request_;
   const base::TraceContext identity_;
   const absl::Time arrival_ = absl::Now();
-  Caller caller_;         // set before Run
-  rpc::ExportSpec spec_;  // set before Run
+  Caller caller_;  // set before Run
+  std::optional<Admission::Place> place_;
+  Admission::Ticket ticket_ = 0;  // of the place; 0: none
+  rpc::ExportSpec spec_;          // set before Run
   base::Cancellation cancellation_;
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
@@ -346,7 +355,10 @@ class IsosurfaceServiceImpl::ExportCall final
 };
 
 IsosurfaceServiceImpl::IsosurfaceServiceImpl(const IsosurfaceServiceOptions& options)
-    : options_(options), export_executor_(kMaxConcurrentExports, kMaxQueuedExports) {
+    : options_(options),
+      exports_({.limits = {.max_working = kMaxConcurrentExports, .max_waiting = kMaxQueuedExports},
+                .noun = "export",
+                .flags = ""}) {
   rpc::PrepareKnownFields(isoscope::v1::RenderIsosurfaceRequest());
   rpc::PrepareKnownFields(isoscope::v1::PickSurfaceRequest());
 }

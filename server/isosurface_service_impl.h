@@ -11,10 +11,10 @@
 #include "absl/time/time.h"
 #include <oneapi/tbb/task_arena.h>
 
-#include "core/base/executor.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "server/access_control.h"
+#include "server/admission.h"
 #include "server/agent_registry.h"
 #include "server/coordinator_memory.h"
 #include "server/frame_call.h"
@@ -65,7 +65,7 @@ class IsosurfaceServiceImpl final : public isoscope::v1::IsosurfaceService::Call
   absl::Status Identify(const grpc::CallbackServerContext& context, FrameCall* frame) const;
 
   const IsosurfaceServiceOptions options_;
-  base::Executor export_executor_;  // last: its threads use the members above
+  Admission exports_;  // last: its threads use the members above
 };
 
 }  // namespace isoscope::server

@@ -30,6 +30,7 @@
 
 #include "client-cli/mesh_piece.h"
 #include "client-cli/mesh_writer.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "web-gateway/etag.h"
 #include "web-gateway/json.h"
@@ -281,12 +282,12 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     if (pictures_->fetch_add(1) < options_.max_pictures) {
       return true;
     }
-    HttpResponse response = ErrorResponse(absl::ResourceExhaustedError(
-        absl::StrCat(options_.max_pictures,
-                     " pictures and meshes are in work, which is the gateway's limit "
-                     "(--max-pictures): ask again later")));
-    response.headers.emplace_back("Retry-After", "1");
-    Respond(std::move(response));
+    RespondError(
+        base::WithRetryDelay(absl::ResourceExhaustedError(absl::StrCat(
+                                 options_.max_pictures,
+                                 " pictures and meshes are in work, which is the gateway's limit "
+                                 "(--max-pictures): ask again later")),
+                             absl::Seconds(1)));
     return false;
   }
 

@@ -1,11 +1,17 @@
 #include "web-gateway/http_message.h"
 
+#include <algorithm>
+#include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <system_error>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
 #include <nlohmann/json.hpp>
+
+#include "core/base/retry_delay.h"
 
 namespace isoscope::gateway {
 
@@ -55,14 +61,22 @@ HttpResponse ErrorResponse(const absl::Status& status) {
 }
 
 HttpResponse ErrorResponse(const absl::Status& status, int http_status) {
-  const nlohmann::ordered_json json = {{"code", absl::StatusCodeToString(status.code())},
-                                       {"message", absl::StrCat(status.message())}};
+  nlohmann::ordered_json json = {{"code", absl::StatusCodeToString(status.code())},
+                                 {"message", absl::StrCat(status.message())}};
+  const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
+  if (delay.has_value()) {
+    json["retry_delay_ms"] = absl::ToInt64Milliseconds(*delay);
+  }
   constexpr int kOneLine = -1;
   HttpResponse response =
       JsonResponse(absl::StrCat(json.dump(kOneLine, ' ', /*ensure_ascii=*/false,
                                           nlohmann::ordered_json::error_handler_t::replace),
                                 "\n"));
   response.status = http_status;
+  if (delay.has_value()) {
+    const std::int64_t seconds = absl::ToInt64Seconds(absl::Ceil(*delay, absl::Seconds(1)));
+    response.headers.emplace_back("Retry-After", absl::StrCat(std::max(seconds, std::int64_t{1})));
+  }
   if (http_status == 401) {
     response.headers.emplace_back("WWW-Authenticate", "Bearer");
   }

@@ -40,7 +40,9 @@ struct HttpResponse {
 // 503, DEADLINE_EXCEEDED 504; 500 for all others.
 int HttpStatusOf(absl::StatusCode code);
 
-// The answer for an error: {"code": "INVALID_ARGUMENT", "message": "..."}, never kept by caches.
+// The answer for an error: {"code": "INVALID_ARGUMENT", "message": "..."}, never kept by caches. A
+// refusal that tells a time to wait has it as "retry_delay_ms", and in whole seconds, at least 1,
+// as the header Retry-After.
 HttpResponse ErrorResponse(const absl::Status& status);
 // The same with another status of HTTP, such as 405.
 HttpResponse ErrorResponse(const absl::Status& status, int http_status);

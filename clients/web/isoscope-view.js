@@ -1194,6 +1194,31 @@ class Samples {
   }
 }
 
+/** Refusals are asked again for so long. */
+const RETRY_MS = 30000;
+
+/**
+ * Waits; throws the reason of a signal that aborts meanwhile.
+ * @param {number} ms @param {AbortSignal | null} [signal] @returns {Promise<void>}
+ */
+function sleep(ms, signal) {
+  return new Promise((resolve, reject) => {
+    const abort = () => {
+      clearTimeout(timer);
+      reject(signal?.reason);
+    };
+    const timer = setTimeout(() => {
+      signal?.removeEventListener('abort', abort);
+      resolve();
+    }, ms);
+    if (signal?.aborted) {
+      abort();
+    } else {
+      signal?.addEventListener('abort', abort, { once: true });
+    }
+  });
+}
+
 /**
  * Speaks to the HTTP side of a gateway. Every error is an Error with a sentence, `code` and `status`.
  */
@@ -1223,8 +1248,27 @@ export class Client {
     return this.address('v1/interact').replace(/^http/, 'ws');
   }
 
-  /** @param {string} path @param {RequestInit} [init] @returns {Promise<Response>} */
+  /**
+   * Asks again after the time that a refusal tells, within RETRY_MS.
+   * @param {string} path @param {RequestInit} [init] @returns {Promise<Response>}
+   */
   async request(path, init) {
+    const start = performance.now();
+    for (;;) {
+      try {
+        return await this.requestOnce(path, init);
+      } catch (error) {
+        const delay = /** @type {{retryDelay?: number}} */ (error).retryDelay;
+        if (delay === undefined || performance.now() - start + delay > RETRY_MS) {
+          throw error;
+        }
+        await sleep(delay, init?.signal);
+      }
+    }
+  }
+
+  /** @param {string} path @param {RequestInit} [init] @returns {Promise<Response>} */
+  async requestOnce(path, init) {
     let response;
     try {
       response = await fetch(this.address(path), init);
@@ -1236,14 +1280,16 @@ export class Client {
         '`isoscope view`) still running, and is the network up?'), { code: 'UNAVAILABLE', status: 0 });
     }
     if (!response.ok) {
-      let body = { code: '', message: '' };
+      let body = { code: '', message: '', retry_delay_ms: /** @type {number | undefined} */ (undefined) };
       try {
         body = await response.json();
       } catch {
         // Not ours: a proxy's page.
       }
+      const delay = body.retry_delay_ms;
       throw Object.assign(new Error(body.message || `The gateway answered with HTTP status ${response.status}.`),
-        { code: body.code || 'UNKNOWN', status: response.status });
+        { code: body.code || 'UNKNOWN', status: response.status,
+          retryDelay: typeof delay === 'number' && delay >= 0 ? delay : undefined });
     }
     return response;
   }

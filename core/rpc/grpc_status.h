@@ -1,5 +1,7 @@
 // The only place where absl::Status becomes grpc::Status and back. Codes have the same numbers and
-// meanings on both sides; messages are kept.
+// meanings on both sides; messages are kept. The time to wait of a refusal (base/retry_delay.h)
+// travels as google.rpc.RetryInfo in a google.rpc.Status, the metadata grpc-status-details-bin, as
+// other services of gRPC do it. Other details are not read.
 
 #ifndef ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 #define ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
@@ -14,7 +16,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status);
 inline constexpr int kMaxStatusMessageBytes = 4096;
 
 // A code that gRPC does not define becomes UNKNOWN. gRPC's own UNKNOWN "Stream removed", which says
-// that the connection broke, becomes UNAVAILABLE.
+// that the connection broke, becomes UNAVAILABLE. Details that can't be read are left out.
 absl::Status ToAbslStatus(const grpc::Status& status);
 
 }  // namespace isoscope::rpc

@@ -18,6 +18,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
+#include "core/base/retry_delay.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/known_fields.h"
@@ -52,13 +53,14 @@ inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* contex
 // it.
 class UnaryTask final : public grpc::ServerUnaryReactor {
  public:
+  static constexpr absl::Duration kBusyDelay = absl::Milliseconds(500);
   using Answer = std::function<absl::Status(const base::Cancellation& cancellation,
                                             const base::TraceContext& identity)>;
 
   // Refuses a request with a field that this program does not know; else lets `answer` fill the
   // response, and ends the call with its status. The cancellation fires when the caller cancels;
   // its deadline is the caller's, or `max_duration` from now if that is sooner.
-  // RESOURCE_EXHAUSTED if the executor's queue is full.
+  // RESOURCE_EXHAUSTED if the executor's queue is full; try again after kBusyDelay.
   static grpc::ServerUnaryReactor* Start(grpc::CallbackServerContext* context,
                                          const google::protobuf::Message& request,
                                          base::Executor* executor, absl::Duration max_duration,
@@ -74,8 +76,10 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
                  const absl::Status checked = task->cancellation_.Check();
                  task->End(checked.ok() ? answer(task->cancellation_, task->identity_) : checked);
                })) {
-      task->End(absl::ResourceExhaustedError(
-          "too many calls of this kind are in work: retry later, with back-off"));
+      task->End(base::WithRetryDelay(
+          absl::ResourceExhaustedError(
+              "too many calls of this kind are in work: retry later, with back-off"),
+          kBusyDelay));
     }
     return task.get();
   }

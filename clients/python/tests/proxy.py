@@ -40,7 +40,7 @@ class _Passer(grpc.GenericRpcHandler):
 class Proxy:
     """Passes calls on to `address`.
 
-    failures: (code, sentence) of the next calls, instead of passing them on.
+    failures: (code, sentence) or (code, sentence, google.rpc.Status) of the next calls, instead of passing them on.
     token: what the calls must bring.
     interact: (requests, stub) -> responses, in place of InteractService.Interact.
     seen: (method, metadata, seconds left) of every call.
@@ -66,7 +66,10 @@ class Proxy:
         if self.token is not None and metadata.get("authorization") != f"Bearer {self.token}":
             context.abort(grpc.StatusCode.UNAUTHENTICATED, "a token is needed: authorization: Bearer TOKEN")
         if self.failures:
-            context.abort(*self.failures.pop(0))
+            code, sentence, *details = self.failures.pop(0)
+            if details:
+                context.set_trailing_metadata((("grpc-status-details-bin", details[0]),))
+            context.abort(code, sentence)
 
     def __enter__(self):
         return self

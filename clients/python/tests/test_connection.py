@@ -10,15 +10,26 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 
 import grpc
 import pytest
+from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
 from proxy import Proxy, make_certificates
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 LOST = (grpc.StatusCode.UNAVAILABLE, "agent 127.0.0.1:1 was lost: it served shards 0, 1 of \"shells\"")
+
+
+def refusal(seconds, code=grpc.StatusCode.RESOURCE_EXHAUSTED):
+    """What a coordinator sends whose queue is full: google.rpc.Status with google.rpc.RetryInfo, by its bytes."""
+    whole = int(seconds)
+    delay = duration_pb2.Duration(seconds=whole, nanos=round((seconds - whole) * 1e9)).SerializeToString()
+    info = b"\x0a" + bytes([len(delay)]) + delay
+    detail = any_pb2.Any(type_url="type.googleapis.com/google.rpc.RetryInfo", value=info).SerializeToString()
+    return code, "36 wait", b"\x08\x08\x12\x0736 wait\x1a" + bytes([len(detail)]) + detail
 
 
 @pytest.fixture
@@ -58,6 +69,55 @@ def test_no_other_error_is_tried_again(proxy, code):
         with pytest.raises(isoscope.IsoscopeError, match="a sentence") as caught:
             through.datasets()
         assert caught.value.code == code and len(proxy.seen) == 1
+
+
+def test_a_refusal_is_tried_again_after_the_time_that_it_tells(proxy, dataset):
+    with isoscope.connect(proxy.address) as through:
+        again = through["shells"]
+        expected = dataset.render(127.5, size=32).png
+        proxy.seen.clear()
+        proxy.failures = [refusal(0.3), refusal(0.0)]
+        start = time.monotonic()
+        assert again.render(127.5, size=32).png == expected
+        assert len(proxy.seen) == 3 and time.monotonic() - start >= 0.3
+        proxy.failures = [refusal(0.01)]
+        assert [one.name for one in through.datasets()] == ["shells"]
+
+
+def test_a_refusal_that_tells_more_time_than_there_is_left_is_final(proxy):
+    with isoscope.connect(proxy.address) as through:
+        dataset = through["shells"]
+        proxy.seen.clear()
+        proxy.failures = [refusal(0.01), refusal(60)]
+        with pytest.raises(isoscope.ResourceExhaustedError, match="36 wait"):
+            dataset.render(127.5, size=32, timeout=5)
+        assert len(proxy.seen) == 2 and proxy.seen[1][2] <= 6
+
+
+def test_refusals_are_tried_again_by_aio_too(proxy, dataset):
+    async def by_aio():
+        async with isoscope.aio.connect(proxy.address) as through:
+            again = await through.dataset("shells")
+            proxy.failures = [refusal(0.02), refusal(0.02)]
+            first = (await again.render(127.5, size=32)).png
+            proxy.failures = [refusal(60)]
+            with pytest.raises(isoscope.ResourceExhaustedError):
+                await again.render(127.5, size=32, timeout=5)
+            return first
+
+    assert asyncio.run(by_aio()) == dataset.render(127.5, size=32).png
+
+
+def test_damaged_details_are_a_final_refusal_and_nothing_worse(proxy):
+    code, sentence, details = refusal(0.01)
+    with isoscope.connect(proxy.address) as through:
+        for size in range(0, len(details), 7):
+            proxy.failures = [(code, sentence, details[:size])]
+            with pytest.raises(isoscope.ResourceExhaustedError):
+                through.datasets()
+        proxy.failures = [(code, sentence, bytes(range(255, 0, -1)))]
+        with pytest.raises(isoscope.ResourceExhaustedError):
+            through.datasets()
 
 
 def test_every_call_has_a_deadline_and_the_metadata(proxy):

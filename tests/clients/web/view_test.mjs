@@ -315,3 +315,34 @@ test('the worker is made of source that stands alone', () => {
   new Function('self', `const parse = ${view.parseMessage};\n(${view.workerMain})(self, parse);`)(scope);
   assert.equal(typeof scope.onmessage, 'function');
 });
+
+test('a refusal is asked again after the time that it tells, and given up when that is too long', async () => {
+  const answers = [];
+  const asked = [];
+  const saved = [globalThis.fetch, globalThis.document];
+  globalThis.document = { baseURI: 'http://localhost/' };
+  globalThis.fetch = async () => {
+    asked.push(performance.now());
+    const [status, body] = answers.shift();
+    return new Response(JSON.stringify(body), { status });
+  };
+  const refusal = (ms) => [429, { code: 'RESOURCE_EXHAUSTED', message: 'full', retry_delay_ms: ms }];
+  try {
+    const client = new view.Client('http://localhost/');
+    answers.push(refusal(40), refusal(5), [200, { datasets: [] }]);
+    assert.deepEqual(await client.get('v1/datasets'), { datasets: [] });
+    assert.equal(asked.length, 3);
+    assert.ok(asked[1] - asked[0] >= 39, `${asked[1] - asked[0]} ms`);
+    answers.push(refusal(3600000));
+    await assert.rejects(client.get('v1/datasets'), { code: 'RESOURCE_EXHAUSTED', status: 429 });
+    answers.push([429, { code: 'RESOURCE_EXHAUSTED', message: 'never fits' }]);
+    await assert.rejects(client.get('v1/datasets'), { message: 'never fits' });
+    const aborter = new AbortController();
+    answers.push(refusal(20000));
+    setTimeout(() => aborter.abort(), 10);
+    await assert.rejects(client.post('v1/render', {}, aborter.signal), { name: 'AbortError' });
+    assert.equal(asked.length, 6);
+  } finally {
+    [globalThis.fetch, globalThis.document] = saved;
+  }
+});

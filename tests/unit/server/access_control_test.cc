@@ -12,6 +12,7 @@
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/retry_delay.h"
 #include "server/dataset_catalog.h"
 #include "tests/support/certificates.h"
 #include "tests/support/status_matchers.h"
@@ -160,6 +161,7 @@ TEST_F(AccessControlTest, FramesAreCountedAndMovingOnesLeaveOne) {
   EXPECT_THAT(grant.TakeFrame(0, start), IsOk());
   EXPECT_THAT(grant.TakeFrame(0, start),
               StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("retry in 250 ms")));
+  EXPECT_EQ(base::RetryDelayOf(grant.TakeFrame(0, start)), absl::Milliseconds(250));
   EXPECT_THAT(grant.TakeFrame(0, start - absl::Hours(1)),
               StatusIs(absl::StatusCode::kResourceExhausted))
       << "a clock that goes back gives nothing";

@@ -43,6 +43,20 @@ TEST(CoordinatorMetricsTest, FramesAreCountedByOutcomeAndCancelledOnesHaveNoDura
   EXPECT_EQ(values["isoscope_frame_duration_seconds"], 2);
 }
 
+TEST(CoordinatorMetricsTest, FramesThatWereNotDrawnAreCountedByReason) {
+  CoordinatorMetrics metrics;
+  metrics.refused_frames.Add(5);
+  metrics.displaced_frames.Add(2);
+  metrics.expired_frames.Add();
+  metrics.too_large_frames.Add(7);
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=queue_full"], 3);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=made_room"], 2);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=deadline"], 1);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=token_rate"], 0);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=memory_limit"], 7);
+}
+
 TEST(CoordinatorMetricsTest, FailuresOfAgentsAreCountedByStageAndCode) {
   CoordinatorMetrics metrics;
   metrics.CountAgentFailure(FrameStage::kRenderingVisible, absl::DataLossError(""));
@@ -68,6 +82,8 @@ TEST(CoordinatorMetricsTest, EveryMethodHasItsName) {
 TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
   auto values = ValuesOf(CoordinatorMetrics().Collect({.working_frames = 3,
                                                        .queued_frames = 7,
+                                                       .waiting_clients = 6,
+                                                       .outside_clients = 9,
                                                        .max_working_frames = 4,
                                                        .max_queued_frames = 32,
                                                        .reachable_agents = 5,
@@ -79,6 +95,8 @@ TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
   EXPECT_EQ(values["isoscope_admission_frames state=working"], 3);
   EXPECT_EQ(values["isoscope_admission_frames state=queued"], 7);
   EXPECT_EQ(values["isoscope_admission_limit_frames state=queued"], 32);
+  EXPECT_EQ(values["isoscope_admission_clients state=queued"], 6);
+  EXPECT_EQ(values["isoscope_admission_clients state=refused"], 9);
   EXPECT_EQ(values["isoscope_agents state=reachable"], 5);
   EXPECT_EQ(values["isoscope_agents state=unreachable"], 1);
   EXPECT_EQ(values["isoscope_datasets state=incomplete"], 8);

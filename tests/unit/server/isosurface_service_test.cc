@@ -15,6 +15,7 @@
 #include "gtest/gtest.h"
 
 #include "core/base/coding.h"
+#include "core/base/retry_delay.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/grpc_status.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
@@ -372,9 +373,71 @@ TEST_F(IsosurfaceServiceTest, MoreFramesThanMayWaitAreRefusedWithAdvice) {
   begun.WaitForNotification();
   EXPECT_THAT(Render(Request()),
               StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("retry later")));
+  EXPECT_TRUE(base::RetryDelayOf(Render(Request()).status()).has_value());
   release.Notify();
   client.join();
   EXPECT_THAT(Render(Request()), IsOk());
+}
+
+TEST_F(IsosurfaceServiceTest, AQueuedFrameHearsOfItsDeadlineWhileTheThreadsAreBusy) {
+  absl::Notification begun;
+  absl::Notification release;
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    if (!begun.HasBeenNotified()) {
+      begun.Notify();
+    }
+    release.WaitForNotification();
+    return PlayEmptyFrame(stream);
+  };
+  options_.max_concurrent_frames = 1;
+  options_.max_queued_frames = 4;
+  StartCluster();
+  std::thread client([&] { EXPECT_THAT(Render(Request()), IsOk()); });
+  begun.WaitForNotification();
+  EXPECT_THAT(Render(Request(), absl::Seconds(2)),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       AllOf(HasSubstr("for its turn"), HasSubstr("1 frames are in work"))));
+  release.Notify();
+  client.join();
+}
+
+TEST_F(IsosurfaceServiceTest, ExportsBeyondTheirQueueAreRefusedWithATimeToComeAgain) {
+  absl::Notification release;
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_surface = [&](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
+      release.WaitForNotification();
+      return grpc::Status::OK;
+    };
+  }
+  StartCluster();
+  std::atomic<int> refused{0};
+  std::vector<std::thread> clients;
+  // Those that are refused come back at once, the others when they are released.
+  constexpr int kPlaces = 4 + 16;
+  for (int i = 0; i < kPlaces + 5; ++i) {
+    clients.emplace_back([&] {
+      grpc::ClientContext context;
+      const auto reader = stub_->ExportIsosurface(&context, {});
+      isoscope::v1::ExportIsosurfaceResponse chunk;
+      while (reader->Read(&chunk)) {
+      }
+      const absl::Status status = rpc::ToAbslStatus(reader->Finish());
+      if (!status.ok()) {
+        EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted,
+                                     HasSubstr("exports are in work")));
+        EXPECT_TRUE(base::RetryDelayOf(status).has_value());
+        ++refused;
+      }
+    });
+  }
+  while (refused.load() < 5) {
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  release.Notify();
+  for (std::thread& client : clients) {
+    client.join();
+  }
+  EXPECT_EQ(refused.load(), 5);
 }
 
 TEST_F(IsosurfaceServiceTest, ShutdownWithoutGraceCancelsFramesInWork) {

@@ -5,6 +5,8 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
+#include "core/base/retry_delay.h"
+
 namespace isoscope::gateway {
 namespace {
 
@@ -40,6 +42,20 @@ TEST(HttpMessageTest, ErrorsAreJsonWhateverTheirMessageHas) {
 TEST(HttpMessageTest, AMissingTokenSaysHowToGiveIt) {
   EXPECT_EQ(ErrorResponse(absl::UnauthenticatedError("no")).Header("WWW-Authenticate"), "Bearer");
   EXPECT_EQ(ErrorResponse(absl::NotFoundError("no")).Header("WWW-Authenticate"), "");
+}
+
+TEST(HttpMessageTest, ARefusalThatTellsATimeHasItInHeaderAndBody) {
+  const HttpResponse refused = ErrorResponse(
+      base::WithRetryDelay(absl::ResourceExhaustedError("full"), absl::Milliseconds(1200)));
+  EXPECT_EQ(refused.status, 429);
+  EXPECT_EQ(refused.Header("Retry-After"), "2");
+  EXPECT_EQ(refused.body,
+            "{\"code\":\"RESOURCE_EXHAUSTED\",\"message\":\"full\",\"retry_delay_ms\":1200}\n");
+  const HttpResponse soon =
+      ErrorResponse(base::WithRetryDelay(absl::UnavailableError("moving"), absl::ZeroDuration()));
+  EXPECT_EQ(soon.status, 503);
+  EXPECT_EQ(soon.Header("Retry-After"), "1");
+  EXPECT_EQ(ErrorResponse(absl::ResourceExhaustedError("too large")).Header("Retry-After"), "");
 }
 
 }  // namespace

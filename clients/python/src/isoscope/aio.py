@@ -9,6 +9,7 @@ A client belongs to the event loop that it was made in, and to its process.
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
@@ -32,6 +33,7 @@ from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import dataset_service_pb2_grpc as datasets_rpc
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope._proto import isosurface_service_pb2_grpc as rpc
+from isoscope._retry import Retries
 from isoscope.camera import CameraLike
 from isoscope import client as _blocking
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
@@ -171,32 +173,45 @@ class Client:
 
     async def _unary(self, stub: Callable[[Any], Any], method: str, request: Any, timeout: float | None) -> Any:
         seconds = self._timeout(timeout)
-        try:
-            call = getattr(stub(self._channel.get()), method)
-            return await call(request, timeout=seconds, metadata=self._target.call_metadata())
-        except grpc.RpcError as error:
-            raise_explained(error, self.address, seconds, self._target.tls)
-        except grpc.aio.UsageError as error:
-            raise CancelledError(f"the client of {self.address} is closed") from error
+        retries = Retries(seconds)
+        while True:
+            try:
+                call = getattr(stub(self._channel.get()), method)
+                return await call(request, timeout=retries.timeout(), metadata=self._target.call_metadata())
+            except grpc.RpcError as error:
+                delay = retries.delay_after(error)
+                if delay is None:
+                    raise_explained(error, self.address, seconds, self._target.tls)
+            except grpc.aio.UsageError as error:
+                raise CancelledError(f"the client of {self.address} is closed") from error
+            await asyncio.sleep(delay)
 
     async def _stream(self, method: str, request: Any, timeout: float | None, take: Callable[[Any], None]) -> None:
         """Calls `take` for every message of a stream; a cancelled task stops the server."""
         seconds = self._timeout(timeout)
-        call: Any = None
-        try:
-            call = getattr(_STREAMS(self._channel.get()), method)(
-                request, timeout=seconds, metadata=self._target.call_metadata()
-            )
-            async for message in call:
-                take(message)
-        except grpc.RpcError as error:
-            raise_explained(error, self.address, seconds, self._target.tls)
-        except grpc.aio.UsageError as error:
-            raise CancelledError(f"the client of {self.address} is closed") from error
-        except BaseException:
-            if call is not None:
-                call.cancel()
-            raise
+        retries = Retries(seconds)
+        has_taken = False
+        while True:
+            call: Any = None
+            try:
+                call = getattr(_STREAMS(self._channel.get()), method)(
+                    request, timeout=retries.timeout(), metadata=self._target.call_metadata()
+                )
+                async for message in call:
+                    has_taken = True
+                    take(message)
+                return
+            except grpc.RpcError as error:
+                delay = None if has_taken else retries.delay_after(error)
+                if delay is None:
+                    raise_explained(error, self.address, seconds, self._target.tls)
+            except grpc.aio.UsageError as error:
+                raise CancelledError(f"the client of {self.address} is closed") from error
+            except BaseException:
+                if call is not None:
+                    call.cancel()
+                raise
+            await asyncio.sleep(delay)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from isoscope._proto import dataset_service_pb2 as datasets_pb
 from isoscope._proto import dataset_service_pb2_grpc as datasets_rpc
 from isoscope._proto import isosurface_service_pb2 as pb
 from isoscope._proto import isosurface_service_pb2_grpc as rpc
+from isoscope._retry import Retries
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
 from isoscope.errors import InvalidArgumentError, raise_explained
@@ -193,31 +195,44 @@ class Client:
     def _unary(self, stub: Callable[[Any], Any], method: str, request: Any, timeout: float | None) -> Any:
         """Makes one call; errors are this package's."""
         seconds = self._timeout(timeout)
-        call = getattr(stub(self._channel.get()), method)
-        try:
-            return call(request, timeout=seconds, metadata=self._target.call_metadata())
-        except grpc.RpcError as error:
-            raise_explained(error, self.address, seconds, self._target.tls)
-        except ValueError as error:  # gRPC: the channel was closed by another thread
-            raise_closed(error, self.address)
+        retries = Retries(seconds)
+        while True:
+            call = getattr(stub(self._channel.get()), method)
+            try:
+                return call(request, timeout=retries.timeout(), metadata=self._target.call_metadata())
+            except grpc.RpcError as error:
+                delay = retries.delay_after(error)
+                if delay is None:
+                    raise_explained(error, self.address, seconds, self._target.tls)
+            except ValueError as error:  # gRPC: the channel was closed by another thread
+                raise_closed(error, self.address)
+            time.sleep(delay)
 
     def _stream(self, method: str, request: Any, timeout: float | None, take: Callable[[Any], None]) -> None:
         """Calls `take` for every message of a stream; stops the server if that is interrupted."""
         seconds = self._timeout(timeout)
-        try:
-            call = getattr(_STREAMS(self._channel.get()), method)(
-                request, timeout=seconds, metadata=self._target.call_metadata()
-            )
-        except ValueError as error:
-            raise_closed(error, self.address)
-        try:
-            for message in call:
-                take(message)
-        except grpc.RpcError as error:
-            raise_explained(error, self.address, seconds, self._target.tls)
-        except BaseException:
-            call.cancel()
-            raise
+        retries = Retries(seconds)
+        has_taken = False
+        while True:
+            try:
+                call = getattr(_STREAMS(self._channel.get()), method)(
+                    request, timeout=retries.timeout(), metadata=self._target.call_metadata()
+                )
+            except ValueError as error:
+                raise_closed(error, self.address)
+            try:
+                for message in call:
+                    has_taken = True
+                    take(message)
+                return
+            except grpc.RpcError as error:
+                delay = None if has_taken else retries.delay_after(error)
+                if delay is None:
+                    raise_explained(error, self.address, seconds, self._target.tls)
+            except BaseException:
+                call.cancel()
+                raise
+            time.sleep(delay)
 
     def _render(self, request: pb.RenderIsosurfaceRequest, timeout: float | None) -> Frame:
         return self._frame_parts(request, timeout).frame(request, fetch=self._plane, pick=self._pick)

@@ -67,7 +67,10 @@ class FailedPreconditionError(IsoscopeError):
 
 
 class ResourceExhaustedError(IsoscopeError):
-    """Too many frames wait (try later), or the picture needs more memory than the server may use."""
+    """Too many frames wait, or the picture needs more memory than the server may use.
+
+    A refusal that tells a time to wait was tried again, until the call's time was up.
+    """
 
     code = "RESOURCE_EXHAUSTED"
 

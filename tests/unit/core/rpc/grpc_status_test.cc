@@ -2,8 +2,10 @@
 
 #include <string>
 
+#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/retry_delay.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::rpc {
@@ -51,6 +53,49 @@ TEST(GrpcStatusTest, MessagesTooLongForAHeaderAreCut) {
   const grpc::Status status = ToGrpcStatus(absl::InternalError(std::string(100000, 'x')));
   EXPECT_EQ(status.error_message().size(), std::size_t{kMaxStatusMessageBytes});
   EXPECT_THAT(status.error_message(), ::testing::EndsWith("..."));
+}
+
+// What google's libraries make of code 8, "full" and a delay of 1.5 s.
+std::string KnownDetails() {
+  using std::string_literals::operator""s;
+  const std::string url = "type.googleapis.com/google.rpc.RetryInfo";
+  const std::string retry_info = "\x0a\x08\x08\x01\x10\x80\xca\xb5\xee\x01"s;
+  const std::string any = "\x0a\x28" + url + "\x12\x0a" + retry_info;
+  return "\x08\x08\x12\x04"
+         "full\x1a\x36" +
+         any;
+}
+
+TEST(GrpcStatusTest, ATimeToWaitIsTheRetryInfoThatEveryoneReads) {
+  const grpc::Status sent = ToGrpcStatus(
+      base::WithRetryDelay(absl::ResourceExhaustedError("full"), absl::Milliseconds(1500)));
+  EXPECT_EQ(sent.error_details(), KnownDetails());
+  EXPECT_EQ(base::RetryDelayOf(ToAbslStatus(sent)), absl::Milliseconds(1500));
+}
+
+TEST(GrpcStatusTest, ErrorsWithoutATimeToWaitHaveNoDetails) {
+  EXPECT_EQ(ToGrpcStatus(absl::ResourceExhaustedError("too large")).error_details(), "");
+  EXPECT_EQ(base::RetryDelayOf(ToAbslStatus({grpc::RESOURCE_EXHAUSTED, "full"})), std::nullopt);
+}
+
+TEST(GrpcStatusTest, DamagedDetailsAreLeftOutAndNeverReadBeyondTheirEnd) {
+  const std::string whole = KnownDetails();
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    const std::string cut = whole.substr(0, size);
+    EXPECT_EQ(ToAbslStatus({grpc::RESOURCE_EXHAUSTED, "full", cut}).message(), "full");
+  }
+  for (std::size_t i = 0; i < whole.size(); ++i) {
+    for (int bit = 0; bit < 8; ++bit) {
+      std::string damaged = whole;
+      damaged[i] = static_cast<char>(damaged[i] ^ (1 << bit));
+      const auto delay =
+          base::RetryDelayOf(ToAbslStatus({grpc::RESOURCE_EXHAUSTED, "full", damaged}));
+      if (delay.has_value()) {
+        EXPECT_GE(*delay, absl::ZeroDuration());
+        EXPECT_LE(*delay, base::kMaxRetryDelay);
+      }
+    }
+  }
 }
 
 }  // namespace
