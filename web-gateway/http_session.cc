@@ -412,6 +412,11 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
   // Tells the peer that no more comes; the socket closes with this session.
   void Close() {
+    if (stream_.has_tls() && !has_unread_bytes_) {
+      ExpireAfter(kDrainTime);
+      stream_.AsyncShutdown([self = shared_from_this()](error_code) { self->lease_ = nullptr; });
+      return;
+    }
     error_code ignored;
     socket().shutdown(tcp::socket::shutdown_send, ignored);
     if (has_unread_bytes_) {

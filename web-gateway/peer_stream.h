@@ -45,6 +45,13 @@ class PeerStream {
     tls_->async_handshake(boost::asio::ssl::stream_base::server, std::forward<Handler>(handler));
   }
 
+  // Says goodbye in TLS and waits for the peer's, so that it can tell an end from a cut. REQUIRES:
+  // has_tls(). `handler`: takes the error, most often that the peer has just closed.
+  template <typename Handler>
+  void AsyncShutdown(Handler&& handler) {
+    tls_->async_shutdown(std::forward<Handler>(handler));
+  }
+
   template <typename Buffers, typename Handler>
   auto async_read_some(const Buffers& buffers, Handler&& handler) {
     return tls_ != nullptr ? tls_->async_read_some(buffers, std::forward<Handler>(handler))
@@ -69,6 +76,10 @@ inline void teardown(boost::beast::role_type role, PeerStream& stream,
 }
 template <typename Handler>
 void async_teardown(boost::beast::role_type role, PeerStream& stream, Handler&& handler) {
+  if (stream.has_tls()) {
+    stream.AsyncShutdown(std::forward<Handler>(handler));
+    return;
+  }
   boost::beast::websocket::async_teardown(role, stream.next_layer().socket(),
                                           std::forward<Handler>(handler));
 }
