@@ -67,10 +67,9 @@ build_and_test() {
 # the tsan preset has a stand-in (tests/support/tsan_tbb). Locks, also those of the tests, are
 # base::Mutex: abseil's can't be seen either. There are no suppressions.
 tsan_programs=(
-  active_blocks agent_registry cancellation coordinator_memory depth_composite executor file first_error
-  frame_board frame_coordinator frame_output frame_pipeline idle_toucher log lru_cache memory_budget
-  memory_pool mesh_cache metrics mutex page_file picture_finish pixel_codec pixel_mailboxes png_codec
-  queued_reads read_queue shard_reader shard_writer task_arena tbb_contract trace_recorder write_queue
+  active_blocks agent_registry cancellation executor file first_error frame_coordinator frame_pipeline log
+  lru_cache memory_budget memory_pool mesh_cache mutex page_file queued_reads read_queue shard_reader
+  shard_writer tbb_contract write_queue
 )
 tsan_tests() {
   local targets=("${tsan_programs[@]/%/_test}")

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_TESTS_SUPPORT_TSAN_TBB_ONEAPI_TBB_TASK_GROUP_H_
 #define ISOSCOPE_TESTS_SUPPORT_TSAN_TBB_ONEAPI_TBB_TASK_GROUP_H_
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <deque>
@@ -71,8 +72,12 @@ class task_group {
         if (queued_.empty()) {
           break;
         }
-        task = std::move(queued_.front());
-        queued_.pop_front();
+        // Those of other threads last, so that nothing orders them and the caller's.
+        auto next = std::find_if(queued_.begin(), queued_.end(),
+                                 [](const Task& queued) { return !queued.is_handed; });
+        next = next == queued_.end() ? queued_.begin() : next;
+        task = std::move(*next);
+        queued_.erase(next);
       }
       if (task.is_handed) {
         task.job->Await(1);
