@@ -13,10 +13,10 @@
 #include <utility>
 #include <vector>
 
-#include "absl/synchronization/mutex.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/image/frame_image.h"
@@ -74,11 +74,11 @@ TEST_F(QueuedReadsTest, EveryReadIsWorkedOnOnceAndAnErrorStopsTheRest) {
   const std::vector<io::ReadQueue::Read> reads(500, {file.get(), 7, 100});
   {
     io::ReadQueue queue(reads);
-    absl::Mutex mutex;
+    base::Mutex mutex;
     std::multiset<std::size_t> seen;
     ISOSCOPE_ASSERT_OK(
         ForEachArrival(&queue, &arena_, never_, [&](const io::ReadQueue::Arrival& arrival) {
-          absl::MutexLock lock(&mutex);
+          const base::MutexLock lock(&mutex);
           seen.insert(arrival.index());
           return arrival.status();
         }));

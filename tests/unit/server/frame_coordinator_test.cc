@@ -15,13 +15,13 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
 #include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <sys/resource.h>
 
+#include "core/base/mutex.h"
 #include "core/base/random.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
@@ -149,47 +149,50 @@ class Agent {
   absl::StatusOr<Blocks> AwaitOccluders() { return Await(&occluders_); }
   absl::StatusOr<VisibleBlocks> AwaitVisible() { return Await(&visible_); }
   absl::Status AwaitCancel() {
-    absl::MutexLock lock(&mutex_);
-    mutex_.Await(absl::Condition(&cancelled_));
+    const base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return cancelled_; });
     return absl::CancelledError("cancelled by the coordinator");
   }
 
   void SetOccluders(const Blocks& blocks) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     EXPECT_FALSE(occluders_.has_value()) << name() << ": occluders were sent twice";
     occluders_ = blocks;
+    changed_.SignalAll();
   }
   void SetVisible(VisibleBlocks visible) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     EXPECT_FALSE(visible_.has_value()) << name() << ": visible blocks were sent twice";
     visible_ = std::move(visible);
+    changed_.SignalAll();
   }
   void Cancel() {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     cancelled_ = true;
+    changed_.SignalAll();
   }
 
   [[nodiscard]] std::optional<Blocks> occluders() const {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     return occluders_;
   }
   [[nodiscard]] std::optional<VisibleBlocks> visible() const {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     return visible_;
   }
   [[nodiscard]] bool is_cancelled() const {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     return cancelled_;
   }
 
  private:
   template <typename T>
   absl::StatusOr<T> Await(std::optional<T>* message) {
-    absl::MutexLock lock(&mutex_);
+    const base::MutexLock lock(&mutex_);
     const auto arrived = [this, message]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
       return cancelled_ || message->has_value();
     };
-    mutex_.Await(absl::Condition(&arrived));
+    changed_.Await(&mutex_, arrived);
     if (cancelled_) {
       return absl::CancelledError("cancelled by the coordinator");
     }
@@ -199,7 +202,8 @@ class Agent {
   const int index_;
   const AgentIdentity identity_;
   AgentListener* const listener_;
-  mutable absl::Mutex mutex_;
+  mutable base::Mutex mutex_;
+  base::CondVar changed_;
   std::optional<Blocks> occluders_ ABSL_GUARDED_BY(mutex_);
   std::optional<VisibleBlocks> visible_ ABSL_GUARDED_BY(mutex_);
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;

@@ -2,15 +2,16 @@
 
 #include <sched.h>
 
+#include <barrier>
 #include <map>
 #include <memory>
 #include <set>
 
-#include "absl/synchronization/barrier.h"
-#include "absl/synchronization/mutex.h"
 #include <gtest/gtest.h>
 #include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_for.h>
+
+#include "core/base/mutex.h"
 
 namespace isoscope::base {
 namespace {
@@ -31,21 +32,19 @@ std::set<int> CpusOfThisThread() {
 // By slot of the arena, the CPUs that its thread may use: of all threads at the same time.
 std::map<int, std::set<int>> CpusBySlot(tbb::task_arena* arena) {
   std::map<int, std::set<int>> cpus_by_slot;
-  absl::Mutex mutex;
+  Mutex mutex;
   const int count = arena->max_concurrency();
   // Nobody leaves before all are there, so that each slot is seen once.
-  auto* const all_are_here = new absl::Barrier(count);
+  std::barrier all_are_here(count);
   arena->execute([&] {
     tbb::parallel_for(
         tbb::blocked_range<int>(0, count),
         [&](const tbb::blocked_range<int>& /*one*/) {
           {
-            absl::MutexLock lock(&mutex);
+            const MutexLock lock(&mutex);
             cpus_by_slot[tbb::this_task_arena::current_thread_index()] = CpusOfThisThread();
           }
-          if (all_are_here->Block()) {
-            delete all_are_here;
-          }
+          all_are_here.arrive_and_wait();
         },
         tbb::simple_partitioner());
   });
