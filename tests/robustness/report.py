@@ -40,7 +40,7 @@ class Report:
             self._methods[answer.method] += 1
             if answer.code != "OK":
                 way = "directly" if answer.is_direct else "through the proxy"
-                words = re.sub(r"[0-9]+", "N", answer.message)[:160]
+                words = re.sub(r"\b[0-9a-f]*[0-9][0-9a-f]*\b", "N", answer.message)[:160]
                 self._messages[f"{answer.code} {way}: {words}"] += 1
             for kind in answer.blamed or {"no fault"}:
                 row = self._rows[kind]
