@@ -88,6 +88,7 @@ class Injector:
         self._start(process)
 
     def _start(self, process, **how):
+        process.kill()  # nothing, unless it crashed and was started again meanwhile
         process.may_fail = False
         process.start(**how, wait=False)
         if not process.wait_until_up():

@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 import json
+import re
 import threading
 import time
 
@@ -21,6 +22,7 @@ class Report:
         self._slowest = collections.defaultdict(float)
         self._verdicts = collections.Counter()
         self._codes = collections.Counter()
+        self._messages = collections.Counter()
         self._methods = collections.Counter()
         self._faults = collections.Counter()
         self._notes = collections.Counter()
@@ -36,6 +38,10 @@ class Report:
             self._verdicts[answer.verdict] += 1
             self._codes[answer.code] += 1
             self._methods[answer.method] += 1
+            if answer.code != "OK":
+                way = "directly" if answer.is_direct else "through the proxy"
+                words = re.sub(r"\b[0-9a-f]*[0-9][0-9a-f]*\b", "N", answer.message)[:160]
+                self._messages[f"{answer.code} {way}: {words}"] += 1
             for kind in answer.blamed or {"no fault"}:
                 row = self._rows[kind]
                 row["answers"] += 1
@@ -88,6 +94,10 @@ class Report:
         with self._lock:
             return ", ".join(f"{code} {count}" for code, count in self._codes.most_common())
 
+    def end_of_run(self):
+        """What may have changed while the cluster ended."""
+        return {"totals": self.totals(), "findings": self.findings}
+
     def _table(self):
         rows = []
         for kind in sorted(set(self._rows) | set(self._faults)):
@@ -109,7 +119,7 @@ class Report:
                 "altered": self.altered[:MAX_FINDINGS],
                 "processes": self._facts, "slowest_recovery_s": round(max(self.recovery_s, default=0), 2),
                 "stalls": len(stalls), "longest_stall_s": round(max((b - a for a, b in stalls), default=0), 2),
-                "flipped_bits": flipped, "notes": dict(self._notes.most_common(100)),
+                "flipped_bits": flipped, "messages": dict(self._messages.most_common(60)), "notes": dict(self._notes.most_common(100)),
             }  # fmt: skip
 
 

@@ -133,13 +133,19 @@ class Run:
             injector.run_storm(storm)
             load.pause()
             quiet.check()
+            if self.options.json:  # so far
+                report.write_json(self.options.json, self._data())
             totals = self.report.totals()
             print(f"storm {number}: {totals['faults']} faults, {totals['answers']} answers, {totals['exact']} exact, "
                   f"{totals['findings']} findings, {totals['seconds']:.0f} s; {self.report.codes()}", flush=True)  # fmt: skip
         load.end()
-        flipped = self.cluster.proxy("counts")["flipped"]
+        data = self._data()
         self.cluster.end()
         watchdog.end()
+        return {**data, **self.report.end_of_run()}
+
+    def _data(self):
+        flipped = self.cluster.proxy("counts")["flipped"]
         return self.report.to_json(self._described(), self.episodes.stalls(), flipped)
 
     def _described(self):
