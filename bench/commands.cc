@@ -3,8 +3,8 @@
 namespace isoscope::bench {
 
 std::vector<cli::Command> Commands() {
-  return {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand(), DragBenchCommand(),
-          SliderBenchCommand()};
+  return {FrameBenchCommand(), PaperBenchCommand(),  CancelBenchCommand(),
+          DragBenchCommand(),  SliderBenchCommand(), ClientsBenchCommand()};
 }
 
 }  // namespace isoscope::bench

@@ -14,6 +14,7 @@ cli::Command PaperBenchCommand();
 cli::Command CancelBenchCommand();
 cli::Command DragBenchCommand();
 cli::Command SliderBenchCommand();
+cli::Command ClientsBenchCommand();
 
 // All of them, in the order of --help.
 std::vector<cli::Command> Commands();

@@ -1,0 +1,68 @@
+// Many clients that ask one server for the same picture again and again, each on a connection of
+// its own, and come again as they are told when they are refused: what all of them get, and how
+// long each waits.
+
+#ifndef ISOSCOPE_BENCH_CLIENTS_BENCH_H_
+#define ISOSCOPE_BENCH_CLIENTS_BENCH_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include <nlohmann/json.hpp>
+
+#include "bench/machine.h"
+#include "client-cli/command.h"
+#include "client-cli/render_request.h"
+#include "client-cli/session.h"
+
+namespace isoscope::bench {
+
+struct ClientsBenchPlan {
+  cli::SessionFlags session;  // names a server
+  cli::RequestFlags request;
+  std::vector<int> client_counts = {4, 16, 64};  // one round for each, in this order
+  absl::Duration duration = absl::Seconds(15);   // of a round
+  absl::Duration warm_up = absl::Seconds(2);     // before it, not counted
+};
+
+// A round with so many clients. A frame's time is that from its first try to its answer.
+struct ClientsRound {
+  int client_count = 0;
+  std::int64_t frame_count = 0;
+  double frames_per_second = 0;
+  double p50_ms = 0;
+  double p95_ms = 0;
+  double p99_ms = 0;
+  double max_ms = 0;
+  // Frames that the luckiest client got, and the unluckiest.
+  std::int64_t most_frames = 0;
+  std::int64_t least_frames = 0;
+  std::int64_t refusal_count = 0;  // with warm-up, as all that follow
+  std::int64_t retry_count = 0;
+  std::int64_t wrong_count = 0;   // pictures with other bytes than the first one
+  std::int64_t failed_count = 0;  // frames that ended with an error
+  std::string first_error = {};   // of them
+};
+
+// Errors of the connection flags and of the first frame, which is drawn before the rounds;
+// CANCELLED on an interrupt. REQUIRES: the session names a server.
+absl::StatusOr<std::vector<ClientsRound>> RunClientsBench(const ClientsBenchPlan& plan,
+                                                          const cli::Context& context);
+
+// A table of one row for each round.
+std::string DescribeClientsBench(const std::vector<ClientsRound>& rounds);
+
+// {"machine", "date", "server", "isovalues", "width", "height", "seconds", "rounds": [{"clients",
+// "frames", "frames_per_second", "p50_ms", "p95_ms", "p99_ms", "max_ms", "most_frames",
+// "least_frames", "refusals", "retries", "wrong", "failed"}]}.
+nlohmann::ordered_json ClientsBenchToJson(const ClientsBenchPlan& plan,
+                                          const std::vector<ClientsRound>& rounds,
+                                          const Machine& machine, absl::string_view timestamp);
+
+}  // namespace isoscope::bench
+
+#endif  // ISOSCOPE_BENCH_CLIENTS_BENCH_H_
