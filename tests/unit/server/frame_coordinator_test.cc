@@ -310,7 +310,18 @@ class FrameCoordinatorTest : public ::testing::Test {
     return std::move(outcome.result);
   }
 
-  // An agent that behaves: its hits and active blocks, then images in shuffled bands.
+  // All pixels of a step: in shuffled bands, or at once as an agent of this process does.
+  static void SendPixels(const image::FrameImage& image, std::uint64_t seed, Agent* self) {
+    if (seed % 2 == 0) {
+      self->coordinator().OnDrawnPixels({.image = image, .layers = {}, .memory = nullptr});
+      return;
+    }
+    for (std::string& band : ShuffledBands(image, seed)) {
+      self->coordinator().OnPixels({std::move(band)});
+    }
+  }
+
+  // An agent that behaves: its hits and active blocks, then images.
   static Script Behave(const Blocks& hits, const Blocks& active, const image::FrameImage& occluders,
                        const image::FrameImage& rest, std::uint64_t seed = 1) {
     return [=](Agent& self) -> absl::Status {
@@ -318,16 +329,12 @@ class FrameCoordinatorTest : public ::testing::Test {
       if (const auto all = self.AwaitOccluders(); !all.ok()) {
         return all.status();
       }
-      for (std::string& band : ShuffledBands(occluders, seed)) {
-        self.coordinator().OnPixels({std::move(band)});
-      }
+      SendPixels(occluders, seed, &self);
       self.coordinator().OnOccludersDone();
       if (const auto visible = self.AwaitVisible(); !visible.ok()) {
         return visible.status();
       }
-      for (std::string& band : ShuffledBands(rest, seed + 1)) {
-        self.coordinator().OnPixels({std::move(band)});
-      }
+      SendPixels(rest, seed, &self);
       self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
       return absl::OkStatus();
     };
