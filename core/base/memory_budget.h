@@ -34,6 +34,14 @@ class MemoryBudget {
       }
     }
 
+    // Gives back all but `bytes`; does nothing if there are fewer.
+    void ShrinkTo(std::size_t bytes) {
+      if (budget_ != nullptr && bytes < bytes_) {
+        budget_->Release(std::exchange(bytes_, bytes) - bytes);
+      }
+    }
+    [[nodiscard]] std::size_t bytes() const { return bytes_; }
+
    private:
     friend class MemoryBudget;
     Reservation(MemoryBudget* budget, std::size_t bytes) : budget_(budget), bytes_(bytes) {}
