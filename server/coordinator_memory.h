@@ -50,6 +50,10 @@ class CoordinatorMemory {
   // if it fires first.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation);
+  // Takes the memory of an export: what is on its way from each agent and to the client. An export
+  // takes all that there is for frames if it needs more. Waits, as ReserveFrame.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveExport(
+      std::size_t agent_count, const base::Cancellation& cancellation);
 
  private:
   const std::size_t limit_bytes_;

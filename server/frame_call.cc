@@ -277,6 +277,15 @@ absl::Status FrameCall::Pick(v1::PickSurfaceResponse* response) {
   return status;
 }
 
+std::optional<base::MemoryBudget::Reservation> FrameCall::TakeMemory(std::size_t bytes) {
+  if (memory_.has_value()) {
+    memory_->ShrinkTo(bytes);
+  }
+  std::optional<base::MemoryBudget::Reservation> taken = std::move(memory_);
+  memory_.reset();
+  return taken;
+}
+
 absl::Status FrameCall::Reserve() {
   const base::TraceScope trace(trace_.get(), "memory");
   const absl::Time start = absl::Now();

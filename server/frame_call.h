@@ -113,6 +113,10 @@ class FrameCall {
   absl::Status Render(isoscope::v1::RenderIsosurfaceResponse* response);
   absl::Status Pick(isoscope::v1::PickSurfaceResponse* response);
 
+  // Hands over the memory of the frame, but for all above `bytes`, to what keeps the answer longer
+  // than the call lives; none if none was reserved. Call after ReleaseImages.
+  std::optional<base::MemoryBudget::Reservation> TakeMemory(std::size_t bytes);
+
   // Clears the images for their pool, once the client has its answer.
   void ReleaseImages() {
     image_ = image::FrameImage();

@@ -95,6 +95,12 @@ class FrameRunner {
     return memory_.ReserveFrame(spec, delivery, cancellation);
   }
 
+  // The same for an export.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveExportMemory(
+      std::size_t agent_count, const base::Cancellation& cancellation) {
+    return memory_.ReserveExport(agent_count, cancellation);
+  }
+
   std::int64_t NextFrameNumber() { return next_frame_number_.fetch_add(1); }
   [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }

@@ -31,6 +31,7 @@
 #include <grpcpp/alarm.h>
 
 #include "core/base/log.h"
+#include "core/base/memory_budget.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
@@ -39,6 +40,7 @@
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
+#include "core/rpc/write_timeout.h"
 #include "server/frame_call.h"
 #include "server/interact_frame.h"
 #include "server/interactive_schedule.h"
@@ -50,6 +52,8 @@ namespace {
 namespace v1 = isoscope::v1;
 
 constexpr double kMaxFramesPerSecond = 120;
+// In which a client must take an answer.
+constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 // After which one who met too many streams may try again: people close pages in minutes.
 constexpr absl::Duration kFullDelay = absl::Seconds(5);
 // The depth grid of an exact frame, which is warped when the view begins to move.
@@ -87,7 +91,8 @@ class InteractServiceImpl::InteractCall final
   InteractCall(InteractServiceImpl* service, grpc::CallbackServerContext* context)
       : service_(service),
         origin_{.request = rpc::AnswerTraceContext(context), .client = context->peer()},
-        deadline_(rpc::DeadlineOf(*context)) {}
+        deadline_(rpc::DeadlineOf(*context)),
+        timeout_(context) {}
 
   // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
   void Start(const absl::StatusOr<Caller>& caller, const absl::Status& added) {
@@ -115,8 +120,10 @@ class InteractServiceImpl::InteractCall final
   }
 
   void OnWriteDone(bool ok) override {
+    timeout_.Pause();
     const base::MutexLock lock(&mutex_);
     is_writing_ = false;
+    in_flight_memory_.reset();
     if (!ok) {
       EndLocked(absl::CancelledError("the client has gone"));
     }
@@ -127,6 +134,7 @@ class InteractServiceImpl::InteractCall final
   void OnCancel() override { End(absl::CancelledError("the client cancelled the stream")); }
 
   void OnDone() override {
+    timeout_.Stop();
     const std::shared_ptr<InteractCall> last_use = std::move(self_);
     service_->Remove(last_use);
     const base::MutexLock lock(&mutex_);
@@ -148,6 +156,9 @@ class InteractServiceImpl::InteractCall final
   struct Answer {
     v1::InteractResponse message;
     bool is_frame = false;
+    // Of the message and of gRPC's copy, until it is written: slow clients must not add up to more
+    // than the coordinator may have.
+    std::optional<base::MemoryBudget::Reservation> memory = std::nullopt;
   };
 
   absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -270,6 +281,9 @@ class InteractServiceImpl::InteractCall final
       SetError(status, &answer.message);
     }
     frame->ReleaseImages();
+    if (auto memory = frame->TakeMemory(2 * answer.message.ByteSizeLong()); memory.has_value()) {
+      answer.memory.emplace(*std::move(memory));
+    }
 
     const base::MutexLock lock(&mutex_);
     frames_.erase(start.work);
@@ -316,6 +330,10 @@ class InteractServiceImpl::InteractCall final
       return;
     }
     in_flight_ = std::move(outgoing_.front().message);
+    in_flight_memory_.reset();
+    if (outgoing_.front().memory.has_value()) {
+      in_flight_memory_.emplace(*std::move(outgoing_.front().memory));
+    }
     outgoing_.pop_front();
     in_flight_.set_frame_number(++frame_count_);
     if (in_flight_.has_frame() && !in_flight_.is_exact()) {
@@ -325,6 +343,7 @@ class InteractServiceImpl::InteractCall final
     }
     schedule_.OnSent(frame_count_, absl::Now());
     is_writing_ = true;
+    timeout_.Start(kMaxWriteDuration);
     StartWrite(&in_flight_);
   }
 
@@ -374,6 +393,7 @@ class InteractServiceImpl::InteractCall final
   const FrameOrigin origin_;  // of each frame of the stream
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
+  rpc::WriteTimeout timeout_;
   Caller caller_;                // set by Start
   v1::InteractRequest request_;  // of the read under way
 
@@ -385,6 +405,7 @@ class InteractServiceImpl::InteractCall final
   std::map<std::int64_t, std::shared_ptr<FrameCall>> frames_ ABSL_GUARDED_BY(mutex_);  // by work
   std::deque<Answer> outgoing_ ABSL_GUARDED_BY(mutex_);
   v1::InteractResponse in_flight_ ABSL_GUARDED_BY(mutex_);
+  std::optional<base::MemoryBudget::Reservation> in_flight_memory_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   std::int64_t frame_count_ ABSL_GUARDED_BY(mutex_) = 0;
   std::int64_t sent_sequence_ ABSL_GUARDED_BY(mutex_) = 0;
