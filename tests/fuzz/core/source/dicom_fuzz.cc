@@ -1,0 +1,56 @@
+// A DICOM series of two slices, one of them hostile. The first byte chooses whether the other one
+// is there.
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/source/dicom_scan.h"
+#include "tests/fuzz/core/source/open_volume.h"
+#include "tests/fuzz/fuzz_input.h"
+#include "tests/support/dicom_file.h"
+
+namespace isoscope::fuzz {
+namespace {
+
+std::string Slice(int number) {
+  testing::DicomSlice slice;
+  slice.width = 4;
+  slice.height = 3;
+  slice.number = number;
+  slice.position = number == 1 ? "10\\20\\30" : "10\\20\\31";
+  return testing::DicomBytes(slice, std::string(24, 'a'));
+}
+
+}  // namespace
+
+std::vector<std::string> Seeds() {
+  testing::DicomSlice open;
+  open.width = 4;
+  open.height = 3;
+  open.is_signed = false;
+  open.more = testing::DicomOpenElement(
+      0x29, 0x1010, "SQ", testing::DicomOpenItem(testing::DicomElement(0x29, 0x1011, "LO", "x")));
+  return {std::string(1, '\0') + Slice(1), "\1" + Slice(1),
+          "\1" + testing::DicomBytes(open, std::string(24, 'b'))};
+}
+
+}  // namespace isoscope::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace isoscope::fuzz;
+  Input input(data, size);
+  const bool has_other = input.Byte() % 2 == 1;
+  WriteVolumeFile("1.dcm", input.Rest());
+  if (has_other) {
+    WriteVolumeFile("2.dcm", Slice(2));
+  } else {
+    std::filesystem::remove(InVolumeFolder("2.dcm"));
+  }
+  const auto scan = isoscope::source::ScanDicomFile(InVolumeFolder("1.dcm"));
+  Require(scan.ok(), "any bytes can be looked through");
+  OpenAndReadVolume(VolumeFolder());
+  return 0;
+}
