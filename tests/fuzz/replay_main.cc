@@ -143,9 +143,18 @@ class Mutator {
 
   // Numbers at which sizes and counts overflow, in binary or in digits.
   void WriteExtreme(std::size_t at, std::string* input) {
-    constexpr std::array<std::int64_t, 12> kNumbers{
-        0,          1,          -1,         127,           255,           32767, 65535,
-        2147483647, 4294967295, 2147483648, INT64_C(9223372036854775807), 4611686018427387904};
+    constexpr std::array<std::int64_t, 12> kNumbers{0,
+                                                    1,
+                                                    -1,
+                                                    127,
+                                                    255,
+                                                    32767,
+                                                    65535,
+                                                    2147483647,
+                                                    4294967295,
+                                                    2147483648,
+                                                    INT64_C(9223372036854775807),
+                                                    4611686018427387904};
     const std::int64_t number = kNumbers[Below(kNumbers.size())];
     if ((*input)[at] >= '0' && (*input)[at] <= '9') {
       input->replace(at, 1, std::to_string(number));

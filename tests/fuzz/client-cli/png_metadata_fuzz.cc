@@ -31,8 +31,8 @@ std::string Sealed(absl::string_view png) {
       break;
     }
     const absl::string_view content = png.substr(at + 4, 4 + size);
-    const auto crc = static_cast<std::uint32_t>(
-        crc32(0, reinterpret_cast<const Bytef*>(content.data()), static_cast<uInt>(content.size())));
+    const auto crc = static_cast<std::uint32_t>(crc32(
+        0, reinterpret_cast<const Bytef*>(content.data()), static_cast<uInt>(content.size())));
     sealed.append(png.data() + at, 8 + size);
     sealed += cli::BigEndian32(crc);
     at += 12 + size;

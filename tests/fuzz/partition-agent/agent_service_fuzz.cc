@@ -1,7 +1,9 @@
 // The agent's service over gRPC: the messages of a frame in any order, and its other calls.
 //
-// Input: a byte that chooses the call, a byte whose first bit puts the right dataset into each
-// message (fuzzers do not guess ids), then a piece for each message.
+// Input: a byte that chooses the call, a byte of ways, then a piece for each message. Ways:
+//
+//   1  the messages keep their dataset; else they get the right one (fuzzers do not guess ids)
+//   2  all messages of a frame come at once; else each waits for the answer to the one before
 //
 // Every call ends, by a documented code. No frame stays in work. A good frame has the same bytes
 // whatever came before.
@@ -13,10 +15,12 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
 #include "core/render/renderer_factory.h"
+#include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
@@ -41,13 +45,16 @@ class Agent {
     Require(renderer.ok() && memory_->Settle().ok(), "an agent can be made");
     agent::AgentServerOptions options;
     options.directories = {dataset_.directory()};
+    // A port: within a process gRPC blocks writers whose reader has left.
+    options.listen_address = "127.0.0.1:0";
     options.renderer = *std::move(renderer);
     options.arena = std::make_shared<tbb::task_arena>(1);
     options.memory = memory_;
     auto server = agent::AgentServer::Start(options);
     Require(server.ok(), "an agent can be started");
     server_ = *std::move(server);
-    stub_ = v1::PartitionAgentService::NewStub(server_->InProcessChannel());
+    stub_ = v1::PartitionAgentService::NewStub(
+        rpc::MakeChannel(absl::StrCat("127.0.0.1:", server_->port())));
   }
 
   [[nodiscard]] v1::RenderFrameRequest Begin(isoscope::v1::Culling culling) const {
@@ -72,21 +79,26 @@ class Agent {
   v1::PartitionAgentService::Stub* stub() { return stub_.get(); }
 
   // The bands of a frame of these messages, and how it ended.
-  absl::Status Render(const std::vector<v1::RenderFrameRequest>& messages, std::string* bands) {
+  absl::Status Render(const std::vector<v1::RenderFrameRequest>& messages, bool waits,
+                      std::string* bands) {
     grpc::ClientContext context;
     context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience));
     const auto stream = stub_->RenderFrame(&context);
+    const auto read = [&] {
+      v1::RenderFrameResponse response;
+      const bool is_there = stream->Read(&response);
+      for (const std::string& band : response.bands()) {
+        *bands += band;
+      }
+      return is_there;
+    };
     for (const v1::RenderFrameRequest& message : messages) {
-      if (!stream->Write(message)) {
+      if (!stream->Write(message) || (waits && !read())) {
         break;
       }
     }
     stream->WritesDone();
-    v1::RenderFrameResponse response;
-    while (stream->Read(&response)) {
-      for (const std::string& band : response.bands()) {
-        *bands += band;
-      }
+    while (read()) {
     }
     return rpc::ToAbslStatus(stream->Finish());
   }
@@ -101,7 +113,8 @@ class Agent {
 
   void RequireGoodFrame() {
     std::string bands;
-    Require(Render({Begin(isoscope::v1::CULLING_NONE)}, &bands).ok(), "a good frame is drawn");
+    const absl::Status status = Render({Begin(isoscope::v1::CULLING_NONE)}, true, &bands);
+    Require(status.ok(), absl::StrCat("a good frame is drawn, not ", status.ToString()));
     if (good_bands_.empty()) {
       good_bands_ = bands;
     }
@@ -150,7 +163,7 @@ bool Parse(absl::string_view bytes, bool has_right_dataset, Message* message) {
   return true;
 }
 
-void RenderFrame(Input input, bool has_right_dataset) {
+void RenderFrame(Input input, bool has_right_dataset, bool waits) {
   std::vector<v1::RenderFrameRequest> messages;
   while (!input.empty() && messages.size() < 8) {
     const absl::string_view bytes = input.Piece();
@@ -167,7 +180,7 @@ void RenderFrame(Input input, bool has_right_dataset) {
     messages.push_back(message);
   }
   std::string bands;
-  RequireEnd(TheAgent().Render(messages, &bands));
+  RequireEnd(TheAgent().Render(messages, waits, &bands));
 }
 
 void ExtractSurface(absl::string_view bytes, bool has_right_dataset) {
@@ -203,7 +216,8 @@ void Ask(Method method, absl::string_view bytes, bool has_right_dataset) {
 void Run(Input input) {
   using Stub = v1::PartitionAgentService::Stub;
   const std::uint8_t call = input.Byte();
-  const bool has_right_dataset = input.Byte() % 2 == 0;
+  const std::uint8_t ways = input.Byte();
+  const bool has_right_dataset = (ways & 1) == 0;
   switch (call % 8) {
     case 0:
       return ExtractSurface(input.Piece(), has_right_dataset);
@@ -217,7 +231,7 @@ void Run(Input input) {
       return Ask<v1::GetGradientsRequest, v1::GetGradientsResponse>(
           &Stub::GetGradients, input.Piece(), has_right_dataset);
     default:
-      return RenderFrame(input, has_right_dataset);
+      return RenderFrame(input, has_right_dataset, (ways & 2) == 0);
   }
 }
 
@@ -227,7 +241,8 @@ std::vector<std::string> Seeds() {
   const auto head = [](int call) { return std::string{static_cast<char>(call), '\0'}; };
   const std::string begin = TheAgent().Begin(isoscope::v1::CULLING_DEPTH).SerializeAsString();
   v1::RenderFrameRequest occluders;
-  *occluders.mutable_occluders()->mutable_blocks() = rpc::ToProto(std::vector<volume::BlockId>{0, 3});
+  *occluders.mutable_occluders()->mutable_blocks() =
+      rpc::ToProto(std::vector<volume::BlockId>{0, 3});
   v1::RenderFrameRequest visible;
   *visible.mutable_visible_blocks()->mutable_blocks() =
       rpc::ToProto(std::vector<volume::BlockId>{1, 2, 4});

@@ -44,7 +44,8 @@ std::vector<std::string> Seeds() {
           R"({"tokens": [{"name": "a", "sha256": ")" + digest + R"(d", "datasets": ["b", "a"],
               "max_viewport_px": 640, "max_frames_per_second": 0.5}]})",
           R"({"tokens": [{"name": "a", "sha256": ")" + digest + R"(d", "datasets": ["*"]},
-              {"name": "b", "sha256": ")" + digest + R"(e", "datasets": []}]})"};
+              {"name": "b", "sha256": ")" +
+              digest + R"(e", "datasets": []}]})"};
 }
 
 }  // namespace isoscope::fuzz

@@ -12,11 +12,13 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
 #include "core/image/png_codec.h"
 #include "core/render/renderer_factory.h"
+#include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
@@ -63,12 +65,14 @@ class Cluster {
     server::CoordinatorServerOptions coordinator;
     coordinator.agents = {{.target = "in-process:0", .channel = agent_->InProcessChannel()}};
     coordinator.arena = arena;
+    // A port: within a process gRPC blocks writers whose reader has left.
+    coordinator.listen_address = "127.0.0.1:0";
     coordinator.poll_interval = absl::Hours(1);
     auto started = server::CoordinatorServer::Start(coordinator);
     Require(started.ok() && (*started)->WaitUntilReady(absl::Now() + kPatience).ok(),
             "a coordinator can be started");
     coordinator_ = *std::move(started);
-    const auto channel = coordinator_->InProcessChannel();
+    const auto channel = rpc::MakeChannel(absl::StrCat("127.0.0.1:", coordinator_->port()));
     isosurface = v1::IsosurfaceService::NewStub(channel);
     datasets = v1::DatasetService::NewStub(channel);
     cluster = v1::ClusterService::NewStub(channel);
@@ -139,11 +143,11 @@ void Render(absl::string_view bytes) {
   const auto picture = image::DecodePng(response.png());
   Require(picture.ok(), "a picture can be decoded");
   const bool is_region = request.has_region();
-  Require(picture->width == (is_region ? request.region().width_px()
-                                       : request.viewport().width_px()) &&
-              picture->height == (is_region ? request.region().height_px()
-                                            : request.viewport().height_px()),
-          "a picture has the size that was asked for");
+  Require(
+      picture->width == (is_region ? request.region().width_px() : request.viewport().width_px()) &&
+          picture->height ==
+              (is_region ? request.region().height_px() : request.viewport().height_px()),
+      "a picture has the size that was asked for");
 }
 
 void RenderStream(absl::string_view bytes) {
@@ -170,7 +174,8 @@ void Pick(absl::string_view bytes) {
   }
   Call call;
   v1::PickSurfaceResponse response;
-  const grpc::Status status = TheCluster().isosurface->PickSurface(&call.context, request, &response);
+  const grpc::Status status =
+      TheCluster().isosurface->PickSurface(&call.context, request, &response);
   RequireEnd(status);
   Require(!status.ok() || response.points_size() == request.pixels_size(),
           "a pick answers for each pixel");

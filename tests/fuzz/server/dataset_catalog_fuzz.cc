@@ -30,7 +30,7 @@ void RequireComplete(const server::DatasetState& state,
       Require(std::any_of(agent->shards.begin(), agent->shards.end(),
                           [&](const internal::ShardDescription& shard) {
                             return shard.shard_index() == index &&
-                                   shard.dataset().id() == state.dataset.id();
+                                   shard.dataset().dataset_id() == state.dataset.dataset_id();
                           }),
               "an agent draws shards that it has");
       indices.push_back(index);

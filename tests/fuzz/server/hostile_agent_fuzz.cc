@@ -5,7 +5,7 @@
 // coordinator's message after each step; 2: bands get right checksums), a byte for the code that
 // ends the agent's call, then a piece for each message of the agent.
 //
-// The client's call ends, and never says that the client was wrong. With a well-behaved agent the
+// The client's call ends, and never says that the client was wrong, unless an agent does. With a well-behaved agent the
 // picture then is that of before.
 
 #include <cstddef>
@@ -45,7 +45,7 @@ struct Script {
   bool waits = false;
   bool seals = false;
   grpc::StatusCode end = grpc::StatusCode::OK;
-  std::vector<std::string> messages;
+  std::vector<std::string> messages = {};
 };
 
 class Cluster {
@@ -148,7 +148,10 @@ struct Call {
 
 void RequireEnd(const grpc::Status& grpc_status) {
   const absl::Status status = rpc::ToAbslStatus(grpc_status);
-  if (!status.ok()) {
+  // What an agent finds wrong with a question of a client's own words is the client's fault.
+  const bool is_blamed_by_agent =
+      absl::IsInvalidArgument(status) && TheCluster().script.end == grpc::INVALID_ARGUMENT;
+  if (!status.ok() && !is_blamed_by_agent) {
     using absl::StatusCode;
     RequireError(status, {StatusCode::kInternal, StatusCode::kUnavailable, StatusCode::kDataLoss,
                           StatusCode::kFailedPrecondition, StatusCode::kResourceExhausted});
@@ -189,10 +192,12 @@ void Run(Input input) {
   Cluster& cluster = TheCluster();
   const std::uint8_t choice = input.Byte();
   const std::uint8_t ways = input.Byte();
-  constexpr grpc::StatusCode kEnds[] = {
-      grpc::StatusCode::OK, grpc::StatusCode::OK, grpc::StatusCode::INVALID_ARGUMENT,
-      grpc::StatusCode::RESOURCE_EXHAUSTED, grpc::StatusCode::CANCELLED,
-      grpc::StatusCode::INTERNAL};
+  constexpr grpc::StatusCode kEnds[] = {grpc::StatusCode::OK,
+                                        grpc::StatusCode::OK,
+                                        grpc::StatusCode::INVALID_ARGUMENT,
+                                        grpc::StatusCode::RESOURCE_EXHAUSTED,
+                                        grpc::StatusCode::CANCELLED,
+                                        grpc::StatusCode::INTERNAL};
   cluster.script = {.is_good = false,
                     .waits = (ways & 1) != 0,
                     .seals = (ways & 2) != 0,
@@ -287,9 +292,9 @@ std::vector<std::string> Seeds() {
   box.mutable_end_cell()->set_y(4);
   box.mutable_end_cell()->set_z(4);
   const std::string frame = piece(hits) + piece(occluders) + piece(done);
-  return {head(0, 3) + frame, head(2, 1) + frame, head(3, 1) + frame, head(0, 0) + frame,
-          head(1, 2) + piece(all), head(5, 1) + frame, head(4, 1) + piece(box),
-          head(6, 0) + piece(surface), head(7, 0) + piece(histogram)};
+  return {head(0, 3) + frame,      head(2, 1) + frame,          head(3, 1) + frame,
+          head(0, 0) + frame,      head(1, 2) + piece(all),     head(5, 1) + frame,
+          head(4, 1) + piece(box), head(6, 0) + piece(surface), head(7, 0) + piece(histogram)};
 }
 
 }  // namespace isoscope::fuzz

@@ -7,9 +7,6 @@
 // The gateway ends the connection once the client has ended its side. What it says is HTTP, and a
 // good request is answered whatever came before.
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <array>
@@ -22,7 +19,10 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include <arpa/inet.h>
 #include <grpcpp/server_builder.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 
 #include "core/rpc/channel.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -60,8 +60,8 @@ class Gateway {
     address.sin_family = AF_INET;
     address.sin_port = htons(static_cast<std::uint16_t>(server_->port()));
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    Require(client >= 0 && connect(client, reinterpret_cast<const sockaddr*>(&address),
-                                   sizeof(address)) == 0,
+    Require(client >= 0 &&
+                connect(client, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0,
             "the gateway takes connections");
     return client;
   }
@@ -126,8 +126,7 @@ void Run(Input input) {
 }
 
 void RequireGoodAnswer() {
-  const std::string answer =
-      Talk("GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  const std::string answer = Talk("GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   Require(absl::StartsWith(answer, "HTTP/1.1 200 "), "a good request is answered");
 }
 
@@ -143,15 +142,16 @@ std::vector<std::string> Seeds() {
       get("/v1/datasets", "Accept: */*\r\n") + "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n",
       get("/v1/datasets/head/render?isovalue=60&width=64&height=48",
           "traceparent: 00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01\r\n"),
-      zero + "POST /v1/datasets/head/pick HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n"
-             "Content-Type: application/json\r\n\r\n{}",
-      zero + "POST /v1/datasets/head/pick HTTP/1.1\r\nHost: localhost\r\n"
-             "Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
+      zero +
+          "POST /v1/datasets/head/pick HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n"
+          "Content-Type: application/json\r\n\r\n{}",
+      zero +
+          "POST /v1/datasets/head/pick HTTP/1.1\r\nHost: localhost\r\n"
+          "Transfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
       zero + "OPTIONS /v1/datasets HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\n\r\n",
       zero + std::string(kUpgrade) + Frame(1, "{}"),
-      "\1\1" +
-          MakePiece("{\"viewState\":{\"sequenceNumber\":\"1\",\"frame\":{\"isovalue\":60,"
-                    "\"viewport\":{\"widthPx\":64,\"heightPx\":48}},\"isAtRest\":true}}"),
+      "\1\1" + MakePiece("{\"viewState\":{\"sequenceNumber\":\"1\",\"frame\":{\"isovalue\":60,"
+                         "\"viewport\":{\"widthPx\":64,\"heightPx\":48}},\"isAtRest\":true}}"),
       "\1\1" + MakePiece("{\"frameShown\":{\"frameNumber\":\"7\"}}") + "\x9" + MakePiece("ping") +
           "\x8" + MakePiece("\x03\xe8"),
       "\1\2" + MakePiece("binary"),

@@ -52,9 +52,8 @@ void ReadTarget(absl::string_view text) {
   Require(target->query.size() <= gateway::kMaxQueryParameters, "a query has few parameters");
   std::string again = "/";
   for (std::size_t i = 0; i < target->query.size(); ++i) {
-    absl::StrAppend(&again, i == 0 ? "?" : "&",
-                    gateway::EscapeQueryValue(target->query[i].first), "=",
-                    gateway::EscapeQueryValue(target->query[i].second));
+    absl::StrAppend(&again, i == 0 ? "?" : "&", gateway::EscapeQueryValue(target->query[i].first),
+                    "=", gateway::EscapeQueryValue(target->query[i].second));
   }
   const auto escaped = gateway::ParseTarget(again);
   Require(escaped.ok() && escaped->query == target->query, "escaped parameters come back");

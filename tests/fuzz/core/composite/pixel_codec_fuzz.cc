@@ -72,7 +72,8 @@ void EncodePicture(int width, int height, Input input) {
     const std::uint8_t depth = input.Byte();
     const std::uint8_t kind = input.Byte();
     const std::uint32_t owner = input.Short();
-    const image::Rgba8 color{input.Byte(), input.Byte(), depth, static_cast<std::uint8_t>(kind | 1)};
+    const image::Rgba8 color{input.Byte(), input.Byte(), depth,
+                             static_cast<std::uint8_t>(kind | 1)};
     const std::uint64_t key =
         image::FragmentKey(static_cast<float>(depth) / 256.0F, owner * (kind % 3 == 0 ? 65536 : 1));
     if (kind % 2 == 0) {

@@ -82,8 +82,8 @@ void CompareWithScan(absl::string_view entries) {
       auto result = (*tree)->Query(isovalue);
       Require(result.ok(), "a tree that was built answers");
       Require(result->page_read_count <=
-              IntervalTree::MaxPageReads((*tree)->interval_count(),
-                                         static_cast<std::int64_t>(expected.size())),
+                  IntervalTree::MaxPageReads((*tree)->interval_count(),
+                                             static_cast<std::int64_t>(expected.size())),
               "an answer reads no more pages than it may");
       std::sort(result->active.begin(), result->active.end(), Less);
       Require(result->active == expected, "a tree answers as a scan");

@@ -155,8 +155,9 @@ void ReadAnswersOfAgents(absl::string_view bytes) {
     if (!cells.ok()) {
       RequireRefusal(cells.status());
     } else if (*cells) {
-      Require((*cells)->begin.x >= 0 && (*cells)->begin.x < (*cells)->end.x && (*cells)->end.x <= 32,
-              "an accepted box lies in the volume");
+      Require(
+          (*cells)->begin.x >= 0 && (*cells)->begin.x < (*cells)->end.x && (*cells)->end.x <= 32,
+          "an accepted box lies in the volume");
     }
   }
   internal::GetGradientsResponse gradients;

@@ -23,9 +23,9 @@ bool IsPrintable(absl::string_view text) {
   });
 }
 
-// A line of the input is a URI.
+// URIs with a byte 0xff between them.
 void ReadRoles(absl::string_view text) {
-  const std::vector<std::string> uris = absl::StrSplit(text, '\xff');
+  const std::vector<std::string> uris = absl::StrSplit(std::string(text), '\xff');
   const std::vector<std::string> roles = rpc::RolesOf(uris);
   Require(roles.size() <= uris.size(), "a URI names one role at most");
   for (const std::string& role : roles) {
@@ -46,12 +46,11 @@ void ReadRoles(absl::string_view text) {
 
 void ReadToken(absl::string_view text) {
   const absl::Status status = rpc::CheckTokenText(text);
-  const bool may_travel =
-      !text.empty() && text.size() <= rpc::kMaxTokenBytes &&
-      std::all_of(text.begin(), text.end(), [](char c) {
-        return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
-               absl::StrContains("-._~+/=", std::string(1, c));
-      });
+  const bool may_travel = !text.empty() && text.size() <= rpc::kMaxTokenBytes &&
+                          std::all_of(text.begin(), text.end(), [](char c) {
+                            return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+                                   absl::StrContains("-._~+/=", std::string(1, c));
+                          });
   Require(status.ok() == may_travel, "a token has the characters that a header may carry");
   if (!status.ok()) {
     RequireError(status, {absl::StatusCode::kInvalidArgument});

@@ -1,12 +1,12 @@
 // HDF5, read by the library: what is checked is our way of asking it, and that its errors stay
 // errors.
 
+#include <hdf5.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
-
-#include <hdf5.h>
 
 #include "tests/fuzz/core/source/open_volume.h"
 #include "tests/fuzz/fuzz_input.h"

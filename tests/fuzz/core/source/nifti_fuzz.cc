@@ -16,15 +16,16 @@ std::vector<std::string> Seeds() {
   const math::Index3 dims{5, 4, 3};
   for (const int datatype : {2, 4, 8, 16, 64, 256, 512, 768}) {
     for (const bool is_big_endian : {false, true}) {
-      const std::string header = testing::NiftiHeaderBytes(
-          {.dims = dims,
-                                      .datatype = static_cast<std::int16_t>(datatype),
-                                      .is_big_endian = is_big_endian});
+      const std::string header =
+          testing::NiftiHeaderBytes({.dims = dims,
+                                     .datatype = static_cast<std::int16_t>(datatype),
+                                     .is_big_endian = is_big_endian});
       seeds.push_back(std::string(1, '\0') + header + std::string(480, 'a'));
     }
   }
   const std::string scaled =
-      testing::NiftiHeaderBytes({.dims = dims, .slope = 2, .intercept = -1}) + std::string(120, 'b');
+      testing::NiftiHeaderBytes({.dims = dims, .slope = 2, .intercept = -1}) +
+      std::string(120, 'b');
   seeds.push_back("\1" + scaled);
   seeds.push_back("\2" + testing::Gzip(scaled));
   seeds.push_back("\3" + testing::NiftiHeaderBytes({.dims = dims, .is_pair = true}));

@@ -28,7 +28,8 @@ std::vector<std::string> Seeds() {
                   samples);
   seeds.push_back("\1" + NrrdHeader(dims, "uint8", "raw", "data file: a0.raw\n"));
   seeds.push_back("\1" + NrrdHeader(dims, "uint8", "raw", "data file: a%d.raw 0 2 1 2\n"));
-  seeds.push_back("\1" + NrrdHeader(dims, "uint8", "raw", "data file: LIST 2\na0.raw\na1.raw\na2.raw\n"));
+  seeds.push_back("\1" +
+                  NrrdHeader(dims, "uint8", "raw", "data file: LIST 2\na0.raw\na1.raw\na2.raw\n"));
   return seeds;
 }
 

@@ -24,10 +24,9 @@ constexpr std::int64_t kMaxReadBytes = std::int64_t{1} << 20;
 
 void RequireSourceError(const absl::Status& status) {
   using absl::StatusCode;
-  RequireError(status,
-               {StatusCode::kNotFound, StatusCode::kInvalidArgument, StatusCode::kDataLoss,
-                StatusCode::kFailedPrecondition, StatusCode::kPermissionDenied,
-                StatusCode::kResourceExhausted});
+  RequireError(status, {StatusCode::kNotFound, StatusCode::kInvalidArgument, StatusCode::kDataLoss,
+                        StatusCode::kFailedPrecondition, StatusCode::kPermissionDenied,
+                        StatusCode::kResourceExhausted});
 }
 
 // All samples, `rows` rows at a time.

@@ -1,12 +1,12 @@
 // TIFF, read by libtiff: what is checked is our way of asking it, and that its errors stay errors.
 
+#include <tiffio.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
-
-#include <tiffio.h>
 
 #include "tests/fuzz/core/source/open_volume.h"
 #include "tests/fuzz/fuzz_input.h"

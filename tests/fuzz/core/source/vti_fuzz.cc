@@ -29,10 +29,12 @@ std::string File(absl::string_view attributes, absl::string_view array, absl::st
   return absl::StrCat(
       "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" "
       "byte_order=\"LittleEndian\"",
-      attributes, ">\n<ImageData WholeExtent=\"0 4 0 3 0 2\" Origin=\"1 2 3\" Spacing=\"1 1 2\" "
+      attributes,
+      ">\n<ImageData WholeExtent=\"0 4 0 3 0 2\" Origin=\"1 2 3\" Spacing=\"1 1 2\" "
       "Direction=\"1 0 0 0 1 0 0 0 1\">\n<Piece Extent=\"0 4 0 3 0 2\">\n"
-      "<PointData Scalars=\"a\"><DataArray type=\"UInt8\" Name=\"a\" ", array, ">", content,
-      "</DataArray></PointData><CellData/></Piece></ImageData>\n", appended, "</VTKFile>\n");
+      "<PointData Scalars=\"a\"><DataArray type=\"UInt8\" Name=\"a\" ",
+      array, ">", content, "</DataArray></PointData><CellData/></Piece></ImageData>\n", appended,
+      "</VTKFile>\n");
 }
 
 }  // namespace

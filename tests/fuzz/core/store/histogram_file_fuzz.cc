@@ -59,7 +59,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto type = static_cast<isoscope::volume::ScalarType>(1 + input.Byte() % 8);
   const absl::string_view bytes = input.Rest();
   isoscope::fuzz::Decode(bytes, type);
-  isoscope::fuzz::Decode(
-      isoscope::fuzz::SealedBinary(isoscope::store::kHistogramMagic, bytes), type);
+  isoscope::fuzz::Decode(isoscope::fuzz::SealedBinary(isoscope::store::kHistogramMagic, bytes),
+                         type);
   return 0;
 }

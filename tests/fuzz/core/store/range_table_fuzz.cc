@@ -65,7 +65,6 @@ std::vector<std::string> Seeds() {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const absl::string_view bytes(reinterpret_cast<const char*>(data), size);
   isoscope::fuzz::Decode(bytes);
-  isoscope::fuzz::Decode(
-      isoscope::fuzz::SealedBinary(isoscope::store::kRangeTableMagic, bytes));
+  isoscope::fuzz::Decode(isoscope::fuzz::SealedBinary(isoscope::store::kRangeTableMagic, bytes));
   return 0;
 }

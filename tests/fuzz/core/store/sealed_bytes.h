@@ -41,9 +41,8 @@ inline std::string SealedBinary(absl::string_view magic, absl::string_view bytes
   store::BinaryHeader header;
   header.scalar_type = base::LoadLittleEndian<std::uint32_t>(bytes.data() + 16);
   header.entry_size = base::LoadLittleEndian<std::uint32_t>(bytes.data() + 20);
-  header.count = header.entry_size == 0
-                     ? 0
-                     : static_cast<std::int64_t>(payload.size() / header.entry_size);
+  header.count =
+      header.entry_size == 0 ? 0 : static_cast<std::int64_t>(payload.size() / header.entry_size);
   header.payload_crc32c = base::Crc32c(payload);
   header.data_size = base::LoadLittleEndian<std::int64_t>(bytes.data() + 40);
   return store::EncodeBinaryHeader(magic, header) + std::string(payload);

@@ -136,8 +136,8 @@ void Run(Input input) {
     default:
       AdoptBlocks(input, &files);
   }
-  const auto open = [&](const std::string& path)
-      -> absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> {
+  const auto open =
+      [&](const std::string& path) -> absl::StatusOr<std::unique_ptr<io::RandomAccessFile>> {
     const auto found = files.find(path.substr(path.rfind('/') + 1));
     if (found == files.end()) {
       return absl::NotFoundError(path);
@@ -152,9 +152,9 @@ void Run(Input input) {
   }
   const store::TestDataset& dataset = Good().dataset();
   for (const auto& [id, bytes] : *blocks) {
-    Require(bytes.size() ==
-                volume::StoredSizeBytes(dataset.layout, id, dataset.manifest.scalar_type),
-            "a block has its size");
+    Require(
+        bytes.size() == volume::StoredSizeBytes(dataset.layout, id, dataset.manifest.scalar_type),
+        "a block has its size");
   }
 }
 

@@ -53,10 +53,11 @@ void Run(Input input) {
 
 std::vector<std::string> Seeds() {
   std::vector<std::string> seeds;
-  const std::vector<view::PixelRect> rects{{0, 0, 5, 7}, {3, 9, 200, 61}, {8, 8, 8, 8},
-                                           {100, 1000, 1900, 1100}};
+  const std::vector<view::PixelRect> rects{
+      {0, 0, 5, 7}, {3, 9, 200, 61}, {8, 8, 8, 8}, {100, 1000, 1900, 1100}};
   for (std::size_t count = 0; count <= rects.size(); ++count) {
-    for (const std::uint64_t pattern : {std::uint64_t{0}, ~std::uint64_t{0}, std::uint64_t{0x1357}}) {
+    for (const std::uint64_t pattern :
+         {std::uint64_t{0}, ~std::uint64_t{0}, std::uint64_t{0x1357}}) {
       std::string input(1, static_cast<char>(count));
       std::vector<image::PixelMask> masks;
       for (std::size_t i = 0; i < count; ++i) {
