@@ -68,12 +68,36 @@ function(isoscope_benchmark)
   set_tests_properties(${ARG_NAME} PROPERTIES LABELS benchmark TIMEOUT 300)
 endfunction()
 
-# isoscope_fuzzer(NAME manifest_fuzz SRCS manifest_fuzz.cc DEPS isoscope::store): clang only.
+# isoscope_fuzzer(NAME manifest_fuzz SRCS manifest_fuzz.cc DEPS isoscope::store
+#                 [DICTIONARY json.dict] [MUTATIONS 5000] [MAX_BYTES 4096] [HAS_THREADS])
+#
+# The driver as a libFuzzer program with ISOSCOPE_BUILD_FUZZERS (clang), and otherwise as a test of
+# its seeds and of MUTATIONS changes of them. HAS_THREADS: libFuzzer can't tell its leaks apart.
+# scripts/fuzz.sh reads the list that this makes: name, dictionary, longest input, threads.
 function(isoscope_fuzzer)
-  cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
-  add_executable(${ARG_NAME} ${ARG_SRCS})
+  cmake_parse_arguments(ARG "HAS_THREADS" "NAME;DICTIONARY;MUTATIONS;MAX_BYTES" "SRCS;DEPS" ${ARGN})
+  if(NOT ARG_MUTATIONS)
+    set(ARG_MUTATIONS 2000)
+  endif()
+  if(NOT ARG_MAX_BYTES)
+    set(ARG_MAX_BYTES 4096)
+  endif()
+  if(NOT ARG_DICTIONARY)
+    set(ARG_DICTIONARY "-")
+  endif()
+  add_executable(${ARG_NAME} ${ARG_SRCS} $<TARGET_OBJECTS:isoscope_fuzz_main>)
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
-    ${ARG_DEPS} isoscope::test_support isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
-  target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
+    isoscope::fuzz_input ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
+  if(ISOSCOPE_BUILD_FUZZERS)
+    target_link_options(${ARG_NAME} PRIVATE -fsanitize=fuzzer)
+    set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/fuzzers")
+    set_property(GLOBAL APPEND_STRING PROPERTY ISOSCOPE_FUZZERS
+      "${ARG_NAME} ${ARG_DICTIONARY} ${ARG_MAX_BYTES} ${ARG_HAS_THREADS}\n")
+    set_property(GLOBAL APPEND PROPERTY ISOSCOPE_FUZZER_TARGETS ${ARG_NAME})
+  else()
+    set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
+    add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --mutations ${ARG_MUTATIONS})
+    set_tests_properties(${ARG_NAME} PROPERTIES LABELS unit TIMEOUT 300)
+  endif()
 endfunction()

@@ -60,11 +60,17 @@ absl::Status ReadDatasets(const Json& value, absl::string_view where, AccessToke
   for (const Json& name : value) {
     token->datasets.push_back(name.get<std::string>());
   }
-  token->sees_all_datasets = token->datasets == std::vector<std::string>{kAllDatasets};
-  if (token->sees_all_datasets) {
-    token->datasets.clear();
+  std::vector<std::string>& names = token->datasets;
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  if (std::find(names.begin(), names.end(), kAllDatasets) == names.end()) {
+    return absl::OkStatus();
   }
-  std::sort(token->datasets.begin(), token->datasets.end());
+  if (names.size() > 1) {
+    return Wrong(where, "datasets has \"*\" beside names: it must stand alone, for all");
+  }
+  token->sees_all_datasets = true;
+  names.clear();
   return absl::OkStatus();
 }
 

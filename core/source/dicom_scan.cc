@@ -15,6 +15,10 @@
 // length are a row of items. A value of unknown kind (UN) and no length holds implicit elements,
 // whatever the file has around it (CP-246).
 //
+// GDCM also ends the process where the numbers that say how pixels are stored are of another kind
+// than they must be, such as rows that are a text, and where a kind in the group 0002 is none. Such
+// a file counts as cut.
+//
 // A file without pixels is no image, unless its class is one of images or it has a number of rows:
 // then it is cut.
 // Big-endian files pass unseen; of deflated ones the elements are.
@@ -57,8 +61,21 @@ constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
 struct Element {
   std::uint32_t tag = 0;
   std::uint32_t length = 0;
-  bool is_unknown = false;  // of kind UN
+  bool is_unknown = false;   // of kind UN
+  bool is_no_short = false;  // of another kind than US
+  bool has_kind = false;     // one that there is
 };
+
+// Of kind US, two bytes: samples a pixel, planar configuration, rows, columns, bits allocated, bits
+// stored, high bit, pixel representation.
+constexpr std::array<std::uint32_t, 8> kNumbers{0x00280002, 0x00280006, kRows,      0x00280011,
+                                                0x00280100, 0x00280101, 0x00280102, 0x00280103};
+
+// Whether the element is one of kNumbers, but holds no such number.
+bool IsBrokenNumber(const Element& element) {
+  return std::find(kNumbers.begin(), kNumbers.end(), element.tag) != kNumbers.end() &&
+         (element.is_no_short || (element.length != 2 && element.length != 0));
+}
 
 class Scanner {
  public:
@@ -116,7 +133,7 @@ class Scanner {
     const std::int64_t end = position_ + base::LoadLittleEndian<std::uint32_t>(length.data());
     while (position_ < end) {
       ISOSCOPE_ASSIGN_OR_RETURN(const bool has_next, ReadHead(&element));
-      if (!has_next || !Has(element.length)) {
+      if (!has_next || !element.has_kind || !Has(element.length)) {
         return false;
       }
       if (element.tag == kStorageClass) {
@@ -142,6 +159,8 @@ class Scanner {
     element->tag = group << 16 | base::LoadLittleEndian<std::uint16_t>(head.data() + 2);
     element->length = base::LoadLittleEndian<std::uint32_t>(head.data() + 4);
     element->is_unknown = false;
+    element->is_no_short = false;
+    element->has_kind = false;
     position_ += 8;
     constexpr std::uint32_t kItemGroup = 0xfffe;
     if (group == kItemGroup || !is_explicit_) {
@@ -150,6 +169,11 @@ class Scanner {
     constexpr absl::string_view kLong = "OB OD OF OL OV OW SQ SV UC UN UR UT UV";
     const absl::string_view kind(head.data() + 4, 2);
     element->is_unknown = kind == "UN";
+    element->is_no_short = kind != "US";
+    constexpr absl::string_view kKinds =
+        "AE AS AT CS DA DS DT FD FL IS LO LT OB OD OF OL OV OW PN SH SL SQ SS ST SV TM UC UI UL UN "
+        "UR US UT UV";
+    element->has_kind = kind[1] != ' ' && kKinds.find(kind) != absl::string_view::npos;
     if (kLong.find(kind) == absl::string_view::npos) {
       element->length = base::LoadLittleEndian<std::uint16_t>(head.data() + 6);
       return true;
@@ -205,6 +229,9 @@ class Scanner {
       }
       if (depth == 0 && element.tag == kPixels) {
         return End::kOfPixels;
+      }
+      if (depth == 0 && IsBrokenNumber(element)) {
+        return End::kWithinElement;
       }
       if (depth == 0 && element.tag == kSeries) {
         ISOSCOPE_ASSIGN_OR_RETURN(scan_.series, ReadUid(element.length));

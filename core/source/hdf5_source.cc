@@ -85,9 +85,13 @@ bool FindAxes(const std::vector<hsize_t>& dims, std::array<std::size_t, 3>* axes
 bool ScalarTypeOf(hid_t type, volume::ScalarType* scalar) {
   const std::size_t size = H5Tget_size(type);
   const H5T_class_t kind = H5Tget_class(type);
-  if (kind == H5T_FLOAT && (size == 4 || size == 8)) {
-    *scalar = size == 4 ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
-    return true;
+  if (kind == H5T_FLOAT) {
+    // Those of IEEE alone: what the library makes of other bits depends on how much is read at
+    // once.
+    const bool is_single = H5Tequal(type, H5T_IEEE_F32LE) > 0 || H5Tequal(type, H5T_IEEE_F32BE) > 0;
+    const bool is_double = H5Tequal(type, H5T_IEEE_F64LE) > 0 || H5Tequal(type, H5T_IEEE_F64BE) > 0;
+    *scalar = is_single ? volume::ScalarType::kFloat32 : volume::ScalarType::kFloat64;
+    return is_single || is_double;
   }
   if (kind != H5T_INTEGER) {
     return false;
@@ -212,6 +216,11 @@ class Hdf5Source final : public VolumeSource {
     count[axes_[0]] = static_cast<hsize_t>(planes);
     count[axes_[1]] = static_cast<hsize_t>(rows);
     count[axes_[2]] = static_cast<hsize_t>(geometry_.sample_dims.x);
+    // The library leaves memory as it is where nothing was written and no fill value is defined.
+    std::fill_n(
+        out,
+        static_cast<std::size_t>(planes * rows * geometry_.sample_dims.x) * volume::SizeOf(type_),
+        '\0');
     const Hdf5Handle file_space(H5Dget_space(dataset_.get()), H5Sclose);
     const Hdf5Handle memory_space(
         H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr), H5Sclose);
@@ -369,8 +378,9 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string&
     const Hdf5Handle stored(H5Dget_type(dataset.get()), H5Tclose);
     if (!ScalarTypeOf(stored.get(), &type)) {
       return absl::InvalidArgumentError(absl::StrFormat(
-          "%s: elements of %d bytes, class %d; expected integers of 8, 16 or 32 bits or floats of "
-          "32 or 64 bits",
+          "%s: elements of %d bytes, class %d; expected integers of 8, 16 or 32 bits or IEEE "
+          "floats "
+          "of 32 or 64 bits",
           name, H5Tget_size(stored.get()), static_cast<int>(H5Tget_class(stored.get()))));
     }
   }

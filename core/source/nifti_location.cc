@@ -6,6 +6,8 @@
 //   byte  70  int16   type of the samples (kNiftiTypes)
 //   byte 108  float   vox_offset: bytes before the samples, 352 in most files .nii
 //   byte 112  float   slope, intercept; a slope of 0 means that none is set
+//   byte 254  int16   sform_code; above 0 the affine transform at byte 280 holds
+//   byte 280  float   [3][4], rows of that transform
 //   byte 344  char[4] "n+1" or "ni1"
 //
 // Source: https://nifti.nimh.nih.gov/nifti-1, nifti1.h.
@@ -113,6 +115,24 @@ absl::StatusOr<volume::ScalarType> StoredType(const NiftiHeader& header, const s
   return row->type;
 }
 
+// ITK ends the process where the transform is not finite, or overflows as it is inverted.
+absl::Status CheckTransform(const NiftiHeader& header, const std::string& path) {
+  if (header.Load<std::int16_t>(254) <= 0) {
+    return absl::OkStatus();
+  }
+  constexpr float kMaxElement = 1e12F;
+  for (std::size_t offset = 280; offset < 328; offset += sizeof(float)) {
+    const auto element = header.Load<float>(offset);
+    if (!(std::abs(element) <= kMaxElement)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s: the transform of the NIfTI header (sform) has %g at byte %d; expected a number of "
+          "millimetres: the file is damaged",
+          path, element, offset));
+    }
+  }
+  return absl::OkStatus();
+}
+
 // "a.img" or "a.img.gz" beside "a.hdr".
 absl::StatusOr<std::vector<std::string>> ImageOfPair(const std::string& header_path) {
   const std::size_t slash = header_path.rfind('/');
@@ -139,6 +159,7 @@ absl::StatusOr<SampleLocation> LocateNiftiSamples(const std::string& path) {
   SampleLocation location;
   location.is_big_endian = header.is_big_endian;
   ISOSCOPE_ASSIGN_OR_RETURN(location.stored_type, StoredType(header, path));
+  ISOSCOPE_RETURN_IF_ERROR(CheckTransform(header, path));
   const auto vox_offset = static_cast<double>(header.Load<float>(108));
   if (!(vox_offset >= 0 && vox_offset < 0x1p53)) {
     return absl::InvalidArgumentError(

@@ -61,6 +61,19 @@ TEST(AccessTokensTest, AFileWithoutTokensLetsNobodyIn) {
   EXPECT_THAT(tokens, IsEmpty());
 }
 
+TEST(AccessTokensTest, ADatasetThatIsNamedTwiceCountsOnce) {
+  // Found by access_tokens_fuzz.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::vector<AccessToken> tokens,
+      ParseAccessTokens(
+          File(absl::StrCat(R"({"name": "a", "sha256": ")", kDigest,
+                            R"(", "datasets": ["b", "a", "b"]}, {"name": "b", )", R"("sha256": ")",
+                            kOtherDigest, R"(", "datasets": ["*", "*"]})")),
+          "f"));
+  EXPECT_THAT(tokens[0].datasets, ElementsAre("a", "b"));
+  EXPECT_TRUE(tokens[1].sees_all_datasets);
+}
+
 TEST(AccessTokensTest, WhatIsWrongIsNamed) {
   struct Case {
     std::string text;
@@ -82,6 +95,7 @@ TEST(AccessTokensTest, WhatIsWrongIsNamed) {
       {File(R"({"datasets": "*"})"), "datasets must be"},
       {File(R"({"datasets": [""]})"), "datasets must be"},
       {File(R"({"datasets": [1]})"), "datasets must be"},
+      {File(R"({"datasets": ["*", "a"]})"), "must stand alone"},
       {File(Entry(R"(, "max_viewport_px": 0)")), "max_viewport_px must be"},
       {File(Entry(R"(, "max_viewport_px": 1.5)")), "max_viewport_px must be"},
       {File(Entry(R"(, "max_viewport_px": 1e9)")), "max_viewport_px must be"},

@@ -100,6 +100,22 @@ TEST_F(DicomScanTest, CompressedPixelsEndWithTheirLastFragment) {
   }
 }
 
+TEST_F(DicomScanTest, NumbersOfPixelsThatAreNoneMakeTheFileUnfit) {
+  // Found by dicom_fuzz: GDCM ends the process on these.
+  const std::string good = DicomBytes({}, pixels_);
+  const std::string rows =
+      DicomElement(0x28, 0x10, "US", DicomNumber(std::uint16_t{9}));  // DicomSlice::height
+  const std::size_t at = good.find(rows);
+  ASSERT_NE(at, std::string::npos);
+  for (const std::string& bad :
+       {DicomElement(0x28, 0x10, "UN", "\x09"), DicomElement(0x28, 0x10, "LO", "9 "),
+        DicomElement(0x28, 0x10, "US", std::string("\x09\0\0\0", 4))}) {
+    std::string bytes = good;
+    bytes.replace(at, rows.size(), bad);
+    EXPECT_EQ(Scan(bytes).content, DicomContent::kCut) << bad.substr(4, 2);
+  }
+}
+
 TEST_F(DicomScanTest, FlippedBitsNeverCrashAndShowNoField) {
   const std::string whole =
       DicomBytes({.more = DicomOpenElement(0x88, 0x200, "SQ", DicomItem("abcdefgh"))}, pixels_);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <string>
@@ -454,6 +455,18 @@ TEST_F(VolumeSourceTest, BadSpacingAndSingularDirectionAreRefused) {
   zero.replace(zero.find("1.5 2 3"), 7, "0 2 3");
   EXPECT_THAT(OpenVolumeFile(Write("zero.mha", zero + samples)).status(),
               StatusIs(absl::StatusCode::kInvalidArgument, _));
+}
+
+TEST_F(VolumeSourceTest, NiftiTransformsThatAreNoNumbersAreRefused) {
+  // Found by nifti_fuzz: ITK ends the process on these.
+  const std::string samples = Noise(kDims, volume::ScalarType::kUint8);
+  for (const float element :
+       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), 1e30F}) {
+    std::string header = NiftiHeaderBytes({.dims = kDims, .datatype = 2});
+    std::memcpy(header.data() + 284, &element, sizeof(element));
+    EXPECT_THAT(OpenVolumeFile(Write("a.nii", header + samples)).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("at byte 284")));
+  }
 }
 
 TEST_F(VolumeSourceTest, LayoutsThatAreNotReadAreNamed) {

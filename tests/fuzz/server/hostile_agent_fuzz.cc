@@ -1,0 +1,309 @@
+// Agents that say anything: the coordinator takes their messages of a frame, their surfaces and
+// their answers. agent_client, frame_coordinator, agent_queries and surface_export are behind it.
+//
+// Input: a byte that chooses the client's call, a byte of ways (1: the agent waits for the
+// coordinator's message after each step; 2: bands get right checksums), a byte for the code that
+// ends the agent's call, then a piece for each message of the agent.
+//
+// The client's call ends, and never says that the client was wrong, unless an agent does. With a well-behaved agent the
+// picture then is that of before.
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/time/clock.h"
+#include <grpcpp/client_context.h>
+
+#include "core/composite/band_format.h"
+#include "core/composite/pixel_codec.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/proto_convert.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/coordinator_server.h"
+#include "tests/fuzz/fuzz_input.h"
+#include "tests/unit/server/fake_agent.h"
+
+namespace isoscope::fuzz {
+namespace {
+
+namespace v1 = isoscope::v1;
+namespace internal = isoscope::internal::v1;
+using testing::FakeAgent;
+
+constexpr absl::Duration kPatience = absl::Seconds(60);
+constexpr int kInputsBetweenGoodFrames = 64;
+constexpr int kWidthPx = 32;
+constexpr int kHeightPx = 16;
+
+// What the agent does next. Written before a call and read during it.
+struct Script {
+  bool is_good = true;
+  bool waits = false;
+  bool seals = false;
+  grpc::StatusCode end = grpc::StatusCode::OK;
+  std::vector<std::string> messages = {};
+};
+
+class Cluster {
+ public:
+  Cluster() {
+    agent_.on_frame = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      return script.is_good ? testing::PlayEmptyFrame(stream) : PlayFrame(stream);
+    };
+    agent_.on_surface = [this](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+      for (const std::string& bytes : script.messages) {
+        internal::ExtractSurfaceResponse response;
+        if (response.ParseFromString(bytes) && !writer->Write(response)) {
+          break;
+        }
+      }
+      return End();
+    };
+    agent_.on_histogram = [this](grpc::ServerContext*, const auto&,
+                                 internal::GetShardHistogramResponse* response) {
+      return Answer(response);
+    };
+    agent_.on_active_box = [this](const auto&, internal::GetActiveBoxResponse* response) {
+      return Answer(response);
+    };
+    agent_.Start();
+    server::CoordinatorServerOptions options;
+    options.agents = {{agent_.address(), nullptr}};
+    options.poll_interval = absl::Hours(1);
+    options.arena = std::make_shared<tbb::task_arena>(1);
+    auto coordinator = server::CoordinatorServer::Start(options);
+    Require(coordinator.ok() && (*coordinator)->WaitUntilReady(absl::Now() + kPatience).ok(),
+            "a coordinator can be started");
+    coordinator_ = *std::move(coordinator);
+    isosurface = v1::IsosurfaceService::NewStub(coordinator_->InProcessChannel());
+    datasets = v1::DatasetService::NewStub(coordinator_->InProcessChannel());
+  }
+  ~Cluster() { coordinator_.reset(); }  // it calls the agent: it goes first
+  Cluster(const Cluster&) = delete;
+  Cluster& operator=(const Cluster&) = delete;
+
+  Script script;
+  std::unique_ptr<v1::IsosurfaceService::Stub> isosurface;
+  std::unique_ptr<v1::DatasetService::Stub> datasets;
+
+ private:
+  [[nodiscard]] grpc::Status End() const {
+    return script.end == grpc::StatusCode::OK ? grpc::Status::OK
+                                              : grpc::Status(script.end, "the script says so");
+  }
+
+  template <typename Response>
+  grpc::Status Answer(Response* response) const {
+    if (script.is_good || script.messages.empty()) {
+      return {grpc::StatusCode::UNAVAILABLE, "no answer"};
+    }
+    Response parsed;
+    if (parsed.ParseFromString(script.messages.front())) {
+      *response = parsed;
+    }
+    return End();
+  }
+
+  grpc::Status PlayFrame(FakeAgent::FrameStream* stream) const {
+    internal::RenderFrameRequest request;
+    stream->Read(&request);
+    for (const std::string& bytes : script.messages) {
+      internal::RenderFrameResponse response;
+      if (!response.ParseFromString(bytes)) {
+        continue;
+      }
+      for (std::string& band : *response.mutable_bands()) {
+        if (script.seals && band.size() >= composite::kBandHeaderSize) {
+          composite::SealBand(&band);
+        }
+      }
+      if (!stream->Write(response)) {
+        break;
+      }
+      if (script.waits && (response.has_ray_hits() || response.has_occluders_done()) &&
+          !stream->Read(&request)) {
+        break;
+      }
+    }
+    return End();
+  }
+
+  FakeAgent agent_{{testing::MakeShard("head", 0, 1)}};
+  std::unique_ptr<server::CoordinatorServer> coordinator_;
+};
+
+Cluster& TheCluster() {
+  static Cluster cluster;
+  return cluster;
+}
+
+struct Call {
+  Call() { context.set_deadline(absl::ToChronoTime(absl::Now() + kPatience)); }
+  grpc::ClientContext context;
+};
+
+void RequireEnd(const grpc::Status& grpc_status) {
+  const absl::Status status = rpc::ToAbslStatus(grpc_status);
+  // What an agent finds wrong with a question of a client's own words is the client's fault.
+  const bool is_blamed_by_agent =
+      absl::IsInvalidArgument(status) && TheCluster().script.end == grpc::INVALID_ARGUMENT;
+  if (!status.ok() && !is_blamed_by_agent) {
+    using absl::StatusCode;
+    RequireError(status, {StatusCode::kInternal, StatusCode::kUnavailable, StatusCode::kDataLoss,
+                          StatusCode::kFailedPrecondition, StatusCode::kResourceExhausted});
+  }
+}
+
+v1::RenderIsosurfaceRequest Request(std::uint8_t choice) {
+  v1::RenderIsosurfaceRequest request;
+  request.set_dataset("head");
+  request.set_isovalue(100);
+  request.mutable_viewport()->set_width_px(kWidthPx);
+  request.mutable_viewport()->set_height_px(kHeightPx);
+  if (choice % 4 == 1) {
+    request.set_culling(v1::CULLING_NONE);
+  } else if (choice % 4 == 2) {
+    request.mutable_output()->set_normal(true);
+    request.mutable_output()->set_position(true);
+    request.set_with_trace(true);
+  } else if (choice % 4 == 3) {
+    request.clear_isovalue();
+    request.add_surfaces()->set_isovalue(100);
+    request.mutable_surfaces(0)->mutable_color()->set_alpha(0.5F);
+    request.set_max_layers(3);
+  }
+  return request;
+}
+
+grpc::Status Render(const v1::RenderIsosurfaceRequest& request, std::string* png) {
+  Call call;
+  v1::RenderIsosurfaceResponse response;
+  const grpc::Status status =
+      TheCluster().isosurface->RenderIsosurface(&call.context, request, &response);
+  *png = response.png();
+  return status;
+}
+
+void Run(Input input) {
+  Cluster& cluster = TheCluster();
+  const std::uint8_t choice = input.Byte();
+  const std::uint8_t ways = input.Byte();
+  constexpr grpc::StatusCode kEnds[] = {grpc::StatusCode::OK,
+                                        grpc::StatusCode::OK,
+                                        grpc::StatusCode::INVALID_ARGUMENT,
+                                        grpc::StatusCode::RESOURCE_EXHAUSTED,
+                                        grpc::StatusCode::CANCELLED,
+                                        grpc::StatusCode::INTERNAL};
+  cluster.script = {.is_good = false,
+                    .waits = (ways & 1) != 0,
+                    .seals = (ways & 2) != 0,
+                    .end = kEnds[input.Byte() % std::size(kEnds)]};
+  while (!input.empty() && cluster.script.messages.size() < 16) {
+    cluster.script.messages.emplace_back(input.Piece());
+  }
+  std::string png;
+  Call call;
+  if (choice % 8 < 5) {
+    v1::RenderIsosurfaceRequest request = Request(choice % 8);
+    if (choice % 8 == 4) {
+      request.set_camera_fit(v1::CAMERA_FIT_SURFACE);  // asks for the box of the active blocks
+    }
+    RequireEnd(Render(request, &png));
+  } else if (choice % 8 == 5) {
+    v1::PickSurfaceRequest pick;
+    *pick.mutable_frame() = Request(0);
+    pick.add_pixels()->set_x(3);
+    v1::PickSurfaceResponse response;
+    RequireEnd(cluster.isosurface->PickSurface(&call.context, pick, &response));
+  } else if (choice % 8 == 6) {
+    v1::ExportIsosurfaceRequest request;
+    request.set_isovalue(100);
+    const auto reader = cluster.isosurface->ExportIsosurface(&call.context, request);
+    v1::ExportIsosurfaceResponse response;
+    while (reader->Read(&response)) {
+    }
+    RequireEnd(reader->Finish());
+  } else {
+    v1::GetHistogramResponse response;
+    RequireEnd(cluster.datasets->GetHistogram(&call.context, {}, &response));
+  }
+}
+
+void RequireGoodFrame() {
+  static std::string good_png;
+  TheCluster().script = {};
+  std::string png;
+  Require(Render(Request(0), &png).ok(), "a good agent's picture is made");
+  if (good_png.empty()) {
+    good_png = png;
+  }
+  Require(png == good_png, "a picture is the same whatever agents said before");
+}
+
+}  // namespace
+
+std::vector<std::string> Seeds() {
+  const auto head = [](int choice, int ways) {
+    return std::string{static_cast<char>(choice), static_cast<char>(ways), '\0'};
+  };
+  const auto piece = [](const google::protobuf::Message& message) {
+    return MakePiece(message.SerializeAsString());
+  };
+  image::FrameImage image(kWidthPx, kHeightPx);
+  for (int i = 0; i < 200; ++i) {
+    image.Set(i % kWidthPx, i / kWidthPx,
+              image::FragmentKey(0.3F, static_cast<std::uint32_t>(i % 8)), {9, 8, 7, 255});
+  }
+  internal::RenderFrameResponse hits;
+  *hits.mutable_ray_hits()->mutable_hits() = rpc::ToProto(std::vector<volume::BlockId>{0, 3});
+  *hits.mutable_ray_hits()->mutable_active_blocks() =
+      rpc::ToProto(std::vector<volume::BlockId>{0, 1, 3, 5});
+  internal::RenderFrameResponse occluders;
+  occluders.mutable_occluders_done();
+  for (const std::string& band : composite::EncodePixels(image)) {
+    occluders.add_bands(band);
+  }
+  internal::RenderFrameResponse done;
+  done.mutable_frame_done()->mutable_statistics()->set_triangle_count(7);
+  internal::RenderFrameResponse all = done;
+  *all.mutable_bands() = occluders.bands();
+  internal::ExtractSurfaceResponse surface;
+  internal::BlockSurface* const block = surface.add_blocks();
+  block->set_block_id(1);
+  block->set_positions(std::string(36, '\0'));
+  block->set_normals(std::string(36, '\0'));
+  block->set_edge_keys(std::string(24, '\0'));
+  block->set_triangles(std::string("\0\0\0\0\1\0\0\0\2\0\0\0", 12));
+  internal::GetShardHistogramResponse histogram;
+  histogram.set_first_bin(10);
+  histogram.set_stored_bin_count(1);
+  histogram.set_bins_per_group_count(1);
+  histogram.add_active_block_counts(3);
+  histogram.add_active_block_bytes(300);
+  histogram.add_estimated_triangle_counts(51);
+  internal::GetActiveBoxResponse box;
+  box.set_active_block_count(1);
+  box.mutable_begin_cell();
+  box.mutable_end_cell()->set_x(4);
+  box.mutable_end_cell()->set_y(4);
+  box.mutable_end_cell()->set_z(4);
+  const std::string frame = piece(hits) + piece(occluders) + piece(done);
+  return {head(0, 3) + frame,      head(2, 1) + frame,          head(3, 1) + frame,
+          head(0, 0) + frame,      head(1, 2) + piece(all),     head(5, 1) + frame,
+          head(4, 1) + piece(box), head(6, 0) + piece(surface), head(7, 0) + piece(histogram)};
+}
+
+}  // namespace isoscope::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  static int count = 0;
+  isoscope::fuzz::Run(isoscope::fuzz::Input(data, size));
+  if (count++ % isoscope::fuzz::kInputsBetweenGoodFrames == 0) {
+    isoscope::fuzz::RequireGoodFrame();
+  }
+  return 0;
+}

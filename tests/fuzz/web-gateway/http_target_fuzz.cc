@@ -1,0 +1,161 @@
+// What a browser sends, without its transport: addresses, the parameters of pictures and meshes,
+// the messages of a WebSocket, and what says who asks. The first byte chooses.
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/peer.h"
+#include "tests/fuzz/fuzz_input.h"
+#include "web-gateway/access.h"
+#include "web-gateway/frame_message.h"
+#include "web-gateway/json.h"
+#include "web-gateway/render_query.h"
+#include "web-gateway/url.h"
+
+namespace isoscope::fuzz {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+v1::Dataset MakeDataset() {
+  v1::Dataset dataset;
+  dataset.set_name("head");
+  v1::GridGeometry* const geometry = dataset.mutable_geometry();
+  geometry->mutable_sample_dims()->set_x(11);
+  geometry->mutable_sample_dims()->set_y(11);
+  geometry->mutable_sample_dims()->set_z(11);
+  geometry->mutable_spacing()->set_x(1);
+  geometry->mutable_spacing()->set_y(1);
+  geometry->mutable_spacing()->set_z(1);
+  return dataset;
+}
+
+void ReadTarget(absl::string_view text) {
+  const auto target = gateway::ParseTarget(text);
+  if (!target.ok()) {
+    RequireError(target.status(), {absl::StatusCode::kInvalidArgument});
+    return;
+  }
+  for (const std::string& segment : target->segments) {
+    Require(segment != "." && segment != "..", "no segment leads out of its folder");
+    Require(std::none_of(segment.begin(), segment.end(),
+                         [](char c) { return static_cast<unsigned char>(c) < 0x20; }),
+            "no segment has a control character");
+  }
+  Require(target->query.size() <= gateway::kMaxQueryParameters, "a query has few parameters");
+  std::string again = "/";
+  for (std::size_t i = 0; i < target->query.size(); ++i) {
+    absl::StrAppend(&again, i == 0 ? "?" : "&", gateway::EscapeQueryValue(target->query[i].first),
+                    "=", gateway::EscapeQueryValue(target->query[i].second));
+  }
+  const auto escaped = gateway::ParseTarget(again);
+  Require(escaped.ok() && escaped->query == target->query, "escaped parameters come back");
+  gateway::Target taken = *target;
+  taken.TakeParameter("token");
+  Require(taken.TakeParameter("token").empty(), "a token that was taken out is gone");
+
+  const v1::Dataset dataset = MakeDataset();
+  const auto picture = gateway::RenderRequestFromQuery(target->query, dataset);
+  if (picture.ok()) {
+    Require(picture->dataset() == "head", "a picture is one of the dataset of its address");
+  } else {
+    RequireError(picture.status(), {absl::StatusCode::kInvalidArgument});
+  }
+  const auto mesh = gateway::MeshQueryFromQuery(target->query, dataset);
+  if (!mesh.ok()) {
+    RequireError(mesh.status(), {absl::StatusCode::kInvalidArgument});
+  }
+}
+
+void ReadMessage(absl::string_view text) {
+  const auto request = gateway::DecodeInteractRequest(text);
+  if (!request.ok()) {
+    RequireError(request.status(), {absl::StatusCode::kInvalidArgument});
+    return;
+  }
+  Require(request->kind_case() != v1::InteractRequest::KIND_NOT_SET, "a message says something");
+  const auto again = gateway::DecodeInteractRequest(gateway::ToJson(*request));
+  Require(again.ok(), "a message comes back from its JSON");
+}
+
+// Origin, host, token and "Authorization", each a piece.
+void ReadSource(Input input) {
+  const absl::string_view origin = input.Piece();
+  const absl::string_view host = input.Piece();
+  const absl::string_view parameter = input.Piece();
+  const absl::string_view authorization = input.Piece();
+  const gateway::AccessRules open({.listens_on_loopback = true});
+  const absl::Status source = open.CheckSource(origin, host);
+  if (!source.ok()) {
+    RequireError(source, {absl::StatusCode::kPermissionDenied});
+  } else {
+    Require(gateway::IsLoopback(host), "a gateway of this machine is asked for this machine");
+  }
+  const gateway::AccessRules guarded({.token = "0123456789abcdef0123456789abcdef"});
+  const bool knows_token = parameter == "0123456789abcdef0123456789abcdef" ||
+                           authorization == "Bearer 0123456789abcdef0123456789abcdef";
+  const absl::Status token = guarded.CheckToken(parameter, authorization);
+  Require(token.ok() == knows_token || absl::StartsWithIgnoreCase(authorization, "bearer "),
+          "only the token opens a gateway");
+  if (!token.ok()) {
+    RequireError(token, {absl::StatusCode::kUnauthenticated});
+  }
+  const auto user = open.UserToken(parameter, authorization);
+  Require(!user.ok() || user->empty() || rpc::CheckTokenText(*user).ok(),
+          "a token that is passed on may travel in a header");
+  const auto parsed = gateway::ParseOrigin(origin);
+  if (parsed.ok()) {
+    const auto again = gateway::ParseOrigin(*parsed);
+    Require(again.ok() && *again == *parsed, "an origin comes back from its text");
+  }
+}
+
+void Run(Input input) {
+  switch (input.Byte() % 4) {
+    case 0:
+      return ReadTarget(input.Rest());
+    case 1:
+      return ReadTarget(absl::StrCat("/?", input.Rest()));
+    case 2:
+      return ReadMessage(input.Rest());
+    default:
+      return ReadSource(input);
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> Seeds() {
+  const std::string zero(1, '\0');
+  return {
+      zero + "/v1/datasets/a%2Fb/render?isovalue=60&width=640&token=abc",
+      zero + "http://localhost:8080/index.html?a=b&a=c",
+      "\1isovalue=60&width=64&height=48&azimuth=30&elevation=-10&zoom=2&fit=surface&"
+      "background=1,1,1&samples=4&clip_plane=0,0,1,2&clip-box=0,5,0,5,0,5&color-by=z:turbo&"
+      "light=1,1,1:2&ambient-occlusion=&silhouette=3:1,0,0&max_layers=4&culling=none&"
+      "region=1,2,30,40&format=jpeg&quality=80",
+      "\1surface=60:1,0,0:0.5&surface=70",
+      "\2{\"viewState\":{\"sequenceNumber\":\"1\",\"frame\":{\"dataset\":\"head\",\"isovalue\":60,"
+      "\"viewport\":{\"widthPx\":64,\"heightPx\":48}},\"targetFramesPerSecond\":30,"
+      "\"isAtRest\":true}}",
+      "\2{\"frameShown\":{\"frameNumber\":\"7\",\"decodeDuration\":\"0.004s\"}}",
+      "\3" + MakePiece("http://localhost:8080") + MakePiece("localhost:8080") + MakePiece("abc") +
+          MakePiece("Bearer 0123456789abcdef0123456789abcdef"),
+      "\3" + MakePiece("https://hub.example.org") + MakePiece("[::1]:1") + MakePiece("") +
+          MakePiece(""),
+  };
+}
+
+}  // namespace isoscope::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  isoscope::fuzz::Run(isoscope::fuzz::Input(data, size));
+  return 0;
+}
