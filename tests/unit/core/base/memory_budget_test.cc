@@ -29,6 +29,23 @@ using ::testing::HasSubstr;
 // Long enough for another thread to do what it must not do.
 constexpr absl::Duration kAWhile = absl::Milliseconds(50);
 
+TEST(MemoryBudgetTest, AReservationThatShrinksGivesTheRestBackAtOnce) {
+  MemoryBudget budget(1000);
+  const Cancellation never;
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto shrinking, budget.Reserve(1000, never));
+    shrinking.ShrinkTo(2000);
+    EXPECT_EQ(budget.reserved_bytes(), 1000U) << "it never grows";
+    shrinking.ShrinkTo(300);
+    EXPECT_EQ(budget.reserved_bytes(), 300U);
+    EXPECT_EQ(shrinking.bytes(), 300U);
+    const MemoryBudget::Reservation moved = std::move(shrinking);
+    EXPECT_THAT(budget.Reserve(700, never), IsOk());
+    EXPECT_EQ(budget.reserved_bytes(), 300U);
+  }
+  EXPECT_EQ(budget.reserved_bytes(), 0U);
+}
+
 TEST(MemoryBudgetTest, AllOfItCanBeReservedAgainAndAgain) {
   MemoryBudget budget(1000);
   EXPECT_EQ(budget.capacity_bytes(), 1000U);
