@@ -5,8 +5,8 @@
 // coordinator's message after each step; 2: bands get right checksums), a byte for the code that
 // ends the agent's call, then a piece for each message of the agent.
 //
-// The client's call ends, and never says that the client was wrong, unless an agent does. With a well-behaved agent the
-// picture then is that of before.
+// The client's call ends, and never says that the client was wrong, unless an agent does. With a
+// well-behaved agent the picture then is that of before.
 
 #include <cstddef>
 #include <cstdint>
