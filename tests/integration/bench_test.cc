@@ -221,6 +221,39 @@ TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
   EXPECT_THAT(refused.err, HasSubstr("--rate is 0: must lie in [1, 120]"));
 }
 
+// More clients than the coordinator has places: those that come again as told all get the picture.
+TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
+  const std::string dataset = folder_.Sub("dataset");
+  ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto cluster,
+      testing::ProcessCluster::Start(dataset, 2,
+                                     {"--max-concurrent-frames", "1", "--max-queued-frames", "2"}));
+  const CommandResult result =
+      RunIsoscope({"bench", "clients", "--server", cluster->address(), "--isovalue", "128",
+                   "--clients", "2,12", "--seconds", "3", "--width", "256", "--height", "256",
+                   "--json", folder_.Sub("clients.json")},
+                  Options(kSystemPath));
+  ASSERT_EQ(result.exit_code, 0) << result.err << result.out;
+  EXPECT_THAT(result.out, HasSubstr("refusals"));
+  const json bench = json::parse(ReadFile("clients.json"), nullptr, /*allow_exceptions=*/false);
+  ASSERT_EQ(bench["rounds"].size(), 2);
+  for (const json& round : bench["rounds"]) {
+    EXPECT_GT(round["frames"], 0);
+    EXPECT_GT(round["least_frames"], 0) << "a client was starved: " << round;
+    EXPECT_EQ(round["failed"], 0);
+    EXPECT_EQ(round["wrong"], 0);
+    EXPECT_EQ(round["refusals"], round["retries"]) << "each refusal is followed by another try";
+  }
+  EXPECT_EQ(bench["rounds"][0]["refusals"], 0);
+  EXPECT_GT(bench["rounds"][1]["refusals"], 0);
+
+  const CommandResult refused =
+      RunIsoscope({"bench", "clients", dataset, "--isovalue", "128"}, Options(kSystemPath));
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("--server is missing"));
+}
+
 TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {
   const std::vector<std::string> tail = {"--output",         folder_.Sub("paper"),
                                          "--isovalues",      "auto",

@@ -8,6 +8,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/units.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::server {
@@ -95,6 +96,20 @@ TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
       [&] { ISOSCOPE_EXPECT_OK(memory.ReserveFrame(SpecOf(1024, 1024), Delivery::kWhole, none)); });
   first.reset();
   waiting.join();
+}
+
+TEST(CoordinatorMemoryTest, ExportsShareTheMemoryOfFramesAndTheLargestTakesAllOfIt) {
+  const base::Cancellation never;
+  CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto small, memory.ReserveExport(2, never));
+    EXPECT_EQ(memory.frame_bytes(), 28 * base::kMiB);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, memory.ReserveExport(1000, never));
+  EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kMinLimitBytes / 8 * 5);
+  base::Cancellation cancelled;
+  cancelled.Cancel();
+  EXPECT_THAT(memory.ReserveExport(1, cancelled), StatusIs(absl::StatusCode::kCancelled));
 }
 
 }  // namespace
