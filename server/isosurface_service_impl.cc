@@ -271,9 +271,10 @@ class IsosurfaceServiceImpl::ExportCall final
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::BlockLayout layout,
                               LayoutOf(dataset.dataset, geometry));
 
+    FrameRunner* const runner = service_->options_.runner;
     ISOSCOPE_ASSIGN_OR_RETURN(
         const base::MemoryBudget::Reservation memory,
-        service_->options_.runner->ReserveExportMemory(dataset.agents.size(), cancellation_));
+        runner->ReserveExportMemory(runner->PartsOf(dataset).size(), cancellation_));
     const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
     std::int64_t vertex_count = 0;
     for (std::size_t i = 0; i < spec_.isovalues.size(); ++i) {

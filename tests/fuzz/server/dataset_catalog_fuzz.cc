@@ -21,20 +21,26 @@ namespace internal = isoscope::internal::v1;
 void RequireComplete(const server::DatasetState& state,
                      const std::vector<server::AgentState>& agents) {
   std::vector<int> indices;
-  for (const server::AgentAssignment& assignment : state.agents) {
-    const auto agent = std::find_if(agents.begin(), agents.end(), [&](const auto& known) {
-      return known.address == assignment.address;
-    });
-    Require(agent != agents.end() && agent->status.ok(), "a frame is drawn by agents that answer");
-    for (const int index : assignment.shard_indices) {
-      Require(std::any_of(agent->shards.begin(), agent->shards.end(),
-                          [&](const internal::ShardDescription& shard) {
-                            return shard.shard_index() == index &&
-                                   shard.dataset().dataset_id() == state.dataset.dataset_id();
-                          }),
-              "an agent draws shards that it has");
-      indices.push_back(index);
+  for (const server::ReplicaSet& set : state.replica_sets) {
+    Require(!set.agents.empty(), "a set has an agent");
+    for (const server::ServingAgent& serving : set.agents) {
+      const auto agent = std::find_if(agents.begin(), agents.end(), [&](const auto& known) {
+        return known.address == serving.address;
+      });
+      Require(agent != agents.end() && agent->status.ok(),
+              "a frame is drawn by agents that answer");
+      Require(agent->picture_revision == state.picture_revision,
+              "a frame is drawn with one picture revision");
+      for (const int index : set.shard_indices) {
+        Require(std::any_of(agent->shards.begin(), agent->shards.end(),
+                            [&](const internal::ShardDescription& shard) {
+                              return shard.shard_index() == index &&
+                                     shard.dataset().dataset_id() == state.dataset.dataset_id();
+                            }),
+                "an agent draws shards that it has");
+      }
     }
+    indices.insert(indices.end(), set.shard_indices.begin(), set.shard_indices.end());
   }
   std::sort(indices.begin(), indices.end());
   Require(static_cast<std::int64_t>(indices.size()) == state.dataset.shard_count(),
