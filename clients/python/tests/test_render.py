@@ -302,11 +302,11 @@ def test_a_picture_of_some_shards_says_what_is_missing(programs, folder, dataset
         with pytest.raises(isoscope.IsoscopeError, match="shards 0, 2 of 3"):
             client["shells"].render(127.5, **SIZE)
         frame = client["shells"].render(127.5, allow_partial=True, **SIZE)
-        assert frame.statistics.missing_shards == (0, 2)
-        assert 0.1 < frame.statistics.coverage < 0.6
+        assert frame.stats.missing_shards == (0, 2)
+        assert 0.1 < frame.stats.coverage < 0.6
     whole = dataset.render(127.5, allow_partial=True, **SIZE)
     assert whole.png == dataset.render(127.5, **SIZE).png != frame.png
-    assert whole.statistics.missing_shards == () and whole.statistics.coverage == 1
+    assert whole.stats.missing_shards == () and whole.stats.coverage == 1
 
 
 def start(stack, program, event, *flags):

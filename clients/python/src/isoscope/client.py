@@ -8,7 +8,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
+from typing import Any, Literal, NoReturn, TYPE_CHECKING, TypeVar, overload
 
 import grpc
 import numpy.typing as npt
@@ -255,7 +255,7 @@ class Client:
         return _wire.picked_from_proto(response, pixels)
 
 
-def raise_closed(error: ValueError, address: str) -> Any:
+def raise_closed(error: ValueError, address: str) -> NoReturn:
     """Raises CancelledError for a call on a closed channel, else the error itself."""
     from isoscope.errors import CancelledError
 
@@ -331,7 +331,7 @@ class Dataset(DatasetInfo):
             format: "png", "jpeg", "rgba" or "none".
             quality: of a JPEG, 1 to 100.
             planes: planes to send along: "depth", "surface_index", "position", "normal".
-            allow_partial: draw what there is if some shards are not served; `frame.statistics.missing_shards`
+            allow_partial: draw what there is if some shards are not served; `frame.stats.missing_shards`
                 says what is missing. Else that is an error.
             timeout: deadline in seconds; default: the client's.
 
