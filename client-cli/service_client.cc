@@ -76,6 +76,11 @@ absl::Status ServiceClient::Explain(const grpc::Status& status) const {
     return absl::CancelledError("interrupted");
   }
   absl::Status explained = rpc::ToAbslStatus(status);
+  if (absl::IsCancelled(explained)) {
+    // Nobody here cancelled: a server that shuts down ends calls so that it has not begun.
+    return absl::UnavailableError(absl::StrCat(
+        "the server ended the call, as it does when it shuts down (", explained.message(), ")"));
+  }
   if (absl::IsUnavailable(explained) && !address_.empty() &&
       channel_->GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_READY) {
     return absl::UnavailableError(absl::StrCat(
