@@ -55,10 +55,10 @@ class IsosurfaceServiceServicer(object):
         """Renders one frame to a PNG.
 
         Idempotent: the same request gives the same bytes, for any number of agents. Retry on
-        UNAVAILABLE with back-off, and on RESOURCE_EXHAUSTED when its google.rpc.RetryInfo says. A frame
-        is right or an error, and never incomplete unless the request allows it. Set a deadline: when it
-        passes, or when the call is cancelled, extraction and drawing stop on every agent. Without a
-        deadline, the server's own limit (GetCapabilities) holds.
+        UNAVAILABLE and RESOURCE_EXHAUSTED with back-off. A frame is right or an error, never
+        incomplete. Set a deadline: when it passes, or when the call is cancelled, extraction and
+        drawing stop on every agent. Without a deadline, the server's own limit (GetCapabilities)
+        holds.
 
         Errors:
         * INVALID_ARGUMENT: the request is wrong in any state of the cluster; the message names the
@@ -68,9 +68,8 @@ class IsosurfaceServiceServicer(object):
         * FAILED_PRECONDITION: the dataset's shards are not all served (with `allow_partial`: none is),
         or contradict each other, or no picture revision serves all of them (GetClusterStatus,
         picture_revision).
-        * RESOURCE_EXHAUSTED: too many frames are waiting; the details have a google.rpc.RetryInfo. Or,
-        without one, the picture needs more memory than the server or an agent may use: names the
-        limit; ask for a region.
+        * RESOURCE_EXHAUSTED: too many frames are waiting. Retry later. Or the picture needs more memory
+        than the server or an agent may use: names the limit; ask for a region.
         * UNAVAILABLE: an agent was lost during the frame, and no other serves its shards; names agent
         and shards. Retry.
         * DEADLINE_EXCEEDED: names the agents that had not answered.
