@@ -50,6 +50,10 @@ endif()
 add_library(isoscope_test_sanitizers INTERFACE)
 add_library(isoscope::test_sanitizers ALIAS isoscope_test_sanitizers)
 target_link_libraries(isoscope_test_sanitizers INTERFACE isoscope::sanitizers)
+if(ISOSCOPE_SANITIZE)
+  # Two thirds of the time to compile, and they run but little longer: what works is the product.
+  target_compile_options(isoscope_test_sanitizers INTERFACE -O0)
+endif()
 if(ISOSCOPE_SANITIZE MATCHES undefined)
   # AddressSanitizer finds nearly all that these find: null, freed and foreign objects trap or are
   # reported when they are used. They cost a fifth of the time to compile.
