@@ -36,6 +36,8 @@ namespace v1 = isoscope::internal::v1;
 // Far more than any call may take.
 constexpr absl::Duration kPatience = absl::Seconds(60);
 constexpr int kMaxSidePx = 64;
+// Sanitizers take a part of it.
+constexpr std::size_t kAgentBytes = std::size_t{1} << 30;
 constexpr int kInputsBetweenGoodFrames = 64;
 
 class Agent {
@@ -124,7 +126,7 @@ class Agent {
  private:
   const testing::SmallDataset dataset_{2, {21, 19, 17}};
   const std::shared_ptr<agent::AgentMemory> memory_ =
-      std::make_shared<agent::AgentMemory>(agent::AgentMemory::kMinLimitBytes);
+      std::make_shared<agent::AgentMemory>(kAgentBytes);
   std::unique_ptr<agent::AgentServer> server_;
   std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
   std::string good_bands_;

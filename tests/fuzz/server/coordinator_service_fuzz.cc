@@ -47,11 +47,14 @@ v1::RenderIsosurfaceRequest GoodRequest() {
   return request;
 }
 
+// Sanitizers take a part of it.
+constexpr std::size_t kAgentBytes = std::size_t{1} << 30;
+
 class Cluster {
  public:
   Cluster() {
     auto renderer = render::MakeRenderer({.kind = render::RendererKind::kCpu});
-    const auto memory = std::make_shared<agent::AgentMemory>(agent::AgentMemory::kMinLimitBytes);
+    const auto memory = std::make_shared<agent::AgentMemory>(kAgentBytes);
     const auto arena = std::make_shared<tbb::task_arena>(1);
     Require(renderer.ok() && memory->Settle().ok(), "an agent can be made");
     agent::AgentServerOptions options;
