@@ -38,7 +38,8 @@ AdmissionQueue::Answer AdmissionQueue::Admit(const std::string& client, absl::Ti
   const bool was_refused = refused != outside_.end() && now <= refused->second.forgotten;
   const Turn turn = was_refused ? refused->second.turn : next_turn_++;
   Answer answer;
-  const auto limit = static_cast<std::size_t>(limits_.max_working + limits_.max_waiting);
+  const std::size_t limit =
+      static_cast<std::size_t>(limits_.max_working) + static_cast<std::size_t>(limits_.max_waiting);
   if (frames_.size() >= limit) {
     const auto loser = FindLoser(client, was_refused, turn);
     if (loser == clients_.end()) {

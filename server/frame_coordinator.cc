@@ -522,12 +522,12 @@ class Frame {
       const base::MutexLock lock(&damage_mutex_);
       damages.swap(damages_);
     }
-    for (auto& [id, status] : damages) {
+    for (const auto& [id, status] : damages) {
       const Part& part = parts_[id.part];
       if (part.winner != id.replica && (part.winner.has_value() || !AttemptOf(id).is_live)) {
         continue;  // another attempt has sent all pixels, or will
       }
-      ISOSCOPE_RETURN_IF_ERROR(Fail(id, std::move(status)));
+      ISOSCOPE_RETURN_IF_ERROR(Fail(id, status));
     }
     return absl::OkStatus();
   }
@@ -753,7 +753,7 @@ class Frame {
 
   // Notes the agent that failed. Tries its part elsewhere if nobody else works on it; if there is
   // no other agent, the frame ends with the error.
-  absl::Status Fail(AttemptId id, absl::Status status) {
+  absl::Status Fail(AttemptId id, const absl::Status& status) {
     Part& part = parts_[id.part];
     Attempt& attempt = AttemptOf(id);
     NoteFailure(id, attempt.stage, status);
@@ -770,7 +770,7 @@ class Frame {
       return BeginAttempt(id.part);
     }
     lost_part_ = id.part;
-    const absl::Status error = failures_.back().ToStatus();
+    absl::Status error = failures_.back().ToStatus();
     if (part.attempts.size() == 1) {
       return error;
     }

@@ -139,8 +139,7 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
       frame::ShowsGradient(*spec) ? frame::BackEnd::kCpu : dataset.picture_revision.back_end;
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
-  return FrameTarget{std::move(dataset), std::move(parts), std::move(view), std::move(layout),
-                     order};
+  return FrameTarget{std::move(dataset), std::move(parts), view, layout, order};
 }
 
 absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
