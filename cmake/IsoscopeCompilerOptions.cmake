@@ -51,14 +51,14 @@ add_library(isoscope_test_sanitizers INTERFACE)
 add_library(isoscope::test_sanitizers ALIAS isoscope_test_sanitizers)
 target_link_libraries(isoscope_test_sanitizers INTERFACE isoscope::sanitizers)
 if(ISOSCOPE_SANITIZE)
-  # Two thirds of the time to compile, and they run but little longer: what works is the product.
+  # About two thirds of the time to compile; the product, which does the work, is optimised.
   target_compile_options(isoscope_test_sanitizers INTERFACE -O0)
 endif()
 if(ISOSCOPE_SANITIZE MATCHES undefined)
   # AddressSanitizer finds nearly all that these find: null, freed and foreign objects trap or are
-  # reported when they are used. They cost a fifth of the time to compile.
+  # reported when they are used. Without these and the one below, six files of all kinds took 0.79 of
+  # the time to compile.
   target_compile_options(isoscope_sanitizers INTERFACE -fno-sanitize=null,object-size,vptr)
-  # Bytes of files, where alignment goes wrong, are read by the product. In files full of GoogleTest
-  # its check costs up to a third of the time to compile.
+  # Bytes of files, where alignment goes wrong, are read by the product.
   target_compile_options(isoscope_test_sanitizers INTERFACE -fno-sanitize=alignment)
 endif()

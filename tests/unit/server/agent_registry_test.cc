@@ -169,7 +169,7 @@ TEST(AgentRegistryTest, AReturningAgentServesTheNextFrameAtOnce) {
   EXPECT_EQ(ready_count.load(), 2);
 }
 
-// Without a probe that could answer: a frame that waited for one would end with its deadline.
+// The probe hangs: a frame that waited for it would get both agents.
 TEST(AgentRegistryTest, ALostAgentWithAReplicaIsLeftOutAndNotWaitedFor) {
   FakeCluster cluster;
   cluster.Serve("a:1", {MakeShard("head", 0, 1)});
