@@ -50,6 +50,12 @@ function(isoscope_test)
   set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME})
   set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT})
+  if(ISOSCOPE_SANITIZE MATCHES address)
+    # The programs that a test runs inherit it.
+    set(leaks "${PROJECT_SOURCE_DIR}/tests/support/leaks_of_libraries.supp")
+    set_tests_properties(${ARG_NAME} PROPERTIES
+      ENVIRONMENT "LSAN_OPTIONS=suppressions=${leaks}:print_suppressions=0")
+  endif()
 endfunction()
 
 # isoscope_benchmark(NAME extract_benchmark SRCS extract_benchmark.cc DEPS isoscope::extract)

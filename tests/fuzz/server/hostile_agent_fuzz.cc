@@ -12,11 +12,14 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/mutex.h"
 #include "core/composite/band_format.h"
 #include "core/composite/pixel_codec.h"
 #include "core/rpc/grpc_status.h"
@@ -39,7 +42,7 @@ constexpr int kInputsBetweenGoodFrames = 64;
 constexpr int kWidthPx = 32;
 constexpr int kHeightPx = 16;
 
-// What the agent does next. Written before a call and read during it.
+// What the agent does next.
 struct Script {
   bool is_good = true;
   bool waits = false;
@@ -52,16 +55,18 @@ class Cluster {
  public:
   Cluster() {
     agent_.on_frame = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
-      return script.is_good ? testing::PlayEmptyFrame(stream) : PlayFrame(stream);
+      const std::shared_ptr<const Script> now = script();
+      return now->is_good ? testing::PlayEmptyFrame(stream) : PlayFrame(*now, stream);
     };
     agent_.on_surface = [this](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
-      for (const std::string& bytes : script.messages) {
+      const std::shared_ptr<const Script> now = script();
+      for (const std::string& bytes : now->messages) {
         internal::ExtractSurfaceResponse response;
         if (response.ParseFromString(bytes) && !writer->Write(response)) {
           break;
         }
       }
-      return End();
+      return End(*now);
     };
     agent_.on_histogram = [this](grpc::ServerContext*, const auto&,
                                  internal::GetShardHistogramResponse* response) {
@@ -86,29 +91,40 @@ class Cluster {
   Cluster(const Cluster&) = delete;
   Cluster& operator=(const Cluster&) = delete;
 
-  Script script;
+  // The client's call may end before the agent's: that one keeps the script it began with.
+  [[nodiscard]] std::shared_ptr<const Script> script() const {
+    const base::MutexLock lock(&mutex_);
+    return script_;
+  }
+  void Play(Script script) {
+    auto next = std::make_shared<const Script>(std::move(script));
+    const base::MutexLock lock(&mutex_);
+    script_ = std::move(next);
+  }
+
   std::unique_ptr<v1::IsosurfaceService::Stub> isosurface;
   std::unique_ptr<v1::DatasetService::Stub> datasets;
 
  private:
-  [[nodiscard]] grpc::Status End() const {
+  static grpc::Status End(const Script& script) {
     return script.end == grpc::StatusCode::OK ? grpc::Status::OK
                                               : grpc::Status(script.end, "the script says so");
   }
 
   template <typename Response>
   grpc::Status Answer(Response* response) const {
-    if (script.is_good || script.messages.empty()) {
+    const std::shared_ptr<const Script> now = script();
+    if (now->is_good || now->messages.empty()) {
       return {grpc::StatusCode::UNAVAILABLE, "no answer"};
     }
     Response parsed;
-    if (parsed.ParseFromString(script.messages.front())) {
+    if (parsed.ParseFromString(now->messages.front())) {
       *response = parsed;
     }
-    return End();
+    return End(*now);
   }
 
-  grpc::Status PlayFrame(FakeAgent::FrameStream* stream) const {
+  static grpc::Status PlayFrame(const Script& script, FakeAgent::FrameStream* stream) {
     internal::RenderFrameRequest request;
     stream->Read(&request);
     for (const std::string& bytes : script.messages) {
@@ -129,9 +145,11 @@ class Cluster {
         break;
       }
     }
-    return End();
+    return End(script);
   }
 
+  mutable base::Mutex mutex_;
+  std::shared_ptr<const Script> script_ ABSL_GUARDED_BY(mutex_) = std::make_shared<const Script>();
   FakeAgent agent_{{testing::MakeShard("head", 0, 1)}};
   std::unique_ptr<server::CoordinatorServer> coordinator_;
 };
@@ -150,7 +168,7 @@ void RequireEnd(const grpc::Status& grpc_status) {
   const absl::Status status = rpc::ToAbslStatus(grpc_status);
   // What an agent finds wrong with a question of a client's own words is the client's fault.
   const bool is_blamed_by_agent =
-      absl::IsInvalidArgument(status) && TheCluster().script.end == grpc::INVALID_ARGUMENT;
+      absl::IsInvalidArgument(status) && TheCluster().script()->end == grpc::INVALID_ARGUMENT;
   if (!status.ok() && !is_blamed_by_agent) {
     using absl::StatusCode;
     RequireError(status, {StatusCode::kInternal, StatusCode::kUnavailable, StatusCode::kDataLoss,
@@ -198,13 +216,14 @@ void Run(Input input) {
                                         grpc::StatusCode::RESOURCE_EXHAUSTED,
                                         grpc::StatusCode::CANCELLED,
                                         grpc::StatusCode::INTERNAL};
-  cluster.script = {.is_good = false,
-                    .waits = (ways & 1) != 0,
-                    .seals = (ways & 2) != 0,
-                    .end = kEnds[input.Byte() % std::size(kEnds)]};
-  while (!input.empty() && cluster.script.messages.size() < 16) {
-    cluster.script.messages.emplace_back(input.Piece());
+  Script script = {.is_good = false,
+                   .waits = (ways & 1) != 0,
+                   .seals = (ways & 2) != 0,
+                   .end = kEnds[input.Byte() % std::size(kEnds)]};
+  while (!input.empty() && script.messages.size() < 16) {
+    script.messages.emplace_back(input.Piece());
   }
+  cluster.Play(std::move(script));
   std::string png;
   Call call;
   if (choice % 8 < 5) {
@@ -235,7 +254,7 @@ void Run(Input input) {
 
 void RequireGoodFrame() {
   static std::string good_png;
-  TheCluster().script = {};
+  TheCluster().Play({});
   std::string png;
   Require(Render(Request(0), &png).ok(), "a good agent's picture is made");
   if (good_png.empty()) {
