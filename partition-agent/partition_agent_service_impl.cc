@@ -54,12 +54,14 @@
 #include "core/rpc/request_context.h"
 #include "core/rpc/trace_convert.h"
 #include "core/rpc/unary_call.h"
+#include "core/rpc/unary_checksum.h"
 #include "core/rpc/write_queue.h"
 #include "partition-agent/frame_pipeline.h"
 #include "partition-agent/frame_task.h"
 #include "partition-agent/point_gradients.h"
 #include "partition-agent/shard_histogram.h"
 #include "partition-agent/surface_extraction.h"
+#include "proto/message_checksum.h"
 
 namespace isoscope::agent {
 namespace {
@@ -183,7 +185,10 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     NoteReceived();
     v1::RenderFrameRequest message;
     message.Swap(&incoming_);
-    const absl::Status status = Accept(std::move(message));
+    absl::Status status = proto::CheckIntact(message);
+    if (status.ok()) {
+      status = Accept(std::move(message));
+    }
     if (!status.ok()) {
       Fail(status);
       return;
@@ -618,6 +623,7 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
   }
 
   absl::Status Extract() {
+    ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request_));
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckFinite(request_.isovalue(), "isovalue"));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::ClipRegion clip,
@@ -714,9 +720,13 @@ isoscope::v1::AgentLoad PartitionAgentServiceImpl::Load() const {
   return load;
 }
 
-rpc::OnCallEnd PartitionAgentServiceImpl::Counter(AgentMethod method) {
-  return [this, method](const absl::Status& status, absl::Duration duration) {
+rpc::OnCallEnd PartitionAgentServiceImpl::UnaryEnd(AgentMethod method,
+                                                   const google::protobuf::Message* request,
+                                                   const google::protobuf::Message* response,
+                                                   grpc::CallbackServerContext* context) {
+  return [=, this](const absl::Status& status, absl::Duration duration) {
     metrics_.CountRequest(method, status, duration);
+    rpc::AnswerChecksum(*request, status, *response, context);
   };
 }
 
@@ -741,7 +751,7 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
         *response->mutable_load() = Load();
         return absl::OkStatus();
       },
-      Counter(AgentMethod::kDescribeShards));
+      UnaryEnd(AgentMethod::kDescribeShards, request, response, context));
 }
 
 grpc::ServerBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse>*
@@ -771,7 +781,7 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetShardHistogram(
         *response = rpc::ToProto(part);
         return absl::OkStatus();
       },
-      Counter(AgentMethod::kGetShardHistogram));
+      UnaryEnd(AgentMethod::kGetShardHistogram, request, response, context));
 }
 
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
@@ -798,7 +808,7 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetActiveBox(
         *response = rpc::ToProto(box.block_count, box.cells);
         return absl::OkStatus();
       },
-      Counter(AgentMethod::kGetActiveBox));
+      UnaryEnd(AgentMethod::kGetActiveBox, request, response, context));
 }
 
 grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
@@ -821,7 +831,7 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
         }
         return absl::OkStatus();
       },
-      Counter(AgentMethod::kGetGradients));
+      UnaryEnd(AgentMethod::kGetGradients, request, response, context));
 }
 
 absl::StatusOr<std::shared_ptr<const Shard>> PartitionAgentServiceImpl::FindAnyShard(

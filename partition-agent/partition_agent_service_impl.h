@@ -94,8 +94,11 @@ class PartitionAgentServiceImpl final
   [[nodiscard]] AgentResources Resources(base::TraceRecorder* trace);
   [[nodiscard]] AgentGauges gauges() const;
   [[nodiscard]] isoscope::v1::AgentLoad Load() const;
-  // Counts the calls of a method.
-  [[nodiscard]] rpc::OnCallEnd Counter(AgentMethod method);
+  // Counts a call, and gives its answer the checksum. The messages live as long as the call.
+  [[nodiscard]] rpc::OnCallEnd UnaryEnd(AgentMethod method,
+                                        const google::protobuf::Message* request,
+                                        const google::protobuf::Message* response,
+                                        grpc::CallbackServerContext* context);
 
   // Finds the shards of a dataset by index. FAILED_PRECONDITION names the dataset or shard that is
   // not served; INVALID_ARGUMENT if the indices are malformed.

@@ -12,7 +12,8 @@
 // stream between two of them. OnDone is the last call. GrpcAgentLink cancels and waits for it
 // before it destroys the stream.
 //
-// The status for the listener is, in this order: INTERNAL for a malformed message, INTERNAL for a
+// The status for the listener is, in this order: UNAVAILABLE for a message that was damaged on its
+// way, INTERNAL for a malformed one, INTERNAL for a
 // stream that ended with OK before the frame was done, else CallStatus of gRPC's status.
 //
 // A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
@@ -38,6 +39,7 @@
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/trace_convert.h"
+#include "proto/message_checksum.h"
 
 namespace isoscope::server {
 namespace {
@@ -238,6 +240,7 @@ class FrameStream final
 
   // Hands one message to the listener.
   absl::Status Deliver(v1::RenderFrameResponse* message) {
+    ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(*message));
     const bool has_bands = message->bands_size() > 0;
     if (has_bands) {
       listener_->OnPixels({std::make_move_iterator(message->mutable_bands()->begin()),
@@ -283,6 +286,9 @@ class FrameStream final
   }
 
   absl::Status EndStatus(const absl::Status& status) const {
+    if (absl::IsUnavailable(message_error_)) {  // damaged on its way
+      return message_error_;
+    }
     if (!message_error_.ok()) {
       return absl::InternalError(
           absl::StrCat("sent a malformed message: ", message_error_.message()));
@@ -453,6 +459,10 @@ absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
       next_block_ = 0;
       message_.Clear();
       if (call_->reader->Read(&message_)) {
+        const absl::Status intact = proto::CheckIntact(message_);
+        if (!intact.ok()) {
+          ISOSCOPE_RETURN_IF_ERROR(Fail(intact));
+        }
         continue;
       }
       message_.Clear();

@@ -9,8 +9,10 @@
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/status_macros.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
+#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 
 namespace isoscope::server {
@@ -24,6 +26,12 @@ struct Call {
   v1::DescribeShardsRequest request;
   v1::DescribeShardsResponse response;
 };
+
+absl::StatusOr<v1::DescribeShardsResponse> AnswerOf(Call* call, const grpc::Status& status) {
+  ISOSCOPE_RETURN_IF_ERROR(
+      rpc::CheckAnswer(call->request, rpc::ToAbslStatus(status), call->response, call->context));
+  return std::move(call->response);
+}
 
 }  // namespace
 
@@ -46,11 +54,7 @@ void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancel
     call.context.set_deadline(absl::ToChronoTime(deadline));
     call.stub->async()->DescribeShards(&call.context, &call.request, &call.response,
                                        [&probe, &call, &unanswered](const grpc::Status& status) {
-                                         if (status.ok()) {
-                                           probe.answer = std::move(call.response);
-                                         } else {
-                                           probe.answer = rpc::ToAbslStatus(status);
-                                         }
+                                         probe.answer = AnswerOf(&call, status);
                                          unanswered.DecrementCount();
                                        });
   }

@@ -18,6 +18,7 @@
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/request_context.h"
+#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "server/agent_client.h"
 
@@ -70,7 +71,8 @@ void RunRound(const QueryTarget& target, const std::vector<std::size_t>& open, s
     }
     rpc::SetTraceparent(identity, call.context.get());
     start(&call, [&call, &unanswered](const grpc::Status& status) {
-      call.status = rpc::ToAbslStatus(status);
+      call.status =
+          rpc::CheckAnswer(call.request, rpc::ToAbslStatus(status), call.response, *call.context);
       unanswered.DecrementCount();
     });
   }

@@ -36,6 +36,7 @@ MODULES = {
     "core/visibility": 5,
     "core/picture": 5,
     "core/render": 5,
+    "proto": 5,
     "core/rpc": 6,
     "partition-agent": 7,
     "server": 7,
@@ -49,7 +50,7 @@ ABOVE_ALL = 1 + max(MODULES.values())
 
 # Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
 GRPC_FILES = re.compile(
-    r"core/rpc/.*"
+    r"(core/rpc|proto)/.*"
     r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
     r"|server/(agent_client|agent_prober|agent_queries|dataset_catalog|frame_call|frame_runner|interact_frame|render_statistics)\.(h|cc)"
     r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"

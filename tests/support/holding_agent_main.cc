@@ -21,7 +21,9 @@
 
 #include "core/base/log.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
 #include "core/rpc/server_flags.h"
+#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 
 namespace isoscope {
@@ -37,11 +39,14 @@ class HoldingAgent final : public v1::PartitionAgentService::Service {
   HoldingAgent(const std::string& upstream, v1::RenderFrameRequest::MessageCase held)
       : stub_(v1::PartitionAgentService::NewStub(rpc::MakeChannel(upstream))), held_(held) {}
 
-  grpc::Status DescribeShards(grpc::ServerContext*, const v1::DescribeShardsRequest* request,
+  grpc::Status DescribeShards(grpc::ServerContext* context,
+                              const v1::DescribeShardsRequest* request,
                               v1::DescribeShardsResponse* response) override {
-    grpc::ClientContext context;
-    context.set_wait_for_ready(true);
-    return stub_->DescribeShards(&context, *request, response);
+    grpc::ClientContext upstream_context;
+    upstream_context.set_wait_for_ready(true);
+    grpc::Status status = stub_->DescribeShards(&upstream_context, *request, response);
+    rpc::AnswerChecksum(*request, rpc::ToAbslStatus(status), *response, context);
+    return status;
   }
 
   grpc::Status RenderFrame(

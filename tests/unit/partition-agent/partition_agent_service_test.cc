@@ -24,6 +24,7 @@
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_server.h"
 #include "partition-agent/frame_pipeline.h"
+#include "proto/message_checksum.h"
 #include "tests/support/block_cutter.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
@@ -422,6 +423,26 @@ TEST_F(PartitionAgentServiceTest, MalformedMessagesAreRefused) {
                   HasSubstr(is_visible ? "visible_blocks.blocks" : "occluders.blocks"));
     }
   }
+}
+
+TEST_F(PartitionAgentServiceTest, MessagesThatAreDamagedOnTheirWayAreNotTheCoordinatorsFault) {
+  v1::RenderFrameRequest damaged;
+  proto::ParseChecked(nullptr, &damaged);
+  for (const bool has_begun : {false, true}) {
+    FrameCall call(stub_.get());
+    if (has_begun) {
+      BeginAndReadHits(&call);
+    }
+    call.Send(damaged);
+    EXPECT_EQ(CodeOf(call.Finish()), "UNAVAILABLE");
+  }
+  v1::ExtractSurfaceRequest damaged_surface;
+  proto::ParseChecked(nullptr, &damaged_surface);
+  grpc::ClientContext context;
+  const auto reader = stub_->ExtractSurface(&context, damaged_surface);
+  v1::ExtractSurfaceResponse message;
+  EXPECT_FALSE(reader->Read(&message));
+  EXPECT_EQ(CodeOf(reader->Finish()), "UNAVAILABLE");
 }
 
 TEST_F(PartitionAgentServiceTest, AMailboxOfAnotherProcessIsRefused) {

@@ -16,6 +16,8 @@
 
 #include "core/base/check.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/unary_checksum.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "tests/unit/server/make_shard.h"
 
@@ -70,8 +72,8 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   [[nodiscard]] int port() const { return port_; }
   [[nodiscard]] std::string address() const { return absl::StrCat("127.0.0.1:", port_); }
 
-  grpc::Status DescribeShards(grpc::ServerContext* /*context*/,
-                              const isoscope::internal::v1::DescribeShardsRequest* /*request*/,
+  grpc::Status DescribeShards(grpc::ServerContext* context,
+                              const isoscope::internal::v1::DescribeShardsRequest* request,
                               isoscope::internal::v1::DescribeShardsResponse* response) override {
     on_describe();
     response->set_version("1.2.3");
@@ -80,7 +82,7 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
     response->mutable_picture_revision()->set_back_end(
         isoscope::internal::v1::PictureRevision::BACK_END_CPU);
     response->mutable_shards()->Assign(shards_.begin(), shards_.end());
-    return grpc::Status::OK;
+    return Answer(*request, *response, grpc::Status::OK, context);
   }
   grpc::Status RenderFrame(grpc::ServerContext* context, FrameStream* stream) override {
     return on_frame(context, stream);
@@ -93,15 +95,22 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   grpc::Status GetShardHistogram(
       grpc::ServerContext* context, const isoscope::internal::v1::GetShardHistogramRequest* request,
       isoscope::internal::v1::GetShardHistogramResponse* response) override {
-    return on_histogram(context, *request, response);
+    return Answer(*request, *response, on_histogram(context, *request, response), context);
   }
-  grpc::Status GetActiveBox(grpc::ServerContext* /*context*/,
+  grpc::Status GetActiveBox(grpc::ServerContext* context,
                             const isoscope::internal::v1::GetActiveBoxRequest* request,
                             isoscope::internal::v1::GetActiveBoxResponse* response) override {
-    return on_active_box(*request, response);
+    return Answer(*request, *response, on_active_box(*request, response), context);
   }
 
  private:
+  static grpc::Status Answer(const google::protobuf::Message& request,
+                             const google::protobuf::Message& response, const grpc::Status& status,
+                             grpc::ServerContext* context) {
+    rpc::AnswerChecksum(request, rpc::ToAbslStatus(status), response, context);
+    return status;
+  }
+
   std::vector<isoscope::internal::v1::ShardDescription> shards_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;

@@ -21,6 +21,7 @@
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "proto/message_checksum.h"
 #include "server/coordinator_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/fake_agent.h"
@@ -285,6 +286,35 @@ TEST_F(IsosurfaceServiceTest, AnAgentThatEndsTooEarlyOrSendsRubbishIsAnInternalE
   EXPECT_THAT(Render(Request()), StatusIs(absl::StatusCode::kInternal,
                                           AllOf(HasSubstr(second_.address()),
                                                 HasSubstr("malformed"), HasSubstr("1000000"))));
+}
+
+TEST_F(IsosurfaceServiceTest, AMessageThatIsDamagedOnItsWayIsNotTheAgentsFault) {
+  first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    internal::ExtractSurfaceResponse damaged;
+    proto::ParseChecked(nullptr, &damaged);
+    writer->Write(damaged);
+    return grpc::Status::OK;
+  };
+  second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
+    return grpc::Status::OK;
+  };
+  second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    internal::RenderFrameResponse damaged;
+    proto::ParseChecked(nullptr, &damaged);
+    stream->Write(damaged);
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  EXPECT_THAT(Render(Request()),
+              StatusIs(absl::StatusCode::kUnavailable,
+                       AllOf(HasSubstr(second_.address()), HasSubstr("CRC-32C"))));
+  grpc::ClientContext context;
+  const auto reader = stub_->ExportIsosurface(&context, {});
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  EXPECT_FALSE(reader->Read(&chunk));
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()),
+              StatusIs(absl::StatusCode::kUnavailable,
+                       AllOf(HasSubstr(first_.address()), HasSubstr("CRC-32C"))));
 }
 
 TEST_F(IsosurfaceServiceTest, AnAgentThatDiesDuringTheFrameIsUnavailableNamingItsShards) {
