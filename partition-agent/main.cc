@@ -10,10 +10,8 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include <CLI/CLI.hpp>
-#include <oneapi/tbb/info.h>
 
 #include "core/base/log.h"
-#include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
@@ -94,7 +92,6 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
     ISOSCOPE_RETURN_IF_ERROR(ListDevices());
     return rpc::ServerShutdown();
   }
-  base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   AgentServerOptions options;
   options.directories = flags.positional_shards;
   options.directories.insert(options.directories.end(), flags.shards.begin(), flags.shards.end());

@@ -2,10 +2,9 @@
 """Asks real processes for thousands of different frames, and watches their memory.
 
 Starts one isoscope-agent for each shard and a coordinator, asks for frames of random views, sizes,
-isovalues, effects and planes, and notes the resident memory of every process each so many frames.
-Fails if a frame fails, or if a process has grown by more than the tolerance after the warm-up: the
-median of the last third over that of the third that follows the warm-up. A single look says little,
-because frames in work are in it.
+isovalues, effects and planes, and notes the resident memory of every process each so many frames,
+when they have rested for a while: then they have returned what they freed. Fails if a frame fails, or if a process has grown by more than the tolerance
+after the warm-up: the median of the last third over that of the third that follows the warm-up.
 
     scripts/memory_soak.py DIR --isovalues 20,200
     scripts/memory_soak.py DIR --isovalues 20,200 --frames 10000 --csv soak.csv
@@ -14,6 +13,7 @@ Needs a release build and the packages of clients/python (python3-grpcio, python
 """
 
 import argparse
+import concurrent.futures
 import os
 import pathlib
 import random
@@ -21,7 +21,6 @@ import socket
 import statistics
 import subprocess
 import sys
-import threading
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -115,18 +114,18 @@ def random_frame(draw, levels, most_px):
     return arguments
 
 
-def ask(dataset, seed, options, levels, counter, lock, errors):
-    draw = random.Random(seed)
-    while True:
-        with lock:
-            if counter[0] >= options.frames or errors:
-                return
-            counter[0] += 1
+def ask(dataset, draws, frames, clients):
+    """Asks for some frames, a few at a time, and waits for all. Returns the errors."""
+
+    def one(arguments):
         try:
-            dataset.render(**random_frame(draw, levels, options.size))
+            dataset.render(**arguments)
         except Exception as error:  # whatever it is, it is the result
-            with lock:
-                errors.append(f"{type(error).__name__}: {error}")
+            return f"{type(error).__name__}: {error}"
+        return None
+
+    arguments = [draws() for _ in range(frames)]
+    return [error for error in clients.map(one, arguments) if error]
 
 
 def verdict(rows, options):
@@ -155,7 +154,8 @@ def main():
     )  # fmt: skip
     parser.add_argument("--frames", type=int, default=10000, help="default: 10000")
     parser.add_argument("--warm-up", type=int, default=1000, help="frames before memory must be flat (default: 1000)")
-    parser.add_argument("--every", type=int, default=100, help="frames between two looks (default: 100)")
+    parser.add_argument("--every", type=int, default=250, help="frames between two looks (default: 250)")
+    parser.add_argument("--rest", type=float, default=11, help="seconds without a frame before a look (default: 11)")
     parser.add_argument("--clients", type=int, default=4, help="that ask at a time (default: 4)")
     parser.add_argument("--size", type=int, default=512, help="longest side of a picture (default: 512)")
     parser.add_argument("--memory-limit", default="512MiB", help="of each process (default: 512MiB)")
@@ -171,33 +171,29 @@ def main():
     cluster = Cluster(pathlib.Path(options.programs), options.dataset, options.memory_limit, options.memory_limit)
     options.names = list(cluster.processes)
     rows = []
-    counter, lock, errors = [0], threading.Lock(), []
+    errors = []
+    draw = random.Random(options.seed)
     start = time.monotonic()
     try:
         dataset = connect(cluster.address)
-        threads = [
-            threading.Thread(target=ask, args=(dataset, options.seed * 1000 + i, options, levels, counter, lock, errors))
-            for i in range(options.clients)
-        ]  # fmt: skip
-        for thread in threads:
-            thread.start()
-        while any(thread.is_alive() for thread in threads):
-            time.sleep(0.01)
-            if counter[0] >= len(rows) * options.every:
-                rows.append([counter[0], time.monotonic() - start, *cluster.memory().values()])
+        with concurrent.futures.ThreadPoolExecutor(options.clients) as clients:
+            done = 0
+            while done < options.frames and not errors:
+                frames = min(options.every, options.frames - done)
+                errors = ask(dataset, lambda: random_frame(draw, levels, options.size), frames, clients)
+                done += frames
+                time.sleep(options.rest)
+                rows.append([done, time.monotonic() - start, *cluster.memory().values()])
                 if len(rows) % 10 == 1:
-                    print(f"{counter[0]:7} frames {rows[-1][1]:7.1f} s  "
+                    print(f"{done:7} frames {rows[-1][1]:7.1f} s  "
                           + ", ".join(f"{n} {v:.1f} MiB" for n, v in zip(options.names, rows[-1][2:])), flush=True)
-        for thread in threads:
-            thread.join()
-        rows.append([counter[0], time.monotonic() - start, *cluster.memory().values()])
     finally:
         cluster.stop()
     if options.csv:
         with open(options.csv, "w", encoding="utf-8") as file:
             file.write(",".join(["frames", "seconds", *options.names]) + "\n")
             file.writelines(",".join(f"{value:.2f}" for value in row) + "\n" for row in rows)
-    print(f"{counter[0]} frames in {rows[-1][1]:.0f} s, seed {options.seed}, {len(errors)} errors")
+    print(f"{done} frames in {rows[-1][1]:.0f} s, seed {options.seed}, {len(errors)} errors")
     for error in errors[:3]:
         print("error:", error)
     is_flat = verdict(rows, options)

@@ -361,6 +361,12 @@ absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
   if (is_cut) {
     return absl::UnavailableError(status.message());
   }
+  if (absl::IsUnimplemented(status)) {
+    return absl::UnavailableError(
+        absl::StrCat("the agent does not know the call, which was damaged on its way, or is of "
+                     "another version: ",
+                     status.message()));
+  }
   return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
 }
 

@@ -37,7 +37,8 @@ namespace isoscope::server {
 
 // Returns how a call to an agent ended, as AgentFailure::status. Keeps codes, except those that
 // would mislead the client: INVALID_ARGUMENT (the coordinator's message was wrong) becomes
-// INTERNAL, and a stream that was cut, but not by us, becomes UNAVAILABLE.
+// INTERNAL; a stream that was cut, but not by us, and a call that the agent does not know become
+// UNAVAILABLE.
 absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us);
 
 // Where the times of an agent's part go.

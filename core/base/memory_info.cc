@@ -1,6 +1,7 @@
 #include "core/base/memory_info.h"
 
 #include <malloc.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -40,5 +41,21 @@ std::size_t UsableBytes() {
 }
 
 void LimitMallocArenas(int count) { ::mallopt(M_ARENA_MAX, count); }
+
+void ReturnFreedMemory() { ::malloc_trim(0); }
+
+absl::Duration ProcessorTime() {
+  timespec used{};
+  ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+  return absl::DurationFromTimespec(used);
+}
+
+bool RestWatch::HasComeToRest(absl::Duration processor_time) {
+  const bool rests = processor_time - last_look_ < kInterval / 100;
+  const bool has_come_to_rest = rests && has_worked_;
+  last_look_ = processor_time;
+  has_worked_ = !rests;
+  return has_come_to_rest;
+}
 
 }  // namespace isoscope::base

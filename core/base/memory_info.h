@@ -5,6 +5,8 @@
 
 #include <cstddef>
 
+#include "absl/time/time.h"
+
 namespace isoscope::base {
 
 // Returns the resident set of this process: program, libraries and data. 0 if /proc can't be read.
@@ -17,6 +19,30 @@ std::size_t UsableBytes();
 // threads have freed, so the default of eight arenas for each core can double the size of a
 // process. Call it before threads start.
 void LimitMallocArenas(int count);
+
+// Gives the memory that this process has freed, and malloc keeps, back to the kernel. Some
+// milliseconds; what is allocated next comes from the kernel again.
+void ReturnFreedMemory();
+
+// Returns the processor time that all threads of this process have used.
+absl::Duration ProcessorTime();
+
+// Tells when a process has come to rest, so that it can return memory without slowing work down.
+// Thread-compatible.
+class RestWatch {
+ public:
+  // Between two looks. At rest a process uses less than a hundredth of a processor in it: health
+  // checks and scrapes of metrics are no work.
+  static constexpr absl::Duration kInterval = absl::Seconds(5);
+
+  // To be called every kInterval with the processor time so far. True if the process has rested
+  // since the last look, but not all the time since this was last true.
+  bool HasComeToRest(absl::Duration processor_time);
+
+ private:
+  absl::Duration last_look_;
+  bool has_worked_ = true;  // a start is work
+};
 
 }  // namespace isoscope::base
 

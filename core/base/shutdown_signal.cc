@@ -24,10 +24,13 @@ ShutdownSignal::ShutdownSignal() {
   std::signal(SIGPIPE, SIG_IGN);
 }
 
-absl::string_view ShutdownSignal::Wait() {
+absl::string_view ShutdownSignal::Wait(absl::Duration patience) {
   const sigset_t signals = ShutdownSignals();
-  int number = 0;
-  ISOSCOPE_CHECK_EQ(sigwait(&signals, &number), 0);
+  const timespec timeout = absl::ToTimespec(patience);
+  const int number = sigtimedwait(&signals, nullptr, &timeout);
+  if (number < 0) {
+    return "";  // the time has passed, or another signal woke this thread
+  }
   std::signal(SIGTERM, SIG_DFL);
   std::signal(SIGINT, SIG_DFL);
   ISOSCOPE_CHECK_EQ(pthread_sigmask(SIG_UNBLOCK, &signals, nullptr), 0);

@@ -4,6 +4,7 @@
 #define ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
 
 #include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 
 namespace isoscope::base {
 
@@ -16,10 +17,10 @@ class ShutdownSignal {
   ShutdownSignal(const ShutdownSignal&) = delete;
   ShutdownSignal& operator=(const ShutdownSignal&) = delete;
 
-  // Blocks until one of the two arrives and returns its name, "SIGTERM" or "SIGINT". From then on
-  // the default action holds again: a second signal ends the process at once. REQUIRES: called
-  // once, by the thread that made this.
-  absl::string_view Wait();
+  // Waits up to `patience` for one of the two, and returns its name, "SIGTERM" or "SIGINT"; "" if
+  // none came. After one the default action holds again: a second signal ends the process at once.
+  // REQUIRES: called by the thread that made this, and not again after a signal came.
+  absl::string_view Wait(absl::Duration patience);
 };
 
 }  // namespace isoscope::base

@@ -9,8 +9,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "absl/synchronization/mutex.h"
+#include <oneapi/tbb/info.h>
 
 #include "core/base/log.h"
+#include "core/base/memory_info.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
@@ -77,7 +79,13 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
   if (shut_down == nullptr) {
     return absl::OkStatus();
   }
-  const absl::string_view signal_name = shutdown_signal->Wait();
+  base::RestWatch watch;
+  absl::string_view signal_name;
+  while ((signal_name = shutdown_signal->Wait(base::RestWatch::kInterval)).empty()) {
+    if (watch.HasComeToRest(base::ProcessorTime())) {
+      base::ReturnFreedMemory();
+    }
+  }
   base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});
   shut_down(absl::Seconds(flags.drain_seconds));
   base::LogInfo(absl::StrCat(program.log_name, "_stopped"));
@@ -142,6 +150,7 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   if (flags.is_probe) {
     return Probe(program, flags);
   }
+  base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   const absl::Status usage = CheckUsage(program, flags);
   if (!usage.ok()) {
     std::cerr << program.name << ": " << usage.message() << "\n";

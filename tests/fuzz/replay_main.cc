@@ -29,9 +29,6 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 // Of the sanitizers, where there are some.
 extern "C" void __sanitizer_set_death_callback(void (*callback)()) __attribute__((weak));
-// What HDF5 keeps of a damaged file, and OpenSSL's error state of a thread that gRPC or Asio ended.
-extern "C" const char* __lsan_default_suppressions();
-extern "C" const char* __lsan_default_suppressions() { return "leak:libhdf5\nleak:libcrypto\n"; }
 
 namespace isoscope::fuzz {
 namespace {

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <vector>
 
 #include "gtest/gtest.h"
 
@@ -27,6 +28,46 @@ TEST(MemoryInfoTest, UsableBytesAreMoreThanThisProcessHasAndNoMoreThanTheMachine
   EXPECT_GT(UsableBytes(), ResidentBytes());
   EXPECT_LE(UsableBytes(), static_cast<std::size_t>(::sysconf(_SC_PHYS_PAGES)) *
                                static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)));
+}
+
+TEST(MemoryInfoTest, WhatWasFreedGoesBackToTheKernelWhenAsked) {
+  // Small pieces with a kept one behind: malloc can't give them back by itself.
+  constexpr std::size_t kPieces = 64 << 10;
+  constexpr std::size_t kPieceBytes = 1 << 10;
+  std::vector<std::unique_ptr<char[]>> pieces(kPieces);
+  for (std::unique_ptr<char[]>& piece : pieces) {
+    piece = std::make_unique<char[]>(kPieceBytes);
+  }
+  const auto kept = std::make_unique<char[]>(kPieceBytes);
+  pieces.clear();
+  [[maybe_unused]] const std::size_t before = ResidentBytes();
+  ReturnFreedMemory();
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they have their own malloc
+  EXPECT_LT(ResidentBytes(), before - kPieces * kPieceBytes / 2);
+#endif
+}
+
+TEST(MemoryInfoTest, ProcessorTimeGrowsWithWork) {
+  const absl::Duration before = ProcessorTime();
+  volatile int sum = 0;
+  while (ProcessorTime() - before < absl::Milliseconds(2)) {
+    sum = sum + 1;
+  }
+  EXPECT_GT(before, absl::ZeroDuration());
+}
+
+TEST(RestWatchTest, RestAfterWorkIsToldOnce) {
+  RestWatch watch;
+  constexpr absl::Duration kWork = absl::Seconds(3);
+  constexpr absl::Duration kPolls = absl::Milliseconds(20);
+  absl::Duration used = kWork;
+  EXPECT_FALSE(watch.HasComeToRest(used)) << "it starts";
+  EXPECT_TRUE(watch.HasComeToRest(used += kPolls));
+  EXPECT_FALSE(watch.HasComeToRest(used += kPolls)) << "it still rests";
+  EXPECT_FALSE(watch.HasComeToRest(used += kWork));
+  EXPECT_FALSE(watch.HasComeToRest(used += kWork));
+  EXPECT_TRUE(watch.HasComeToRest(used += kPolls));
+  EXPECT_FALSE(watch.HasComeToRest(used));
 }
 
 }  // namespace
