@@ -38,6 +38,7 @@
 #include "core/base/memory_info.h"
 #include "core/base/metrics.h"
 #include "core/base/mutex.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "core/base/trace_recorder.h"
@@ -294,10 +295,12 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     const int before = service_->frame_count_.fetch_add(1);
     is_admitted_ = true;
     if (before >= service_->max_frames_) {
-      return absl::ResourceExhaustedError(absl::StrCat(
-          before,
-          " frames are in work or wait, the most this agent takes (--max-concurrent-frames "
-          "plus its queue): retry later"));
+      return base::WithRetryDelay(
+          absl::ResourceExhaustedError(absl::StrCat(
+              before,
+              " frames are in work or wait, the most this agent takes (--max-concurrent-frames "
+              "plus its queue): retry later")),
+          rpc::UnaryTask::kBusyDelay);
     }
     return absl::OkStatus();
   }
@@ -575,9 +578,11 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
     call->self_ = call;
     const bool is_scheduled = service->extraction_executor_.TrySchedule([call] { call->Run(); });
     if (!is_scheduled) {
-      call->outgoing_.Finish(absl::ResourceExhaustedError(
-          absl::StrCat(kMaxConcurrentExtractions, " extractions are in work and ",
-                       kMaxQueuedExtractions, " wait, the most this agent takes: retry later")));
+      call->outgoing_.Finish(base::WithRetryDelay(
+          absl::ResourceExhaustedError(
+              absl::StrCat(kMaxConcurrentExtractions, " extractions are in work and ",
+                           kMaxQueuedExtractions, " wait, the most this agent takes: retry later")),
+          rpc::UnaryTask::kBusyDelay));
     }
     return call.get();
   }

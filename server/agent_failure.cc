@@ -1,7 +1,13 @@
 #include "server/agent_failure.h"
 
+#include <optional>
+#include <utility>
+
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/time/time.h"
+
+#include "core/base/retry_delay.h"
 
 namespace isoscope::server {
 
@@ -28,9 +34,11 @@ const char* NameOf(FrameStage stage) {
 }
 
 absl::Status AgentFailure::ToStatus() const {
-  return {status.code(),
-          absl::StrCat(NameOf(agent), absl::IsUnavailable(status) ? " was lost: " : ": ",
-                       status.message())};
+  absl::Status named(status.code(),
+                     absl::StrCat(NameOf(agent), absl::IsUnavailable(status) ? " was lost: " : ": ",
+                                  status.message()));
+  const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
+  return delay.has_value() ? base::WithRetryDelay(std::move(named), *delay) : named;
 }
 
 }  // namespace isoscope::server

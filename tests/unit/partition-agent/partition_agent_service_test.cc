@@ -14,9 +14,11 @@
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/retry_delay.h"
 #include "core/composite/pixel_codec.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/view.h"
 #include "core/visibility/occlusion_map.h"
@@ -566,6 +568,7 @@ TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {
     const grpc::Status status = third.Finish();
     EXPECT_EQ(CodeOf(status), "RESOURCE_EXHAUSTED");
     EXPECT_THAT(status.error_message(), HasSubstr("retry later"));
+    EXPECT_TRUE(base::RetryDelayOf(rpc::ToAbslStatus(status)).has_value());
   }
   // Those in work are not disturbed, and the end of one makes room.
   image::FrameImage image = EmptyImage();

@@ -261,6 +261,17 @@ TEST_F(IsosurfaceServiceTest, AnAgentsErrorKeepsItsCodeAndNamesTheAgent) {
   }
 }
 
+TEST_F(IsosurfaceServiceTest, AnAgentThatIsBusySaysWhenToComeAgain) {
+  second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
+    return rpc::ToGrpcStatus(base::WithRetryDelay(absl::ResourceExhaustedError("64 frames wait"),
+                                                  absl::Milliseconds(700)));
+  };
+  StartCluster();
+  const absl::Status status = Render(Request()).status();
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("64 frames wait")));
+  EXPECT_EQ(base::RetryDelayOf(status), absl::Milliseconds(700));
+}
+
 TEST_F(IsosurfaceServiceTest, AnAgentThatRefusesTheCoordinatorsMessageIsNotTheClientsFault) {
   second_.on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) -> grpc::Status {
     return {grpc::StatusCode::INVALID_ARGUMENT, "out of order"};
