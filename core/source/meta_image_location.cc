@@ -49,6 +49,17 @@ struct MetaHeader {
   }
 };
 
+// MetaIO takes NDims for the length of other fields, and counts for minutes if it is negative.
+absl::Status CheckAxes(const HeaderFields& fields, const std::string& path) {
+  constexpr std::int64_t kMaxAxes = 10;  // MetaIO's
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t axes, fields.GetInteger("ndims", 1));
+  if (axes < 1 || axes > kMaxAxes) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: NDims = %d; expected 1 to %d axes", path, axes, kMaxAxes));
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<MetaHeader> ReadMetaHeader(const std::string& path) {
   MetaHeader header{.fields = HeaderFields(path)};
   ISOSCOPE_ASSIGN_OR_RETURN(header.text, ReadTextHeader(path));
@@ -59,6 +70,8 @@ absl::StatusOr<MetaHeader> ReadMetaHeader(const std::string& path) {
       break;  // no header line: whatever this is, it is not looked through to its end
     }
     header.fields.Set(line.substr(0, equals), line.substr(equals + 1));
+    // Each time: MetaIO does not wait for a later line either.
+    ISOSCOPE_RETURN_IF_ERROR(CheckAxes(header.fields, path));
   }
   if (header.data_file().empty()) {
     return absl::InvalidArgumentError(absl::StrCat(

@@ -15,6 +15,9 @@
 // for: strips straight into their place, tiles by way of one tile. Going on to the next page is
 // cheap, going back opens the file anew.
 //
+// libtiff inflates a whole strip or tile by libdeflate, and takes one that is too short for a good
+// one: of a damaged page, some samples would be what the memory held before. zlib tells.
+//
 // libtiff writes its messages to standard error unless it is given functions: the last error goes
 // into a status of ours, warnings (private tags, mostly) are dropped.
 
@@ -164,6 +167,11 @@ class TiffReader final : public SliceReader {
           "size and type",
           path, z, format.width, format.height, volume::NameOf(format.type), format_.width,
           format_.height, volume::NameOf(format_.type)));
+    }
+    std::uint16_t compression = COMPRESSION_NONE;
+    TIFFGetFieldDefaulted(tiff, TIFFTAG_COMPRESSION, &compression);
+    if (compression == COMPRESSION_ADOBE_DEFLATE || compression == COMPRESSION_DEFLATE) {
+      TIFFSetField(tiff, TIFFTAG_DEFLATE_SUBCODEC, DEFLATE_SUBCODEC_ZLIB);
     }
     return TIFFIsTiled(tiff) != 0 ? ReadTiles(tiff, path, out) : ReadStrips(tiff, path, out);
   }

@@ -201,6 +201,37 @@ TEST(TiffSourceTest, MixedSlicesColourAndCutFilesAreRefused) {
   }
 }
 
+// Strips as they are: a page of 8 x 2 samples of 16 bits, the second one inflates to less.
+TEST(TiffSourceTest, AStripThatInflatesToTooLittleIsDamagedAndNotWhatTheMemoryHeld) {
+  const TempDir folder;
+  const std::string path = folder.Sub("damaged.tif");
+  constexpr unsigned char kGood[] = {0x78, 0x9c, 0x4b, 0x4c, 0xc4, 0x0f,
+                                     0x00, 0xc8, 0x30, 0x0c, 0x21};
+  constexpr unsigned char kBad[] = {0x78, 0x9c, 0x4b, 0xba, 0x3b, 0xf0,
+                                    0xff, 0xc8, 0x30, 0x0c, 0x21};
+  TIFF* const tiff = TIFFOpen(path.c_str(), "wl");
+  ASSERT_NE(tiff, nullptr);
+  for (const unsigned char* strip : {kGood, kBad}) {
+    TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, 8);
+    TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, 2);
+    TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, 16);
+    TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, 1);
+    TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+    TIFFSetField(tiff, TIFFTAG_COMPRESSION, COMPRESSION_ADOBE_DEFLATE);
+    TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 2);
+    std::string bytes(reinterpret_cast<const char*>(strip), sizeof(kGood));
+    ASSERT_EQ(TIFFWriteRawStrip(tiff, 0, bytes.data(), sizeof(kGood)), sizeof(kGood));
+    ASSERT_NE(TIFFWriteDirectory(tiff), 0);
+  }
+  TIFFClose(tiff);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenTiffStack({path}, path));
+  std::string plane(32, 'x');
+  ISOSCOPE_EXPECT_OK(source->ReadSlab(0, 1, plane.data()));
+  EXPECT_EQ(plane, std::string(32, 'a'));
+  EXPECT_THAT(source->ReadSlab(1, 2, plane.data()),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("damaged.tif")));
+}
+
 TEST(NaturalLessTest, NumbersCountAsNumbersAndTheOrderIsStrict) {
   const std::vector<std::string> sorted = {
       "", "a", "a1", "a01", "a2", "a09", "a9b", "a10", "a99999999999999999999", "b"};

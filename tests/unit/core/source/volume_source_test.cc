@@ -469,6 +469,19 @@ TEST_F(VolumeSourceTest, NiftiTransformsThatAreNoNumbersAreRefused) {
   }
 }
 
+TEST_F(VolumeSourceTest, MetaImageAxesThatMetaIoWouldCountForMinutesAreRefused) {
+  for (const char* axes : {"-1", "0", "11", "4294967296", " = -1", "x", "3\nNDims = -1"}) {
+    const std::string path =
+        Write("v.mha", absl::StrCat("ObjectType = Image\nNDims = ", axes,
+                                    "\nElementSpacing = 1.5 2 3\nDimSize = 5 4 3\n"
+                                    "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n",
+                                    std::string(60, 's')));
+    EXPECT_THAT(OpenVolumeFile(path), StatusIs(absl::StatusCode::kInvalidArgument,
+                                               AnyOf(HasSubstr("NDims"), HasSubstr("ndims"))))
+        << axes;
+  }
+}
+
 TEST_F(VolumeSourceTest, LayoutsThatAreNotReadAreNamed) {
   const auto expect = [&](const std::string& name, const std::string& bytes, const char* what) {
     EXPECT_THAT(OpenVolumeFile(Write(name, bytes)).status(),
