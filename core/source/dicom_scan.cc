@@ -1,5 +1,6 @@
-// GDCM ends the process by an assertion where some elements are cut, and it says of a report no
-// more than that it can't be read. So every file is looked through before GDCM sees it.
+// GDCM ends its process by an assertion where some elements are cut, and it says of a report no
+// more than that it can't be read. Every file is looked through before GDCM sees it, so that the
+// user reads what is wrong with it.
 //
 // A file is 128 bytes, "DICM", the group 0002 (always explicit, little-endian), and elements:
 //
@@ -15,9 +16,9 @@
 // length are a row of items. A value of unknown kind (UN) and no length holds implicit elements,
 // whatever the file has around it (CP-246).
 //
-// GDCM also ends the process where the numbers that say how pixels are stored are of another kind
+// GDCM also ends its process where the numbers that say how pixels are stored are of another kind
 // than they must be, such as rows that are a text, and where a kind in the group 0002 is none. Such
-// a file counts as cut.
+// a file counts as cut. Whatever else ends that process is left to the wall (decoder_process.h).
 //
 // A file without pixels is no image, unless its class is one of images or it has a number of rows:
 // then it is cut.

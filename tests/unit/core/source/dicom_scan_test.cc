@@ -116,6 +116,20 @@ TEST_F(DicomScanTest, NumbersOfPixelsThatAreNoneMakeTheFileUnfit) {
   }
 }
 
+TEST_F(DicomScanTest, KindThatThereIsNotInTheGroup0002MakesTheFileUnfit) {
+  // Found by dicom_fuzz: GDCM ends the process on these.
+  const std::string good = DicomBytes({}, pixels_);
+  const std::string kind = DicomElement(2, 0x12, "UI", "1.2.3.4").substr(0, 6);
+  const std::size_t at = good.find(kind);
+  ASSERT_NE(at, std::string::npos);
+  for (const std::string& bad : {std::string("ZZ"), std::string("U\0", 2), std::string("\0\0", 2),
+                                 std::string("S "), std::string("ui")}) {
+    std::string bytes = good;
+    bytes.replace(at + 4, 2, bad);
+    EXPECT_EQ(Scan(bytes).content, DicomContent::kCut) << bad;
+  }
+}
+
 TEST_F(DicomScanTest, FlippedBitsNeverCrashAndShowNoField) {
   const std::string whole =
       DicomBytes({.more = DicomOpenElement(0x88, 0x200, "SQ", DicomItem("abcdefgh"))}, pixels_);
