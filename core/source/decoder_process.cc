@@ -37,7 +37,6 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
-#include "core/io/file.h"
 
 namespace isoscope::source {
 namespace {
@@ -166,11 +165,11 @@ pid_t ForkQuietly() {
   return pid;
 }
 
+// By errno.
 absl::Status NoProcess(absl::string_view what) {
-  return absl::ResourceExhaustedError(
-      absl::StrFormat("%s for a process that decodes: %s; free memory, or raise the limits of "
-                      "processes and open files (ulimit -u, ulimit -n)",
-                      what, std::strerror(errno)));
+  return absl::ResourceExhaustedError(absl::StrCat(
+      absl::ErrnoToStatus(errno, absl::StrCat(what, " for a process that decodes")).message(),
+      "; free memory, or raise the limits of processes and open files (ulimit -u, ulimit -n)"));
 }
 
 // Waits for the socket, at most `limit`. Time in which this process is stopped does not count.
@@ -222,7 +221,7 @@ absl::Status DecoderProcess::Start() {
   if (pid == 0) {
     RunChild(ends[1], job_, shared_);
   }
-  const absl::Status status = pid < 0 ? NoProcess("no fork") : absl::OkStatus();
+  absl::Status status = pid < 0 ? NoProcess("no fork") : absl::OkStatus();
   close(ends[1]);
   if (!status.ok()) {
     close(ends[0]);
@@ -232,6 +231,8 @@ absl::Status DecoderProcess::Start() {
   socket_ = ends[0];
   return absl::OkStatus();
 }
+
+bool DecoderProcess::HasMemoryLimit() { return !kHasSanitizer; }
 
 int DecoderProcess::Stop() {
   if (pid_ < 0) {

@@ -42,8 +42,7 @@ class DecoderProcess {
   struct Limits {
     std::int64_t cpu_seconds = 60;     // at least 1
     std::int64_t clock_seconds = 600;  // at least 1; while this process runs
-    // Address space beyond what the child starts with. There is no limit under sanitizers, which
-    // reserve more than there is.
+    // Address space beyond what the child starts with (see HasMemoryLimit).
     std::int64_t memory_bytes = std::int64_t{1} << 30;
   };
 
@@ -51,6 +50,9 @@ class DecoderProcess {
   ~DecoderProcess();
   DecoderProcess(const DecoderProcess&) = delete;
   DecoderProcess& operator=(const DecoderProcess&) = delete;
+
+  // False under sanitizers, which reserve more address space than there is memory.
+  static bool HasMemoryLimit();
 
   // Starts the child if there is none. Best while this process is small: until the child ends, what
   // we write to is copied, page by page. RESOURCE_EXHAUSTED: the system gives no process or memory.

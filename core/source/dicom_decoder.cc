@@ -18,6 +18,7 @@
 #include "core/base/units.h"
 #include "core/source/itk_types.h"
 #include "core/source/silent_libraries.h"
+#include "gdcmImageReader.h"
 
 namespace isoscope::source {
 namespace {
@@ -27,6 +28,7 @@ constexpr std::size_t kMaxUidBytes = 64;
 struct Request {
   std::array<char, 4096> path;  // ends with 0
   std::uint64_t slice_bytes;    // 0: no pixels
+  std::uint64_t is_counted;     // 0 or 1
 };
 
 enum class Outcome : std::uint32_t { kNotDecoded = 0, kHeader = 1, kPixels = 2 };
@@ -62,6 +64,18 @@ void FillHeader(itk::GDCMImageIO* io, Answer* answer) {
   std::copy_n(series.data(), std::min(series.size(), kMaxUidBytes), answer->series.data());
 }
 
+// Whether a file whose pixels are not compressed has all of them. GDCM takes fewer.
+bool HasAllPixels(const char* path) {
+  gdcm::ImageReader reader;
+  reader.SetFileName(path);
+  if (!reader.Read()) {
+    return false;
+  }
+  const gdcm::Image& image = reader.GetImage();
+  const gdcm::ByteValue* const pixels = image.GetDataElement().GetByteValue();
+  return pixels == nullptr || pixels->GetLength() >= image.GetBufferLength();
+}
+
 void DecodeInChild(const void* request_bytes, void* answer_bytes, char* shared) {
   Request request;
   std::memcpy(&request, request_bytes, sizeof(request));
@@ -75,7 +89,13 @@ void DecodeInChild(const void* request_bytes, void* answer_bytes, char* shared) 
       const std::int64_t bytes = io->GetImageSizeInBytes();
       const bool has_pixels =
           request.slice_bytes > 0 && bytes == static_cast<std::int64_t>(request.slice_bytes);
+      if (has_pixels && request.is_counted == 0 && !HasAllPixels(request.path.data())) {
+        std::memset(answer_bytes, 0, sizeof(answer));
+        return;
+      }
       if (has_pixels) {
+        // GDCM leaves pixels that a file does not have as they are: those of the slice before.
+        std::memset(shared, 0, static_cast<std::size_t>(bytes));
         io->Read(shared);
       }
       answer.outcome = has_pixels ? Outcome::kPixels : Outcome::kHeader;
@@ -147,15 +167,17 @@ DicomDecoder::DicomDecoder(std::int64_t slice_bytes)
 absl::Status DicomDecoder::Start() { return process_.Start(); }
 
 absl::StatusOr<DicomHeader> DicomDecoder::ReadHeader(const std::string& path) {
-  return Read(path, nullptr);
+  return Read(path, false, nullptr);
 }
 
-absl::StatusOr<DicomHeader> DicomDecoder::ReadSlice(const std::string& path, char* out) {
+absl::StatusOr<DicomHeader> DicomDecoder::ReadSlice(const std::string& path, bool is_counted,
+                                                    char* out) {
   ISOSCOPE_CHECK(slice_bytes_ > 0);
-  return Read(path, out);
+  return Read(path, is_counted, out);
 }
 
-absl::StatusOr<DicomHeader> DicomDecoder::Read(const std::string& path, char* out) {
+absl::StatusOr<DicomHeader> DicomDecoder::Read(const std::string& path, bool is_counted,
+                                               char* out) {
   Request request{};
   if (path.size() >= request.path.size()) {
     return absl::DataLossError("its path is too long");
@@ -163,6 +185,7 @@ absl::StatusOr<DicomHeader> DicomDecoder::Read(const std::string& path, char* ou
   path.copy(request.path.data(), path.size());
   const std::int64_t pixel_bytes = out != nullptr ? slice_bytes_ : 0;
   request.slice_bytes = static_cast<std::uint64_t>(pixel_bytes);
+  request.is_counted = is_counted ? 1 : 0;
   Answer answer{};
   const absl::Status asked = process_.Ask(request, LimitsOf(path, pixel_bytes), &answer);
   if (!asked.ok()) {

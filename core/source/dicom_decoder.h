@@ -46,11 +46,12 @@ class DicomDecoder {
   absl::StatusOr<DicomHeader> ReadHeader(const std::string& path);
 
   // Also decodes the pixels into `out`, as [y][x], if they have `slice_bytes`; else `out` stays as
-  // it is. Errors: as ReadHeader.
-  absl::StatusOr<DicomHeader> ReadSlice(const std::string& path, char* out);
+  // it is. `is_counted`: DicomScan has counted them; else a file with too few that are not
+  // compressed can't be decoded. Errors: as ReadHeader.
+  absl::StatusOr<DicomHeader> ReadSlice(const std::string& path, bool is_counted, char* out);
 
  private:
-  absl::StatusOr<DicomHeader> Read(const std::string& path, char* out);
+  absl::StatusOr<DicomHeader> Read(const std::string& path, bool is_counted, char* out);
 
   const std::int64_t slice_bytes_;
   DecoderProcess process_;

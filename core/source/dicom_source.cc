@@ -203,7 +203,7 @@ class DicomReader final : public SliceReader {
     if (scan.content != DicomContent::kImage) {
       return CutError(slice.path);
     }
-    const absl::StatusOr<DicomHeader> header = decoder_.ReadSlice(slice.path, out);
+    const absl::StatusOr<DicomHeader> header = decoder_.ReadSlice(slice.path, scan.is_counted, out);
     if (!header.ok()) {
       return NotDecodable(absl::StatusCode::kDataLoss, header.status(), slice.path, scan);
     }

@@ -187,6 +187,16 @@ TEST_F(DicomSourceTest, FileThatEndsTheLibrarysProcessIsAnErrorAndNothingElse) {
   }
 }
 
+TEST_F(DicomSourceTest, SliceWithTooFewPixelsIsRefusedAndNotFilledUp) {
+  WriteSeries();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+  WriteFile(Path(2), DicomBytes({.position = "10\\20\\33"}, std::string(kSliceBytes - 2, 'p')));
+  EXPECT_THAT(ReadAll(*source, 9).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(Path(2) + ": ")));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(Path(2) + ": ")));
+}
+
 // The children of this process, by their numbers; none where the kernel does not tell.
 std::vector<pid_t> Children() {
   std::vector<pid_t> children;
