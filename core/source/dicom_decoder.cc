@@ -108,7 +108,8 @@ void DecodeInChild(const void* request_bytes, void* answer_bytes, char* shared) 
 
 // ---- The parent. ------------------------------------------------------------------------------
 
-// GDCM holds a file a few times, and its pixels.
+// GDCM holds a file a few times, and its pixels. It also makes room for whatever length an element
+// claims to have.
 DecoderProcess::Limits LimitsOf(const std::string& path, std::int64_t slice_bytes) {
   constexpr std::int64_t kMaxBytes = std::int64_t{1} << 50;  // the sums below have room
   std::error_code error;
@@ -119,7 +120,7 @@ DecoderProcess::Limits LimitsOf(const std::string& path, std::int64_t slice_byte
   const std::int64_t seconds = 60 + bytes / base::kMiB;
   return {.cpu_seconds = seconds,
           .clock_seconds = 10 * seconds,  // for slow disks and machines that have much to do
-          .memory_bytes = base::kGiB + 8 * bytes};
+          .memory_bytes = 256 * base::kMiB + 8 * bytes};
 }
 
 // The child may have been overrun: nothing it says is taken for granted.

@@ -213,7 +213,8 @@ class Scanner {
     }
     std::array<char, sizeof(*number)> bytes;
     ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, bytes.size(), bytes.data()));
-    *number = base::LoadLittleEndian<std::uint16_t>(bytes.data());
+    // GDCM takes one of those that are there twice.
+    *number = std::max(*number, base::LoadLittleEndian<std::uint16_t>(bytes.data()));
     return absl::OkStatus();
   }
 

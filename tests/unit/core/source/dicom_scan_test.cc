@@ -125,6 +125,9 @@ TEST_F(DicomScanTest, FewerPixelsThanRowsAndColumnsSayMakeTheFileCut) {
   EXPECT_EQ(Scan(DicomBytes({}, "")).content, DicomContent::kCut);
   EXPECT_EQ(Scan(DicomBytes({.width = 65535, .height = 65535}, pixels_)).content,
             DicomContent::kCut);
+  // Nor do they count less where the number is there twice, whichever one GDCM takes.
+  const std::string one_row = DicomElement(0x28, 0x10, "US", DicomNumber(std::uint16_t{1}));
+  EXPECT_EQ(Scan(DicomBytes({.more = one_row}, pixels_.substr(2))).content, DicomContent::kCut);
   // Colours may be stored with less.
   std::string colour = DicomBytes({}, pixels_);
   const auto samples = [](std::uint16_t count) {
