@@ -1,5 +1,6 @@
-// GDCM ends the process by an assertion where some elements are cut, and it says of a report no
-// more than that it can't be read. So every file is looked through before GDCM sees it.
+// GDCM ends its process by an assertion where some elements are cut, and it says of a report no
+// more than that it can't be read. Every file is looked through before GDCM sees it, so that the
+// user reads what is wrong with it.
 //
 // A file is 128 bytes, "DICM", the group 0002 (always explicit, little-endian), and elements:
 //
@@ -15,9 +16,12 @@
 // length are a row of items. A value of unknown kind (UN) and no length holds implicit elements,
 // whatever the file has around it (CP-246).
 //
-// GDCM also ends the process where the numbers that say how pixels are stored are of another kind
+// GDCM also ends its process where the numbers that say how pixels are stored are of another kind
 // than they must be, such as rows that are a text, and where a kind in the group 0002 is none. Such
-// a file counts as cut.
+// a file counts as cut. Whatever else ends that process is left to the wall (decoder_process.h).
+//
+// And it takes pixels that are fewer than the numbers say, and leaves the others to chance: in
+// files that are not compressed they are counted here.
 //
 // A file without pixels is no image, unless its class is one of images or it has a number of rows:
 // then it is cut.
@@ -49,11 +53,16 @@ constexpr std::uint32_t kMetaLength = 0x00020000;
 constexpr std::uint32_t kStorageClass = 0x00020002;
 constexpr std::uint32_t kTransferSyntax = 0x00020010;
 constexpr std::uint32_t kSeries = 0x0020000e;
+constexpr std::uint32_t kSamplesOfPixel = 0x00280002;
 constexpr std::uint32_t kRows = 0x00280010;
+constexpr std::uint32_t kColumns = 0x00280011;
+constexpr std::uint32_t kBitsAllocated = 0x00280100;
 constexpr std::uint32_t kPixels = 0x7fe00010;
 constexpr std::uint32_t kItemEnd = 0xfffee00d;
 constexpr std::uint32_t kSequenceEnd = 0xfffee0dd;
 
+constexpr char kImplicit[] = "1.2.840.10008.1.2";
+constexpr char kExplicit[] = "1.2.840.10008.1.2.1";
 constexpr char kExplicitSyntaxes[] = "1.2.840.10008.1.2.";  // their beginning
 constexpr char kDeflated[] = "1.2.840.10008.1.2.1.99";
 constexpr char kBigEndian[] = "1.2.840.10008.1.2.2";
@@ -68,8 +77,9 @@ struct Element {
 
 // Of kind US, two bytes: samples a pixel, planar configuration, rows, columns, bits allocated, bits
 // stored, high bit, pixel representation.
-constexpr std::array<std::uint32_t, 8> kNumbers{0x00280002, 0x00280006, kRows,      0x00280011,
-                                                0x00280100, 0x00280101, 0x00280102, 0x00280103};
+constexpr std::array<std::uint32_t, 8> kNumbers{kSamplesOfPixel, 0x00280006,     kRows,
+                                                kColumns,        kBitsAllocated, 0x00280101,
+                                                0x00280102,      0x00280103};
 
 // Whether the element is one of kNumbers, but holds no such number.
 bool IsBrokenNumber(const Element& element) {
@@ -191,6 +201,32 @@ class Scanner {
     return uid.substr(0, uid.find_first_not_of("0123456789."));
   }
 
+  // Keeps the value of an element that counts the pixels.
+  absl::Status KeepNumber(const Element& element) {
+    std::uint16_t* const number = element.tag == kRows             ? &rows_
+                                  : element.tag == kColumns        ? &columns_
+                                  : element.tag == kBitsAllocated  ? &bits_
+                                  : element.tag == kSamplesOfPixel ? &samples_of_pixel_
+                                                                   : nullptr;
+    if (number == nullptr || element.length != sizeof(*number)) {
+      return absl::OkStatus();
+    }
+    std::array<char, sizeof(*number)> bytes;
+    ISOSCOPE_RETURN_IF_ERROR(file_.ReadAt(position_, bytes.size(), bytes.data()));
+    // GDCM takes one of those that are there twice.
+    *number = std::max(*number, base::LoadLittleEndian<std::uint16_t>(bytes.data()));
+    return absl::OkStatus();
+  }
+
+  // Whether pixels of `length` bytes are not fewer than the numbers say, as far as that is known:
+  // colours may be stored with less, and compressed pixels are.
+  bool CountPixels(std::uint32_t length) {
+    scan_.is_counted = samples_of_pixel_ == 1 &&
+                       (scan_.transfer_syntax == kImplicit || scan_.transfer_syntax == kExplicit);
+    return !scan_.is_counted ||
+           std::uint64_t{rows_} * columns_ * bits_ <= std::uint64_t{length} * 8;
+  }
+
   absl::StatusOr<End> Walk() {
     std::int64_t depth = 0;            // of sequences and items without a length
     std::int64_t implicit_depth = -1;  // within which elements are implicit though the file is not
@@ -228,10 +264,13 @@ class Scanner {
         return End::kWithinElement;
       }
       if (depth == 0 && element.tag == kPixels) {
-        return End::kOfPixels;
+        return CountPixels(element.length) ? End::kOfPixels : End::kWithinElement;
       }
       if (depth == 0 && IsBrokenNumber(element)) {
         return End::kWithinElement;
+      }
+      if (depth == 0) {
+        ISOSCOPE_RETURN_IF_ERROR(KeepNumber(element));
       }
       if (depth == 0 && element.tag == kSeries) {
         ISOSCOPE_ASSIGN_OR_RETURN(scan_.series, ReadUid(element.length));
@@ -247,6 +286,10 @@ class Scanner {
   bool is_explicit_ = true;
   std::string storage_class_;
   bool has_rows_ = false;
+  std::uint16_t rows_ = 0;
+  std::uint16_t columns_ = 0;
+  std::uint16_t bits_ = 0;
+  std::uint16_t samples_of_pixel_ = 1;
   DicomScan scan_;
 };
 

@@ -20,6 +20,8 @@ struct DicomScan {
   // UIDs, "" if the file ends before or does not say: the series, and how the pixels are encoded.
   std::string series;
   std::string transfer_syntax;
+  // Whether an image has as many pixels as its rows and columns say; else they were not counted.
+  bool is_counted = false;
 };
 
 // Looks through the file, element by element, without its pixels. It keeps nothing of the patient's

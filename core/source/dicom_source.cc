@@ -4,15 +4,14 @@
 // takes four steps:
 //
 //   1. Every file with the DICOM mark is looked through (dicom_scan.h). Those that are no images
-//   are
-//      left out with one line in the log.
+//      are left out with one line in the log.
 //   2. The series is chosen: that of the file which the user gave, or the only one in the folder.
 //      From here on files of other series do not matter, damaged or not.
-//   3. ITK and GDCM read the headers of its slices, not their pixels.
+//   3. ITK and GDCM read the headers of its slices, not their pixels, in a process of their own,
+//      which a damaged file may end (dicom_decoder.h).
 //   4. The slices are sorted along their normal, the cross product of rows and columns, and must
-//   make
-//      one volume: of one size, type and orientation, at one distance (within 1 %), straight above
-//      each other. A slice that is missing or there twice shows as a distance that differs.
+//      make one volume: of one size, type and orientation, at one distance (within 1 %), straight
+//      above each other. A slice that is missing or there twice shows as a distance that differs.
 //
 //   position (0020,0032)  10\20\30   10\20\31.5   10\20\33       normal (0, 0, 1)
 //   along the normal      30         31.5         33             distance 1.5
@@ -20,8 +19,9 @@
 // The pixels are decoded a slice at a time, when its rows are asked for; GDCM applies slope and
 // intercept (0028,1053 and 1052).
 //
-// Fields of the patient must never be printed. The libraries are silent (silent_libraries.h), and
-// no message of ours repeats one of theirs: exceptions quote fields too.
+// Fields of the patient must never be printed. The libraries are silent (silent_libraries.h), their
+// process writes nowhere, and no message of ours repeats one of theirs: exceptions quote fields
+// too.
 
 #include "core/source/dicom_source.h"
 
@@ -30,7 +30,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
-#include <exception>
 #include <filesystem>
 #include <map>
 #include <system_error>
@@ -40,15 +39,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "itkGDCMImageIO.h"
-#include "itkMetaDataObject.h"
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/io/file.h"
+#include "core/source/dicom_decoder.h"
 #include "core/source/dicom_scan.h"
-#include "core/source/itk_types.h"
-#include "core/source/silent_libraries.h"
 #include "core/source/slice_source.h"
 
 namespace isoscope::source {
@@ -65,17 +61,8 @@ struct Slice {
   double position = 0;  // along the normal
 };
 
-math::Vec3d VectorOf(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
-
 bool IsNear(const math::Vec3d& a, const math::Vec3d& b, double tolerance) {
   return math::Length(a - b) <= tolerance;
-}
-
-itk::GDCMImageIO::Pointer ReadHeader(const std::string& path) {
-  const auto io = itk::GDCMImageIO::New();
-  io->SetFileName(path);
-  io->ReadImageInformation();
-  return io;
 }
 
 absl::Status CutError(const std::string& path) {
@@ -85,42 +72,46 @@ absl::Status CutError(const std::string& path) {
                    "damaged; copy it again, or put it elsewhere if it is no slice of the series"));
 }
 
-// No word of the library: it may quote the patient's fields.
-std::string NotDecodable(const std::string& path, const DicomScan& scan) {
-  return absl::StrFormat(
-      "%s: can't be decoded as a DICOM image (transfer syntax %s): damaged, or of a kind that is "
-      "not known; convert it (gdcmconv --raw), or put it elsewhere if it is no slice of the series",
-      path, scan.transfer_syntax.empty() ? "unknown" : scan.transfer_syntax);
+// The code of `error`, by which the decoder refused the file, unless there was no decoder.
+absl::Status NotDecodable(absl::StatusCode code, const absl::Status& error, const std::string& path,
+                          const DicomScan& scan) {
+  if (!absl::IsDataLoss(error)) {
+    return absl::Status(error.code(), absl::StrCat(path, ": ", error.message()));
+  }
+  return absl::Status(
+      code, absl::StrFormat(
+                "%s: can't be decoded as a DICOM image (transfer syntax %s%s%s): "
+                "damaged, or of a kind that is not known; convert it (gdcmconv --raw), "
+                "or put it elsewhere if it is no slice of the series",
+                path, scan.transfer_syntax.empty() ? "unknown" : scan.transfer_syntax,
+                error.message().empty() ? "" : "; the process that decodes: ", error.message()));
 }
 
-absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& scan) {
-  itk::GDCMImageIO::Pointer io;
-  try {
-    io = ReadHeader(path);
-  } catch (const std::exception&) {
-    return absl::InvalidArgumentError(NotDecodable(path, scan));
+absl::StatusOr<Slice> ReadSliceHeader(const std::string& path, const DicomScan& scan,
+                                      DicomDecoder* decoder) {
+  const absl::StatusOr<DicomHeader> header = decoder->ReadHeader(path);
+  if (!header.ok()) {
+    return NotDecodable(absl::StatusCode::kInvalidArgument, header.status(), path, scan);
   }
-  Slice slice;
-  slice.path = path;
-  if (io->GetNumberOfDimensions() > 2 && io->GetDimensions(2) > 1) {
+  if (header->frames > 1) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "%s: %d frames in one file; expected one slice a file: split it (gdcmimg --split), or "
         "convert it (dcm2niix)",
-        path, io->GetDimensions(2)));
+        path, header->frames));
   }
-  if (io->GetNumberOfComponents() != 1) {
+  if (header->components != 1) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: %d components a sample (a colour image); expected greyscale", path,
-                        io->GetNumberOfComponents()));
+                        header->components));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(slice.type, ScalarTypeOf(io->GetComponentType(), path));
-  slice.width = static_cast<std::int64_t>(io->GetDimensions(0));
-  slice.height = static_cast<std::int64_t>(io->GetDimensions(1));
-  for (unsigned axis = 0; axis < 3; ++axis) {
-    slice.direction.columns[axis] = VectorOf(io->GetDirection(axis));
-    slice.origin[static_cast<int>(axis)] = io->GetOrigin(axis);
-    slice.spacing[static_cast<int>(axis)] = io->GetSpacing(axis);
-  }
+  Slice slice;
+  slice.path = path;
+  ISOSCOPE_ASSIGN_OR_RETURN(slice.type, header->type);
+  slice.width = header->width;
+  slice.height = header->height;
+  slice.origin = header->origin;
+  slice.spacing = header->spacing;
+  slice.direction = header->direction;
   slice.position = math::Dot(slice.origin, slice.direction.columns[2]);
   return slice;
 }
@@ -200,7 +191,11 @@ absl::StatusOr<volume::GridGeometry> StackSlices(std::vector<Slice>* slices,
 
 class DicomReader final : public SliceReader {
  public:
-  explicit DicomReader(std::vector<Slice> slices) : slices_(std::move(slices)) {}
+  // `slices` are alike, and there is one.
+  explicit DicomReader(std::vector<Slice> slices)
+      : slices_(std::move(slices)), decoder_(SliceBytes(slices_.front())) {}
+
+  absl::Status Start() { return decoder_.Start(); }
 
   absl::Status ReadSlice(std::int64_t z, char* out) override {
     const Slice& slice = slices_[static_cast<std::size_t>(z)];
@@ -208,25 +203,26 @@ class DicomReader final : public SliceReader {
     if (scan.content != DicomContent::kImage) {
       return CutError(slice.path);
     }
-    try {
-      const itk::GDCMImageIO::Pointer io = ReadHeader(slice.path);
-      ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type,
-                                ScalarTypeOf(io->GetComponentType(), slice.path));
-      if (static_cast<std::int64_t>(io->GetDimensions(0)) != slice.width ||
-          static_cast<std::int64_t>(io->GetDimensions(1)) != slice.height || type != slice.type ||
-          io->GetNumberOfComponents() != 1) {
-        return absl::DataLossError(
-            absl::StrCat(slice.path, ": changed while it was read; start again"));
-      }
-      io->Read(out);
-      return absl::OkStatus();
-    } catch (const std::exception&) {
-      return absl::DataLossError(NotDecodable(slice.path, scan));
+    const absl::StatusOr<DicomHeader> header = decoder_.ReadSlice(slice.path, scan.is_counted, out);
+    if (!header.ok()) {
+      return NotDecodable(absl::StatusCode::kDataLoss, header.status(), slice.path, scan);
     }
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarType type, header->type);
+    if (!header->has_pixels || header->width != slice.width || header->height != slice.height ||
+        type != slice.type || header->components != 1) {
+      return absl::DataLossError(
+          absl::StrCat(slice.path, ": changed while it was read; start again"));
+    }
+    return absl::OkStatus();
   }
 
  private:
+  static std::int64_t SliceBytes(const Slice& slice) {
+    return slice.width * slice.height * static_cast<std::int64_t>(volume::SizeOf(slice.type));
+  }
+
   const std::vector<Slice> slices_;
+  DicomDecoder decoder_;
 };
 
 // The files of a folder that carry the DICOM mark.
@@ -238,19 +234,15 @@ struct Folder {
 };
 
 // Of a file whose elements pass unseen, GDCM finds it.
-std::string SeriesUid(const std::string& path, const DicomScan& scan) {
-  std::string uid = scan.series;
-  if (uid.empty() && scan.content == DicomContent::kImage) {
-    try {
-      itk::ExposeMetaData(ReadHeader(path)->GetMetaDataDictionary(), "0020|000e", uid);
-    } catch (const std::exception&) {
-      uid.clear();  // its slice will show that it can't be read
-    }
+std::string SeriesUid(const std::string& path, const DicomScan& scan, DicomDecoder* decoder) {
+  if (!scan.series.empty() || scan.content != DicomContent::kImage) {
+    return scan.series;
   }
-  return uid;
+  const absl::StatusOr<DicomHeader> header = decoder->ReadHeader(path);
+  return header.ok() ? header->series : "";  // its slice will show that it can't be read
 }
 
-absl::StatusOr<Folder> ScanFolder(const std::string& path) {
+absl::StatusOr<Folder> ScanFolder(const std::string& path, DicomDecoder* decoder) {
   Folder folder;
   for (const std::string& file : DicomFilesIn(path)) {
     ISOSCOPE_ASSIGN_OR_RETURN(DicomScan scan, ScanDicomFile(file));
@@ -259,7 +251,7 @@ absl::StatusOr<Folder> ScanFolder(const std::string& path) {
     } else if (scan.content == DicomContent::kCut && scan.series.empty()) {
       folder.cut.push_back(file);
     } else {
-      folder.series[SeriesUid(file, scan)].push_back(file);
+      folder.series[SeriesUid(file, scan, decoder)].push_back(file);
       folder.scans.emplace(file, std::move(scan));
     }
   }
@@ -281,7 +273,7 @@ absl::StatusOr<std::string> ChooseSeries(const Folder& folder, const std::string
 }
 
 // The series that a file belongs to.
-absl::StatusOr<std::string> SeriesOf(const std::string& path) {
+absl::StatusOr<std::string> SeriesOf(const std::string& path, DicomDecoder* decoder) {
   ISOSCOPE_ASSIGN_OR_RETURN(const DicomScan scan, ScanDicomFile(path));
   if (scan.content == DicomContent::kCut) {
     return CutError(path);
@@ -292,13 +284,14 @@ absl::StatusOr<std::string> SeriesOf(const std::string& path) {
                      ": a DICOM file without an image (an index or a report, for example); give "
                      "a slice of the series, or its folder"));
   }
-  return SeriesUid(path, scan);
+  return SeriesUid(path, scan, decoder);
 }
 
 // The slices of the series that `path` names, in no order.
 absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
   const std::string folder_path = DicomFolder(path);
-  ISOSCOPE_ASSIGN_OR_RETURN(const Folder folder, ScanFolder(folder_path));
+  DicomDecoder decoder;
+  ISOSCOPE_ASSIGN_OR_RETURN(const Folder folder, ScanFolder(folder_path, &decoder));
   if (!folder.cut.empty()) {
     return CutError(folder.cut.front());
   }
@@ -308,15 +301,20 @@ absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
                                    : absl::StrFormat("%s: none of its %d DICOM files is an image",
                                                      folder_path, folder.left_out.size()));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::string uid,
-                            io::IsDirectory(path) ? ChooseSeries(folder, path) : SeriesOf(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string uid, io::IsDirectory(path)
+                                                       ? ChooseSeries(folder, path)
+                                                       : SeriesOf(path, &decoder));
+  const auto files = folder.series.find(uid);
+  if (files == folder.series.end()) {  // the file itself is none of the folder's, by its name
+    return absl::InvalidArgumentError(absl::StrCat(path, ": can't be read as a DICOM series"));
+  }
   std::vector<Slice> slices;
-  for (const std::string& file : folder.series.at(uid)) {
+  for (const std::string& file : files->second) {
     const DicomScan& scan = folder.scans.at(file);
     if (scan.content == DicomContent::kCut) {
       return CutError(file);
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(Slice slice, ReadSliceHeader(file, scan));
+    ISOSCOPE_ASSIGN_OR_RETURN(Slice slice, ReadSliceHeader(file, scan, &decoder));
     slices.push_back(std::move(slice));
   }
   if (!folder.left_out.empty()) {
@@ -325,18 +323,6 @@ absl::StatusOr<std::vector<Slice>> FindSeries(const std::string& path) {
                                                             {"series_slices", slices.size()}});
   }
   return slices;
-}
-
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenSeries(const std::string& path) {
-  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Slice> slices, FindSeries(path));
-  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, StackSlices(&slices, path));
-  const absl::Status valid = volume::Validate(geometry);
-  if (!valid.ok()) {
-    return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
-  }
-  const volume::ScalarType type = slices.front().type;
-  return MakeSliceSource(geometry, type, path, std::make_unique<DicomReader>(std::move(slices)),
-                         volume::PatientFrame());  // LPS
 }
 
 }  // namespace
@@ -370,12 +356,16 @@ std::string DicomFolder(const std::string& path) {
 }
 
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path) {
-  SilenceImageLibraries();
-  try {
-    return OpenSeries(path);
-  } catch (const std::exception&) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": can't be read as a DICOM series"));
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<Slice> slices, FindSeries(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry, StackSlices(&slices, path));
+  const absl::Status valid = volume::Validate(geometry);
+  if (!valid.ok()) {
+    return absl::Status(valid.code(), absl::StrCat(path, ": ", valid.message()));
   }
+  const volume::ScalarType type = slices.front().type;
+  auto reader = std::make_unique<DicomReader>(std::move(slices));
+  ISOSCOPE_RETURN_IF_ERROR(reader->Start());  // while this process is small
+  return MakeSliceSource(geometry, type, path, std::move(reader), volume::PatientFrame());  // LPS
 }
 
 }  // namespace isoscope::source

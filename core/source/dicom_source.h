@@ -23,13 +23,17 @@ std::string DicomFolder(const std::string& path);
 
 // Opens the series in a folder, or the series that a file belongs to (in the file's folder), by ITK
 // and GDCM: one file a slice, sorted by position along the normal of the slices, not by name.
-// Memory of one slice. World coordinates are DICOM's, LPS. Files of the folder that hold no image
-// (an index, a report) are left out, with one warning in the log.
+// World coordinates are DICOM's, LPS. Files of the folder that hold no image (an index, a report)
+// are left out, with one warning in the log. The libraries run in a process of their own, a child
+// of this one that lives as long as the source (dicom_decoder.h): a file on which they abort, crash
+// or hang is an error as any that they refuse. Memory of two slices here, of a few there.
 // NOT_FOUND: no DICOM files with an image. INVALID_ARGUMENT: several series in a folder (lists
 // them); a slice that is cut; slices of different size, type or orientation; a distance between
 // slices that is not the same everywhere (beyond 1 %: one is missing, or there twice); slices not
-// stacked along their normal (a tilted gantry); files of many frames; colour. DATA_LOSS: damaged.
-// No message quotes a field of the examination. Not thread-safe (the libraries keep globals).
+// stacked along their normal (a tilted gantry); files of many frames; colour; a header that can't
+// be decoded. DATA_LOSS: pixels that can't be decoded. RESOURCE_EXHAUSTED: the system gives no
+// process. No message quotes a field of the examination. Not thread-safe (the libraries keep
+// globals).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenDicomSeries(const std::string& path);
 
 }  // namespace isoscope::source

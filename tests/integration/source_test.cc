@@ -346,6 +346,32 @@ TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
   EXPECT_FALSE(absl::StrContains(result.out + result.err, "Doe"));
 }
 
+TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
+  // GDCM ends its process by an assertion: bytes behind the pixels are no element.
+  const testing::TempDir directory;
+  fs::create_directory(directory.Sub("series"));
+  const auto path = [&](int z) { return directory.Sub(absl::StrCat("series/im", z)); };
+  const auto bytes = [](int z) {
+    return testing::DicomBytes({.position = absl::StrCat("0\\0\\", z), .number = z},
+                               std::string(12 * 9 * 2, 'p'));
+  };
+  for (int z = 0; z < 3; ++z) {
+    WriteFile(path(z), bytes(z));
+  }
+  const std::vector<std::string> command{"partition", directory.Sub("series"), "--output",
+                                         directory.Sub("dataset")};
+  WriteFile(path(1), bytes(1) + "aaaaaa");
+  const CommandResult refused = testing::RunIsoscope(command);
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_TRUE(absl::StrContains(refused.err, path(1) + ": ")) << refused.err;
+  EXPECT_FALSE(absl::StrContains(refused.err, "Assertion")) << refused.err;
+  EXPECT_EQ(std::count(refused.err.begin(), refused.err.end(), '\n'), 1) << refused.err;
+  EXPECT_EQ(std::distance(fs::directory_iterator(directory.path()), fs::directory_iterator()), 1)
+      << "the series alone";
+  WriteFile(path(1), bytes(1));
+  EXPECT_EQ(testing::RunIsoscope(command).exit_code, 0);
+}
+
 TEST(EmptyFolderTest, SaysWhatIsMissing) {
   const testing::TempDir directory;
   const CommandResult result = testing::RunIsoscope(

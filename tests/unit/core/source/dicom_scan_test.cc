@@ -40,7 +40,7 @@ class DicomScanTest : public ::testing::Test {
   }
 
   TempDir dir_;
-  const std::string pixels_ = std::string(10, 'p');  // few: nobody decodes them
+  const std::string pixels_ = std::string(12 * 9 * 2, 'p');
 };
 
 TEST_F(DicomScanTest, ImageIsWholeOnlyWithItsLastPixel) {
@@ -61,7 +61,7 @@ TEST_F(DicomScanTest, IndexReportAndFilesWithoutPixelsAreNoImages) {
               DicomContent::kNoImage);
   }
   // Of a class that nobody knows, without the rows of an image.
-  const std::string unknown = DicomBytes({.storage_class = "1.2.3.4.5"}, "");
+  const std::string unknown = DicomBytes({.storage_class = "1.2.3.4.5"}, pixels_);
   EXPECT_EQ(Scan(unknown).content, DicomContent::kImage);
   const std::size_t rows = unknown.find(std::string("\x28\0\x10\0", 4));
   EXPECT_EQ(Scan(unknown.substr(0, rows)).content, DicomContent::kNoImage);
@@ -113,6 +113,42 @@ TEST_F(DicomScanTest, NumbersOfPixelsThatAreNoneMakeTheFileUnfit) {
     std::string bytes = good;
     bytes.replace(at, rows.size(), bad);
     EXPECT_EQ(Scan(bytes).content, DicomContent::kCut) << bad.substr(4, 2);
+  }
+}
+
+TEST_F(DicomScanTest, FewerPixelsThanRowsAndColumnsSayMakeTheFileCut) {
+  // GDCM takes them, and leaves the others to chance.
+  EXPECT_EQ(Scan(DicomBytes({}, pixels_)).content, DicomContent::kImage);
+  EXPECT_TRUE(Scan(DicomBytes({}, pixels_)).is_counted);
+  EXPECT_EQ(Scan(DicomBytes({}, pixels_ + "..")).content, DicomContent::kImage);
+  EXPECT_EQ(Scan(DicomBytes({}, pixels_.substr(2))).content, DicomContent::kCut);
+  EXPECT_EQ(Scan(DicomBytes({}, "")).content, DicomContent::kCut);
+  EXPECT_EQ(Scan(DicomBytes({.width = 65535, .height = 65535}, pixels_)).content,
+            DicomContent::kCut);
+  // Nor do they count less where the number is there twice, whichever one GDCM takes.
+  const std::string one_row = DicomElement(0x28, 0x10, "US", DicomNumber(std::uint16_t{1}));
+  EXPECT_EQ(Scan(DicomBytes({.more = one_row}, pixels_.substr(2))).content, DicomContent::kCut);
+  // Colours may be stored with less.
+  std::string colour = DicomBytes({}, pixels_);
+  const auto samples = [](std::uint16_t count) {
+    return DicomElement(0x28, 2, "US", DicomNumber(count));
+  };
+  colour.replace(colour.find(samples(1)), samples(1).size(), samples(3));
+  EXPECT_EQ(Scan(colour).content, DicomContent::kImage);
+  EXPECT_FALSE(Scan(colour).is_counted);
+}
+
+TEST_F(DicomScanTest, KindThatThereIsNotInTheGroup0002MakesTheFileUnfit) {
+  // Found by dicom_fuzz: GDCM ends the process on these.
+  const std::string good = DicomBytes({}, pixels_);
+  const std::string kind = DicomElement(2, 0x12, "UI", "1.2.3.4").substr(0, 6);
+  const std::size_t at = good.find(kind);
+  ASSERT_NE(at, std::string::npos);
+  for (const std::string& bad : {std::string("ZZ"), std::string("U\0", 2), std::string("\0\0", 2),
+                                 std::string("S "), std::string("ui")}) {
+    std::string bytes = good;
+    bytes.replace(at + 4, 2, bad);
+    EXPECT_EQ(Scan(bytes).content, DicomContent::kCut) << bad;
   }
 }
 

@@ -1,13 +1,19 @@
 #include "core/source/dicom_source.h"
 
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstddef>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <sys/wait.h>
 
 #include "tests/support/dicom_file.h"
 #include "tests/support/status_matchers.h"
@@ -138,6 +144,100 @@ TEST_F(DicomSourceTest, PrivateFieldsThatTheLibraryDoesNotKnowAreNotPrinted) {
   WriteFile(Path(2), bytes);
   EXPECT_EQ(WordsOfReading(dir_.path(), &status), "");
   EXPECT_THAT(status.message(), Not(HasSubstr("Doe")));
+}
+
+// Five samples a pixel: GDCM ends its process by an assertion.
+std::string FatalBytes(const DicomSlice& slice, const std::string& pixels) {
+  std::string bytes = DicomBytes(slice, pixels);
+  const auto samples = [](std::uint16_t count) {
+    return testing::DicomElement(0x28, 2, "US", testing::DicomNumber(count));
+  };
+  return bytes.replace(bytes.find(samples(1)), samples(1).size(), samples(5));
+}
+
+TEST_F(DicomSourceTest, FileThatEndsTheLibrarysProcessIsAnErrorAndNothingElse) {
+  const std::string more = testing::DicomElement(0x31, 0x1010, "LO", "Doe^Jane");
+  WriteSeries();
+  const std::string good = testing::ReadFile(Path(2));
+  const DicomSlice slice{.position = "10\\20\\33", .number = 3, .more = more};
+  const std::string pixels(kSliceBytes, 'p');
+  const std::vector<std::string> fatal{FatalBytes(slice, pixels),
+                                       DicomBytes(slice, pixels) + "aaaaaa",  // no element
+                                       DicomBytes(slice, pixels) + "aaaaaaaaa"};
+  for (const std::string& bytes : fatal) {
+    WriteFile(Path(2), bytes);
+    absl::Status status;
+    EXPECT_EQ(WordsOfReading(dir_.path(), &status), "");
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(Path(2) + ": ")));
+    EXPECT_THAT(status.message(), HasSubstr("SIGABRT"));
+    EXPECT_THAT(status.message(), Not(HasSubstr("Doe")));
+    WriteFile(Path(2), good);
+    EXPECT_EQ(WordsOfReading(dir_.path(), &status), "");
+    ISOSCOPE_EXPECT_OK(status);
+  }
+  // While the series is open, too.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+  for (const std::string& bytes : fatal) {
+    WriteFile(Path(2), bytes);
+    EXPECT_THAT(ReadAll(*source, 5).status(),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr(Path(2) + ": ")));
+    WriteFile(Path(2), good);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string read, ReadAll(*source, 9));
+    EXPECT_TRUE(read == samples_);
+  }
+}
+
+TEST_F(DicomSourceTest, SliceWithTooFewPixelsIsRefusedAndNotFilledUp) {
+  WriteSeries();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+  WriteFile(Path(2), DicomBytes({.position = "10\\20\\33"}, std::string(kSliceBytes - 2, 'p')));
+  EXPECT_THAT(ReadAll(*source, 9).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(Path(2) + ": ")));
+  EXPECT_THAT(OpenVolumeFile(dir_.path()).status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr(Path(2) + ": ")));
+}
+
+// The children of this process, by their numbers; none where the kernel does not tell.
+std::vector<pid_t> Children() {
+  std::vector<pid_t> children;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::ifstream list(task.path() / "children");
+    for (pid_t child = 0; list >> child;) {
+      children.push_back(child);
+    }
+  }
+  return children;
+}
+
+TEST_F(DicomSourceTest, LibrarysProcessThatIsKilledBetweenSlicesIsReplaced) {
+  WriteSeries();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+  if (Children().empty()) {
+    GTEST_SKIP() << "the kernel does not list children (CONFIG_PROC_CHILDREN)";
+  }
+  std::string read(samples_.size(), '?');
+  for (std::int64_t z = 0; z < 5; ++z) {
+    const std::vector<pid_t> children = Children();
+    ASSERT_EQ(children.size(), 1U) << "one process a source";
+    ASSERT_EQ(kill(children[0], SIGKILL), 0);
+    ISOSCOPE_EXPECT_OK(source->ReadRows(9 * z, 9 * z + 9,
+                                        read.data() + z * static_cast<std::int64_t>(kSliceBytes)));
+  }
+  EXPECT_TRUE(read == samples_);
+}
+
+TEST_F(DicomSourceTest, NoProcessIsLeftOfASource) {
+  WriteSeries();
+  for (const bool is_read : {false, true}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
+    if (is_read) {
+      ISOSCOPE_EXPECT_OK(ReadAll(*source, 2).status());
+    }
+  }
+  WriteFile(Path(2), FatalBytes({}, std::string(kSliceBytes, 'p')));
+  EXPECT_FALSE(OpenVolumeFile(dir_.path()).ok());
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1);
+  EXPECT_EQ(errno, ECHILD);
 }
 
 TEST_F(DicomSourceTest, FilesWithoutAnImageAreLeftOutWithOneLine) {

@@ -1,0 +1,62 @@
+// Reads DICOM files by ITK and GDCM, in a process of its own.
+
+#ifndef ISOSCOPE_CORE_SOURCE_DICOM_DECODER_H_
+#define ISOSCOPE_CORE_SOURCE_DICOM_DECODER_H_
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/math/matrix.h"
+#include "core/math/vec.h"
+#include "core/source/decoder_process.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::source {
+
+// All numbers are finite, and nothing else about them is checked.
+struct DicomHeader {
+  std::int64_t width = 0;  // samples
+  std::int64_t height = 0;
+  std::int64_t frames = 0;
+  std::int64_t components = 0;              // of a sample
+  absl::StatusOr<volume::ScalarType> type;  // INVALID_ARGUMENT: one that we do not have
+  math::Vec3d origin;                       // LPS
+  math::Vec3d spacing;
+  math::Mat3d direction;
+  std::string series;       // its UID, at most 64 bytes; "" if the file does not say
+  bool has_pixels = false;  // whether ReadSlice decoded them
+};
+
+// Debian's GDCM ends the process it runs in by assertions on many damaged files. Here that process
+// is a child, which the next file replaces. No status quotes a word of the libraries: they quote
+// fields of the patient. Thread-compatible.
+class DicomDecoder {
+ public:
+  // `slice_bytes`: those of the pixels that ReadSlice reads; 0 for headers alone.
+  explicit DicomDecoder(std::int64_t slice_bytes = 0);
+
+  // Starts the process early (decoder_process.h). RESOURCE_EXHAUSTED: there can be none.
+  absl::Status Start();
+
+  // DATA_LOSS: the file can't be decoded. Without its path, the message says how the process ended,
+  // or is "" where the libraries refused the file. RESOURCE_EXHAUSTED: as Start.
+  absl::StatusOr<DicomHeader> ReadHeader(const std::string& path);
+
+  // Also decodes the pixels into `out`, as [y][x], if they have `slice_bytes`; else `out` stays as
+  // it is. `is_counted`: DicomScan has counted them; else a file with too few that are not
+  // compressed can't be decoded. Errors: as ReadHeader.
+  absl::StatusOr<DicomHeader> ReadSlice(const std::string& path, bool is_counted, char* out);
+
+ private:
+  absl::StatusOr<DicomHeader> Read(const std::string& path, bool is_counted, char* out);
+
+  const std::int64_t slice_bytes_;
+  DecoderProcess process_;
+};
+
+}  // namespace isoscope::source
+
+#endif  // ISOSCOPE_CORE_SOURCE_DICOM_DECODER_H_
