@@ -8,7 +8,8 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include <arpa/inet.h>
 #include <openssl/crypto.h>
 #include <openssl/rand.h>
 
@@ -45,14 +46,19 @@ absl::string_view AuthorityOf(absl::string_view origin) {
   return {};
 }
 
-bool IsIpv4(absl::string_view host) {
-  const std::vector<absl::string_view> parts = absl::StrSplit(host, '.');
-  return parts.size() == 4 && std::all_of(parts.begin(), parts.end(), [](absl::string_view part) {
-           return !part.empty() && part.size() <= 3 &&
-                  std::all_of(part.begin(), part.end(), [](char c) {
-                    return absl::ascii_isdigit(static_cast<unsigned char>(c));
-                  });
-         });
+// Whether `text` is an address of that family, whole.
+bool IsAddress(int family, absl::string_view text) {
+  in6_addr address{};
+  return !absl::StrContains(text, '\0') &&
+         inet_pton(family, std::string(text).c_str(), &address) == 1;
+}
+
+bool IsIpv4(absl::string_view host) { return IsAddress(AF_INET, host); }
+
+// In brackets.
+bool IsIpv6(absl::string_view host) {
+  return absl::ConsumePrefix(&host, "[") && absl::ConsumeSuffix(&host, "]") &&
+         IsAddress(AF_INET6, host);
 }
 
 bool IsLocalhost(absl::string_view host) {
@@ -130,7 +136,7 @@ absl::Status AccessRules::CheckSource(absl::string_view origin, absl::string_vie
   }
   const absl::string_view name = HostOf(host);
   const bool is_allowed =
-      IsIpv4(name) || absl::StartsWith(name, "[") || IsLocalhost(name) ||
+      IsIpv4(name) || IsIpv6(name) || IsLocalhost(name) ||
       std::any_of(options_.allowed_origins.begin(), options_.allowed_origins.end(),
                   [&](const std::string& allowed) {
                     return absl::EqualsIgnoreCase(HostOf(AuthorityOf(allowed)), name);

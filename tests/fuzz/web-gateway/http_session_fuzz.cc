@@ -9,6 +9,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstddef>
@@ -81,17 +82,18 @@ std::string Talk(absl::string_view bytes) {
   const int client = TheGateway().Connect();
   while (!bytes.empty()) {
     const ssize_t sent = send(client, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (sent <= 0) {
+    if (sent <= 0 && errno != EINTR) {
       break;  // the gateway has heard enough
     }
-    bytes.remove_prefix(static_cast<std::size_t>(sent));
+    bytes.remove_prefix(static_cast<std::size_t>(std::max<ssize_t>(sent, 0)));
   }
   shutdown(client, SHUT_WR);
   std::string answer;
   std::array<char, 4096> part{};
   ssize_t size = 0;
-  while ((size = recv(client, part.data(), part.size(), 0)) > 0) {
-    answer.append(part.data(), static_cast<std::size_t>(size));
+  // libFuzzer's alarm interrupts.
+  while ((size = recv(client, part.data(), part.size(), 0)) > 0 || (size < 0 && errno == EINTR)) {
+    answer.append(part.data(), static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
   }
   Require(size == 0 || errno == ECONNRESET, "the gateway ends a connection that its client ended");
   close(client);

@@ -52,8 +52,9 @@ TEST(AccessTest, ALoopbackGatewayTakesNoForeignNames) {
                            "192.168.1.2:80", "[::1]:8080", "hub.example.org"}) {
     EXPECT_THAT(rules.CheckSource("", host), IsOk()) << host;
   }
-  for (const char* host : {"evil.org", "evil.org:8080", "localhost.evil.org", "", "1.2.3.4.evil",
-                           "127.0.0.1.evil.org", "1.2.3", "1.2.3.1234"}) {
+  for (const char* host :
+       {"evil.org", "evil.org:8080", "localhost.evil.org", "", "1.2.3.4.evil", "127.0.0.1.evil.org",
+        "1.2.3", "1.2.3.1234", "1.2.3.999", "[", "[[", "[x]", "[::1"}) {
     EXPECT_THAT(rules.CheckSource("", host),
                 StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("--allow-origin")))
         << host;
