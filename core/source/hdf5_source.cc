@@ -190,6 +190,8 @@ class Hdf5Source final : public VolumeSource {
     const math::Index3& dims = geometry_.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     const std::int64_t row_bytes = dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
+    // After an error the library may take what it could not decode out of its cache, as if it were.
+    ISOSCOPE_RETURN_IF_ERROR(failure_);
     // Part of a plane, whole planes, part of a plane.
     while (begin_row < end_row) {
       const std::int64_t z = begin_row / dims.y;
@@ -199,7 +201,8 @@ class Hdf5Source final : public VolumeSource {
       if (y == 0 && rows == dims.y) {
         planes = (end_row - begin_row) / dims.y;
       }
-      ISOSCOPE_RETURN_IF_ERROR(ReadBox(z, planes, y, rows, out));
+      failure_ = ReadBox(z, planes, y, rows, out);
+      ISOSCOPE_RETURN_IF_ERROR(failure_);
       out += planes * rows * row_bytes;
       begin_row += planes * rows;
     }
@@ -245,6 +248,7 @@ class Hdf5Source final : public VolumeSource {
   const std::int64_t cache_bytes_;
   const Hdf5Handle file_;
   const Hdf5Handle dataset_;
+  absl::Status failure_;  // the first one; it stays
 };
 
 // Bytes of chunk cache: a layer of chunks. 0 for a dataset without chunks.
