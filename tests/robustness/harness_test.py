@@ -227,7 +227,10 @@ class JudgeTest(unittest.TestCase):
 
     def test_only_flipped_bits_on_its_own_way_excuse_and_only_in_plaintext(self):
         self.episodes.begin("corrupt_agent_link", "c1>a0.0", 99.0)
-        self.assertEqual(self._verdict(self.plaintext, digest="other"), "wrong")
+        self.assertEqual(self._error(self.plaintext, code="INTERNAL"), "undocumented", "another coordinator's link")
+        self.episodes.begin("corrupt_agent_link", "c0>a0.0", 99.0)
+        self.assertEqual(self._verdict(self.plaintext, digest="other"), "wrong", "the messages have checksums")
+        self.assertEqual(self._error(self.plaintext, code="INTERNAL"), "garbled")
         self.episodes.begin("corrupt_client_link", "client>c0", 99.0)
         self.assertEqual(self._verdict(self.plaintext, digest="other", is_direct=True), "wrong")
         self.assertEqual(self._verdict(self.plaintext, digest="other"), "altered")

@@ -116,6 +116,16 @@ class Episodes:
 _WORDS_OF_GRPC = {("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")}
 
 
+def _alters_client_link(answer, episode):
+    """Whether the answer itself, or its request, may have come with other bits."""
+    return episode.kind == "corrupt_client_link" and not answer.is_direct and episode.target == f"client>{answer.coordinator}"
+
+
+def _alters_agent_link(answer, episode):
+    """Whether a status of gRPC may have. The messages between coordinators and agents have checksums."""
+    return episode.kind == "corrupt_agent_link" and episode.target.startswith(f"{answer.coordinator}>")
+
+
 def _breaks_client(answer, episode):
     return episode.target in (answer.coordinator, f"client>{answer.coordinator}")
 
@@ -145,24 +155,20 @@ class Judge:
         return answer.verdict
 
     def _verdict(self, answer, blamed):
-        corrupted = self._is_plaintext and any(self._may_alter(answer, episode) for episode in blamed)
+        altered = self._is_plaintext and any(_alters_client_link(answer, episode) for episode in blamed)
+        garbled = altered or self._is_plaintext and any(_alters_agent_link(answer, episode) for episode in blamed)
         if answer.code == "OK":
             expected = self._references.get((answer.request, tuple(answer.missing)))
             if expected == answer.digest:
                 return ("partial", "") if answer.missing else ("exact", "")
             what = f"digest {answer.digest[:16]}, expected {(expected or 'none')[:16]}, missing {answer.missing}"
-            return ("altered" if corrupted else "wrong"), what
+            return ("altered" if altered else "wrong"), what
         strange = self._strange(answer, blamed)
         if strange:
-            return ("garbled" if corrupted else "undocumented"), strange
+            return ("garbled" if garbled else "undocumented"), strange
         if not blamed:
             return "unexplained", f"{answer.code} without a fault: {answer.message}"
         return "error", ""
-
-    def _may_alter(self, answer, episode):
-        if episode.kind == "corrupt_client_link":
-            return not answer.is_direct and episode.target == f"client>{answer.coordinator}"
-        return episode.kind == "corrupt_agent_link" and episode.target.startswith(f"{answer.coordinator}>")
 
     def _strange(self, answer, blamed):
         if (answer.code, answer.message) in _WORDS_OF_GRPC and any(_breaks_client(answer, e) for e in blamed):
