@@ -40,7 +40,9 @@ std::size_t UsableBytes() {
   return usable;
 }
 
-void LimitMallocArenas(int count) { ::mallopt(M_ARENA_MAX, count); }
+void LimitMallocArenas(int count) {
+  ::mallopt(M_ARENA_MAX, count);  // NOLINT(concurrency-mt-unsafe): before threads start
+}
 
 void ReturnFreedMemory() { ::malloc_trim(0); }
 

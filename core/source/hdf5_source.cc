@@ -37,6 +37,7 @@
 #include "core/source/hdf5_handle.h"
 #include "core/source/hdf5_storage.h"
 #include "core/source/part_path.h"
+#include "core/source/walled_source.h"
 #include "hdf5.h"
 
 namespace isoscope::source {
@@ -190,8 +191,6 @@ class Hdf5Source final : public VolumeSource {
     const math::Index3& dims = geometry_.sample_dims;
     ISOSCOPE_CHECK(begin_row >= 0 && begin_row < end_row && end_row <= dims.y * dims.z);
     const std::int64_t row_bytes = dims.x * static_cast<std::int64_t>(volume::SizeOf(type_));
-    // After an error the library may take what it could not decode out of its cache, as if it were.
-    ISOSCOPE_RETURN_IF_ERROR(failure_);
     // Part of a plane, whole planes, part of a plane.
     while (begin_row < end_row) {
       const std::int64_t z = begin_row / dims.y;
@@ -201,8 +200,7 @@ class Hdf5Source final : public VolumeSource {
       if (y == 0 && rows == dims.y) {
         planes = (end_row - begin_row) / dims.y;
       }
-      failure_ = ReadBox(z, planes, y, rows, out);
-      ISOSCOPE_RETURN_IF_ERROR(failure_);
+      ISOSCOPE_RETURN_IF_ERROR(ReadBox(z, planes, y, rows, out));
       out += planes * rows * row_bytes;
       begin_row += planes * rows;
     }
@@ -248,7 +246,6 @@ class Hdf5Source final : public VolumeSource {
   const std::int64_t cache_bytes_;
   const Hdf5Handle file_;
   const Hdf5Handle dataset_;
-  absl::Status failure_;  // the first one; it stays
 };
 
 // Bytes of chunk cache: a layer of chunks. 0 for a dataset without chunks.
@@ -338,18 +335,7 @@ absl::StatusOr<NamedDataset> OpenByName(const std::string& path) {
       .parts = std::move(parts), .file = std::move(file), .dataset = std::move(dataset)};
 }
 
-}  // namespace
-
-bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
-  PartPath split;
-  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf"}, &split)) {
-    return false;
-  }
-  *parts = {split.file, split.part};
-  return true;
-}
-
-absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {
+absl::StatusOr<std::vector<std::string>> FindFiles(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(const NamedDataset named, OpenByName(path));
   ISOSCOPE_ASSIGN_OR_RETURN(std::vector<std::string> files,
                             FindHdf5Files(named.dataset.get(), named.parts.name()));
@@ -360,7 +346,7 @@ absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& p
   return files;
 }
 
-absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path) {
+absl::StatusOr<std::unique_ptr<VolumeSource>> Open(const std::string& path) {
   ISOSCOPE_ASSIGN_OR_RETURN(NamedDataset named, OpenByName(path));
   const Hdf5Path& parts = named.parts;
   Hdf5Handle& file = named.file;
@@ -413,6 +399,27 @@ absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string&
   }
   return std::make_unique<Hdf5Source>(geometry, type, name, std::move(dims), axes, cache_bytes,
                                       std::move(file), std::move(dataset));
+}
+
+constexpr WalledLibrary kHdf5 = {.name = "HDF5", .open = Open, .find_files = FindFiles};
+
+}  // namespace
+
+bool SplitHdf5Path(const std::string& path, Hdf5Path* parts) {
+  PartPath split;
+  if (!SplitPartPath(path, {".h5", ".hdf5", ".he5", ".hdf"}, &split)) {
+    return false;
+  }
+  *parts = {split.file, split.part};
+  return true;
+}
+
+absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path) {
+  return FindFilesWalled(kHdf5, path);
+}
+
+absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path) {
+  return OpenWalled(kHdf5, path);
 }
 
 }  // namespace isoscope::source

@@ -33,8 +33,9 @@ bool SplitHdf5Path(const std::string& path, Hdf5Path* parts);
 // is larger, chunks are decompressed more than once.
 // NOT_FOUND: no such file or dataset (lists those there are). INVALID_ARGUMENT: no HDF5 file; not
 // such a dataset. DATA_LOSS: damaged. Of a dataset in several files (external storage, virtual
-// datasets, links) all must be there: NOT_FOUND or DATA_LOSS names the one that is not. Not
-// thread-safe across sources (the library keeps globals).
+// datasets, links) all must be there: NOT_FOUND or DATA_LOSS names the one that is not.
+//
+// The library crashes on some damaged files: it runs in a child process (walled_source.h).
 absl::StatusOr<std::unique_ptr<VolumeSource>> OpenHdf5Dataset(const std::string& path);
 // The files that it is read from (hdf5_storage.h). Errors as above.
 absl::StatusOr<std::vector<std::string>> FilesOfHdf5Dataset(const std::string& path);

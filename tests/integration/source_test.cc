@@ -333,7 +333,7 @@ TEST(DicomReportTest, IsLeftOutWithOneLineAndNoFieldIsPrinted) {
     WriteFile(
         directory.Sub(absl::StrCat("im", z)),
         testing::DicomBytes({.position = absl::StrCat("0\\0\\", z), .number = z, .more = more},
-                            std::string(12 * 9 * 2, 'p')));
+                            std::string(std::size_t{12} * 9 * 2, 'p')));
   }
   const std::string report =
       testing::DicomBytes({.storage_class = "1.2.840.10008.5.1.4.1.1.88.33", .more = more}, "");
@@ -353,7 +353,7 @@ TEST(HostileDicomTest, EndsPartitionWithAnErrorLineAndLeavesNoDataset) {
   const auto path = [&](int z) { return directory.Sub(absl::StrCat("series/im", z)); };
   const auto bytes = [](int z) {
     return testing::DicomBytes({.position = absl::StrCat("0\\0\\", z), .number = z},
-                               std::string(12 * 9 * 2, 'p'));
+                               std::string(std::size_t{12} * 9 * 2, 'p'));
   };
   for (int z = 0; z < 3; ++z) {
     WriteFile(path(z), bytes(z));

@@ -53,6 +53,17 @@ class Gateway {
   }
 
   [[nodiscard]] int Connect() const {
+    int client = TryConnect();
+    while (client < 0 && errno == EINTR) {  // libFuzzer's alarm
+      client = TryConnect();
+    }
+    Require(client >= 0, "the gateway takes connections");
+    return client;
+  }
+
+ private:
+  // -1 and errno: not now.
+  [[nodiscard]] int TryConnect() const {
     const int client = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     const timeval patience{.tv_sec = kPatienceSeconds, .tv_usec = 0};
     setsockopt(client, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof(patience));
@@ -61,13 +72,15 @@ class Gateway {
     address.sin_family = AF_INET;
     address.sin_port = htons(static_cast<std::uint16_t>(server_->port()));
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    Require(client >= 0 &&
-                connect(client, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0,
-            "the gateway takes connections");
-    return client;
+    if (connect(client, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) {
+      return client;
+    }
+    const int connect_errno = errno;
+    close(client);
+    errno = connect_errno;
+    return -1;
   }
 
- private:
   std::unique_ptr<grpc::Server> coordinator_;
   std::unique_ptr<gateway::GatewayServer> server_;
 };

@@ -40,7 +40,7 @@ class DicomScanTest : public ::testing::Test {
   }
 
   TempDir dir_;
-  const std::string pixels_ = std::string(12 * 9 * 2, 'p');
+  const std::string pixels_ = std::string(std::size_t{12} * 9 * 2, 'p');
 };
 
 TEST_F(DicomScanTest, ImageIsWholeOnlyWithItsLastPixel) {
