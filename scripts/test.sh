@@ -67,9 +67,10 @@ build_and_test() {
 # the tsan preset has a stand-in (tests/support/tsan_tbb). Locks, also those of the tests, are
 # base::Mutex: abseil's can't be seen either. There are no suppressions.
 tsan_programs=(
-  active_blocks agent_registry cancellation executor file first_error frame_coordinator frame_pipeline log
-  lru_cache memory_budget memory_pool mesh_cache mutex page_file queued_reads read_queue shard_reader
-  shard_writer tbb_contract write_queue
+  access_control active_blocks admission admission_queue agent_registry cancellation executor file first_error
+  frame_board frame_coordinator frame_pipeline log lru_cache memory_budget memory_pool mesh_cache metrics mutex
+  page_file pixel_mailboxes queued_reads rate_control read_queue replica_board shard_reader shard_writer
+  tbb_contract trace_recorder write_queue
 )
 tsan_tests() {
   local targets=("${tsan_programs[@]/%/_test}")

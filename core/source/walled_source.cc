@@ -164,9 +164,9 @@ class Child {
     return text;
   }
   [[nodiscard]] absl::Status Damaged(absl::string_view why) const {
-    return absl::DataLossError(
-        absl::StrCat(path_, ": can't be read by ", library_.name, ", which has a process of its own: ",
-                     why, ": the file is damaged, or needs more memory than there is; copy it again"));
+    return absl::DataLossError(absl::StrCat(
+        path_, ": can't be read by ", library_.name, ", which has a process of its own: ", why,
+        ": the file is damaged, or needs more memory than there is; copy it again"));
   }
   [[nodiscard]] const char* shared() const { return process_.shared(); }
 
