@@ -9,14 +9,11 @@
 #include <utility>
 #include <vector>
 
-#include "absl/synchronization/mutex.h"
-#include <oneapi/tbb/info.h>
-
 #include "bench/commands.h"
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
 #include "client-cli/terminal.h"
-#include "core/base/memory_info.h"
+#include "core/base/process_setup.h"
 #include "web-gateway/view_command.h"
 
 #ifdef __SANITIZE_ADDRESS__
@@ -26,10 +23,7 @@ extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfi
 #endif
 
 int main(int argc, char** argv) {
-  // Debian builds abseil with it: every lock would take a global one.
-  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
-  // Agents and the partitioner keep to memory limits in this process, too.
-  isoscope::base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
+  isoscope::base::SetUpProcess();
   // Never destroyed: its thread waits until the process ends.
   auto* const interrupt = new isoscope::cli::Interrupt();
   interrupt->InstallForProcess();

@@ -8,11 +8,10 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
-#include <oneapi/tbb/info.h>
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
+#include "core/base/process_setup.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
@@ -128,8 +127,7 @@ std::optional<int> DescribeItself(const ServerProgram& program, const CLI::App& 
 }
 
 int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
-  // Debian builds abseil with the detection on, so every lock would take a global one.
-  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
+  base::SetUpProcess();
   SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;
   CLI::App app(program.summary, program.name);
@@ -150,7 +148,6 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   if (flags.is_probe) {
     return Probe(program, flags);
   }
-  base::LimitMallocArenas(oneapi::tbb::info::default_concurrency());
   const absl::Status usage = CheckUsage(program, flags);
   if (!usage.ok()) {
     std::cerr << program.name << ": " << usage.message() << "\n";

@@ -1,0 +1,20 @@
+#include "core/base/process_setup.h"
+
+#include "absl/synchronization/mutex.h"
+#include <oneapi/tbb/info.h>
+#include <openssl/crypto.h>
+
+#include "core/base/memory_info.h"
+
+namespace isoscope::base {
+
+void SetUpProcess() {
+  // Debian builds abseil with the detection on, so every lock would take a global one.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
+  LimitMallocArenas(oneapi::tbb::info::default_concurrency());
+  // OpenSSL would free its locks in exit(), under the feet of a thread of gRPC that is just about
+  // to connect again. Only the first call of a process can say so.
+  OPENSSL_init_crypto(OPENSSL_INIT_NO_ATEXIT, nullptr);
+}
+
+}  // namespace isoscope::base
