@@ -48,7 +48,7 @@ void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancel
     AgentProbe& probe = probes[i];
     Call& call = calls[i];
     if (probe.channel == nullptr) {
-      probe.channel = rpc::MakeFreshChannel(probe.address, probe.dialing);
+      probe.channel = rpc::MakeAgentChannel(probe.address, probe.dialing);
     }
     call.stub = v1::PartitionAgentService::NewStub(probe.channel);
     call.context.set_deadline(absl::ToChronoTime(deadline));

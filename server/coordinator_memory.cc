@@ -30,9 +30,8 @@ constexpr std::size_t kLeastFrameBytes = base::kMiB;
 constexpr std::size_t kMaxUnusedImageBytes = 384 * base::kMiB;
 // 4 bytes a block.
 constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
-// Of an export: chunks that wait for the client and gRPC's copy; and from each agent what gRPC has
-// read ahead. Measured: 27 MiB with two agents.
-constexpr std::size_t kExportBytes = 12 * base::kMiB;
+// Of an export, from each agent: what gRPC has read ahead (rpc::MakeAgentChannel), messages and
+// blocks made of it.
 constexpr std::size_t kExportBytesPerAgent = 8 * base::kMiB;
 // Shares of the limit; the rest is for the process itself and for gRPC.
 constexpr std::size_t kFrameShare = 8;        // 5 of 8
@@ -114,7 +113,7 @@ absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
 
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveExport(
     std::size_t agent_count, const base::Cancellation& cancellation) {
-  const std::size_t bytes = kExportBytes + agent_count * kExportBytesPerAgent;
+  const std::size_t bytes = kExportAnswerBytes + agent_count * kExportBytesPerAgent;
   return frames_.Reserve(std::min(bytes, frames_.capacity_bytes()), cancellation);
 }
 

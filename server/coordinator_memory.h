@@ -50,8 +50,11 @@ class CoordinatorMemory {
   // if it fires first.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
       const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation);
+  // Of an export, what is on its way to its client: chunks that wait, and gRPC's copy.
+  static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
   // Takes the memory of an export: what is on its way from each agent and to the client. An export
-  // takes all that there is for frames if it needs more. Waits, as ReserveFrame.
+  // takes all that there is for frames if it needs more. Waits, as ReserveFrame. Agents' part may
+  // be given back (ShrinkTo) when they are done, and the rest when the client has the mesh.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveExport(
       std::size_t agent_count, const base::Cancellation& cancellation);
 

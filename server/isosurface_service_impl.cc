@@ -36,6 +36,7 @@
 #include "core/rpc/write_queue.h"
 #include "core/rpc/write_timeout.h"
 #include "server/agent_client.h"
+#include "server/coordinator_memory.h"
 #include "server/frame_call.h"
 #include "server/frame_runner.h"
 #include "server/surface_export.h"
@@ -46,7 +47,7 @@ namespace {
 namespace v1 = isoscope::v1;
 
 // If this many bytes of chunks wait for a slow client, the merge waits too.
-constexpr std::size_t kMaxQueuedExportBytes = 4 * base::kMiB;
+constexpr std::size_t kMaxQueuedExportBytes = 2 * base::kMiB;
 
 // In which a client must take a part of an answer, or a chunk of a mesh. A whole answer may take as
 // long as a frame.
@@ -248,6 +249,9 @@ class IsosurfaceServiceImpl::ExportCall final
   void Run(const absl::Status& turn) {
     const absl::Time start = absl::Now();
     const absl::Status status = turn.ok() ? Export() : turn;
+    if (memory_.has_value()) {
+      memory_->ShrinkTo(CoordinatorMemory::kExportAnswerBytes);
+    }
     place_.reset();
     outgoing_.Finish(status);
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
@@ -273,8 +277,9 @@ class IsosurfaceServiceImpl::ExportCall final
 
     FrameRunner* const runner = service_->options_.runner;
     ISOSCOPE_ASSIGN_OR_RETURN(
-        const base::MemoryBudget::Reservation memory,
+        base::MemoryBudget::Reservation memory,
         runner->ReserveExportMemory(runner->PartsOf(dataset).size(), cancellation_));
+    memory_.emplace(std::move(memory));
     const ExportedVolume volume{.geometry = geometry, .layout = layout, .clip = spec_.clip};
     std::int64_t vertex_count = 0;
     for (std::size_t i = 0; i < spec_.isovalues.size(); ++i) {
@@ -350,6 +355,8 @@ class IsosurfaceServiceImpl::ExportCall final
   Admission::Ticket ticket_ = 0;  // of the place; 0: none
   rpc::ExportSpec spec_;          // set before Run
   base::Cancellation cancellation_;
+  // Kept until the client has the last chunk: many slow clients hold as many queues.
+  std::optional<base::MemoryBudget::Reservation> memory_;
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::size_t sent_bytes_ = 0;

@@ -97,6 +97,15 @@ std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target, const
   return Dial(target, dialing, std::move(arguments));
 }
 
+std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const Dialing& dialing) {
+  grpc::ChannelArguments arguments = MakeChannelArguments();
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  // With the probe each stream may read 16 MiB ahead, or more.
+  arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 4 << 20);
+  return Dial(target, dialing, std::move(arguments));
+}
+
 void EnableServerPlugins() {
   static std::once_flag once;
   std::call_once(once, [] {

@@ -39,6 +39,9 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dial
 // target have failed.
 std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target,
                                                 const Dialing& dialing = {});
+// Does the same for a coordinator's agents, which are near and many: a stream reads 4 MiB ahead at
+// most, so that the coordinator's memory is what it reserves.
+std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const Dialing& dialing);
 
 // Switches on health and reflection for all servers built later. Call before a ServerBuilder is
 // made. Thread-safe; any number of times.

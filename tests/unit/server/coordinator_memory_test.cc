@@ -103,7 +103,7 @@ TEST(CoordinatorMemoryTest, ExportsShareTheMemoryOfFramesAndTheLargestTakesAllOf
   CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
   {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto small, memory.ReserveExport(2, never));
-    EXPECT_EQ(memory.frame_bytes(), 28 * base::kMiB);
+    EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kExportAnswerBytes + 16 * base::kMiB);
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, memory.ReserveExport(1000, never));
   EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kMinLimitBytes / 8 * 5);

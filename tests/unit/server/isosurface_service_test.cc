@@ -22,6 +22,7 @@
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "proto/message_checksum.h"
+#include "server/coordinator_memory.h"
 #include "server/coordinator_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/fake_agent.h"
@@ -530,6 +531,57 @@ TEST_F(IsosurfaceServiceTest, OneTriangleIsExportedInWorldSpace) {
   EXPECT_EQ(chunk.triangles().size(), 3 * sizeof(std::int64_t));
   EXPECT_FALSE(reader->Read(&chunk));
   EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+}
+
+double GaugeOf(CoordinatorServer* coordinator, const std::string& name) {
+  for (const base::MetricFamily& family : coordinator->CollectMetrics()) {
+    if (family.name == name) {
+      return family.samples.at(0).value;
+    }
+  }
+  ADD_FAILURE() << "no metric " << name;
+  return 0;
+}
+
+TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) {
+  constexpr int kTriangles = 100'000;  // three chunks: one on its way, two wait
+  first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    internal::ExtractSurfaceResponse message = OneTriangle();
+    const std::string triangle = message.blocks(0).triangles();
+    std::string* const triangles = message.mutable_blocks(0)->mutable_triangles();
+    for (int i = 1; i < kTriangles; ++i) {
+      triangles->append(triangle);
+    }
+    writer->Write(message);
+    return grpc::Status::OK;
+  };
+  second_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter*) {
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  grpc::ClientContext context;
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(100);
+  const auto reader = stub_->ExportIsosurface(&context, request);
+  const auto wait_for_bytes = [&](double bytes) {
+    const absl::Time end = absl::Now() + absl::Seconds(20);
+    while (GaugeOf(coordinator_.get(), "isoscope_frame_memory_bytes") != bytes) {
+      ASSERT_LT(absl::Now(), end);
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+  };
+  // What agents needed is given back, and the rest stays.
+  wait_for_bytes(CoordinatorMemory::kExportAnswerBytes);
+  absl::SleepFor(absl::Milliseconds(50));
+  wait_for_bytes(CoordinatorMemory::kExportAnswerBytes);
+  std::size_t bytes = 0;
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  while (reader->Read(&chunk)) {
+    bytes += chunk.triangles().size();
+  }
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+  EXPECT_EQ(bytes, kTriangles * 3 * sizeof(std::int64_t));
+  wait_for_bytes(0);
 }
 
 TEST_F(IsosurfaceServiceTest, AnExportGoesOnBehindTheLastBlockWhenAReplicaTakesOver) {
