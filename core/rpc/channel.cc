@@ -3,7 +3,6 @@
 #include <chrono>
 #include <memory>
 #include <mutex>
-#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -94,7 +93,7 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& target, const Dial
 std::shared_ptr<grpc::Channel> MakeFreshChannel(const std::string& target, const Dialing& dialing) {
   grpc::ChannelArguments arguments = MakeChannelArguments();
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  return Dial(target, dialing, std::move(arguments));
+  return Dial(target, dialing, arguments);
 }
 
 std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const Dialing& dialing) {
@@ -103,7 +102,7 @@ std::shared_ptr<grpc::Channel> MakeAgentChannel(const std::string& target, const
   // With the probe each stream may read 16 MiB ahead, or more.
   arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
   arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 4 << 20);
-  return Dial(target, dialing, std::move(arguments));
+  return Dial(target, dialing, arguments);
 }
 
 void EnableServerPlugins() {
