@@ -18,6 +18,7 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
+#include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
@@ -150,7 +151,7 @@ class FramePipelineTest : public ::testing::Test {
 
   std::unique_ptr<render::Renderer> renderer_;
   mutable render::LayerRenderer layers_{std::size_t{16} << 20};
-  std::unique_ptr<tbb::task_arena> arena_ = std::make_unique<tbb::task_arena>(2);
+  std::shared_ptr<tbb::task_arena> arena_ = base::MakeTaskArena(2);
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
   // Of no use; of some samples; of samples and one segment of meshes; of all.
   static constexpr std::size_t kCacheSizes[] = {std::size_t{1} << 16, std::size_t{1} << 20,

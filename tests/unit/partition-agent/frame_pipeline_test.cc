@@ -21,6 +21,7 @@
 
 #include "core/base/random.h"
 #include "core/composite/depth_composite.h"
+#include "core/render/cpu_renderer.h"
 #include "core/render/renderer_factory.h"
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
@@ -311,7 +312,7 @@ TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
   const FrameTask request = dataset.Request();
   Frame expected;
   for (const int thread_count : {1, 2, 5}) {
-    arena_ = std::make_unique<tbb::task_arena>(thread_count);
+    arena_ = base::MakeTaskArena(thread_count);
     ForgetAll();
     Frame frame;
     RunAlone(shards, request, dataset, &frame);
@@ -321,6 +322,29 @@ TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
     }
     SCOPED_TRACE(thread_count);
     ExpectSameWork(frame, expected);
+  }
+}
+
+// Symptom: with four threads and a memory limit the program aborted, "Resource deadlock avoided".
+// Shading ran a parallel loop under a lock, inside of the loops that deliver meshes.
+TEST_F(FramePipelineTest, EarlyShadingShowsWithNoNumberOfThreads) {
+  const SmallDataset dataset(2);
+  const Shards shards = dataset.OpenShards();
+  const FrameTask request = dataset.Request();
+  Frame expected;
+  RunAlone(shards, request, dataset, &expected);
+  for (const int thread_count : {1, 2, 3, 8, 32}) {
+    arena_ = base::MakeTaskArena(thread_count);
+    for (const std::size_t max_kept_bytes : {std::size_t{1}, std::size_t{20000}}) {
+      SCOPED_TRACE(::testing::Message() << thread_count << " threads, " << max_kept_bytes);
+      renderer_ = render::MakeCpuRenderer({.max_kept_bytes = max_kept_bytes, .arena = arena_});
+      ForgetAll();
+      for (int run = 0; run < 2; ++run) {  // from the disk, then from the cache
+        Frame frame;
+        RunAlone(shards, request, dataset, &frame);
+        ExpectSameWork(frame, expected);
+      }
+    }
   }
 }
 
@@ -432,6 +456,10 @@ class CancellingRenderer final : public render::Renderer {
     absl::Status Add(std::span<const render::MeshToDraw> meshes) override {
       cancellation_->Cancel();
       return pass_->Add(meshes);
+    }
+    [[nodiscard]] bool is_full() const override { return pass_->is_full(); }
+    absl::Status Shade(const base::Cancellation& cancellation) override {
+      return pass_->Shade(cancellation);
     }
     absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
       ADD_FAILURE() << "a cancelled frame was drawn to its end";
