@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include <oneapi/tbb/task_arena.h>
 
 #include "core/render/renderer.h"
 
