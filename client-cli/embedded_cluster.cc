@@ -86,7 +86,9 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   }
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
   if (options.expected_viewport) {
-    cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count());
+    // Images travel to the coordinator, which still has those of step 2 while step 3 draws.
+    cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),
+                                2 * cluster->shard_count());
   }
   coordinator_options.listen_address = options.listen_address;
   coordinator_options.transport = options.transport;

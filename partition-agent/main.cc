@@ -113,7 +113,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                             .arena = options.arena}));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Start(options));
   ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
-  options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1);
+  options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1, /*image_count=*/1);
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
                             rpc::MetricsServer::StartIfAsked(server_flags.metrics_listen, [server] {
                               return server->CollectMetrics();

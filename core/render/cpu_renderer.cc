@@ -725,12 +725,17 @@ class CpuRenderer final : public Renderer {
     }
   }
 
-  void Prepare(const view::Viewport& viewport, int pass_count) override {
+  void Prepare(const view::Viewport& viewport, int pass_count, int image_count) override {
     resources_->ShadeTableOf({});
     const auto prepare = [&] {
-      tbb::parallel_for(0, pass_count, [&](int /*pass*/) {
+      tbb::parallel_for(0, std::max(pass_count, image_count), [&](int i) {
         try {
-          resources_->Prepare(viewport.width_px, viewport.height_px);
+          if (i < image_count) {
+            resources_->PrepareImage(viewport.width_px, viewport.height_px);
+          }
+          if (i < pass_count) {
+            resources_->PrepareBuffers(viewport.width_px, viewport.height_px);
+          }
         } catch (const std::bad_alloc&) {
           // BeginPass reports it.
         }

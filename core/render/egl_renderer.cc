@@ -253,7 +253,7 @@ absl::StatusOr<std::unique_ptr<EglRenderer>> EglRenderer::Make(const EglRenderer
   return made;
 }
 
-void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
+void EglRenderer::Prepare(const view::Viewport& viewport, int /*pass_count*/, int image_count) {
   const std::size_t image_bytes = static_cast<std::size_t>(viewport.width_px) *
                                   static_cast<std::size_t>(viewport.height_px) *
                                   (sizeof(std::uint64_t) + sizeof(image::Rgba8));
@@ -261,7 +261,7 @@ void EglRenderer::Prepare(const view::Viewport& viewport, int pass_count) {
     return;  // too large to keep, maybe too large to draw
   }
   try {
-    for (int i = 0; i < pass_count; ++i) {
+    for (int i = 0; i < image_count; ++i) {
       images_->Prepare(viewport.width_px, viewport.height_px);
     }
   } catch (const std::bad_alloc&) {

@@ -41,7 +41,7 @@ class EglRenderer : public Renderer {
                                                         const volume::BlockLayout& layout,
                                                         const frame::FrameSpec& spec) override;
   // Also draws a triangle, so that the driver compiles its programs for pictures of this size.
-  void Prepare(const view::Viewport& viewport, int pass_count) override;
+  void Prepare(const view::Viewport& viewport, int pass_count, int image_count) override;
   [[nodiscard]] frame::PictureRevision picture_revision() const override;
   [[nodiscard]] std::string description() const override { return thread_->description(); }
   // Returns true if a GPU draws.

@@ -71,8 +71,7 @@ void PassResources::GiveBack(std::unique_ptr<PassBuffers> buffers) {
   unused_.push_back(std::move(buffers));
 }
 
-void PassResources::Prepare(int width, int height) {
-  images_->Prepare(width, height);
+void PassResources::PrepareBuffers(int width, int height) {
   const std::size_t fragment_bytes =
       static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * sizeof(Fragment);
   {

@@ -149,9 +149,10 @@ class PassResources {
   // state is that between passes.
   void GiveBack(std::unique_ptr<PassBuffers> buffers);
   image::FrameImage TakeImage(int width, int height) { return images_->Take(width, height); }
-  // Adds unused buffers and an unused image, and touches their pages. Does nothing if they are too
+  // Adds an unused image, or unused buffers, and touches their pages. Does nothing if they are too
   // large to keep.
-  void Prepare(int width, int height);
+  void PrepareImage(int width, int height) { images_->Prepare(width, height); }
+  void PrepareBuffers(int width, int height);
 
   // Returns the colour of each shade step. Keeps the tables of the last few appearances.
   std::shared_ptr<const std::vector<image::Rgba8>> ShadeTableOf(

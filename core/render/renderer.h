@@ -94,9 +94,11 @@ class Renderer {
                                                                 const volume::BlockLayout& layout,
                                                                 const frame::FrameSpec& spec) = 0;
 
-  // Takes the memory of `pass_count` passes of this size, as far as its limit for unused memory
-  // allows, and touches it for the first frames. May do nothing.
-  virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/) {}
+  // Takes the memory of `pass_count` passes of this size and of `image_count` pictures, those of
+  // the passes included, as far as its limit for unused memory allows, and touches it for the first
+  // frames. May do nothing.
+  virtual void Prepare(const view::Viewport& /*viewport*/, int /*pass_count*/,
+                       int /*image_count*/) {}
 
   // Returns the code and driver that decide its pixels.
   [[nodiscard]] virtual frame::PictureRevision picture_revision() const = 0;

@@ -135,10 +135,10 @@ TEST_P(RendererTest, PreparedPassesDrawTheSamePicture) {
   const view::View view = MakeView(scene, 310, 250, 25, 15);
   const FrameImage expected = Draw(view, scene.layout, scene.meshes);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto prepared, MakeRenderer({.kind = GetParam()}));
-  prepared->Prepare(view.viewport(), 3);
+  prepared->Prepare(view.viewport(), 3, 4);
   EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
   // More than it may keep, and of another size.
-  prepared->Prepare({.width_px = 4096, .height_px = 4096}, 2);
+  prepared->Prepare({.width_px = 4096, .height_px = 4096}, 2, 2);
   EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
 }
 
