@@ -119,7 +119,7 @@ class PageTest(unittest.TestCase):
 
     def setUp(self):
         self.browser.get('about:blank')
-        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, reset=True)
+        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')
@@ -441,6 +441,94 @@ class LinkTest(PageTest):
         self.assertIn('clip-box=1,2,x', toast)
         self.assertIn('nonsense', toast)
         self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+
+class TokenTest(PageTest):
+    # With the characters of base64 that neither an address nor a protocol's name takes as they are.
+    TOKEN = 'a+b/c=~.-_9'
+    QUERY = '?token=a%2Bb%2Fc%3D~.-_9&theme=dark&max-side=420'
+
+    def setUp(self):
+        super().setUp()
+        self.gateway.control(token=self.TOKEN)
+
+    def test_the_token_goes_as_a_header_and_stays_in_no_address(self):
+        self.open_and_wait()
+        self.assertNotIn('token', self.browser.current_url)
+        self.assertIn('theme=dark', self.browser.current_url)
+        self.js('document.getElementById("save").click(); document.getElementById("save-png").click();')
+        self.until('/B$/.test(document.getElementById("save-note").textContent)')
+        targets = self.gateway.control()['targets']
+        self.assertGreater(len(targets), 4)
+        for word in ('token', self.TOKEN, 'a%2Bb'):
+            self.assertEqual([], [one for one in targets if word in one], 'an address has the token')
+
+    def test_a_link_has_no_token(self):
+        self.open_and_wait()
+        self.js('navigator.clipboard.writeText = async (text) => { window.copied = text; };')
+        self.browser.find_element(By.ID, 'link').click()
+        self.until('window.copied')
+        copied = self.js('return window.copied')
+        self.assertIn('#dataset=ball', copied)
+        self.assertNotIn('token', copied)
+        self.assertNotIn('a%2Bb', copied)
+
+    def test_a_reload_needs_no_second_look_at_what_was_printed(self):
+        self.open_and_wait()
+        self.browser.refresh()
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.assertNotIn('token', self.browser.current_url)
+
+    def test_without_the_token_the_page_says_so(self):
+        # A tab of its own has no token of before.
+        first = self.browser.current_window_handle
+        self.browser.switch_to.new_window('tab')
+        try:
+            self.open(query='?theme=dark')
+            self.until('!document.getElementById("toast").hidden')
+            self.assertIn('open the address that was printed', self.browser.find_element(By.ID, 'toast').text)
+            self.until('/open the address that was printed/.test(isoscope.view.stats().notice)')
+        finally:
+            self.browser.close()
+            self.browser.switch_to.window(first)
+
+    def test_a_token_of_another_page_is_not_sent(self):
+        self.open_and_wait()
+        # As a notebook's: the page has a token in its address that is its own affair.
+        self.gateway.control(token=None)
+        self.open('', '?theme=dark')
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.gateway.control(reset=True)
+        shown = self.js('''const url = new URL(location.href); url.searchParams.set('token', 'of-the-notebook');
+            history.replaceState(null, '', url);
+            return import('./isoscope-view.js').then(async (m) => {
+              const client = new m.Client(location.origin + '/');
+              await client.get('v1/datasets');
+              return [client.token, client.socketAddress]; });''')
+        self.assertEqual('', shown[0])
+        self.assertNotIn('of-the-notebook', shown[1] + ''.join(self.gateway.control()['targets']))
+
+
+class TextTest(PageTest):
+    """Text of servers is text."""
+    HOSTILE = '<img src=x onerror="window.hit=1"><script>window.hit=1</script><b id=hit>'
+
+    def check_harmless(self):
+        self.assertIsNone(self.js('return window.hit ?? document.getElementById("hit")'))
+
+    def test_a_name_is_shown_as_it_is(self):
+        self.gateway.control(name=self.HOSTILE)
+        self.open_and_wait()
+        self.assertEqual(self.HOSTILE, self.js('return document.getElementById("dataset").selectedOptions[0].textContent'))
+        self.assertIn(self.HOSTILE, self.browser.title)
+        self.check_harmless()
+
+    def test_an_error_is_shown_as_it_is(self):
+        self.gateway.control(fail={'code': 5, 'message': self.HOSTILE})
+        self.open()
+        self.until('/onerror/.test(isoscope.view.stats().notice)')
+        self.assertIn(self.HOSTILE, self.notice())
+        self.check_harmless()
 
 
 class FailureTest(PageTest):
