@@ -6,6 +6,8 @@
 Ends with 77 (skipped) where node, chromium, chromedriver or selenium is missing.
 """
 import base64
+import html
+import http.server
 import json
 import math
 import os
@@ -15,8 +17,10 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
+import urllib.parse
 import urllib.request
 import zlib
 
@@ -654,6 +658,41 @@ class RealTest(PageTest):
         self.browser.refresh()
         self.until('isoscope.view.isExact && isoscope.view.frame')
         self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+    def test_another_site_shows_no_picture_of_it_and_its_link_to_the_page_is_followed(self):
+        address = urllib.parse.urlsplit(self.page)
+        query = urllib.parse.parse_qs(address.query)
+        token = query.get('token', [''])[0]
+        picture = f'{address.scheme}://{address.netloc}/v1/datasets/{query["dataset"][0]}/render?' + \
+            urllib.parse.urlencode({'isovalue': 100, 'width': 32, 'height': 32, 'token': token})
+        page = f'<title>other</title><img id="picture" src="{html.escape(picture)}"><a href="{html.escape(self.page)}">link</a>'
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_GET(self):
+                self.send_response(200)
+                self.send_header('Content-Type', 'text/html')
+                self.end_headers()
+                self.wfile.write(page.encode())
+
+            def log_message(self, *_):
+                pass
+
+        with http.server.ThreadingHTTPServer(('127.0.0.1', 0), Handler) as server:
+            threading.Thread(target=server.serve_forever).start()
+            try:
+                # Another site, and another port of the same one.
+                for host in ('localhost', '127.0.0.1'):
+                    self.browser.get(f'http://{host}:{server.server_port}/')
+                    size = self.browser.execute_async_script('''const [done] = arguments;
+                        const image = document.getElementById('picture');
+                        const tell = () => done(image.naturalWidth);
+                        if (image.complete) tell(); else image.onload = image.onerror = tell;''')
+                    self.assertEqual(0, size, f'a page of {host} shows the picture')
+                self.browser.find_element(By.TAG_NAME, 'a').click()
+                self.until('isoscope.view.isExact && isoscope.view.frame')
+                self.assertNotIn('token', self.browser.current_url)
+            finally:
+                server.shutdown()
 
     def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
         self.browser.get('about:blank')
