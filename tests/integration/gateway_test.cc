@@ -797,14 +797,14 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
 }
 
 TEST_F(GatewayTest, ViewAsksForTheTokenThatItWasGiven) {
-  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder_->Sub("token"), "of-a-file"));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder_->Sub("view_token"), "of-a-file"));
   const struct {
     std::vector<std::string> environment;
     std::vector<std::string> flags;
     std::string token;
   } cases[] = {
       {{"ISOSCOPE_GATEWAY_TOKEN=of-a-variable"}, {}, "of-a-variable"},
-      {{}, {"--gateway-token-file", folder_->Sub("token")}, "of-a-file"},
+      {{}, {"--gateway-token-file", folder_->Sub("view_token")}, "of-a-file"},
   };
   for (const auto& c : cases) {
     std::vector<std::string> arguments = {"view",     "--server",    cluster_->address(),
