@@ -46,7 +46,7 @@ ENTRYPOINT ["isoscope-coordinator"]
 
 # In a container the loopback address reaches nobody. So the programs need certificates (ISOSCOPE_TLS_*),
 # or ISOSCOPE_INSECURE=true in a private network; and the gateway asks for a token, which its log has unless
-# ISOSCOPE_TOKEN gives one.
+# ISOSCOPE_GATEWAY_TOKEN gives one.
 FROM runtime AS gateway
 COPY --from=build /src/build/release/bin/isoscope-gateway /usr/local/bin/
 ENV ISOSCOPE_LISTEN=0.0.0.0:8080

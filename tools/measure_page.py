@@ -197,7 +197,8 @@ def main():
     browser.get('about:blank')
     time.sleep(1)
     empty_mib = total(memory_mib(driver.process.pid))
-    browser.get(url.replace('/?', f'/#surface={flags.isovalue}&').split('&isovalue=')[0])
+    page, words = url.split('&dataset=')
+    browser.get(f'{page}#surface={flags.isovalue}&dataset={words.split("&")[0]}')
     end = time.monotonic() + PATIENCE_S
     while not browser.execute_script('return window.isoscope && isoscope.view.isExact'):
       if time.monotonic() > end:

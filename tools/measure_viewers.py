@@ -75,7 +75,7 @@ async def run(flags, url, server):
     if flags.link is not None:
       port = urllib.parse.urlsplit(url).port
       link = await stack.enter_async_context(Link(port, *flags.link))
-      url = f'http://127.0.0.1:{link.port}/'
+      url = urllib.parse.urlsplit(url)._replace(netloc=f'127.0.0.1:{link.port}').geturl()
     result = {'readers': await measure(url, flags, flags.viewers - flags.stalled, 0, server)}
     if flags.link is not None:
       result['age'] = bound(flags, result['readers']['figures'][0])

@@ -75,9 +75,10 @@ class Viewer:
     self.reader, self.writer = await asyncio.open_connection(
         self.address.hostname, self.address.port, limit=self.read_buffer_bytes or 2 ** 16)
     token = urllib.parse.parse_qs(self.address.query).get('token')
-    path = '/v1/interact' + (f'?token={urllib.parse.quote(token[0])}' if token else '')
+    path = '/v1/interact'
+    bearer = f'Authorization: Bearer {token[0]}\r\n' if token else ''
     key = base64.b64encode(os.urandom(16)).decode()
-    self.writer.write((f'GET {path} HTTP/1.1\r\nHost: {self.address.netloc}\r\nUpgrade: websocket\r\n'
+    self.writer.write((f'GET {path} HTTP/1.1\r\nHost: {self.address.netloc}\r\nUpgrade: websocket\r\n{bearer}'
                        f'Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n').encode())
     status = (await self.reader.readuntil(b'\r\n\r\n')).split(b'\r\n')[0].decode()
     if ' 101 ' not in status:

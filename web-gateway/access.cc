@@ -3,23 +3,28 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdlib>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include <arpa/inet.h>
 #include <openssl/crypto.h>
 #include <openssl/rand.h>
 
 #include "core/base/check.h"
+#include "core/base/status_macros.h"
 #include "core/rpc/peer.h"
 
 namespace isoscope::gateway {
 namespace {
 
 constexpr std::size_t kTokenBytes = 16;
+constexpr char kGatewayTokenVariable[] = "ISOSCOPE_GATEWAY_TOKEN";
+constexpr absl::string_view kBearerProtocol = "isoscope.bearer.";
 constexpr std::size_t kMaxQuotedBytes = 100;
 
 std::string Quoted(absl::string_view text) {
@@ -102,6 +107,39 @@ std::string MakeToken() {
       absl::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
+absl::StatusOr<std::string> ReadGatewayToken(const std::string& file) {
+  if (!file.empty()) {
+    return rpc::ReadTokenFile(file);
+  }
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets the environment
+  const char* const variable = getenv(kGatewayTokenVariable);
+  std::string token(absl::StripAsciiWhitespace(variable == nullptr ? "" : variable));
+  const absl::Status checked = token.empty() ? absl::OkStatus() : rpc::CheckTokenText(token);
+  if (!checked.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("$", kGatewayTokenVariable, ": ", checked.message()));
+  }
+  return token;
+}
+
+bool OffersInteractProtocol(absl::string_view protocols) {
+  const std::vector<absl::string_view> offered = absl::StrSplit(protocols, ',');
+  return std::any_of(offered.begin(), offered.end(), [](absl::string_view name) {
+    return absl::StripAsciiWhitespace(name) == kInteractProtocol;
+  });
+}
+
+std::string TokenOfProtocols(absl::string_view protocols) {
+  for (const absl::string_view part : absl::StrSplit(protocols, ',')) {
+    absl::string_view name = absl::StripAsciiWhitespace(part);
+    std::string token;
+    if (absl::ConsumePrefix(&name, kBearerProtocol) && absl::WebSafeBase64Unescape(name, &token)) {
+      return token;
+    }
+  }
+  return "";
+}
+
 absl::StatusOr<std::string> AccessRules::UserToken(absl::string_view parameter,
                                                    absl::string_view authorization) const {
   if (has_token()) {
@@ -122,6 +160,28 @@ bool AccessRules::IsAllowedOrigin(absl::string_view origin) const {
   const std::string lower = absl::AsciiStrToLower(origin);
   return std::find(options_.allowed_origins.begin(), options_.allowed_origins.end(), lower) !=
          options_.allowed_origins.end();
+}
+
+bool AccessRules::IsAllowedReferer(absl::string_view referer) const {
+  const absl::string_view authority = AuthorityOf(referer);
+  const std::size_t scheme_bytes = referer.size() - authority.size();
+  return !authority.empty() &&
+         IsAllowedOrigin(
+             referer.substr(0, scheme_bytes + authority.substr(0, authority.find('/')).size()));
+}
+
+absl::Status AccessRules::CheckDataSource(const RequestSource& source) const {
+  ISOSCOPE_RETURN_IF_ERROR(CheckSource(source.origin, source.host));
+  // The pages of another port of this machine are "same-site", and may be another user's.
+  if (source.origin.empty() &&
+      (source.fetch_site == "cross-site" || source.fetch_site == "same-site") &&
+      !IsAllowedReferer(source.referer)) {
+    return absl::PermissionDeniedError(absl::StrCat(
+        "the request comes from a page of another origin (Sec-Fetch-Site: ",
+        Quoted(source.fetch_site), ", Referer: ", Quoted(source.referer),
+        "): start the gateway with --allow-origin ORIGIN if that page may see its datasets"));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status AccessRules::CheckSource(absl::string_view origin, absl::string_view host) const {
@@ -145,7 +205,8 @@ absl::Status AccessRules::CheckSource(absl::string_view origin, absl::string_vie
     return absl::PermissionDeniedError(
         absl::StrCat("the request was sent to the name ", Quoted(name),
                      ", which this gateway does not know to be its own: use localhost or "
-                     "127.0.0.1, or start it with --allow-origin http://HOST:PORT or --token"));
+                     "127.0.0.1, or start it with --allow-origin http://HOST:PORT or with a "
+                     "token"));
   }
   return absl::OkStatus();
 }
@@ -160,9 +221,9 @@ absl::Status AccessRules::CheckToken(absl::string_view parameter,
   }
   return absl::UnauthenticatedError(
       parameter.empty() && authorization.empty()
-          ? "a token is asked for here: open the address that the gateway printed, with token=..., "
-            "or send 'Authorization: Bearer TOKEN'"
-          : "the token is wrong: open the address that the gateway printed when it started");
+          ? "a token is asked for here: open the address that was printed at the start, with "
+            "token=..., or send 'Authorization: Bearer TOKEN'"
+          : "the token is wrong: open the address that was printed at the last start");
 }
 
 }  // namespace isoscope::gateway

@@ -10,6 +10,7 @@
 
 #include "web-gateway/api.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstddef>
 #include <cstdint>
@@ -127,10 +128,12 @@ absl::Status CheckOneOutput(const OutputOptions& output) {
 class Exchange : public std::enable_shared_from_this<Exchange> {
  public:
   Exchange(const ApiOptions& options, CoordinatorClient* client, std::atomic<int>* pictures,
-           HttpRequest request, std::shared_ptr<RequestScope> cancellation, Api::Respond respond)
+           MeshBudget* meshes, HttpRequest request, std::shared_ptr<RequestScope> cancellation,
+           Api::Respond respond)
       : options_(options),
         client_(client),
         pictures_(pictures),
+        meshes_(meshes),
         request_(std::move(request)),
         call_{.scope = std::move(cancellation), .token = request_.token},
         respond_(std::move(respond)) {}
@@ -469,6 +472,12 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   void AnswerMesh() {
     const absl::StatusOr<MeshQuery> query = MeshQueryFromQuery(request_.target.query, dataset_);
     absl::Status status = query.status();
+    if (status.ok() && request_.is_head) {
+      HttpResponse response = MeshHeader();
+      response.has_unknown_length = true;
+      Respond(std::move(response));
+      return;
+    }
     if (status.ok()) {
       status = BeginMesh(*query);
     }
@@ -482,14 +491,15 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
           ISOSCOPE_ASSIGN_OR_RETURN(const cli::MeshPiece piece,
                                     self->decoder_->Decode(chunk.surface_index(), chunk.positions(),
                                                            chunk.normals(), chunk.triangles()));
-          ISOSCOPE_RETURN_IF_ERROR(self->CheckMeshSize());
+          ISOSCOPE_RETURN_IF_ERROR(self->CountMeshBytes());
           return self->writer_->Add(piece);
         },
         [self = shared_from_this()](const absl::Status& exported) { self->EndMesh(exported); });
   }
 
-  // Makes the file that the mesh goes to.
+  // Takes a place among the meshes, and makes the file that this one goes to.
   absl::Status BeginMesh(const MeshQuery& query) {
+    ISOSCOPE_ASSIGN_OR_RETURN(mesh_lease_, meshes_->Begin(request_.caller));
     std::error_code error;
     std::string folder = (std::filesystem::temp_directory_path(error) / "isoscope-XXXXXX").string();
     // A folder of its own: nobody else can put a file of this name there.
@@ -512,21 +522,37 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     return absl::OkStatus();
   }
 
-  [[nodiscard]] absl::Status CheckMeshSize() const {
-    constexpr std::int64_t kVertexBytes = 6 * sizeof(float);
-    constexpr std::int64_t kTriangleBytes = 3 * sizeof(std::uint32_t);
-    const std::int64_t bytes =
-        kVertexBytes * decoder_->vertex_count() + kTriangleBytes * decoder_->triangle_count();
-    return bytes <= kMaxMeshBytes
-               ? absl::OkStatus()
-               : absl::ResourceExhaustedError(absl::StrCat(
-                     "the mesh has more than ", kMaxMeshBytes,
-                     " bytes, which is the gateway's limit: clip it, or use 'isoscope export'"));
+  // Of what has come so far.
+  [[nodiscard]] absl::Status CountMeshBytes() const {
+    constexpr std::int64_t kVectorBytes = 3 * sizeof(float);  // or of three indices
+    const std::int64_t vertices = kVectorBytes * decoder_->vertex_count();
+    const std::int64_t triangles = kVectorBytes * decoder_->triangle_count();
+    const std::int64_t bytes = 2 * vertices + triangles;
+    // While the file is put together, normals and then indices are on disk twice.
+    const std::int64_t disk_bytes = bytes + std::max(vertices, triangles);
+    if (bytes > kMaxMeshBytes || disk_bytes > options_.max_mesh_bytes) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("the mesh has ", bytes, " bytes or more, and the gateway's limit is ",
+                       kMaxMeshBytes, ", or two thirds of --max-mesh-bytes ",
+                       options_.max_mesh_bytes, ": clip it, or use 'isoscope export'"));
+    }
+    return mesh_lease_->SetBytes(disk_bytes);
+  }
+
+  static HttpResponse MeshHeader() {
+    HttpResponse response;
+    response.content_type = "model/gltf-binary";
+    response.headers = {{"Cache-Control", "no-store"},
+                        {"Content-Disposition", "attachment; filename=\"mesh.glb\""}};
+    return response;
   }
 
   void EndMesh(absl::Status status) {
     if (status.ok()) {
       status = writer_->Finish();
+    }
+    if (status.ok()) {
+      status = mesh_lease_->SetBytes(writer_->size_bytes());
     }
     writer_.reset();  // without Finish, this removes the file
     if (!status.ok()) {
@@ -534,17 +560,16 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
       RespondError(status);
       return;
     }
-    HttpResponse response;
-    response.content_type = "model/gltf-binary";
+    HttpResponse response = MeshHeader();
     response.file_path = mesh_path_;
-    response.headers = {{"Cache-Control", "no-store"},
-                        {"Content-Disposition", "attachment; filename=\"mesh.glb\""}};
+    response.hold = std::move(mesh_lease_);
     Respond(std::move(response));
   }
 
   const ApiOptions options_;
   CoordinatorClient* const client_;
   std::atomic<int>* const pictures_;
+  MeshBudget* const meshes_;
   HttpRequest request_;
   const CallOptions call_;
   Api::Respond respond_;
@@ -553,6 +578,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   v1::Dataset dataset_;
   bool is_by_id_ = false;
   v1::RenderIsosurfaceRequest render_;
+  std::shared_ptr<MeshBudget::Lease> mesh_lease_;
   std::string mesh_path_;
   std::optional<cli::MeshDecoder> decoder_;
   std::unique_ptr<cli::MeshWriter> writer_;
@@ -561,7 +587,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
 }  // namespace
 
 void Api::Answer(HttpRequest request, std::shared_ptr<RequestScope> cancellation, Respond respond) {
-  std::make_shared<Exchange>(options_, client_, &pictures_in_work_, std::move(request),
+  std::make_shared<Exchange>(options_, client_, &pictures_in_work_, &meshes_, std::move(request),
                              std::move(cancellation), std::move(respond))
       ->Route();
 }

@@ -5,11 +5,13 @@
 #define ISOSCOPE_WEB_GATEWAY_API_H_
 
 #include <atomic>
+#include <cstdint>
 #include <functional>
 #include <memory>
 
 #include "web-gateway/coordinator_client.h"
 #include "web-gateway/http_message.h"
+#include "web-gateway/mesh_budget.h"
 #include "web-gateway/request_scope.h"
 
 namespace isoscope::gateway {
@@ -17,6 +19,10 @@ namespace isoscope::gateway {
 struct ApiOptions {
   // Pictures, picks and meshes in work at a time; more are answered with 429.
   int max_pictures = 16;
+  // Meshes of a caller, until they are sent; more are answered with 429.
+  int max_caller_meshes = 2;
+  // Disk space of all meshes, until they are sent; a mesh that needs more is answered with 429.
+  std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
   // Whether answers are for one person, so that no shared cache keeps them.
   bool is_private = false;
   // Whether users' tokens are the coordinator's.
@@ -29,7 +35,11 @@ class Api {
   using Respond = std::function<void(HttpResponse)>;
 
   // `client` outlives it, and all of its calls have ended before it is destroyed.
-  Api(ApiOptions options, CoordinatorClient* client) : options_(options), client_(client) {}
+  // The answers that it gave are sent, or dropped, before that.
+  Api(ApiOptions options, CoordinatorClient* client)
+      : options_(options),
+        client_(client),
+        meshes_(options.max_caller_meshes, options.max_mesh_bytes) {}
 
   // Answers: calls `respond` once, on this thread or on one of gRPC's. When the cancellation fires,
   // the work stops, and the answer comes soon.
@@ -40,6 +50,7 @@ class Api {
  private:
   const ApiOptions options_;
   CoordinatorClient* const client_;
+  MeshBudget meshes_;
   std::atomic<int> pictures_in_work_{0};
 };
 

@@ -28,6 +28,7 @@
 #include "core/base/status_macros.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/tls_context.h"
+#include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -61,6 +62,8 @@ class GatewayServerImpl final : public GatewayServer {
                .api = &api_,
                .metrics = &metrics_},
         api_({.max_pictures = options.limits.max_pictures,
+              .max_caller_meshes = options.limits.max_caller_meshes,
+              .max_mesh_bytes = options.limits.max_mesh_bytes,
               .is_private = parts_.access.asks_token(),
               .passes_tokens = !parts_.access.has_token()},
              &client_),
@@ -221,7 +224,7 @@ std::string PageAddress(const std::string& listen_address, int port, const std::
     host = gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "localhost";
   }
   return absl::StrCat(has_tls ? "https://" : "http://", host, ":", port, "/",
-                      token.empty() ? "" : "?token=", token);
+                      token.empty() ? "" : "?token=", EscapeQueryValue(token));
 }
 
 }  // namespace isoscope::gateway

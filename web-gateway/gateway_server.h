@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_WEB_GATEWAY_GATEWAY_SERVER_H_
 #define ISOSCOPE_WEB_GATEWAY_GATEWAY_SERVER_H_
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -19,6 +20,9 @@ namespace isoscope::gateway {
 struct GatewayLimits {
   int max_connections = 256;  // of all kinds; more are answered with 503
   int max_pictures = 16;      // pictures, picks and meshes in work; more are answered with 429
+  int max_caller_meshes = 2;  // meshes of a caller, until they are sent; more: 429
+  // Disk space of all meshes, until they are sent; a mesh that needs more: 429.
+  std::int64_t max_mesh_bytes = std::int64_t{2} << 30;
   // Of a picture, a pick or a mesh.
   absl::Duration max_picture_duration = absl::Minutes(5);
   // In which a request must have come whole, from its first byte on.

@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_WEB_GATEWAY_HTTP_MESSAGE_H_
 #define ISOSCOPE_WEB_GATEWAY_HTTP_MESSAGE_H_
 
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,8 +17,10 @@ namespace isoscope::gateway {
 
 struct HttpRequest {
   std::string method = "GET";  // GET (also for HEAD) or POST
-  Target target = {};          // without the token
-  std::string token = {};      // for the coordinator; empty: none
+  bool is_head = false;
+  Target target = {};       // without the token
+  std::string token = {};   // for the coordinator; empty: none
+  std::string caller = {};  // whose request it is, by token or address
   std::string if_none_match = {};
   std::string body = {};
 };
@@ -29,6 +32,10 @@ struct HttpResponse {
   // A file in place of `body`, alone in its folder. Whoever sends it opens it and calls
   // RemoveTemporaryFile.
   std::string file_path = {};
+  // Whether the length of the body is not known, as for the HEAD of what is not made for that.
+  bool has_unknown_length = false;
+  // Lives until the answer is sent.
+  std::shared_ptr<void> hold = nullptr;
   std::vector<std::pair<std::string, std::string>> headers = {};
 
   // The value of a header, for tests; "" without it.

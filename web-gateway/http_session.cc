@@ -185,15 +185,38 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   // Checks who asks. Returns the target without its token, and keeps that for the coordinator.
   absl::StatusOr<Target> Admit() {
     user_token_.clear();
+    is_allowed_page_ = false;
     ISOSCOPE_ASSIGN_OR_RETURN(Target target, ParseTarget(View(parser_->get().target())));
     const std::string token = target.TakeParameter("token");
-    ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckSource(origin_, Field(http::field::host)));
-    if (!target.segments.empty() && target.segments[0] == "v1") {
-      const std::string authorization = Field(http::field::authorization);
-      ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckToken(token, authorization));
-      ISOSCOPE_ASSIGN_OR_RETURN(user_token_, parts_->access.UserToken(token, authorization));
+    const std::string host = Field(http::field::host);
+    const std::string referer = Field(http::field::referer);
+    is_allowed_page_ = parts_->access.IsAllowedOrigin(origin_) ||
+                       (origin_.empty() && parts_->access.IsAllowedReferer(referer));
+    if (target.segments.empty() || target.segments[0] != "v1") {
+      ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckSource(origin_, host));
+      return target;
     }
+    const std::string fetch_site = absl::StrCat(View(parser_->get()["Sec-Fetch-Site"]));
+    ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckDataSource(
+        {.origin = origin_, .host = host, .fetch_site = fetch_site, .referer = referer}));
+    const std::string authorization = Authorization();
+    ISOSCOPE_RETURN_IF_ERROR(parts_->access.CheckToken(token, authorization));
+    ISOSCOPE_ASSIGN_OR_RETURN(user_token_, parts_->access.UserToken(token, authorization));
     return target;
+  }
+
+  // "Bearer TOKEN": the header, or what the protocols of a WebSocket say.
+  [[nodiscard]] std::string Authorization() const {
+    std::string token = TokenOfProtocols(Field(http::field::sec_websocket_protocol));
+    return token.empty() ? Field(http::field::authorization) : absl::StrCat("Bearer ", token);
+  }
+
+  // Whose request it is, where users share the gateway: by token, else by address.
+  std::string Caller() {
+    error_code ignored;
+    return user_token_.empty()
+               ? absl::StrCat("address ", socket().remote_endpoint(ignored).address().to_string())
+               : absl::StrCat("token ", user_token_);
   }
 
   void OnRequest() {
@@ -222,8 +245,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     }
     HttpRequest request{
         .method = is_head_ ? "GET" : absl::StrCat(View(parser_->get().method_string())),
+        .is_head = is_head_,
         .target = *std::move(target),
         .token = user_token_,
+        .caller = Caller(),
         .if_none_match = Field(http::field::if_none_match),
         .body = std::move(parser_->get().body())};
     cancellation_ = std::make_shared<RequestScope>(identity_);
@@ -311,6 +336,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     header.set("traceresponse", identity_.MakeTraceparent());
     header.set("X-Content-Type-Options", "nosniff");
     header.set("Referrer-Policy", "no-referrer");  // addresses may hold the token
+    header.set("Cross-Origin-Resource-Policy", is_allowed_page_ ? "cross-origin" : "same-origin");
     if (!origin_.empty() && parts_->access.IsAllowedOrigin(origin_)) {
       header.set(http::field::access_control_allow_origin, origin_);
       header.set(http::field::access_control_expose_headers,
@@ -350,7 +376,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     } else if (is_head_ || response.status == 304) {
       auto message = MakeHeader<http::empty_body>(response.status);
       fill(&message);
-      if (response.status != 304) {
+      if (response.status != 304 && !response.has_unknown_length) {
         message.content_length(response.body.size());
       }
       Write(std::move(message));
@@ -376,20 +402,21 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     }
     fill(&message);
     message.prepare_payload();
-    Write(std::move(message));
+    Write(std::move(message), response.hold);
   }
 
   template <typename Body>
   struct Outgoing {
-    explicit Outgoing(http::response<Body> response)
-        : message(std::move(response)), serializer(message) {}
+    Outgoing(http::response<Body> response, std::shared_ptr<void> held)
+        : hold(std::move(held)), message(std::move(response)), serializer(message) {}
+    const std::shared_ptr<void> hold;
     http::response<Body> message;
     http::response_serializer<Body> serializer;
   };
 
   template <typename Body>
-  void Write(http::response<Body> response) {
-    WriteNext(std::make_shared<Outgoing<Body>>(std::move(response)));
+  void Write(http::response<Body> response, std::shared_ptr<void> hold = nullptr) {
+    WriteNext(std::make_shared<Outgoing<Body>>(std::move(response), std::move(hold)));
   }
 
   // Each piece has its own time-out: a long answer may take long, a reader that stalls may not.
@@ -453,6 +480,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   base::TraceContext identity_ = base::TraceContext::Random();  // of the request in work
   absl::Time started_ = absl::Now();
   bool is_head_ = false;
+  bool is_allowed_page_ = false;  // the request comes from a page of an allowed origin
   bool is_reading_ = false;
   bool has_unread_bytes_ = false;
   bool is_upgraded_ = false;  // stream_ belongs to a WebSocket

@@ -1,12 +1,17 @@
 // isoscope-gateway: the page and the HTTP interface in front of a coordinator.
 
+#include <cstdint>
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <tuple>
 #include <utility>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 #include <CLI/CLI.hpp>
 
@@ -30,19 +35,23 @@ struct Flags {
   bool serves_http = false;
   bool has_user_tokens = false;
   std::string token_file;
-  std::string token;
+  std::string gateway_token_file;
+  std::string old_token;
   bool has_no_token = false;
   std::vector<std::string> allowed_origins;
   int max_connections = GatewayLimits().max_connections;
   int max_pictures = GatewayLimits().max_pictures;
+  int max_caller_meshes = GatewayLimits().max_caller_meshes;
+  std::int64_t max_mesh_bytes = GatewayLimits().max_mesh_bytes;
   double max_picture_seconds = absl::ToDoubleSeconds(GatewayLimits().max_picture_duration);
 };
 
 constexpr char kExamples[] =
-    R"(  isoscope-gateway --server 127.0.0.1:50051          the page on http://127.0.0.1:8080/
+    R"(  isoscope-gateway --server 127.0.0.1:50051          logs the address of the page, with a token
+  isoscope-gateway --gateway-token-file token          asks for the token in that file
   isoscope-gateway --server coordinator:50051 --listen 0.0.0.0:8443 --user-tokens \
     --tls-cert gateway.pem --tls-key gateway.key --tls-ca ca.pem          https and wss
-  isoscope-gateway --server coordinator:50051 --listen 0.0.0.0:8080 --insecure      asks for a token
+  isoscope-gateway --server coordinator:50051 --listen 0.0.0.0:8080 --insecure          plain HTTP
   isoscope-gateway --allow-origin https://hub.example.org      pages of a notebook hub may ask, too
 )";
 
@@ -50,29 +59,40 @@ void AddFlags(CLI::App* app, Flags* flags) {
   constexpr double kMaxSeconds = 86400;
   constexpr double kMinSeconds = 0.01;
   constexpr int kMaxConnections = 65536;
+  constexpr double kMinMeshBytes = 1 << 20;
+  constexpr double kMaxMeshBytes = 1e15;
   app->add_option("--server", flags->server, "The coordinator, HOST:PORT or any gRPC target")
       ->type_name("TARGET")
       ->envname("ISOSCOPE_SERVER")
       ->capture_default_str();
+  CLI::Option* const gateway_token =
+      app->add_option("--gateway-token-file", flags->gateway_token_file,
+                      "A file with the token that every request for data must show (default: "
+                      "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one, in the "
+                      "address that is logged)")
+          ->type_name("FILE")
+          ->envname("ISOSCOPE_GATEWAY_TOKEN_FILE");
   CLI::Option* const token =
-      app->add_option("--token", flags->token,
-                      "Ask for this token in every request for data; off the loopback address the "
-                      "default is a random one, in the address that is logged")
+      app->add_option("--token", flags->old_token,
+                      "The old way to give that token, which shows it to every user of this "
+                      "machine; it goes with the next version")
           ->type_name("TEXT")
-          ->envname("ISOSCOPE_TOKEN");
+          ->excludes(gateway_token);
   app->add_flag("--no-token", flags->has_no_token,
                 "Ask for none anywhere: where a proxy in front knows who asks")
       ->envname("ISOSCOPE_NO_TOKEN")
+      ->excludes(gateway_token)
       ->excludes(token);
   CLI::Option* const user_tokens =
       app->add_flag(
              "--user-tokens", flags->has_user_tokens,
              "Each user shows a token that the coordinator knows (its --tokens); it is passed on")
           ->envname("ISOSCOPE_USER_TOKENS")
+          ->excludes(gateway_token)
           ->excludes(token);
   app->add_option("--token-file", flags->token_file,
                   "A file with the token that the coordinator gets where the user shows none of "
-                  "its own")
+                  "its own (default: $ISOSCOPE_TOKEN, the token itself)")
       ->type_name("FILE")
       ->envname("ISOSCOPE_TOKEN_FILE")
       ->excludes(user_tokens);
@@ -103,6 +123,18 @@ void AddFlags(CLI::App* app, Flags* flags) {
       ->check(CLI::Range(1, kMaxConnections))
       ->envname("ISOSCOPE_MAX_PICTURES")
       ->capture_default_str();
+  app->add_option("--max-caller-meshes", flags->max_caller_meshes,
+                  "Meshes in work for one caller, by token, else by address; more are refused")
+      ->check(CLI::Range(1, kMaxConnections))
+      ->envname("ISOSCOPE_MAX_CALLER_MESHES")
+      ->capture_default_str();
+  app->add_option("--max-mesh-bytes", flags->max_mesh_bytes,
+                  "Disk space of the meshes in work (TMPDIR); those that need more are refused")
+      ->type_name("BYTES")
+      ->transform(CLI::AsSizeValue(false))
+      ->check(CLI::Range(kMinMeshBytes, kMaxMeshBytes))
+      ->envname("ISOSCOPE_MAX_MESH_BYTES")
+      ->capture_default_str();
   app->add_option("--max-picture-seconds", flags->max_picture_seconds,
                   "How long a picture or a mesh may take")
       ->check(CLI::Range(kMinSeconds, kMaxSeconds))
@@ -121,10 +153,68 @@ std::pair<std::string, std::string> HttpsFiles(const Flags& flags,
              : std::pair(flags.https_certificate_file, flags.https_key_file);
 }
 
+// $ISOSCOPE_TOKEN, which is the token to send.
+std::string TokenVariable() {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets the environment
+  const char* const variable = getenv("ISOSCOPE_TOKEN");
+  return std::string(absl::StripAsciiWhitespace(variable == nullptr ? "" : variable));
+}
+
+// Those that the operator has given; empty: none.
+struct Tokens {
+  std::string asked = {};  // of users
+  std::string sent = {};   // to the coordinator, for users that show none
+};
+
+absl::StatusOr<Tokens> ReadTokens(const Flags& flags) {
+  Tokens tokens{.asked = flags.old_token};
+  if (!flags.old_token.empty()) {
+    base::LogWarning("old_option", {{"option", "--token"},
+                                    {"note",
+                                     "it shows the token to every user of this machine: "
+                                     "use --gateway-token-file or ISOSCOPE_GATEWAY_TOKEN"}});
+  } else {
+    ISOSCOPE_ASSIGN_OR_RETURN(tokens.asked, ReadGatewayToken(flags.gateway_token_file));
+  }
+  if (!flags.token_file.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(tokens.sent, rpc::ReadTokenFile(flags.token_file));
+    return tokens;
+  }
+  const std::string variable = TokenVariable();
+  if (variable.empty() || flags.has_user_tokens) {
+    return tokens;
+  }
+  if (tokens.asked.empty() && !flags.has_no_token) {
+    // Until this version the variable was the token to ask for.
+    base::LogWarning("old_option",
+                     {{"option", "ISOSCOPE_TOKEN"},
+                      {"note",
+                       "users are asked for it, as before; from the next version on it is "
+                       "what the coordinator gets: call it ISOSCOPE_GATEWAY_TOKEN"}});
+    tokens.asked = variable;
+    return tokens;
+  }
+  const absl::Status checked = rpc::CheckTokenText(variable);
+  if (!checked.ok()) {
+    return absl::InvalidArgumentError(absl::StrCat("$ISOSCOPE_TOKEN: ", checked.message()));
+  }
+  tokens.sent = variable;
+  return tokens;
+}
+
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
   if (flags.https_certificate_file.empty() != flags.https_key_file.empty()) {
     return absl::InvalidArgumentError(
         "--https-cert and --https-key belong together: give both or neither");
+  }
+  if (flags.has_no_token || flags.has_user_tokens) {
+    const absl::StatusOr<std::string> token = ReadGatewayToken(/*file=*/"");
+    if (!token.ok() || !token->empty()) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          "ISOSCOPE_GATEWAY_TOKEN is set, and ",
+          flags.has_no_token ? "--no-token asks for none" : "--user-tokens asks for the users' own",
+          ": unset one of them"));
+    }
   }
   ISOSCOPE_RETURN_IF_ERROR(rpc::CheckDial(server_flags.transport, "the coordinator", flags.server));
   if (HttpsFiles(flags, server_flags).first.empty()) {
@@ -148,9 +238,8 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::Dialing dialing,
                             rpc::MakeDialing(server_flags.transport, rpc::kGatewayRole));
   options.channel = rpc::MakeChannel(flags.server, dialing);
-  if (!flags.token_file.empty()) {
-    ISOSCOPE_ASSIGN_OR_RETURN(options.coordinator_token, rpc::ReadTokenFile(flags.token_file));
-  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const Tokens tokens, ReadTokens(flags));
+  options.coordinator_token = tokens.sent;
   std::tie(options.certificate_file, options.key_file) = HttpsFiles(flags, server_flags);
   options.access.has_user_tokens = flags.has_user_tokens;
   options.coordinator_address = flags.server;
@@ -158,13 +247,14 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   for (const std::string& origin : flags.allowed_origins) {
     ISOSCOPE_ASSIGN_OR_RETURN(options.access.allowed_origins.emplace_back(), ParseOrigin(origin));
   }
-  options.access.token = flags.token;
-  if (flags.token.empty() && !flags.has_no_token && !flags.has_user_tokens &&
-      !IsLoopback(options.listen_address)) {
+  options.access.token = tokens.asked;
+  if (tokens.asked.empty() && !flags.has_no_token && !flags.has_user_tokens) {
     options.access.token = MakeToken();
   }
   options.limits.max_connections = flags.max_connections;
   options.limits.max_pictures = flags.max_pictures;
+  options.limits.max_caller_meshes = flags.max_caller_meshes;
+  options.limits.max_mesh_bytes = flags.max_mesh_bytes;
   options.limits.max_picture_duration = absl::Seconds(flags.max_picture_seconds);
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<GatewayServer> server, GatewayServer::Start(options));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
@@ -175,7 +265,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                 {{"address", rpc::BoundAddress(server_flags.listen_address, server->port())},
                  // A token that the operator has given stays out of the log.
                  {"page", PageAddress(server_flags.listen_address, server->port(),
-                                      flags.token.empty() ? options.access.token : "",
+                                      tokens.asked.empty() ? options.access.token : "",
                                       !options.certificate_file.empty())},
                  {"server", flags.server},
                  {"version", base::Version()}});

@@ -9,10 +9,10 @@
 namespace isoscope::gateway {
 namespace {
 
-// Scripts and styles come from the program alone: nothing inline, no eval. Workers may be made of
-// blobs, as a module that is one file has to make them.
+// Scripts and styles come from the program alone: nothing inline, no eval, no blobs. Only a worker
+// may be made of a blob, as a module that is one file has to make it.
 constexpr char kContentSecurityPolicy[] =
-    "default-src 'none'; script-src 'self' blob:; worker-src 'self' blob:; style-src 'self'; "
+    "default-src 'none'; script-src 'self'; worker-src 'self' blob:; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; font-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'self'";
 

@@ -1,4 +1,5 @@
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--no-open]
+//   [--gateway-token-file FILE]
 // isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
 
 #include "web-gateway/view_command.h"
@@ -32,6 +33,7 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/transport.h"
 #include "web-gateway/gateway_server.h"
+#include "web-gateway/redirect_file.h"
 #include "web-gateway/url.h"
 
 namespace isoscope::gateway {
@@ -49,6 +51,7 @@ struct ViewFlags {
   cli::SessionFlags session;
   std::optional<double> isovalue;
   std::optional<std::string> listen_address;
+  std::string gateway_token_file;
   bool has_no_open = false;
   bool is_in_terminal = false;
   std::optional<cli::ShowMode> show;
@@ -64,11 +67,11 @@ bool IsDesktop() {
   return isatty(STDOUT_FILENO) == 1 && (is_set("DISPLAY") || is_set("WAYLAND_DISPLAY"));
 }
 
-// Opens the address in the desktop's browser. Whether that works is the desktop's affair: the
+// Opens a page on disk in the desktop's browser. Whether that works is the desktop's affair: the
 // address is printed in any case.
-void OpenBrowser(const std::string& address) {
+void OpenBrowser(const std::string& path) {
   std::string program = "xdg-open";
-  std::string argument = address;
+  std::string argument = path;
   std::array<char*, 3> argv = {program.data(), argument.data(), nullptr};
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
@@ -99,7 +102,9 @@ absl::StatusOr<std::unique_ptr<GatewayServer>> StartGateway(const ViewFlags& fla
   options->listen_address = flags.listen_address.value_or(kFirstAddress);
   options->certificate_file = flags.session.connection.transport.certificate_file;
   options->key_file = flags.session.connection.transport.key_file;
-  if (!IsLoopback(options->listen_address)) {
+  // Every user of this machine reaches its loopback address, too.
+  ISOSCOPE_ASSIGN_OR_RETURN(options->access.token, ReadGatewayToken(flags.gateway_token_file));
+  if (options->access.token.empty()) {
     options->access.token = MakeToken();
   }
   absl::StatusOr<std::unique_ptr<GatewayServer>> server = GatewayServer::Start(*options);
@@ -131,10 +136,13 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
   if (flags.show == cli::ShowMode::kNever) {
     return cli::UsageError("--show never leaves --terminal nothing to do");
   }
-  if (flags.is_in_terminal && (flags.listen_address || flags.has_no_open)) {
-    return cli::UsageError(absl::StrCat("--terminal can't be used with ",
-                                        flags.listen_address ? "--listen" : "--no-open",
-                                        ", which is for the browser"));
+  const char* const for_browser = flags.listen_address                ? "--listen"
+                                  : flags.has_no_open                 ? "--no-open"
+                                  : !flags.gateway_token_file.empty() ? "--gateway-token-file"
+                                                                      : nullptr;
+  if (flags.is_in_terminal && for_browser != nullptr) {
+    return cli::UsageError(
+        absl::StrCat("--terminal can't be used with ", for_browser, ", which is for the browser"));
   }
   return absl::OkStatus();
 }
@@ -174,8 +182,16 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   if (context.err_is_terminal) {
     *context.err << "the page is at this address until Ctrl-C" << std::endl;
   }
+  std::unique_ptr<RedirectFile> redirect;
   if (!flags.has_no_open && IsDesktop()) {
-    OpenBrowser(address);
+    // Command lines are shown to every user of the machine, so none has the address.
+    absl::StatusOr<std::unique_ptr<RedirectFile>> made = RedirectFile::Create(address);
+    if (made.ok()) {
+      redirect = *std::move(made);
+      OpenBrowser(redirect->path());
+    } else {
+      *context.err << "no browser was opened: " << made.status().message() << std::endl;
+    }
   }
   context.interrupt->Wait();
   server->Shutdown(kGrace);
@@ -189,9 +205,12 @@ cli::Action RegisterFlags(CLI::App* app) {
   cli::AddFlag(app, "--isovalue", "V", &flags->isovalue, cli::ParseNumber,
                "the level to begin with, in field units (default: one that the samples suggest)");
   cli::AddFlag(app, "--listen", "HOST:PORT", &flags->listen_address, cli::ParseHostPort,
-               absl::StrCat("where the page is; port 0 takes a free one; off the loopback address "
-                            "the page asks for a token, which its address has (default: ",
-                            kFirstAddress, ", or another port if that is taken)"));
+               absl::StrCat("where the page is; port 0 takes a free one (default: ", kFirstAddress,
+                            ", or another port if that is taken)"));
+  app->add_option("--gateway-token-file", flags->gateway_token_file,
+                  "a file with the token that the page asks for, which its address has (default: "
+                  "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one)")
+      ->type_name("FILE");
   app->add_flag("--no-open", flags->has_no_open,
                 "do not open a browser; it is opened on a desktop only");
   app->add_flag("--terminal", flags->is_in_terminal,
@@ -232,7 +251,8 @@ cli::Command ViewCommand() {
               "  isoscope view --server localhost:50051 --dataset head\n"
               "  isoscope view head.nii.gz --terminal\n"
               "\nStarts everything in this process and prints the address of the page, alone, on\n"
-              "standard output. Ctrl-C ends it.\n",
+              "standard output. The address has a token that the page asks for: whoever is to see\n"
+              "the page needs it. Ctrl-C ends it.\n",
           .register_flags = RegisterFlags};
 }
 

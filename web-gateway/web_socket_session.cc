@@ -83,6 +83,13 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     socket_.read_message_max(kMaxRequestBytes);
     socket_.auto_fragment(false);
     socket_.binary(true);
+    const auto offered = upgrade[http::field::sec_websocket_protocol];
+    if (OffersInteractProtocol(absl::string_view(offered.data(), offered.size()))) {
+      socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
+        response.set(http::field::sec_websocket_protocol,
+                     boost::string_view(kInteractProtocol.data(), kInteractProtocol.size()));
+      }));
+    }
     socket_.async_accept(upgrade, [self = shared_from_this()](error_code error) {
       if (error) {
         self->Finish();

@@ -626,11 +626,11 @@ export function workerMain(scope, parse) {
     }
   };
 
-  /** @param {string} url */
-  const open = (url) => {
+  /** @param {string} url @param {string[]} protocols */
+  const open = (url, protocols) => {
     close();
     try {
-      socket = new WebSocket(url);
+      socket = new WebSocket(url, protocols);
     } catch (error) {
       scope.postMessage({ kind: 'closed', code: 0, reason: String(/** @type {Error} */ (error).message) });
       return;
@@ -652,7 +652,7 @@ export function workerMain(scope, parse) {
 
   scope.onmessage = ({ data }) => {
     switch (data.kind) {
-      case 'open': open(data.url); break;
+      case 'open': open(data.url, data.protocols); break;
       case 'send': send(data.text); break;
       case 'data': receive(data.buffer); break;
       case 'shown':
@@ -1219,33 +1219,43 @@ function sleep(ms, signal) {
   });
 }
 
+/** The protocol of the gateway's WebSocket, and one whose name carries the token: browsers give it no header. */
+const PROTOCOL = 'isoscope';
+const BEARER_PROTOCOL = 'isoscope.bearer.';
+
 /**
- * Speaks to the HTTP side of a gateway. Every error is an Error with a sentence, `code` and `status`.
+ * Speaks to the HTTP side of a gateway. Every error is an Error with a sentence, `code` and `status`. The token goes in
+ * headers, never in an address. A token in the address of the page around is that page's own affair, such as a notebook's.
  */
 export class Client {
-  /** @param {string} [url] of the gateway; default: the page's own folder @param {string} [token] */
+  /**
+   * @param {string} [url] of the gateway, maybe with `?token=`; default: the page's own folder
+   * @param {string} [token]
+   */
   constructor(url = '', token = '') {
     this.base = new URL(url || './', document.baseURI);
     if (!this.base.pathname.endsWith('/')) {
       this.base.pathname = this.base.pathname.replace(/[^/]*$/, '');
     }
-    this.token = token || this.base.searchParams.get('token') ||
-      new URL(document.baseURI).searchParams.get('token') || '';
+    this.token = token || this.base.searchParams.get('token') || '';
     this.base.search = '';
     this.base.hash = '';
   }
 
   /** @param {string} path */
   address(path) {
-    const address = new URL(path, this.base);
-    if (this.token) {
-      address.searchParams.set('token', this.token);
-    }
-    return address.href;
+    return new URL(path, this.base).href;
   }
 
   get socketAddress() {
     return this.address('v1/interact').replace(/^http/, 'ws');
+  }
+
+  /** The protocols that the WebSocket offers. The gateway chooses the first one. */
+  get socketProtocols() {
+    const text = String.fromCharCode(...new TextEncoder().encode(this.token));
+    const coded = btoa(text).replaceAll('+', '-').replaceAll('/', '_').replaceAll('=', '');
+    return coded ? [PROTOCOL, BEARER_PROTOCOL + coded] : [];
   }
 
   /**
@@ -1271,7 +1281,8 @@ export class Client {
   async requestOnce(path, init) {
     let response;
     try {
-      response = await fetch(this.address(path), init);
+      const headers = { ...init?.headers, ...(this.token ? { Authorization: `Bearer ${this.token}` } : {}) };
+      response = await fetch(this.address(path), { ...init, headers });
     } catch (error) {
       if (/** @type {Error} */ (error).name === 'AbortError') {
         throw error;
@@ -1935,7 +1946,7 @@ export class View extends EventTarget {
       this.#useTransport(this.options.transport);
       return;
     }
-    this.worker.post({ kind: 'open', url: this.client.socketAddress });
+    this.worker.post({ kind: 'open', url: this.client.socketAddress, protocols: this.client.socketProtocols });
     clearTimeout(this.timers.open);
     this.timers.open = setTimeout(() => {
       if (this.isOpen || this.isDestroyed) {
@@ -1997,14 +2008,29 @@ export class View extends EventTarget {
     this.attempt += 1;
     const what = reason ? `The connection ended: ${reason.replace(/\.*$/, '')}.`
       : wasOpen || this.wasOpen ? `The connection to ${this.client.base.host} was lost.`
-        : `No connection to ${this.client.socketAddress.replace(/\?.*/, '')}. Is isoscope-gateway (or \`isoscope ` +
+        : `No connection to ${this.client.socketAddress}. Is isoscope-gateway (or \`isoscope ` +
           'view`) running there, and does a proxy in between pass WebSocket connections on?';
     const sentence = `${what} Trying again in ${seconds} s.`;
     this.#notice(sentence, 'error');
     this.#status('closed', sentence);
+    if (!reason && !this.wasOpen) {
+      this.#askWhy();
+    }
     clearTimeout(this.timers.retry);
     this.timers.retry = setTimeout(() => this.#connect(), 1000 * seconds * (0.85 + 0.3 * Math.random()));
     void code;
+  }
+
+  /** A browser does not tell why a WebSocket was refused. The same gateway says over HTTP if the token is missing. */
+  async #askWhy() {
+    try {
+      await this.client.requestOnce('v1/capabilities');
+    } catch (error) {
+      const { status, message } = /** @type {Error & {status?: number}} */ (error);
+      if ((status === 401 || status === 403) && !this.isOpen && !this.isDestroyed) {
+        this.#notice(message, 'error');
+      }
+    }
   }
 
   /** @param {string} kind @param {string} sentence */

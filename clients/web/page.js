@@ -66,7 +66,30 @@ const page = {
   toast: byId('toast', HTMLElement), histogram: /** @type {SVGSVGElement} */ (/** @type {unknown} */ (document.getElementById('histogram'))),
 };
 
-const client = new Client();
+/**
+ * Takes the token out of the address, so that no link and no screenshot has it, and keeps it for reloads of this tab.
+ * It is no cookie: browsers send those to every port of a host, which other users of the machine may listen on.
+ */
+function takeToken() {
+  const address = new URL(location.href);
+  const given = address.searchParams.get('token') ?? '';
+  const key = `isoscope-token ${new URL('./', document.baseURI).pathname}`;
+  if (address.searchParams.has('token')) {
+    address.searchParams.delete('token');
+    history.replaceState(null, '', address);
+  }
+  try {
+    if (given) {
+      sessionStorage.setItem(key, given);
+    }
+    return given || (sessionStorage.getItem(key) ?? '');
+  } catch {
+    return given;  // the browser keeps nothing for pages
+  }
+}
+
+const token = takeToken();
+const client = new Client('', token);
 const query = new URLSearchParams(location.search);
 /** @type {any} */
 const renderer = query.get('renderer') ?? 'auto';
@@ -154,7 +177,7 @@ function stateOfAddress() {
 const start = stateOfAddress();
 
 const shown = mount(byId('view', HTMLElement), { state: start.state.surfaces ? start.state : undefined, renderer,
-  maxSide: Number(query.get('max-side')) || 2048 });
+  maxSide: Number(query.get('max-side')) || 2048, token });
 view = shown;
 // For people at the console, and for tests.
 /** @type {any} */ (window).isoscope = { view: shown, client };

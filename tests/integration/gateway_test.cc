@@ -2,6 +2,7 @@
 // real processes, and in front of fakes for what a real coordinator does not do on demand.
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstddef>
@@ -35,6 +36,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/mutex.h"
+#include "core/io/file.h"
 #include "core/rpc/channel.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
@@ -157,12 +159,15 @@ struct Frame {
 class Viewer {
  public:
   explicit Viewer(const std::string& address, const std::string& target = "/v1/interact",
-                  const std::string& origin = "")
+                  const std::string& origin = "", const std::string& protocols = "")
       : connection_(address), socket_(connection_.socket()) {
     socket_.set_option(
-        websocket::stream_base::decorator([origin](websocket::request_type& request) {
+        websocket::stream_base::decorator([origin, protocols](websocket::request_type& request) {
           if (!origin.empty()) {
             request.set(http::field::origin, origin);
+          }
+          if (!protocols.empty()) {
+            request.set(http::field::sec_websocket_protocol, protocols);
           }
         }));
     socket_.read_message_max(std::uint64_t{1} << 30);
@@ -171,6 +176,11 @@ class Viewer {
 
   // The status of the answer to the handshake; 101 if it is a WebSocket now.
   [[nodiscard]] unsigned status() const { return answer_.result_int(); }
+  // The protocol that the gateway has chosen.
+  [[nodiscard]] std::string protocol() const {
+    const auto value = answer_[http::field::sec_websocket_protocol];
+    return std::string(value.data(), value.size());
+  }
   void Send(const std::string& text) {
     socket_.text(true);
     socket_.write(asio::buffer(text), error_);
@@ -238,7 +248,8 @@ class GatewayTest : public ::testing::Test {
         ProcessCluster::Start(folder_->Sub("d"), 2);
     ISOSCOPE_ASSERT_OK(cluster);
     cluster_ = cluster->release();
-    absl::StatusOr<ServerProcess> gateway = testing::StartGateway(cluster_->address());
+    absl::StatusOr<ServerProcess> gateway =
+        testing::StartGateway(cluster_->address(), {"--no-token"});
     ISOSCOPE_ASSERT_OK(gateway);
     gateway_ = new ServerProcess(*std::move(gateway));
   }
@@ -387,6 +398,40 @@ TEST_F(GatewayTest, HeadHasTheHeaderAlone) {
             "ok\n");
 }
 
+TEST_F(GatewayTest, HeadOfAMeshIsAHeaderAndTheNextAnswerIsWhole) {
+  Connection connection(address());
+  connection.Send(
+      "HEAD /v1/datasets/d/mesh.glb?isovalue=128 HTTP/1.1\r\nHost: localhost\r\n\r\n"
+      "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
+  const std::string all = connection.ReadAll();
+  EXPECT_THAT(all, AllOf(StartsWith("HTTP/1.1 200"), HasSubstr("model/gltf-binary"),
+                         ::testing::EndsWith("\r\n\r\nok\n")));
+  EXPECT_THAT(all.substr(all.find("\r\n\r\n") + 4), StartsWith("HTTP/1.1 200"));
+  EXPECT_LT(all.size(), 2000U);
+}
+
+TEST_F(GatewayTest, PicturesInPagesOfOtherOriginsAreRefused) {
+  const std::string mesh = "/v1/datasets/d/mesh.glb?isovalue=128";
+  for (const std::string site : {"cross-site", "same-site"}) {
+    for (const std::string& target : {std::string(kRender), mesh, std::string("/v1/datasets")}) {
+      const auto refused = Get(address(), target, {{"Sec-Fetch-Site", site}});
+      EXPECT_EQ(refused.result_int(), 403U) << site << target;
+      EXPECT_THAT(refused.body(), HasSubstr("--allow-origin"));
+      EXPECT_EQ(HeaderOf(refused, "Cross-Origin-Resource-Policy"), "same-origin");
+    }
+    // A link to the page is followed.
+    const auto page =
+        Get(address(), "/", {{"Sec-Fetch-Site", site}, {"Sec-Fetch-Mode", "navigate"}});
+    EXPECT_EQ(page.result_int(), 200U) << site;
+    EXPECT_EQ(HeaderOf(page, "Cross-Origin-Resource-Policy"), "same-origin");
+  }
+  for (const std::string site : {"same-origin", "none"}) {
+    const auto picture = Get(address(), kRender, {{"Sec-Fetch-Site", site}});
+    EXPECT_EQ(picture.result_int(), 200U) << site;
+    EXPECT_EQ(HeaderOf(picture, "Cross-Origin-Resource-Policy"), "same-origin");
+  }
+}
+
 TEST_F(GatewayTest, HostileRequestsAreRefusedAndHarmNobody) {
   const struct {
     std::string name;
@@ -431,8 +476,8 @@ TEST_F(GatewayTest, AForeignPageGetsNothing) {
 }
 
 TEST_F(GatewayTest, AllowedOriginsMayAskAndSeeTheAnswer) {
-  absl::StatusOr<ServerProcess> gateway =
-      testing::StartGateway(cluster_->address(), {"--allow-origin", "https://hub.org"});
+  absl::StatusOr<ServerProcess> gateway = testing::StartGateway(
+      cluster_->address(), {"--no-token", "--allow-origin", "https://hub.org"});
   ISOSCOPE_ASSERT_OK(gateway);
   const Headers hub = {{"Origin", "https://hub.org"}};
   const auto response = Get(gateway->address, "/v1/datasets", hub);
@@ -444,6 +489,110 @@ TEST_F(GatewayTest, AllowedOriginsMayAskAndSeeTheAnswer) {
                                               "/v1/datasets/d/render", hub, ""));
   EXPECT_EQ(preflight.result_int(), 204U);
   EXPECT_THAT(HeaderOf(preflight, "Access-Control-Allow-Methods"), HasSubstr("POST"));
+  EXPECT_THAT(HeaderOf(preflight, "Access-Control-Allow-Headers"), HasSubstr("Authorization"));
+  // An <img> has no Origin.
+  const auto image = Get(gateway->address, kRender,
+                         {{"Sec-Fetch-Site", "cross-site"}, {"Referer", "https://hub.org/a/b"}});
+  EXPECT_EQ(image.result_int(), 200U);
+  EXPECT_EQ(HeaderOf(image, "Cross-Origin-Resource-Policy"), "cross-origin");
+  for (const std::string referer : {"", "https://hub.org.evil.org/", "http://hub.org/"}) {
+    EXPECT_EQ(
+        Get(gateway->address, kRender, {{"Sec-Fetch-Site", "cross-site"}, {"Referer", referer}})
+            .result_int(),
+        403U)
+        << referer;
+  }
+}
+
+// isoscope-gateway with variables of its own.
+ServerProcess StartGatewayWith(const std::string& coordinator,
+                               const std::vector<std::string>& environment,
+                               const std::vector<std::string>& flags) {
+  std::vector<std::string> argv = {ISOSCOPE_TEST_GATEWAY, "--listen", "127.0.0.1:0", "--server",
+                                   coordinator};
+  argv.insert(argv.end(), flags.begin(), flags.end());
+  absl::StatusOr<std::unique_ptr<testing::Process>> process =
+      testing::Process::Start(argv, {.environment = environment});
+  EXPECT_THAT(process, IsOk());
+  const absl::StatusOr<std::string> line = (*process)->WaitForErrLine("gateway_started");
+  EXPECT_THAT(line, IsOk());
+  const std::string text = line.value_or("");
+  const std::string address = text.substr(text.find("address=") + 8);
+  return {.process = *std::move(process), .address = address.substr(0, address.find(' '))};
+}
+
+// What stands behind "?token=" up to the next parameter.
+std::string TokenIn(const std::string& text) {
+  const std::size_t begin = text.find("?token=");
+  const std::string token = begin == std::string::npos ? "" : text.substr(begin + 7);
+  return token.substr(0, token.find_first_of("& \"\n"));
+}
+
+TEST_F(GatewayTest, OnLoopbackTooTheGatewayAsksForATokenThatOnlyItsLogHas) {
+  const ServerProcess gateway = StartGatewayWith(cluster_->address(), {}, {});
+  const std::string token = TokenIn(gateway.process->err());
+  EXPECT_EQ(token.size(), 32U) << gateway.process->err();
+  EXPECT_EQ(Get(gateway.address, "/").result_int(), 200U);
+  EXPECT_EQ(Get(gateway.address, "/healthz").result_int(), 200U);
+  EXPECT_EQ(Get(gateway.address, kRender).result_int(), 401U);
+  EXPECT_EQ(Viewer(gateway.address).status(), 401U);
+  EXPECT_EQ(Get(gateway.address, kRender, {{"Authorization", "Bearer " + token}}).result_int(),
+            200U);
+  const testing::CommandResult probe =
+      testing::RunCommand({ISOSCOPE_TEST_GATEWAY, "--probe=" + gateway.address}, {});
+  EXPECT_EQ(probe.exit_code, 0) << probe.out << probe.err;
+}
+
+TEST_F(GatewayTest, TheTokenToAskForComesByFileOrVariableAndTheOldNamesWorkWithAWarning) {
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder_->Sub("token"), "secret\n"));
+  const struct {
+    std::vector<std::string> environment;
+    std::vector<std::string> flags;
+    bool has_warning;
+  } cases[] = {
+      {{"ISOSCOPE_GATEWAY_TOKEN=secret"}, {}, false},
+      {{}, {"--gateway-token-file", folder_->Sub("token")}, false},
+      {{"ISOSCOPE_GATEWAY_TOKEN_FILE=" + folder_->Sub("token")}, {}, false},
+      // What is sent is another thing.
+      {{"ISOSCOPE_GATEWAY_TOKEN=secret", "ISOSCOPE_TOKEN=other"}, {}, false},
+      {{"ISOSCOPE_TOKEN=secret"}, {}, true},
+      {{}, {"--token", "secret"}, true},
+  };
+  for (const auto& c : cases) {
+    const ServerProcess gateway = StartGatewayWith(cluster_->address(), c.environment, c.flags);
+    const std::string log = gateway.process->err();
+    EXPECT_EQ(Get(gateway.address, kRender).result_int(), 401U) << log;
+    EXPECT_EQ(Get(gateway.address, kRender, {{"Authorization", "Bearer other"}}).result_int(), 401U)
+        << log;
+    EXPECT_EQ(Get(gateway.address, kRender, {{"Authorization", "Bearer secret"}}).result_int(),
+              200U)
+        << log;
+    EXPECT_EQ(absl::StrContains(log, "warning old_option"), c.has_warning) << log;
+    EXPECT_FALSE(absl::StrContains(log, "secret")) << log;
+  }
+}
+
+TEST_F(GatewayTest, ATokenThatIsGivenAndOneThatIsNotAskedForAreAContradiction) {
+  for (const std::string flag : {"--no-token", "--user-tokens"}) {
+    const testing::CommandResult result =
+        testing::RunCommand({ISOSCOPE_TEST_GATEWAY, "--listen", "127.0.0.1:0", flag},
+                            {.environment = {"ISOSCOPE_GATEWAY_TOKEN=secret"}});
+    EXPECT_EQ(result.exit_code, 2) << flag;
+    EXPECT_THAT(result.err, AllOf(HasSubstr("ISOSCOPE_GATEWAY_TOKEN"), HasSubstr(flag)));
+  }
+}
+
+TEST_F(GatewayTest, AViewerShowsItsTokenWithoutAnAddressThatHasIt) {
+  const ServerProcess gateway =
+      StartGatewayWith(cluster_->address(), {"ISOSCOPE_GATEWAY_TOKEN=a+b/c="}, {});
+  const Viewer allowed(gateway.address, "/v1/interact", "", "isoscope, isoscope.bearer.YStiL2M9");
+  EXPECT_EQ(allowed.status(), 101U);
+  EXPECT_EQ(allowed.protocol(), "isoscope");
+  EXPECT_EQ(
+      Viewer(gateway.address, "/v1/interact", "", "isoscope, isoscope.bearer.YStiL2M8").status(),
+      401U);
+  EXPECT_EQ(Viewer(gateway.address, "/v1/interact", "", "isoscope").status(), 401U);
+  EXPECT_EQ(Viewer(gateway.address, "/v1/interact?token=a%2Bb%2Fc%3D").status(), 101U);
 }
 
 TEST_F(GatewayTest, ATokenIsAskedForInEveryRequestForData) {
@@ -567,7 +716,8 @@ TEST_F(GatewayTest, ALostCoordinatorIsSaidAndFoundAgain) {
   const std::vector<std::string> agents = {cluster_->agent_address(0), cluster_->agent_address(1)};
   absl::StatusOr<ServerProcess> coordinator = testing::StartCoordinator(agents);
   ISOSCOPE_ASSERT_OK(coordinator);
-  absl::StatusOr<ServerProcess> gateway = testing::StartGateway(coordinator->address);
+  absl::StatusOr<ServerProcess> gateway =
+      testing::StartGateway(coordinator->address, {"--no-token"});
   ISOSCOPE_ASSERT_OK(gateway);
   Viewer viewer(gateway->address);
   viewer.SendState(1, kPostedFrame, true);
@@ -595,7 +745,8 @@ TEST_F(GatewayTest, ALostCoordinatorIsSaidAndFoundAgain) {
 
 TEST_F(GatewayTest, ShutdownClosesViewersAndEndsWithZero) {
   for (const int signal : {SIGTERM, SIGINT}) {
-    absl::StatusOr<ServerProcess> gateway = testing::StartGateway(cluster_->address());
+    absl::StatusOr<ServerProcess> gateway =
+        testing::StartGateway(cluster_->address(), {"--no-token"});
     ISOSCOPE_ASSERT_OK(gateway);
     Viewer viewer(gateway->address);
     viewer.SendState(1, kPostedFrame, true);
@@ -619,14 +770,21 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
   ISOSCOPE_ASSERT_OK(view);
   const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
   ISOSCOPE_ASSERT_OK(line);
-  EXPECT_THAT(*line, HasSubstr("/?dataset=d&isovalue=128"));
+  EXPECT_THAT(*line, HasSubstr("&dataset=d&isovalue=128"));
   const std::string page = line->substr(std::string("http://").size());
   const std::string host = page.substr(0, page.find('/'));
+  const std::string token = TokenIn(*line);
+  EXPECT_EQ(token.size(), 32U) << *line;
   EXPECT_EQ(Get(host, "/").result_int(), 200U);
-  EXPECT_TRUE(Get(host, kRender).body() == ExpectedPng());
-  EXPECT_THAT(Get(host, "/v1/capabilities").body(),
+  // Whoever else is on this machine gets nothing.
+  EXPECT_EQ(Get(host, kRender).result_int(), 401U);
+  EXPECT_EQ(Get(host, "/v1/capabilities").result_int(), 401U);
+  EXPECT_EQ(Viewer(host, "/v1/interact", "http://" + host).status(), 401U);
+  const Headers bearer = {{"Authorization", "Bearer " + token}};
+  EXPECT_TRUE(Get(host, kRender, bearer).body() == ExpectedPng());
+  EXPECT_THAT(Get(host, "/v1/capabilities", bearer).body(),
               HasSubstr(absl::StrCat("\"gatewayAddress\":\"http://", host, "/\"")));
-  Viewer viewer(host, "/v1/interact", "http://" + host);
+  Viewer viewer(host, "/v1/interact?token=" + token, "http://" + host);
   viewer.SendState(1, kPostedFrame, true);
   const std::optional<Frame> frame = viewer.ReadExact();
   ASSERT_TRUE(frame.has_value());
@@ -636,6 +794,33 @@ TEST_F(GatewayTest, ViewStartsEverythingAndPrintsTheAddressAlone) {
   ISOSCOPE_ASSERT_OK(exit_code);
   EXPECT_EQ(*exit_code, 0) << (*view)->err();
   EXPECT_EQ((*view)->out(), *line + "\n");
+}
+
+TEST_F(GatewayTest, ViewAsksForTheTokenThatItWasGiven) {
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder_->Sub("view_token"), "of-a-file"));
+  const struct {
+    std::vector<std::string> environment;
+    std::vector<std::string> flags;
+    std::string token;
+  } cases[] = {
+      {{"ISOSCOPE_GATEWAY_TOKEN=of-a-variable"}, {}, "of-a-variable"},
+      {{}, {"--gateway-token-file", folder_->Sub("view_token")}, "of-a-file"},
+  };
+  for (const auto& c : cases) {
+    std::vector<std::string> arguments = {"view",     "--server",    cluster_->address(),
+                                          "--listen", "127.0.0.1:0", "--no-open"};
+    arguments.insert(arguments.end(), c.flags.begin(), c.flags.end());
+    absl::StatusOr<std::unique_ptr<testing::Process>> view =
+        testing::StartIsoscope(arguments, {.environment = c.environment});
+    ISOSCOPE_ASSERT_OK(view);
+    const absl::StatusOr<std::string> line = (*view)->WaitForOutLine("http://");
+    ISOSCOPE_ASSERT_OK(line);
+    EXPECT_EQ(TokenIn(*line), c.token) << *line;
+    const std::string page = line->substr(std::string("http://").size());
+    const std::string host = page.substr(0, page.find('/'));
+    EXPECT_EQ(Get(host, kRender).result_int(), 401U);
+    EXPECT_EQ(Get(host, kRender, {{"Authorization", "Bearer " + c.token}}).result_int(), 200U);
+  }
 }
 
 TEST_F(GatewayTest, OffTheLoopbackAddressTheAddressHasAToken) {
@@ -669,8 +854,33 @@ class EndlessService final : public v1::IsosurfaceService::Service {
     Change(&cancelled_);
     return grpc::Status::CANCELLED;
   }
+  // A mesh of `mesh_pieces` pieces, then waits until it is cancelled or may end.
+  grpc::Status ExportIsosurface(grpc::ServerContext* context,
+                                const v1::ExportIsosurfaceRequest* /*request*/,
+                                grpc::ServerWriter<v1::ExportIsosurfaceResponse>* writer) override {
+    v1::ExportIsosurfaceResponse piece;
+    piece.set_positions(std::string(kPieceVertices * 3 * sizeof(float), '\0'));
+    piece.set_normals(piece.positions());
+    for (int i = 0; i < mesh_pieces; ++i) {
+      writer->Write(piece);
+    }
+    Change(&started_);
+    while (!context->IsCancelled() && !meshes_end) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    Change(&cancelled_);
+    return context->IsCancelled() ? grpc::Status::CANCELLED : grpc::Status::OK;
+  }
   void AwaitStarted(int count) { Await(&started_, count); }
   void AwaitCancelled(int count) { Await(&cancelled_, count); }
+  [[nodiscard]] int started() {
+    const base::MutexLock lock(&mutex_);
+    return started_;
+  }
+
+  static constexpr std::size_t kPieceVertices = 20000;
+  std::atomic<int> mesh_pieces{0};
+  std::atomic<bool> meshes_end{false};
 
  private:
   void Change(int* counter) {
@@ -823,6 +1033,103 @@ TEST(GatewayServerTest, MorePicturesThanTheLimitAreRefused) {
   EXPECT_EQ(HeaderOf(refused, "Retry-After"), "1");
   // Facts are still told.
   EXPECT_EQ(Get(fakes.address, "/v1/datasets").result_int(), 200U);
+}
+
+constexpr char kMesh[] = "/v1/datasets/d/mesh.glb?isovalue=1";
+
+std::string GetMesh(const std::string& more = "") {
+  return absl::StrCat("GET ", kMesh, " HTTP/1.1\r\nHost: localhost\r\n", more, "\r\n");
+}
+
+// Asks until another status than `status` comes.
+http::response<http::string_body> GetUntilNot(unsigned status, const std::string& address,
+                                              const std::string& target) {
+  const absl::Time deadline = absl::Now() + testing::kPatience;
+  auto response = Get(address, target);
+  while (response.result_int() == status && absl::Now() < deadline) {
+    absl::SleepFor(absl::Milliseconds(10));
+    response = Get(address, target);
+  }
+  return response;
+}
+
+TEST(GatewayServerTest, HeadOfAMeshExportsNothing) {
+  FakeBackedGateway fakes({});
+  const auto ask = [&](const std::string& target) {
+    return Connection(fakes.address)
+        .Ask(MakeRequest(fakes.address, http::verb::head, target, {}, ""));
+  };
+  EXPECT_EQ(ask(kMesh).result_int(), 200U);
+  EXPECT_EQ(HeaderOf(ask(kMesh), "Content-Type"), "model/gltf-binary");
+  EXPECT_EQ(ask("/v1/datasets/d/mesh.glb").result_int(), 400U);
+  EXPECT_EQ(ask("/v1/datasets/e/mesh.glb?isovalue=1").result_int(), 404U);
+  EXPECT_EQ(fakes.endless.started(), 0);
+}
+
+TEST(GatewayServerTest, ACallerHasFewMeshesInWorkAndOthersTheirOwn) {
+  FakeBackedGateway fakes({.max_caller_meshes = 1});
+  Connection first(fakes.address);
+  first.Send(GetMesh("Authorization: Bearer a\r\n"));
+  fakes.endless.AwaitStarted(1);
+  const auto refused = Get(fakes.address, kMesh, {{"Authorization", "Bearer a"}});
+  EXPECT_EQ(refused.result_int(), 429U);
+  EXPECT_NE(HeaderOf(refused, "Retry-After"), "");
+  EXPECT_THAT(refused.body(), HasSubstr("--max-caller-meshes"));
+  // The coordinator knows another token, and those without one have their address.
+  Connection second(fakes.address);
+  second.Send(GetMesh("Authorization: Bearer b\r\n"));
+  fakes.endless.AwaitStarted(2);
+  Connection third(fakes.address);
+  third.Send(GetMesh());
+  fakes.endless.AwaitStarted(3);
+  EXPECT_EQ(Get(fakes.address, kMesh).result_int(), 429U);
+  // The place of one that leaves is free.
+  third.Close();
+  fakes.endless.AwaitCancelled(1);
+  fakes.endless.meshes_end = true;
+  EXPECT_EQ(GetUntilNot(429, fakes.address, kMesh).result_int(), 200U);
+}
+
+TEST(GatewayServerTest, MeshesInWorkKeepToTheDiskSpace) {
+  // 20000 vertices are 480 KB, and while a file is put together 720 KB.
+  FakeBackedGateway fakes({.max_mesh_bytes = 1'000'000});
+  fakes.endless.mesh_pieces = 1;
+  Connection first(fakes.address);
+  Connection second(fakes.address);
+  first.Send(GetMesh("Connection: close\r\n"));
+  second.Send(GetMesh("Connection: close\r\n"));
+  const absl::Time deadline = absl::Now() + testing::kPatience;
+  while (first.socket().available() + second.socket().available() == 0 && absl::Now() < deadline) {
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  // Either of them.
+  Connection& refused = first.socket().available() > 0 ? first : second;
+  Connection& in_work = first.socket().available() > 0 ? second : first;
+  EXPECT_THAT(refused.ReadAll(), AllOf(StartsWith("HTTP/1.1 429"), HasSubstr("Retry-After: "),
+                                       HasSubstr("--max-mesh-bytes")));
+  in_work.Close();
+  fakes.endless.AwaitCancelled(2);
+  fakes.endless.meshes_end = true;
+  EXPECT_EQ(GetUntilNot(429, fakes.address, kMesh).result_int(), 200U);
+  // One that never fits is not to be asked for again.
+  fakes.endless.mesh_pieces = 2;
+  const auto too_large = Get(fakes.address, kMesh);
+  EXPECT_EQ(too_large.result_int(), 429U);
+  EXPECT_EQ(HeaderOf(too_large, "Retry-After"), "");
+  EXPECT_THAT(too_large.body(), HasSubstr("isoscope export"));
+}
+
+TEST(GatewayServerTest, AMeshThatIsNotReadYetCountsUntilItIsSent) {
+  FakeBackedGateway fakes({.max_caller_meshes = 1});
+  // More than the buffers of two sockets hold.
+  fakes.endless.mesh_pieces = 80;
+  fakes.endless.meshes_end = true;
+  Connection first(fakes.address);
+  first.Send(GetMesh("Connection: close\r\n"));
+  fakes.endless.AwaitCancelled(1);
+  EXPECT_EQ(Get(fakes.address, kMesh).result_int(), 429U);
+  EXPECT_GT(first.ReadAll().size(), 80 * EndlessService::kPieceVertices * 24);
+  EXPECT_EQ(GetUntilNot(429, fakes.address, kMesh).result_int(), 200U);
 }
 
 TEST(GatewayServerTest, MoreConnectionsThanTheLimitAreRefused) {

@@ -2,6 +2,7 @@
 // coordinator knows. Real processes; certificates made by openssl.
 
 #include <cstdint>
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <utility>
@@ -257,6 +258,21 @@ TEST_F(GatewayTlsTest, AGatewayWithATokenOfItsOwnAsksForThat) {
       gateway_, testing::StartGateway(coordinator_.address,
                                       gateway_flags_ + Flags{"--token", "own", "--token-file",
                                                              folder_.Sub("token")}));
+  EXPECT_EQ(Get("/v1/datasets", "Bearer user").result_int(), 401U) << "the coordinator's token";
+  const Response allowed = Get("/v1/datasets", "Bearer own");
+  EXPECT_EQ(allowed.result_int(), 200U) << allowed.body();
+  EXPECT_THAT(allowed.body(), HasSubstr("gyroid"));
+}
+
+TEST_F(GatewayTlsTest, TheVariablesOfTheTokenToSendAndOfTheOneToAskForAreTwo) {
+  setenv("ISOSCOPE_TOKEN", "user", 1);
+  setenv("ISOSCOPE_GATEWAY_TOKEN", "own", 1);
+  absl::StatusOr<ServerProcess> gateway =
+      testing::StartGateway(coordinator_.address, gateway_flags_);
+  unsetenv("ISOSCOPE_TOKEN");
+  unsetenv("ISOSCOPE_GATEWAY_TOKEN");
+  ISOSCOPE_ASSERT_OK(gateway);
+  gateway_ = *std::move(gateway);
   EXPECT_EQ(Get("/v1/datasets", "Bearer user").result_int(), 401U) << "the coordinator's token";
   const Response allowed = Get("/v1/datasets", "Bearer own");
   EXPECT_EQ(allowed.result_int(), 200U) << allowed.body();

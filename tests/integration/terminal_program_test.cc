@@ -2,16 +2,22 @@
 
 #include <cmath>
 #include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/image/png_codec.h"
+#include "core/io/file.h"
 #include "tests/integration/cli_fixture.h"
 #include "tests/support/pseudo_terminal.h"
 #include "tests/support/terminal_screen.h"
@@ -19,6 +25,7 @@
 namespace isoscope {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using testing::PseudoTerminal;
@@ -255,6 +262,49 @@ TEST_F(TerminalTest, ViewWithoutATerminalSaysSo) {
   terminal.Start(ViewCommand(), Environment({"TERM=dumb"}));
   EXPECT_EQ(terminal.Wait(), 1);
   EXPECT_THAT(terminal.bytes(), HasSubstr("this terminal shows no pictures"));
+}
+
+TEST_F(TerminalTest, TheBrowserGetsTheTokenByAFileThatOnlyItsOwnerReads) {
+  // A desktop whose browser tells what it was given.
+  std::filesystem::create_directory(Path("bin"));
+  std::filesystem::create_directory(Path("tmp"));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(
+      Path("bin/xdg-open"), absl::StrCat("#!/bin/sh\nexec > '", Path("opened"),
+                                         ".part'\n"
+                                         "stat -c 'modes %a' \"$1\" \"${1%/*}\"\n"
+                                         "echo arguments \"$@\"\n"
+                                         "cat \"$1\"\n"
+                                         "mv '",
+                                         Path("opened"), ".part' '", Path("opened"), "'\n")));
+  std::filesystem::permissions(Path("bin/xdg-open"), std::filesystem::perms::owner_all);
+  PseudoTerminal terminal(kWindow);
+  terminal.Start(Command({"view", Path("data"), "--isovalue", kIsovalue, "--renderer", "cpu",
+                          "--listen", "127.0.0.1:0"}),
+                 {"XDG_CACHE_HOME=" + Path("cache"), "HOME=" + Path("home"), "TERM=xterm",
+                  "DISPLAY=:0", "TMPDIR=" + Path("tmp"), "PATH=" + Path("bin") + ":/usr/bin:/bin"});
+  const absl::Time deadline = absl::Now() + testing::kPatience;
+  while (!std::filesystem::exists(Path("opened")) && absl::Now() < deadline) {
+    absl::SleepFor(absl::Milliseconds(10));
+  }
+  const std::string opened = ReadFile(Path("opened"));
+  const std::vector<std::string> lines = absl::StrSplit(opened, '\n');
+  ASSERT_GT(lines.size(), 3U) << opened;
+  EXPECT_EQ(lines[0], "modes 600");
+  EXPECT_EQ(lines[1], "modes 700");
+  EXPECT_THAT(lines[2], ::testing::StartsWith("arguments " + Path("tmp") + "/isoscope-"));
+  EXPECT_THAT(lines[2], Not(HasSubstr("token")));
+  EXPECT_THAT(opened, HasSubstr("url=http://127.0.0.1:"));
+  ASSERT_TRUE(terminal.ReadUntilText("until Ctrl-C"));
+  const std::size_t begin = terminal.bytes().find("?token=");
+  ASSERT_NE(begin, std::string::npos) << terminal.bytes();
+  const std::string token = terminal.bytes().substr(begin + 7, 32);
+  EXPECT_THAT(opened, HasSubstr("?token=" + token + "&amp;dataset=data"));
+  std::ifstream command_line(absl::StrCat("/proc/", terminal.pid(), "/cmdline"));
+  const std::string words{std::istreambuf_iterator<char>(command_line), {}};
+  EXPECT_THAT(words, AllOf(HasSubstr("view"), Not(HasSubstr(token))));
+  terminal.Press("\x03");
+  EXPECT_EQ(terminal.Wait(), 0) << terminal.bytes();
+  EXPECT_TRUE(std::filesystem::is_empty(Path("tmp"))) << "the file is still there";
 }
 
 TEST_F(TerminalTest, AServerThatGoesAwayEndsTheViewWithTheTerminalInOrder) {

@@ -49,7 +49,8 @@ class ViewersTest(unittest.TestCase):
                                   env={**os.environ, 'XDG_CACHE_HOME': cls.folder.name})
     cls.url = cls.server.stdout.readline().strip()
     assert cls.url, f'isoscope view {volume} did not start'
-    cls.dataset = urllib.parse.parse_qs(urllib.parse.urlsplit(cls.url).query)['dataset'][0]
+    query = urllib.parse.parse_qs(urllib.parse.urlsplit(cls.url).query)
+    cls.dataset, cls.token = query['dataset'][0], query['token'][0]
 
   @classmethod
   def tearDownClass(cls):
@@ -61,14 +62,16 @@ class ViewersTest(unittest.TestCase):
   def render(self, view):
     """The picture that an ordinary request gets."""
     address = urllib.parse.urljoin(self.url, f'/v1/datasets/{urllib.parse.quote(self.dataset)}/render')
-    request = urllib.request.Request(address, data=json.dumps(view).encode())
+    request = urllib.request.Request(address, data=json.dumps(view).encode(),
+                                     headers={'Authorization': f'Bearer {self.token}'})
     with urllib.request.urlopen(request, timeout=PATIENCE_S) as reply:
       return reply.read()
 
   @limited
   async def test_on_a_slow_link_pictures_shrink_no_queue_grows_and_the_last_one_is_exact(self):
     port = urllib.parse.urlsplit(self.url).port
-    async with Link(port, mbit=0.5, round_trip_ms=80, up_mbit=20) as link, Viewer(f'http://127.0.0.1:{link.port}/') as viewer:
+    async with Link(port, mbit=0.5, round_trip_ms=80, up_mbit=20) as link, \
+        Viewer(f'http://127.0.0.1:{link.port}/?token={self.token}') as viewer:
       first = await viewer.first(self.view)
       view, exact = await viewer.drag(first, seconds=4)
       moving = [frame for frame in viewer.frames if not frame.is_exact]

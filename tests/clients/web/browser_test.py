@@ -6,6 +6,8 @@
 Ends with 77 (skipped) where node, chromium, chromedriver or selenium is missing.
 """
 import base64
+import html
+import http.server
 import json
 import math
 import os
@@ -15,8 +17,10 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
+import urllib.parse
 import urllib.request
 import zlib
 
@@ -119,7 +123,7 @@ class PageTest(unittest.TestCase):
 
     def setUp(self):
         self.browser.get('about:blank')
-        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, reset=True)
+        self.gateway.control(fail=None, mute=False, raw=None, refuse=False, token=None, name=None, reset=True)
 
     def open(self, hash_='', query=None):
         self.browser.get('about:blank')
@@ -443,6 +447,94 @@ class LinkTest(PageTest):
         self.assertEqual(55, self.js('return isoscope.view.state.surfaces[0].isovalue'))
 
 
+class TokenTest(PageTest):
+    # With the characters of base64 that neither an address nor a protocol's name takes as they are.
+    TOKEN = 'a+b/c=~.-_9'
+    QUERY = '?token=a%2Bb%2Fc%3D~.-_9&theme=dark&max-side=420'
+
+    def setUp(self):
+        super().setUp()
+        self.gateway.control(token=self.TOKEN)
+
+    def test_the_token_goes_as_a_header_and_stays_in_no_address(self):
+        self.open_and_wait()
+        self.assertNotIn('token', self.browser.current_url)
+        self.assertIn('theme=dark', self.browser.current_url)
+        self.js('document.getElementById("save").click(); document.getElementById("save-png").click();')
+        self.until('/B$/.test(document.getElementById("save-note").textContent)')
+        targets = self.gateway.control()['targets']
+        self.assertGreater(len(targets), 4)
+        for word in ('token', self.TOKEN, 'a%2Bb'):
+            self.assertEqual([], [one for one in targets if word in one], 'an address has the token')
+
+    def test_a_link_has_no_token(self):
+        self.open_and_wait()
+        self.js('navigator.clipboard.writeText = async (text) => { window.copied = text; };')
+        self.browser.find_element(By.ID, 'link').click()
+        self.until('window.copied')
+        copied = self.js('return window.copied')
+        self.assertIn('#dataset=ball', copied)
+        self.assertNotIn('token', copied)
+        self.assertNotIn('a%2Bb', copied)
+
+    def test_a_reload_needs_no_second_look_at_what_was_printed(self):
+        self.open_and_wait()
+        self.browser.refresh()
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.assertNotIn('token', self.browser.current_url)
+
+    def test_without_the_token_the_page_says_so(self):
+        # A tab of its own has no token of before.
+        first = self.browser.current_window_handle
+        self.browser.switch_to.new_window('tab')
+        try:
+            self.open(query='?theme=dark')
+            self.until('!document.getElementById("toast").hidden')
+            self.assertIn('open the address that was printed', self.browser.find_element(By.ID, 'toast').text)
+            self.until('/open the address that was printed/.test(isoscope.view.stats().notice)')
+        finally:
+            self.browser.close()
+            self.browser.switch_to.window(first)
+
+    def test_a_token_of_another_page_is_not_sent(self):
+        self.open_and_wait()
+        # As a notebook's: the page has a token in its address that is its own affair.
+        self.gateway.control(token=None)
+        self.open('', '?theme=dark')
+        self.until('isoscope.view.isExact && isoscope.view.frame')
+        self.gateway.control(reset=True)
+        shown = self.js('''const url = new URL(location.href); url.searchParams.set('token', 'of-the-notebook');
+            history.replaceState(null, '', url);
+            return import('./isoscope-view.js').then(async (m) => {
+              const client = new m.Client(location.origin + '/');
+              await client.get('v1/datasets');
+              return [client.token, client.socketAddress]; });''')
+        self.assertEqual('', shown[0])
+        self.assertNotIn('of-the-notebook', shown[1] + ''.join(self.gateway.control()['targets']))
+
+
+class TextTest(PageTest):
+    """Text of servers is text."""
+    HOSTILE = '<img src=x onerror="window.hit=1"><script>window.hit=1</script><b id=hit>'
+
+    def check_harmless(self):
+        self.assertIsNone(self.js('return window.hit ?? document.getElementById("hit")'))
+
+    def test_a_name_is_shown_as_it_is(self):
+        self.gateway.control(name=self.HOSTILE)
+        self.open_and_wait()
+        self.assertEqual(self.HOSTILE, self.js('return document.getElementById("dataset").selectedOptions[0].textContent'))
+        self.assertIn(self.HOSTILE, self.browser.title)
+        self.check_harmless()
+
+    def test_an_error_is_shown_as_it_is(self):
+        self.gateway.control(fail={'code': 5, 'message': self.HOSTILE})
+        self.open()
+        self.until('/onerror/.test(isoscope.view.stats().notice)')
+        self.assertIn(self.HOSTILE, self.notice())
+        self.check_harmless()
+
+
 class FailureTest(PageTest):
     def test_a_failed_frame_is_a_sentence_and_the_next_good_one_removes_it(self):
         self.open_and_wait()
@@ -566,6 +658,41 @@ class RealTest(PageTest):
         self.browser.refresh()
         self.until('isoscope.view.isExact && isoscope.view.frame')
         self.assertEqual(90, self.js('return isoscope.view.state.surfaces[0].isovalue'))
+
+    def test_another_site_shows_no_picture_of_it_and_its_link_to_the_page_is_followed(self):
+        address = urllib.parse.urlsplit(self.page)
+        query = urllib.parse.parse_qs(address.query)
+        token = query.get('token', [''])[0]
+        picture = f'{address.scheme}://{address.netloc}/v1/datasets/{query["dataset"][0]}/render?' + \
+            urllib.parse.urlencode({'isovalue': 100, 'width': 32, 'height': 32, 'token': token})
+        page = f'<title>other</title><img id="picture" src="{html.escape(picture)}"><a href="{html.escape(self.page)}">link</a>'
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_GET(self):
+                self.send_response(200)
+                self.send_header('Content-Type', 'text/html')
+                self.end_headers()
+                self.wfile.write(page.encode())
+
+            def log_message(self, *_):
+                pass
+
+        with http.server.ThreadingHTTPServer(('127.0.0.1', 0), Handler) as server:
+            threading.Thread(target=server.serve_forever).start()
+            try:
+                # Another site, and another port of the same one.
+                for host in ('localhost', '127.0.0.1'):
+                    self.browser.get(f'http://{host}:{server.server_port}/')
+                    size = self.browser.execute_async_script('''const [done] = arguments;
+                        const image = document.getElementById('picture');
+                        const tell = () => done(image.naturalWidth);
+                        if (image.complete) tell(); else image.onload = image.onerror = tell;''')
+                    self.assertEqual(0, size, f'a page of {host} shows the picture')
+                self.browser.find_element(By.TAG_NAME, 'a').click()
+                self.until('isoscope.view.isExact && isoscope.view.frame')
+                self.assertNotIn('token', self.browser.current_url)
+            finally:
+                server.shutdown()
 
     def test_drag_slider_and_clip_rest_in_the_picture_of_the_command_line(self):
         self.browser.get('about:blank')

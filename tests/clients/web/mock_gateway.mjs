@@ -7,8 +7,9 @@
 //
 // POST /control {...}: `fail`: {code, message} for frames | null; `mute`: whether to answer no state;
 // `raw`: base64 of bytes to send in place of frames | null; `drop`: [code, reason], closes all streams;
-// `refuse`: whether new streams are refused; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, last: the
-// newest state, picks: n, renders: [requests]}.
+// `refuse`: whether new streams are refused; `token`: asked for in /v1/ as the gateway does | null; `name`: of the first
+// dataset | null; `reset`: whether to forget what was seen. GET /control: {shown: [numbers], states: n, last: the
+// newest state, picks: n, renders: [requests], targets: [addresses below /v1/]}.
 import { createHash } from 'node:crypto';
 import { readFile } from 'node:fs/promises';
 import { createServer } from 'node:http';
@@ -165,8 +166,8 @@ export function gridOf(image, columns) {
 
 // ---- the server ----
 
-const control = { fail: null, mute: false, raw: null, refuse: false };
-const seen = { shown: [], states: 0, last: null, picks: 0, renders: [] };
+const control = { fail: null, mute: false, raw: null, refuse: false, token: null, name: null };
+const seen = { shown: [], states: 0, last: null, picks: 0, renders: [], targets: [] };
 const streams = new Set();
 
 function webSocketFrame(opcode, data) {
@@ -255,14 +256,30 @@ function close(stream, code, reason) {
   stream.socket.end(webSocketFrame(8, data));
 }
 
+// Whether a request shows the token: as a header, as a protocol of a WebSocket, or in its address.
+function isAdmitted(request, protocols) {
+  seen.targets.push(request.url);
+  const bearer = protocols.find((name) => name.startsWith('isoscope.bearer.'));
+  const shown = [new URL(request.url, 'http://mock').searchParams.get('token'),
+    request.headers.authorization?.replace(/^Bearer /, ''),
+    bearer && Buffer.from(bearer.slice('isoscope.bearer.'.length), 'base64url').toString()];
+  return !control.token || shown.includes(control.token);
+}
+
 function upgrade(request, socket) {
+  const protocols = (request.headers['sec-websocket-protocol'] ?? '').split(',').map((name) => name.trim());
   if (control.refuse || !request.url.startsWith('/v1/interact')) {
     socket.end('HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\n\r\n');
     return;
   }
+  if (!isAdmitted(request, protocols)) {
+    socket.end('HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n');
+    return;
+  }
   const key = request.headers['sec-websocket-key'] + '258EAFA5-E914-47DA-95CA-C5AB0DC85B11';
-  socket.write('HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: ' +
-    `${createHash('sha1').update(key).digest('base64')}\r\n\r\n`);
+  socket.write('HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n' +
+    (protocols.includes('isoscope') ? 'Sec-WebSocket-Protocol: isoscope\r\n' : '') +
+    `Sec-WebSocket-Accept: ${createHash('sha1').update(key).digest('base64')}\r\n\r\n`);
   const stream = { socket, frames: 0, sequence: 0, newest: null, timer: 0 };
   streams.add(stream);
   let bytes = Buffer.alloc(0);
@@ -307,11 +324,14 @@ async function respond(request, body, reply) {
   const parts = url.pathname.split('/').slice(1).map(decodeURIComponent);
   const send = (value) => reply(200, 'application/json', JSON.stringify(value));
   const fail = (status, code, message) => reply(status, 'application/json', JSON.stringify({ code, message }));
-  if (url.pathname === '/control') {
+  const datasets = DATASETS.map((one, i) => i === 0 && control.name ? { ...one, name: control.name } : one);
+  if (parts[0] === 'v1' && !isAdmitted(request, [])) {
+    fail(401, 'UNAUTHENTICATED', 'a token is asked for here: open the address that was printed');
+  } else if (url.pathname === '/control') {
     if (request.method === 'POST') {
       const { drop, reset, ...rest } = JSON.parse(body);
       if (reset) {
-        Object.assign(seen, { shown: [], states: 0, last: null, picks: 0, renders: [] });
+        Object.assign(seen, { shown: [], states: 0, last: null, picks: 0, renders: [], targets: [] });
       }
       Object.assign(control, rest);
       if (drop) {
@@ -321,11 +341,11 @@ async function respond(request, body, reply) {
     }
     send(seen);
   } else if (url.pathname === '/v1/datasets') {
-    send({ datasets: DATASETS });
+    send({ datasets });
   } else if (url.pathname === '/v1/status') {
     send({ agents: [] });
   } else if (parts[1] === 'datasets') {
-    const dataset = DATASETS.find((one) => one.name === parts[2]);
+    const dataset = datasets.find((one) => one.name === parts[2]);
     if (!dataset) {
       fail(404, 'NOT_FOUND', `dataset "${parts[2]}": there are: "ball", "patient"`);
     } else if (parts.length === 3) {

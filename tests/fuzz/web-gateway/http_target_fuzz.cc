@@ -122,6 +122,11 @@ void ReadSource(Input input) {
   if (!token.ok()) {
     RequireError(token, {absl::StatusCode::kUnauthenticated});
   }
+  const absl::Status data = open.CheckDataSource(
+      {.origin = origin, .host = host, .fetch_site = parameter, .referer = authorization});
+  Require(source.ok() || !data.ok(), "data is for nobody who may not see the page");
+  Require(gateway::TokenOfProtocols(authorization).size() <= authorization.size(),
+          "a token is no longer than the protocol that carries it");
   const auto user = open.UserToken(parameter, authorization);
   Require(!user.ok() || user->empty() || rpc::CheckTokenText(*user).ok(),
           "a token that is passed on may travel in a header");
@@ -165,6 +170,8 @@ std::vector<std::string> Seeds() {
           MakePiece("Bearer 0123456789abcdef0123456789abcdef"),
       "\3" + MakePiece("https://hub.example.org") + MakePiece("[::1]:1") + MakePiece("") +
           MakePiece(""),
+      "\3" + MakePiece("") + MakePiece("localhost:8080") + MakePiece("cross-site") +
+          MakePiece("isoscope, isoscope.bearer.YStiL2M9"),
   };
 }
 

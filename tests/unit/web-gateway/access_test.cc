@@ -1,12 +1,15 @@
 #include "web-gateway/access.h"
 
+#include <cstdlib>
 #include <string>
 #include <tuple>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
 
 namespace isoscope::gateway {
 namespace {
@@ -62,6 +65,74 @@ TEST(AccessTest, ALoopbackGatewayTakesNoForeignNames) {
   // With a token a foreign page can't ask, and elsewhere the name is the operator's affair.
   EXPECT_THAT(AccessRules({.token = "t"}).CheckSource("", "evil.org"), IsOk());
   EXPECT_THAT(AccessRules({.listens_on_loopback = false}).CheckSource("", "host.org"), IsOk());
+}
+
+TEST(AccessTest, APictureInAPageOfAnotherOriginIsRefused) {
+  const AccessRules rules({.token = "t", .allowed_origins = {"https://hub.example.org"}});
+  const struct {
+    std::string origin;
+    std::string fetch_site;
+    std::string referer;
+    bool is_allowed;
+  } cases[] = {
+      {"", "", "", true},  // no browser
+      {"", "none", "", true},
+      {"", "same-origin", "http://localhost:8080/", true},
+      {"", "cross-site", "", false},
+      {"", "same-site", "", false},  // another port of this machine
+      {"", "cross-site", "http://evil.org/", false},
+      {"", "cross-site", "https://hub.example.org.evil.org/", false},
+      {"", "cross-site", "http://hub.example.org/", false},
+      {"", "cross-site", "hub.example.org", false},
+      {"", "cross-site", "https://hub.example.org/a/page?q", true},
+      {"", "same-site", "https://HUB.example.org", true},
+      {"https://hub.example.org", "cross-site", "", true},
+      {"http://evil.org", "cross-site", "https://hub.example.org/", false},
+      {"http://localhost:8080", "cross-site", "", true},  // by way of another site
+  };
+  for (const auto& c : cases) {
+    const absl::Status status = rules.CheckDataSource({.origin = c.origin,
+                                                       .host = "localhost:8080",
+                                                       .fetch_site = c.fetch_site,
+                                                       .referer = c.referer});
+    EXPECT_EQ(status.ok(), c.is_allowed) << c.origin << " " << c.fetch_site << " " << c.referer;
+    if (!status.ok()) {
+      EXPECT_THAT(status,
+                  StatusIs(absl::StatusCode::kPermissionDenied, HasSubstr("--allow-origin")));
+    }
+  }
+}
+
+TEST(AccessTest, AWebSocketBringsItsTokenAsAProtocol) {
+  EXPECT_EQ(TokenOfProtocols("isoscope, isoscope.bearer.YStiL2M9"), "a+b/c=");
+  EXPECT_EQ(TokenOfProtocols("isoscope.bearer._-8"), "\xff\xef");
+  for (const char* protocols : {"", "isoscope", "bearer.YQ", "isoscope.bearer.",
+                                "isoscope.bearer.=", "isoscope.bearer.Y"}) {
+    EXPECT_EQ(TokenOfProtocols(protocols), "") << protocols;
+  }
+  EXPECT_TRUE(OffersInteractProtocol("x,isoscope"));
+  EXPECT_FALSE(OffersInteractProtocol("isoscope.bearer.YQ"));
+  EXPECT_FALSE(OffersInteractProtocol(""));
+}
+
+TEST(AccessTest, TheTokenToAskForComesFromAFileOrTheEnvironment) {
+  const testing::TempDir folder;
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder.Sub("token"), "of-the-file\n"));
+  ISOSCOPE_ASSERT_OK(io::WriteWholeFile(folder.Sub("bad"), "a b"));
+  const auto set = [](const char* value) { setenv("ISOSCOPE_GATEWAY_TOKEN", value, 1); };
+  unsetenv("ISOSCOPE_GATEWAY_TOKEN");
+  EXPECT_EQ(ReadGatewayToken("").value(), "");
+  set("");
+  EXPECT_EQ(ReadGatewayToken("").value(), "");
+  set("of-the-variable");
+  EXPECT_EQ(ReadGatewayToken("").value(), "of-the-variable");
+  EXPECT_EQ(ReadGatewayToken(folder.Sub("token")).value(), "of-the-file");
+  EXPECT_FALSE(ReadGatewayToken(folder.Sub("bad")).ok());
+  EXPECT_FALSE(ReadGatewayToken(folder.Sub("absent")).ok());
+  set("a b");
+  EXPECT_THAT(ReadGatewayToken("").status(),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("ISOSCOPE_GATEWAY_TOKEN")));
+  unsetenv("ISOSCOPE_GATEWAY_TOKEN");
 }
 
 TEST(AccessTest, TokenComesAsParameterOrAsBearer) {

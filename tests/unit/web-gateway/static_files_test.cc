@@ -26,6 +26,7 @@ TEST(StaticFilesTest, TheRootIsThePage) {
 TEST(StaticFilesTest, NothingInlineMayRun) {
   const std::string policy = Get({}).Header("Content-Security-Policy");
   EXPECT_THAT(policy, HasSubstr("default-src 'none'"));
+  EXPECT_THAT(policy, HasSubstr("script-src 'self';"));
   EXPECT_THAT(policy, HasSubstr("worker-src 'self' blob:"));
   EXPECT_THAT(policy, Not(HasSubstr("unsafe")));
 }
