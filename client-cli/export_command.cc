@@ -173,7 +173,7 @@ absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Sessi
                                              chunk.normals(), chunk.triangles()));
     return sink->Add(piece);
   };
-  return session->client().ExportIsosurface(MakeRequest(flags, dataset), session->timeout(),
+  return session->client().ExportIsosurface(MakeRequest(flags, dataset), session->export_timeout(),
                                             add_chunk);
 }
 
@@ -238,7 +238,7 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
                             Session::Open(flags.session, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const isoscope::v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->timeout()));
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   for (const MeshSurface& surface : file_options.surfaces) {
     WarnIfNoSurface(dataset, surface.isovalue, context);
   }

@@ -149,7 +149,8 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
                             Session::Open(session_flags, std::nullopt, context));
   HistogramOfDataset result;
   ISOSCOPE_ASSIGN_OR_RETURN(
-      result.dataset, session->client().GetDataset(session->dataset_name(), session->timeout()));
+      result.dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   isoscope::v1::GetHistogramRequest request;
   request.set_dataset(result.dataset.name());
   request.set_max_bin_count(static_cast<std::int32_t>(flags.bin_count.value_or(0)));
@@ -159,7 +160,7 @@ absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const 
   }
   const WaitingLine waiting(context.err, context.err_is_terminal, "counting");
   ISOSCOPE_ASSIGN_OR_RETURN(result.histogram,
-                            session->client().GetHistogram(request, session->timeout()));
+                            session->client().GetHistogram(request, session->question_timeout()));
   return result;
 }
 

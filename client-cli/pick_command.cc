@@ -136,7 +136,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
                             Session::Open(flags.session, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->timeout()));
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   for (const double isovalue : flags.request.isovalues()) {
     WarnIfNoSurface(dataset, isovalue, context);
   }
@@ -158,7 +158,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   }
   const auto pick = [&] {
     const WaitingLine waiting(context.err, context.err_is_terminal, "picking");
-    return session->client().PickSurface(request, session->timeout());
+    return session->client().PickSurface(request, session->frame_timeout());
   };
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::PickSurfaceResponse response, pick());
   if (response.points_size() != request.pixels_size()) {

@@ -235,9 +235,10 @@ struct Subject {
 absl::StatusOr<Subject> FindSubject(Session* session) {
   Subject subject;
   ISOSCOPE_ASSIGN_OR_RETURN(
-      subject.dataset, session->client().GetDataset(session->dataset_name(), session->timeout()));
+      subject.dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::GetClusterStatusResponse cluster,
-                            session->client().GetClusterStatus(session->timeout()));
+                            session->client().GetClusterStatus(session->question_timeout()));
   subject.picture_revision = PictureRevisionOf(cluster, subject.dataset);
   return subject;
 }
@@ -271,8 +272,8 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
   ISOSCOPE_ASSIGN_OR_RETURN(
       v1::RenderIsosurfaceResponse response,
       plane_bytes > kMaxUnaryPlaneBytes
-          ? session->client().RenderIsosurfaceStream(request, session->timeout())
-          : session->client().RenderIsosurface(request, session->timeout()));
+          ? session->client().RenderIsosurfaceStream(request, session->frame_timeout())
+          : session->client().RenderIsosurface(request, session->frame_timeout()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
                      .statistics = response.statistics()});
   if (trace_path) {
@@ -354,8 +355,9 @@ absl::Status RunPoster(const RenderFlags& flags, const v1::RenderIsosurfaceReque
   const auto render = [&](const view::Region& region) -> absl::StatusOr<image::RgbaImage> {
     *of_region.mutable_region() = rpc::ToProto(region);
     const absl::Time region_start = absl::Now();
-    ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
-                              session->client().RenderIsosurface(of_region, session->timeout()));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        v1::RenderIsosurfaceResponse response,
+        session->client().RenderIsosurface(of_region, session->frame_timeout()));
     // The server finds the camera once: the other regions have the one that it used.
     *of_region.mutable_camera() = response.camera();
     of_region.clear_camera_fit();

@@ -12,6 +12,7 @@
 #include "core/base/trace_context.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/peer.h"
+#include "core/rpc/read_timeout.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 
@@ -20,6 +21,10 @@ namespace isoscope::cli {
 namespace v1 = isoscope::v1;
 
 namespace {
+
+// A server ends a frame up to 200 ms before its client's deadline, to say why; with room for the
+// way of the answer.
+constexpr absl::Duration kAnswerMargin = absl::Milliseconds(500);
 
 // Whether the servers' logs may say more.
 bool IsForOperator(const absl::Status& status) {
@@ -68,7 +73,7 @@ void InteractStream::CloseWrites() {
 
 absl::Status InteractStream::Finish() { return rpc::ToAbslStatus(stream_->Finish()); }
 
-absl::Status ServiceClient::Explain(const grpc::Status& status) const {
+absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadline) const {
   if (status.ok()) {
     return absl::OkStatus();
   }
@@ -86,6 +91,10 @@ absl::Status ServiceClient::Explain(const grpc::Status& status) const {
     return absl::UnavailableError(absl::StrCat(
         "no coordinator answers at ", address_, " (", explained.message(),
         "); start one with 'isoscope serve DIR --listen ", address_, "' or isoscope-coordinator"));
+  }
+  if (absl::IsDeadlineExceeded(explained) && absl::Now() + kAnswerMargin >= deadline) {
+    return absl::DeadlineExceededError(
+        absl::StrCat(explained.message(), "; --timeout gives it more time"));
   }
   return explained;
 }
@@ -108,7 +117,7 @@ absl::Status ServiceClient::Call(absl::Duration timeout,
     if (caller.has_value()) {
       rpc::SetTraceparent(*caller, &context);
     }
-    absl::Status explained = Explain(call(&context));
+    absl::Status explained = Explain(call(&context), deadline);
     request_id = rpc::RequestIdOf(context);
     return explained;
   });
@@ -198,14 +207,22 @@ absl::StatusOr<v1::PickSurfaceResponse> ServiceClient::PickSurface(
 
 absl::Status ServiceClient::ExportIsosurface(
     const v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
-    absl::FunctionRef<absl::Status(const v1::ExportIsosurfaceResponse&)> visit) {
+    absl::FunctionRef<absl::Status(const v1::ExportIsosurfaceResponse&)> visit,
+    absl::Duration max_silence) {
   absl::Status visited = absl::OkStatus();
   const absl::Status called = Call(timeout, [&](grpc::ClientContext* context) {
     const std::unique_ptr<grpc::ClientReader<v1::ExportIsosurfaceResponse>> reader =
         isosurface_->ExportIsosurface(context, request);
     v1::ExportIsosurfaceResponse chunk;
     bool has_chunks = false;
-    while (visited.ok() && reader->Read(&chunk)) {
+    bool is_silent = false;
+    const auto read = [&] {
+      rpc::ReadTimeout silence(context, max_silence);
+      const bool has_chunk = reader->Read(&chunk);
+      is_silent = silence.Stop();
+      return has_chunk && !is_silent;
+    };
+    while (visited.ok() && read()) {
       visited = visit(chunk);
       has_chunks = true;
     }
@@ -213,6 +230,11 @@ absl::Status ServiceClient::ExportIsosurface(
       context->TryCancel();
     }
     const grpc::Status status = reader->Finish();
+    if (is_silent) {
+      return grpc::Status(
+          grpc::StatusCode::DEADLINE_EXCEEDED,
+          absl::StrCat("the server sent nothing for ", absl::FormatDuration(max_silence)));
+    }
     // Without its details it is not tried again: what was visited can't be taken back.
     return has_chunks ? grpc::Status(status.error_code(), status.error_message()) : status;
   });

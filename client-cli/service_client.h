@@ -23,7 +23,16 @@
 
 namespace isoscope::cli {
 
-// A stream of InteractService. One thread reads, any thread writes.
+// The time of a question that servers answer from memory or in one pass over the ranges of blocks.
+// They take a minute at most.
+inline constexpr absl::Duration kQuestionTimeout = absl::Minutes(2);
+// The time of a frame or a pick, and the longest time in which a server sends nothing of an export.
+// A server keeps a limit of its own, of minutes, and then says which agent is late. This one is for
+// servers that fail to.
+inline constexpr absl::Duration kAnswerTimeout = absl::Hours(1);
+
+// A stream of InteractService, which has no deadline: it lasts as long as its viewer looks at it.
+// One thread reads, any thread writes.
 class InteractStream {
  public:
   InteractStream(const std::shared_ptr<grpc::Channel>& channel, const std::string& token);
@@ -76,19 +85,22 @@ class ServiceClient {
   absl::StatusOr<isoscope::v1::PickSurfaceResponse> PickSurface(
       const isoscope::v1::PickSurfaceRequest& request, absl::Duration timeout);
 
-  // Opens a stream, which has no deadline.
+  // Opens a stream.
   [[nodiscard]] std::unique_ptr<InteractStream> Interact() const {
     return std::make_unique<InteractStream>(channel_, token_);
   }
 
-  // Calls `visit` for every chunk, in order; an error of it ends the call and is returned.
+  // Calls `visit` for every chunk, in order; an error of it ends the call and is returned. A mesh
+  // may take any time, and `timeout` be infinite, as long as chunks come: DEADLINE_EXCEEDED too if
+  // none does for `max_silence`.
   absl::Status ExportIsosurface(
       const isoscope::v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
-      absl::FunctionRef<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit);
+      absl::FunctionRef<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
+      absl::Duration max_silence = kAnswerTimeout);
 
  private:
   // The error of a call; OK stays OK.
-  absl::Status Explain(const grpc::Status& status) const;
+  absl::Status Explain(const grpc::Status& status, absl::Time deadline) const;
   // Makes one call: deadline, interrupt, errors.
   absl::Status Call(absl::Duration timeout,
                     absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;

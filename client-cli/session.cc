@@ -139,7 +139,8 @@ void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
           "machine's)");
   AddCacheLimitFlag(app, &flags->cache_limit_bytes);
   AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
-          "give up a request after this time (default: the server's limit)");
+          "give up a request after this time (default: the server's limit, an hour at most; of a "
+          "frame without --server 5 minutes)");
   app->add_flag("--verbose", flags->is_verbose, "log lines of the embedded servers");
   AddSourceFlags(app, &flags->source);
 }
@@ -185,7 +186,7 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
     const Context& context) {
   base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
   std::unique_ptr<Session> session(new Session());
-  session->timeout_ = flags.timeout.value_or(absl::InfiniteDuration());
+  session->timeout_ = flags.timeout;
   if (flags.server) {
     session->dataset_name_ = flags.dataset.value_or("");
     ISOSCOPE_ASSIGN_OR_RETURN(session->token_, ReadToken(flags.connection, *flags.server));
@@ -203,8 +204,9 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
   options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
-  // Nobody else waits for this process: --timeout alone decides.
-  options.max_frame_duration = absl::Hours(24 * 365);
+  // Nobody else waits for this process: --timeout alone decides, if it is given.
+  options.max_frame_duration = flags.timeout.value_or(options.max_frame_duration);
+  session->frame_timeout_ = options.max_frame_duration;
   options.expected_viewport = expected_viewport;
   // Log lines of --verbose would stand in the middle of it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");

@@ -74,8 +74,17 @@ class Session {
       cluster_->SetGatewayAddress(address);
     }
   }
-  // Of each request; infinite if the server's own limit holds.
-  [[nodiscard]] absl::Duration timeout() const { return timeout_; }
+  // The times of requests: --timeout for each of them. Without it, of a question kQuestionTimeout;
+  [[nodiscard]] absl::Duration question_timeout() const {
+    return timeout_.value_or(kQuestionTimeout);
+  }
+  // of a frame or a pick the limit of the coordinator in this process, or kAnswerTimeout: then the
+  // server's own limit holds, too;
+  [[nodiscard]] absl::Duration frame_timeout() const { return timeout_.value_or(frame_timeout_); }
+  // of an export none, because a mesh may take any time. ServiceClient ends it if nothing comes.
+  [[nodiscard]] absl::Duration export_timeout() const {
+    return timeout_.value_or(absl::InfiniteDuration());
+  }
 
  private:
   Session() = default;
@@ -86,7 +95,8 @@ class Session {
   std::unique_ptr<ServiceClient> client_;
   std::string token_;
   std::string dataset_name_;
-  absl::Duration timeout_ = absl::InfiniteDuration();
+  std::optional<absl::Duration> timeout_;
+  absl::Duration frame_timeout_ = kAnswerTimeout;
 };
 
 }  // namespace isoscope::cli

@@ -37,6 +37,7 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/read_timeout.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/trace_convert.h"
 #include "proto/message_checksum.h"
@@ -394,11 +395,12 @@ struct SurfaceStream::Call {
 
 SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
                              v1::ExtractSurfaceRequest request, absl::Time deadline,
-                             const base::TraceContext& identity)
+                             absl::Duration max_silence, const base::TraceContext& identity)
     : part_(std::move(part)),
       layout_(layout),
       request_(std::move(request)),
       deadline_(deadline),
+      max_silence_(max_silence),
       identity_(identity) {
   request_.clear_shard_indices();
   for (const int index : part_.shard_indices) {
@@ -436,14 +438,26 @@ void SurfaceStream::Cancel() {
   call_->context.TryCancel();
 }
 
-absl::Status SurfaceStream::Fail(absl::Status status) {
+absl::StatusOr<bool> SurfaceStream::ReadMessage() {
+  message_.Clear();
+  rpc::ReadTimeout timeout(&call_->context, max_silence_);
+  const bool has_message = call_->reader->Read(&message_);
+  if (timeout.Stop()) {
+    message_.Clear();
+    return absl::DeadlineExceededError(
+        absl::StrCat("sent nothing for ", absl::FormatDuration(max_silence_)));
+  }
+  return has_message;
+}
+
+absl::Status SurfaceStream::Fail(absl::Status status, bool was_silent) {
   failures_.push_back({.part_index = 0,
                        .agent = part_.On(replica_).identity(),
                        .stage = FrameStage::kRenderingVisible,
                        .status = std::move(status)});
   const AgentFailure& failure = failures_.back();
   const bool is_repeatable = !was_cancelled_.load() && !absl::IsCancelled(failure.status) &&
-                             !absl::IsDeadlineExceeded(failure.status);
+                             (was_silent || !absl::IsDeadlineExceeded(failure.status));
   if (!is_repeatable || replica_ + 1 == part_.replicas.size()) {
     return failure.ToStatus();
   }
@@ -463,8 +477,12 @@ absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
         return false;
       }
       next_block_ = 0;
-      message_.Clear();
-      if (call_->reader->Read(&message_)) {
+      const absl::StatusOr<bool> has_message = ReadMessage();
+      if (!has_message.ok()) {
+        ISOSCOPE_RETURN_IF_ERROR(Fail(has_message.status(), /*was_silent=*/true));
+        continue;
+      }
+      if (*has_message) {
         const absl::Status intact = proto::CheckIntact(message_);
         if (!intact.ok()) {
           ISOSCOPE_RETURN_IF_ERROR(Fail(intact));

@@ -61,20 +61,22 @@ std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent,
                                              AgentListener* listener);
 
 // The surface of one part's blocks, pulled message by message. While nobody pulls, gRPC's flow
-// control stops the agent. If an agent fails, the next replica goes on behind the last block.
+// control stops the agent. If an agent fails, or sends nothing for long, the next replica goes on
+// behind the last block.
 // Cancel is thread-safe, the other functions are for one thread.
 class SurfaceStream final : public SurfaceSource {
  public:
-  // request: shard_indices is set to the part's.
+  // request: shard_indices is set to the part's. max_silence: of an agent that was asked for more
   SurfaceStream(FramePart part, const volume::BlockLayout& layout,
                 isoscope::internal::v1::ExtractSurfaceRequest request, absl::Time deadline,
-                const base::TraceContext& identity);
+                absl::Duration max_silence, const base::TraceContext& identity);
   // Cancels the call if it has not ended.
   ~SurfaceStream() override;
   SurfaceStream(const SurfaceStream&) = delete;
   SurfaceStream& operator=(const SurfaceStream&) = delete;
 
-  // Blocks. Errors name the last agent; INTERNAL if it sent a malformed block.
+  // Blocks, for max_silence at most. Errors name the last agent; INTERNAL if it sent a malformed
+  // block, DEADLINE_EXCEEDED if it sent nothing.
   absl::StatusOr<bool> Next(mesh::BlockMesh* block) override;
   void Cancel() ABSL_LOCKS_EXCLUDED(mutex_);
 
@@ -86,13 +88,16 @@ class SurfaceStream final : public SurfaceSource {
 
   // Asks the replica at replica_.
   void Open() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Reads message_. False at the end of the stream. DEADLINE_EXCEEDED if the agent was silent.
+  absl::StatusOr<bool> ReadMessage();
   // Notes the failure. OK if another replica was asked; else its error, with the agent's name.
-  absl::Status Fail(absl::Status status);
+  absl::Status Fail(absl::Status status, bool was_silent = false);
 
   const FramePart part_;
   const volume::BlockLayout layout_;
   isoscope::internal::v1::ExtractSurfaceRequest request_;
   const absl::Time deadline_;
+  const absl::Duration max_silence_;
   const base::TraceContext identity_;
   std::size_t replica_ = 0;
   std::vector<AgentFailure> failures_;

@@ -40,6 +40,8 @@ struct CoordinatorServerOptions {
   int max_queued_frames = 32;
   // The longest time of a frame. Shorter deadlines of clients hold.
   absl::Duration max_frame_duration = absl::Minutes(5);
+  // The longest time in which an agent sends nothing of a surface to export.
+  absl::Duration max_agent_silence = absl::Minutes(5);
   // The memory limit (CoordinatorMemory); at least CoordinatorMemory::kMinLimitBytes. 0: the
   // default.
   std::size_t memory_limit_bytes = 0;

@@ -24,6 +24,11 @@
 // same messages as the one before. Its hits and pixels are reduced once more, which changes
 // nothing. The first attempt that is done wins: its statistics count, and the others are cancelled.
 // A part never goes back: while an attempt repeats what an earlier one did, the frame goes on.
+//
+// Pixels. Those that have arrived lie in a queue. The arena's threads take them from it, and so
+// does the frame's own thread before it waits for events. Agents of this process wait for memory
+// that the queued pixels hold, and an arena may have no thread to spare: one of one thread never
+// has. So without the frame's thread nobody would go on.
 
 #include "server/frame_coordinator.h"
 
@@ -117,6 +122,11 @@ class EventQueue {
     arrived_.Signal();
   }
 
+  [[nodiscard]] bool is_empty() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return events_.empty();
+  }
+
   // Waits for an event until `wake`, and returns all that have come; none may have. Returns the
   // cancellation's error if it fires first.
   absl::StatusOr<std::deque<Event>> PopAll(absl::Time wake, const base::Cancellation& cancellation)
@@ -139,7 +149,7 @@ class EventQueue {
   }
 
  private:
-  base::Mutex mutex_;
+  mutable base::Mutex mutex_;
   base::CondVar arrived_;
   std::deque<Event> events_ ABSL_GUARDED_BY(mutex_);
 };
@@ -198,6 +208,7 @@ class Frame {
           attempt.link->Cancel();
         }
       }
+      DropArrivals();
       setup_.arena->execute([&] { compositing_.wait(); });
     }
     for (Part& part : parts_) {
@@ -270,9 +281,11 @@ class Frame {
     }
     while (true) {
       while (!AllAt(FrameStage::kEnded)) {
+        const absl::Time wake =
+            has_replicas ? absl::Now() + kWatchInterval : absl::InfiniteFuture();
+        CompositeUntilEvent(wake);
         base::TraceScope wait(setup_.trace, "wait for agents");
-        absl::StatusOr<std::deque<Event>> events = queue_.PopAll(
-            has_replicas ? absl::Now() + kWatchInterval : absl::InfiniteFuture(), cancellation_);
+        absl::StatusOr<std::deque<Event>> events = queue_.PopAll(wake, cancellation_);
         wait.End();
         if (!events.ok()) {
           return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
@@ -433,21 +446,27 @@ class Frame {
     return absl::IsDeadlineExceeded(status) ? DeadlineError() : Fail(id, status);
   }
 
-  // Lets the arena composite the bands while others arrive.
+  // Pixels that wait to be composited: a band, or all of an agent's step.
+  struct Arrival {
+    AttemptId from;
+    std::variant<std::string, image::DrawnPixels> pixels;
+  };
+
   absl::Status HandlePixels(AttemptId id, std::vector<std::string> bands) {
     if (!IsRendering(AttemptOf(id))) {
       return OutOfOrder(id, "pixels");
     }
     is_composited_into_ = true;
-    setup_.arena->execute([&] {
-      for (std::string& band : bands) {
-        compositing_.run([this, id, owned = std::move(band)] { CompositeBand(id, owned); });
-      }
-    });
+    std::vector<Arrival> arrivals;
+    arrivals.reserve(bands.size());
+    for (std::string& band : bands) {
+      arrivals.push_back({id, std::move(band)});
+    }
+    Composite(std::move(arrivals));
     return absl::OkStatus();
   }
 
-  // The first image becomes the result; the arena composites others into it.
+  // The first image becomes the result; others are composited into it.
   absl::Status HandleDrawnPixels(AttemptId id, image::DrawnPixels pixels) {
     if (!IsRendering(AttemptOf(id))) {
       return OutOfOrder(id, "pixels");
@@ -463,12 +482,64 @@ class Frame {
         return absl::OkStatus();
       }
     }
-    setup_.arena->execute([&] {
-      compositing_.run([this, id, owned = std::make_shared<image::DrawnPixels>(std::move(pixels))] {
-        CompositeDrawn(id, *owned);
-      });
-    });
+    std::vector<Arrival> arrivals;
+    arrivals.push_back({id, std::move(pixels)});
+    Composite(std::move(arrivals));
     return absl::OkStatus();
+  }
+
+  // Lets the arena composite the pixels while others arrive.
+  void Composite(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const std::size_t count = arrivals.size();
+    {
+      const base::MutexLock lock(&arrivals_mutex_);
+      std::move(arrivals.begin(), arrivals.end(), std::back_inserter(arrivals_));
+    }
+    setup_.arena->execute([&] {
+      for (std::size_t i = 0; i < count; ++i) {
+        compositing_.run([this] { CompositeNext(); });
+      }
+    });
+  }
+
+  // Works on what has arrived until an event comes, until `wake`, or until nothing is left.
+  void CompositeUntilEvent(absl::Time wake) {
+    const absl::Time end = std::min(wake, cancellation_.deadline());
+    while (queue_.is_empty() && HasArrivals() && !cancellation_.is_cancelled() &&
+           absl::Now() < end) {
+      setup_.arena->execute([&] { CompositeNext(); });
+    }
+  }
+
+  [[nodiscard]] bool HasArrivals() const ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const base::MutexLock lock(&arrivals_mutex_);
+    return !arrivals_.empty();
+  }
+
+  // Composites what arrived first, unless another thread has taken it. The pixels and their memory
+  // are free when it returns.
+  void CompositeNext() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    std::optional<Arrival> arrival;
+    {
+      const base::MutexLock lock(&arrivals_mutex_);
+      if (arrivals_.empty()) {
+        return;
+      }
+      arrival = std::move(arrivals_.front());
+      arrivals_.pop_front();
+    }
+    if (const auto* band = std::get_if<std::string>(&arrival->pixels)) {
+      CompositeBand(arrival->from, *band);
+    } else {
+      CompositeDrawn(arrival->from, std::get<image::DrawnPixels>(arrival->pixels));
+    }
+  }
+
+  // Drops the pixels that nobody has begun to composite.
+  void DropArrivals() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    std::deque<Arrival> dropped;  // destroyed without the lock
+    const base::MutexLock lock(&arrivals_mutex_);
+    dropped.swap(arrivals_);
   }
 
   void CompositeDrawn(AttemptId id, const image::DrawnPixels& pixels) {
@@ -835,8 +906,9 @@ class Frame {
   FrameResult result_;
   composite::RowLocks row_locks_;    // of its image
   bool is_composited_into_ = false;  // result_.image
-  // Decodes bands into the image while others arrive.
-  tbb::task_group compositing_;
+  mutable base::Mutex arrivals_mutex_;
+  std::deque<Arrival> arrivals_ ABSL_GUARDED_BY(arrivals_mutex_);
+  tbb::task_group compositing_;  // has a task for each arrival, which may come too late for it
   base::Mutex damage_mutex_;
   std::vector<std::pair<AttemptId, absl::Status>> damages_ ABSL_GUARDED_BY(damage_mutex_);
   std::vector<AgentFailure> failures_;

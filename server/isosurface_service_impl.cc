@@ -301,8 +301,9 @@ class IsosurfaceServiceImpl::ExportCall final
     std::vector<std::unique_ptr<SurfaceStream>> streams;
     std::vector<SurfaceSource*> sources;
     for (FramePart& part : service_->options_.runner->PartsOf(dataset)) {
-      streams.push_back(std::make_unique<SurfaceStream>(std::move(part), volume.layout, request,
-                                                        cancellation_.deadline(), identity_));
+      streams.push_back(std::make_unique<SurfaceStream>(
+          std::move(part), volume.layout, request, cancellation_.deadline(),
+          service_->options_.max_agent_silence, identity_));
       sources.push_back(streams.back().get());
     }
     ShareStreams(streams);

@@ -27,6 +27,8 @@ struct IsosurfaceServiceOptions {
   FrameRunner* runner = nullptr;
   AccessControl* access = nullptr;  // outlives the service, too
   absl::Duration max_frame_duration = absl::Minutes(5);
+  // An export has no limit of its own, but ends if an agent sends nothing for so long.
+  absl::Duration max_agent_silence = absl::Minutes(5);
 };
 
 // Thread-safe. Destroy it only after its server has shut down. A frame holds a thread from its

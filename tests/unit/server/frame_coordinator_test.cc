@@ -19,10 +19,14 @@
 #include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/task_arena.h>
 #include <sys/resource.h>
 
+#include "core/base/memory_budget.h"
 #include "core/base/mutex.h"
 #include "core/base/random.h"
+#include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
 #include "core/visibility/occlusion_map.h"
@@ -298,7 +302,7 @@ class FrameCoordinatorTest : public ::testing::Test {
     setup.may_hedge = may_hedge_;
     setup.active = known_active_;
     setup.images = images_.get();
-    setup.arena = &arena_;
+    setup.arena = used_arena_;
     FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
     EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
     failures_ = outcome.failures;
@@ -350,6 +354,7 @@ class FrameCoordinatorTest : public ::testing::Test {
   const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
   const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
   tbb::task_arena arena_{2};
+  tbb::task_arena* used_arena_ = &arena_;
   const image::FragmentOrder order_{
       .block_count = static_cast<std::uint32_t>(layout_.block_count()),
       .ties = image::TieRule::kColor};
@@ -534,6 +539,56 @@ TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
     EXPECT_TRUE(result.image == expected);
+  }
+}
+
+// Symptom: with four agents in one process and an arena of one thread no frame came to its end. The
+// last agents waited for the memory of pixels that the arena had no thread to composite.
+TEST_F(FrameCoordinatorTest, AgentsThatWaitForTheMemoryOfQueuedPixelsGoOnWithoutASpareThread) {
+  const tbb::global_control no_workers(tbb::global_control::max_allowed_parallelism, 1);
+  for (const int arena_width : {1, 2}) {
+    for (const frame::Culling culling : {frame::Culling::kDepth, frame::Culling::kNone}) {
+      SCOPED_TRACE(absl::StrCat("arena of ", arena_width, ", culling ", static_cast<int>(culling)));
+      tbb::task_arena arena(arena_width);
+      used_arena_ = &arena;
+      // A frame that hangs fails then.
+      cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(20));
+      base::MemoryBudget budget(2);
+      const auto send = [&](const image::FrameImage& image, Agent* self) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, budget.Reserve(1, *cancellation_));
+        self->coordinator().OnDrawnPixels(
+            {.image = image,
+             .layers = {},
+             .memory =
+                 std::make_shared<const base::MemoryBudget::Reservation>(std::move(reserved))});
+        return absl::OkStatus();
+      };
+      image::FrameImage expected(kWidth, kHeight);
+      std::vector<Script> scripts;
+      for (std::uint64_t agent = 0; agent < 8; ++agent) {
+        const image::FrameImage occluders = RandomImage(2 * agent, 0.15);
+        const image::FrameImage rest = RandomImage(2 * agent + 1, 0.15);
+        if (culling != frame::Culling::kNone) {
+          composite::CompositeInto(occluders, order_, &expected);
+        }
+        composite::CompositeInto(rest, order_, &expected);
+        scripts.push_back([=](Agent& self) -> absl::Status {
+          if (culling != frame::Culling::kNone) {
+            self.coordinator().OnRayHits({}, {});
+            ISOSCOPE_RETURN_IF_ERROR(self.AwaitOccluders().status());
+            ISOSCOPE_RETURN_IF_ERROR(send(occluders, &self));
+            self.coordinator().OnOccludersDone();
+            ISOSCOPE_RETURN_IF_ERROR(self.AwaitVisible().status());
+          }
+          ISOSCOPE_RETURN_IF_ERROR(send(rest, &self));
+          self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
+          return absl::OkStatus();
+        });
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
+      EXPECT_TRUE(result.image == expected);
+      EXPECT_EQ(budget.reserved_bytes(), 0U);
+    }
   }
 }
 

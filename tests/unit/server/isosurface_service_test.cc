@@ -37,6 +37,7 @@ using testing::FakeAgent;
 using ::testing::HasSubstr;
 using testing::IsOk;
 using testing::MakeShard;
+using ::testing::Not;
 using testing::PlayEmptyFrame;
 using testing::StatusIs;
 
@@ -596,6 +597,66 @@ TEST_F(IsosurfaceServiceTest, AnExportGoesOnBehindTheLastBlockWhenAReplicaTakesO
       return is_first ? grpc::Status(grpc::StatusCode::UNAVAILABLE, "killed") : grpc::Status::OK;
     };
   }
+  StartCluster();
+  grpc::ClientContext context;
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(100);
+  const auto reader = stub_->ExportIsosurface(&context, request);
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  std::string triangles;
+  while (reader->Read(&chunk)) {
+    triangles += chunk.triangles();
+  }
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
+  EXPECT_EQ(stream_count, 2);
+  EXPECT_EQ(triangles.size(), 5 * 3 * sizeof(std::int64_t)) << "each block once";
+}
+
+// Symptom: an export had no deadline, and one agent that hung held it, and its place, for ever.
+TEST_F(IsosurfaceServiceTest, AnAgentThatSendsNothingEndsTheExportNamingTheAgent) {
+  std::atomic<bool> was_cancelled{false};
+  first_.on_surface = [](grpc::ServerContext*, FakeAgent::SurfaceWriter* writer) {
+    writer->Write(OneTriangle());
+    return grpc::Status::OK;
+  };
+  second_.on_surface = [&](grpc::ServerContext* context, FakeAgent::SurfaceWriter*) {
+    was_cancelled.store(WaitUntilCancelled(context));
+    return grpc::Status::CANCELLED;
+  };
+  options_.max_agent_silence = absl::Seconds(1);
+  StartCluster();
+  grpc::ClientContext context;
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_isovalue(100);
+  const auto reader = stub_->ExportIsosurface(&context, request);
+  isoscope::v1::ExportIsosurfaceResponse chunk;
+  while (reader->Read(&chunk)) {
+  }
+  EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       AllOf(HasSubstr(second_.address()), HasSubstr("sent nothing for 1s"),
+                             Not(HasSubstr(first_.address())))));
+  second_.Stop();
+  EXPECT_TRUE(was_cancelled.load());
+}
+
+TEST_F(IsosurfaceServiceTest, AReplicaTakesOverAnExportFromAnAgentThatFallsSilent) {
+  std::atomic<int> stream_count{0};
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->SetShards({MakeShard("head", 0, 1)});
+    agent->on_surface = [&](grpc::ServerContext* stream_context, FakeAgent::SurfaceWriter* writer) {
+      const bool is_first = ++stream_count == 1;
+      for (std::int64_t block = 0; block < (is_first ? 2 : 5); ++block) {
+        writer->Write(OneTriangle(block));
+      }
+      if (is_first) {
+        WaitUntilCancelled(stream_context);
+        return grpc::Status::CANCELLED;
+      }
+      return grpc::Status::OK;
+    };
+  }
+  options_.max_agent_silence = absl::Seconds(1);
   StartCluster();
   grpc::ClientContext context;
   isoscope::v1::ExportIsosurfaceRequest request;
