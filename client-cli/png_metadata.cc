@@ -2,7 +2,7 @@
 // text shows it:
 //
 //   {"format": "isoscope-picture", "format_version": 1,
-//    "picture_revision": "2 cpu",
+//    "picture_revision": "3 cpu",
 //    "samples_digest": "4ea8...",
 //    "request": {"isovalue": 60, "camera": {...}, "viewport": {...}},
 //    "annotated": {"plain_png_sha256": "...", "boxes": [[x, y, width, height], ...]}}

@@ -562,9 +562,13 @@ class Frame {
 
   void CompositeBand(AttemptId id, absl::string_view band) {
     const base::TraceScope trace(setup_.trace, "composite");
+    const frame::FrameSpec& spec = *setup_.spec;
+    const composite::SurfaceCounts surfaces{
+        .opaque = spec.sends_normals ? frame::OwnerSurfaceCount(spec) : spec.surfaces.size(),
+        .layers = spec.surfaces.size()};
     absl::Status status;
     try {
-      status = composite::DecodePixelsInto(band, order_, &result_.image, &row_locks_,
+      status = composite::DecodePixelsInto(band, order_, surfaces, &result_.image, &row_locks_,
                                            has_layers_ ? &result_.layers : nullptr);
     } catch (const std::bad_alloc&) {
       status = NoMemoryForLayers();

@@ -3,12 +3,14 @@
 
     tools/check_layers.py [ROOT]
 
-Three rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
+Four rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
 1. A module includes itself and modules on lower floors (MODULES), never higher ones; server and
    partition-agent, on the same floor, never include each other. A program's main.cc may include all.
 2. gRPC and protobuf appear only in the files of GRPC_FILES and PROTO_FILES.
 3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
+4. core, server and partition-agent call no elementary function of libm, whose bits depend on the
+   machine: core/math/elementary.h has them. LIBM_FILES lists the exceptions with their reasons.
 """
 
 import pathlib
@@ -107,6 +109,22 @@ UNTESTED_HEADERS = {
     "core/volume/block_samples.h": "plain data",
 }
 
+# Rooms whose computations may decide a bit of a picture, and who may call libm there all the same.
+BIT_ROOMS = ("core/", "server/", "partition-agent/")
+LIBM_FILES = {
+    "core/source/volume_generator.cc": "test volumes: samples are made once, then stored",
+    "core/render/gl_mesh_drawer.cc": "pow in GLSL: the driver's, which is a part of the picture revision",
+    "server/rate_control.cc": "chooses a size by measured times",
+}
+
+# sqrt, fmod, remainder, frexp, ldexp and roundings are exact or correctly rounded by IEEE 754.
+LIBM_CALL = re.compile(
+    r"(?<![\w.>:])(?:std::|::)?"
+    r"((?:a?(?:sin|cos|tan)h?|atan2|sincos|exp2?|exp10|expm1|pow|log(?:2|10|1p)?|cbrt|hypot|erfc?|[lt]gamma|fma)[fl]?)"
+    r"\s*\("
+)
+COMMENT = re.compile(r"//.*")
+
 INCLUDE = re.compile(r'^\s*#\s*include\s+[<"]([^>"]+)[>"]')
 
 
@@ -143,6 +161,16 @@ def check_include(file, included):
     return None
 
 
+def check_libm(file, line):
+    """What is wrong with `line` of `file` calling libm, or None."""
+    if not file.startswith(BIT_ROOMS) or file in LIBM_FILES:
+        return None
+    match = LIBM_CALL.search(COMMENT.sub("", line))
+    return match and (
+        f"calls {match.group(1)} of libm, whose bits depend on the machine: use core/math/elementary.h"
+    )
+
+
 def check(root):
     """All complaints about the tree below `root`."""
     complaints = []
@@ -153,7 +181,7 @@ def check(root):
             file = path.relative_to(root).as_posix()
             for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
                 match = INCLUDE.match(line)
-                complaint = match and check_include(file, match.group(1))
+                complaint = check_include(file, match.group(1)) if match else check_libm(file, line)
                 if complaint:
                     complaints.append(f"{file}:{number}: {complaint}")
             if path.suffix == ".h" and module.startswith("core/"):
@@ -163,6 +191,12 @@ def check(root):
     for folder in sorted(p for p in (root / "core").glob("*") if p.is_dir()):
         if f"core/{folder.name}" not in MODULES:
             complaints.append(f"core/{folder.name}:1: stands on no floor; add it to {__file__}")
+    for source in LIBM_FILES:
+        path = root / source
+        if path.exists() and not any(
+            LIBM_CALL.search(COMMENT.sub("", line)) for line in path.read_text(encoding="utf-8").splitlines()
+        ):
+            complaints.append(f"{source}:1: may call libm but does not")
     for header in UNTESTED_HEADERS:
         if (root / "core").exists() and not (root / header).exists():
             complaints.append(f"{header}:1: is excused from a test but does not exist")

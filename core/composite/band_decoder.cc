@@ -7,8 +7,9 @@
 // 2. ReadSideInfo decompresses the side information, which must have the size that follows from the
 //    counts.
 // 3. CheckTiles checks the parts against each other: no pixel outside the image, no tile without a
-//    pixel, no label outside its dictionary, and as many extra bits as the control bytes ask for.
-//    The 8 bytes of padding then allow reading 8 bytes at any bit.
+//    pixel, no label outside its dictionary, no owner beyond the frame's surfaces and blocks, and
+//    as many extra bits as the control bytes ask for. The 8 bytes of padding then allow reading 8
+//    bytes at any bit.
 // 4. DecodePixels undoes the prediction, tile by tile. At the end it checks the results: depths
 //    must lie in [0, 1], colours in the palette. The bits of 1.0 bound all valid depths: -0 and NaN
 //    have larger bits.
@@ -24,6 +25,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
 #include "core/base/coding.h"
@@ -42,9 +44,12 @@ absl::Status Damaged(absl::string_view what) {
 
 class BandDecoder {
  public:
-  BandDecoder(absl::string_view band, const BandHeader& header, const image::FrameImage& image)
+  // Owners must be below `owner_count`.
+  BandDecoder(absl::string_view band, const BandHeader& header, const image::FrameImage& image,
+              std::uint64_t owner_count)
       : header_(header),
         image_(image),
+        owner_count_(owner_count),
         frame_(band.substr(kBandHeaderSize, header.frame_size)),
         controls_(reinterpret_cast<const std::uint8_t*>(frame_.data()) + frame_.size()),
         extras_(reinterpret_cast<const char*>(controls_) + header.pixel_count) {
@@ -152,9 +157,13 @@ class BandDecoder {
         label_count != header_.label_count) {
       return Damaged("the tiles do not have as many pixels, entries, labels as the header states");
     }
-    for (const std::uint32_t id : side_.dictionaries) {
-      if (id == image::kNoOwner) {
+    for (const std::uint32_t owner : side_.dictionaries) {
+      if (owner == image::kNoOwner) {
         return Damaged("a covered pixel has no owner");
+      }
+      if (owner >= owner_count_) {
+        return Damaged(absl::StrCat("a covered pixel has owner ", owner,
+                                    ", which must be less than the frame's ", owner_count_));
       }
     }
     // The padding keeps reads of 8 bytes, from the byte of any bit on, inside the band.
@@ -235,6 +244,7 @@ class BandDecoder {
 
   const BandHeader& header_;
   const image::FrameImage& image_;
+  const std::uint64_t owner_count_;
   const absl::string_view frame_;
   const std::uint8_t* const controls_;
   const char* const extras_;
@@ -245,9 +255,14 @@ class BandDecoder {
 
 }  // namespace
 
-absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image) {
+absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image,
+                                      const image::FragmentOrder& order,
+                                      const SurfaceCounts& surfaces) {
   ISOSCOPE_ASSIGN_OR_RETURN(const BandHeader header, ReadBandHeader(band, image));
-  ISOSCOPE_ASSIGN_OR_RETURN(BandPixels pixels, BandDecoder(band, header, image).Decode());
+  const std::uint64_t owner_count =
+      std::uint64_t{order.block_count} * (header.is_layer ? surfaces.layers : surfaces.opaque);
+  ISOSCOPE_ASSIGN_OR_RETURN(BandPixels pixels,
+                            BandDecoder(band, header, image, owner_count).Decode());
   pixels.is_layer = header.is_layer;
   return pixels;
 }

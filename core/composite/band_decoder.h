@@ -12,6 +12,7 @@
 
 #include "core/composite/band_format.h"
 #include "core/composite/tile_prediction.h"
+#include "core/image/fragment.h"
 #include "core/image/frame_image.h"
 
 namespace isoscope::composite {
@@ -25,9 +26,11 @@ struct BandPixels {
   std::unique_ptr<image::Rgba8[]> colors;
 };
 
-// Decodes a band of an image that has the size of `image`. DATA_LOSS if the bytes are damaged or
-// don't fit that size. O(pixels). Thread-safe.
-absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image);
+// Decodes a band of an image that has the size of `image`. DATA_LOSS if the bytes are damaged,
+// don't fit that size, or name owners beyond `surfaces`. O(pixels). Thread-safe.
+absl::StatusOr<BandPixels> DecodeBand(absl::string_view band, const image::FrameImage& image,
+                                      const image::FragmentOrder& order,
+                                      const SurfaceCounts& surfaces);
 
 }  // namespace isoscope::composite
 

@@ -58,6 +58,13 @@ struct BandSideInfo {
   std::vector<std::uint8_t> labels;
 };
 
+// How many surfaces the owners of a frame's fragments tell apart (image::FragmentOrder): what an
+// owner stands for, its surface's look for one, is looked up without another check.
+struct SurfaceCounts {
+  std::size_t opaque = 0;
+  std::size_t layers = 0;
+};
+
 // Words of BandSideInfo::present for a row of tiles.
 inline std::size_t RowWords(const image::TileSet& tiles) {
   return static_cast<std::size_t>((tiles.columns() + 63) / 64);

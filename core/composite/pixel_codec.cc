@@ -145,8 +145,9 @@ RowLocks::RowLocks(int height_px)
           static_cast<std::size_t>((height_px + kTilePx - 1) / kTilePx))) {}
 
 absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
-                              image::FrameImage* into, RowLocks* locks, image::LayerStack* layers) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const BandPixels pixels, DecodeBand(band, *into));
+                              const SurfaceCounts& surfaces, image::FrameImage* into,
+                              RowLocks* locks, image::LayerStack* layers) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const BandPixels pixels, DecodeBand(band, *into, order, surfaces));
   if (pixels.is_layer && layers == nullptr) {
     return absl::DataLossError("pixel band of translucent layers in a frame that has none");
   }

@@ -16,6 +16,7 @@
 #include "absl/strings/string_view.h"
 
 #include "core/base/mutex.h"
+#include "core/composite/band_format.h"
 #include "core/image/frame_image.h"
 #include "core/image/layer_stack.h"
 
@@ -42,12 +43,12 @@ class RowLocks {
 
 // Composites the pixels of one band into `into`, by the rule of CompositeInto, and inserts their
 // tiles into `into->touched`; those of a band of EncodeLayers go into `layers`, of the same size.
-// DATA_LOSS if the bytes are damaged or don't fit the image, or have layers and `layers` is null;
-// nothing is changed then. Thread-safe if all callers pass the same locks, made for that image's
-// height. Without locks it is thread-compatible.
+// DATA_LOSS if the bytes are damaged, don't fit the image, name owners beyond `surfaces`, or have
+// layers and `layers` is null; nothing is changed then. Thread-safe if all callers pass the same
+// locks, made for that image's height. Without locks it is thread-compatible.
 absl::Status DecodePixelsInto(absl::string_view band, const image::FragmentOrder& order,
-                              image::FrameImage* into, RowLocks* locks = nullptr,
-                              image::LayerStack* layers = nullptr);
+                              const SurfaceCounts& surfaces, image::FrameImage* into,
+                              RowLocks* locks = nullptr, image::LayerStack* layers = nullptr);
 
 }  // namespace isoscope::composite
 

@@ -2,7 +2,8 @@
 // of a large volume need no more than that. In others, row by row: squares of lengths of the
 // doubled gradients, the largest one at each x. Where a neighbour is missing the sample itself
 // takes its place and the difference counts twice. Blocks with samples that are not finite, or
-// whose squares overflow, are done again one sample at a time, with all checks.
+// whose squares overflow or come near to vanishing, are done one sample at a time, with all checks
+// and scaled by powers of two, which change no bit: both ways agree wherever both can be taken.
 
 #include "core/extract/gradient_bound.h"
 
@@ -83,8 +84,12 @@ void RaiseRow(const std::array<Neighbours, 3>& neighbours, const math::Mat3d& to
   }
 }
 
+// Squares below this may have lost digits.
+constexpr double kLeastSquare = 0x1p-900;
+
+// Returns the largest squared length of a doubled gradient.
 template <typename T>
-double MaxPlainly(const BoundTask& task) {
+double MaxSquarePlainly(const BoundTask& task) {
   const auto begin = static_cast<std::size_t>(task.box.begin.x);
   const auto end = static_cast<std::size_t>(task.box.end.x);
   std::vector<double> maxima(end - begin, 0.0);
@@ -111,7 +116,21 @@ double MaxPlainly(const BoundTask& task) {
       }
     }
   }
-  return std::sqrt(*std::max_element(maxima.begin(), maxima.end())) / 2;
+  return *std::max_element(maxima.begin(), maxima.end());
+}
+
+// Returns half the length of to_world * `doubled`. Its largest component is brought to [1, 2)
+// before squares are taken. NaN or infinite if a component is.
+double LengthOfHalf(const math::Mat3d& to_world, const math::Vec3d& doubled) {
+  const double largest = std::max({std::abs(doubled.x), std::abs(doubled.y), std::abs(doubled.z)});
+  if (!(largest > 0) || !std::isfinite(largest)) {
+    return largest;
+  }
+  const int exponent = std::ilogb(largest);
+  const auto scaled = [exponent](double value) { return std::ldexp(value, -exponent); };
+  const math::Vec3d world =
+      to_world * math::Vec3d{scaled(doubled.x), scaled(doubled.y), scaled(doubled.z)};
+  return std::ldexp(math::Length(world), exponent - 1);
 }
 
 template <typename T>
@@ -123,13 +142,12 @@ double MaxCarefully(const BoundTask& task) {
         const std::size_t sample = static_cast<std::size_t>(x) +
                                    static_cast<std::size_t>(y) * task.grid.samples[1] +
                                    static_cast<std::size_t>(z) * task.grid.samples[2];
-        math::Vec3d gradient;
+        math::Vec3d doubled;
         for (std::size_t axis = 0; axis < 3; ++axis) {
-          gradient[static_cast<int>(axis)] =
-              static_cast<double>(CarefulGradient<T>(task.bytes, task.grid, sample, axis)) / 2;
+          doubled[static_cast<int>(axis)] =
+              static_cast<double>(CarefulGradient<T>(task.bytes, task.grid, sample, axis));
         }
-        const math::Vec3d world = task.to_world * gradient;
-        const double length = std::hypot(world.x, world.y, world.z);
+        const double length = LengthOfHalf(task.to_world, doubled);
         if (std::isfinite(length)) {
           largest = std::max(largest, length);
         }
@@ -166,7 +184,11 @@ double RoughBound(const BoundTask& task) {
     }
   }
   const double most = (span.max - span.min) * (task.is_interior && std::is_integral_v<T> ? 0.5 : 1);
-  return most * std::sqrt(products) * (1 + 1e-9);  // rounding
+  if (most == 0) {
+    return 0;
+  }
+  // Rounding, also of numbers that are not normalised.
+  return most * std::sqrt(products) * (1 + 1e-9) + 4 * std::numeric_limits<double>::denorm_min();
 }
 
 template <typename T>
@@ -180,8 +202,9 @@ double MaxOf(const BoundTask& task, double so_far) {
       return std::max(so_far, MaxCarefully<T>(task));
     }
   }
-  const double largest = MaxPlainly<T>(task);
-  return std::max(so_far, std::isfinite(largest) ? largest : MaxCarefully<T>(task));
+  const double square = MaxSquarePlainly<T>(task);
+  const bool is_sure = std::isfinite(square) && square >= kLeastSquare;
+  return std::max(so_far, is_sure ? std::sqrt(square) / 2 : MaxCarefully<T>(task));
 }
 
 }  // namespace

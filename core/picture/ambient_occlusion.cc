@@ -23,6 +23,7 @@
 
 #include "core/image/fragment.h"
 #include "core/image/tile_set.h"
+#include "core/math/elementary.h"
 #include "core/picture/ambient_occlusion_kernel.h"
 #include "core/picture/linear_light.h"
 #include "core/view/unprojection.h"
@@ -102,7 +103,7 @@ class OpenCells {
         rows_(FloorDivide(view.region().y + drawn.end_y, cell_px_) + kBlurCells - first_row_),
         cells_(columns_, rows_, occlusion.radius_px / kPixelsPerCell + kBlurCells) {
     const bool is_perspective = view.camera().projection == view::Projection::kPerspective;
-    const double height = is_perspective ? 2 * std::tan(view.camera().fov_y_radians / 2)
+    const double height = is_perspective ? 2 * math::Tan(view.camera().fov_y_radians / 2)
                                          : view.camera().view_height / view.far_distance();
     setup_ = {
         .is_perspective = is_perspective,

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 
 #include <oneapi/tbb/blocked_range.h>
@@ -11,6 +10,7 @@
 
 #include "core/base/check.h"
 #include "core/image/normal_and_step.h"
+#include "core/math/elementary.h"
 
 namespace isoscope::picture {
 namespace {
@@ -28,7 +28,7 @@ RayTerm RayTermOf(const view::View& view) {
   if (camera.projection != view::Projection::kPerspective) {
     return {.at = ToFloats(view.forward())};
   }
-  const double half_height = std::tan(camera.fov_y_radians / 2);
+  const double half_height = math::Tan(camera.fov_y_radians / 2);
   const double width = view.viewport().width_px;
   const double height = view.viewport().height_px;
   const double pixel = 2 * half_height / height;
@@ -59,13 +59,13 @@ void AddMaterial(const frame::Surface& surface, std::size_t index, MaterialTerms
       surface.color_by && surface.color_by->quantity == frame::ColorBy::Quantity::kNormal ? 1.0F
                                                                                           : 0.0F;
   const auto shininess = static_cast<double>(appearance.shininess);
-  const double first = std::pow(kLeastPower, 1 / shininess);
+  const double first = math::Pow(kLeastPower, 1 / shininess);
   terms->first_power[index] = static_cast<float>(first);
   terms->power_scale[index] = static_cast<float>(kPowerSteps / (1 - first));
   terms->powers.push_back(0);
   for (std::size_t i = 1; i <= kPowerSteps; ++i) {
     const double s = first + (1 - first) * static_cast<double>(i) / kPowerSteps;
-    terms->powers.push_back(static_cast<float>(std::pow(s, shininess)));
+    terms->powers.push_back(static_cast<float>(math::Pow(s, shininess)));
   }
 }
 

@@ -16,7 +16,6 @@
 
 #include <algorithm>
 #include <bitset>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -26,6 +25,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/frame/frame_spec.h"
+#include "core/math/elementary.h"
 #include "core/view/unprojection.h"
 
 namespace isoscope::picture {
@@ -50,7 +50,7 @@ JumpRule MakeJumpRule(const view::View& view) {
   const view::Camera& camera = view.camera();
   if (camera.projection == view::Projection::kPerspective) {
     return {.per_distance =
-                static_cast<float>(kJumpShare * 2 * std::tan(camera.fov_y_radians / 2))};
+                static_cast<float>(kJumpShare * 2 * math::Tan(camera.fov_y_radians / 2))};
   }
   return {.base = static_cast<float>(kJumpShare * camera.view_height)};
 }

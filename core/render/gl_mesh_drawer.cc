@@ -36,6 +36,7 @@
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 
@@ -382,7 +383,7 @@ void GlMeshDrawer::SetRays(const view::View& view) {
   const double height = view.viewport().height_px;
   // Half the sides of the image plane at distance 1. Orthographic rays are all parallel.
   const double half_y = camera.projection == view::Projection::kPerspective
-                            ? std::tan(camera.fov_y_radians / 2)
+                            ? math::Tan(camera.fov_y_radians / 2)
                             : 0.0;
   const double half_x = half_y * width / height;
 

@@ -6,6 +6,8 @@
 #include <new>
 #include <utility>
 
+#include "core/math/elementary.h"
+
 namespace isoscope::render {
 namespace {
 
@@ -22,7 +24,7 @@ std::vector<image::Rgba8> MakeShadeTable(const frame::Appearance& appearance) {
     const double c = static_cast<double>(i) / kShadeSteps;
     const double diffuse = ambient + share * c;
     const double specular = static_cast<double>(appearance.specular) *
-                            std::pow(c, static_cast<double>(appearance.shininess));
+                            math::Pow(c, static_cast<double>(appearance.shininess));
     const auto channel = [&](std::uint8_t base) {
       const double value = std::clamp(base / 255.0 * diffuse + specular, 0.0, 1.0);
       return static_cast<std::uint8_t>(std::lround(value * 255));

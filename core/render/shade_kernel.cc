@@ -20,8 +20,8 @@
 #include "core/render/shade_kernel.h"
 
 #include <algorithm>
-#include <cmath>
 
+#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 #include "core/math/vec.h"
 #include "core/mesh/compact_mesh.h"
@@ -191,7 +191,7 @@ PixelRays MakePixelRays(const view::View& view) {
   const double height = view.viewport().height_px;
   // Half the width and height that the picture shows: at distance 1, or at any if orthographic.
   const double half_y =
-      is_perspective ? std::tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+      is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
   const double half_x = half_y * width / height;
   const math::Vec3d at = view.up() * half_y - view.right() * half_x;
   const math::Vec3d per_x = view.right() * (2 * half_x / width);

@@ -6,6 +6,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
+#include "core/math/elementary.h"
 
 namespace isoscope::view {
 namespace {
@@ -16,8 +17,8 @@ constexpr double kMinUpSine = 1e-6;
 
 // Rotates `v` about the unit vector `axis`, right-handed. Source: Rodrigues' rotation formula.
 math::Vec3d Rotated(const math::Vec3d& v, const math::Vec3d& axis, double radians) {
-  const double c = std::cos(radians);
-  const double s = std::sin(radians);
+  const double c = math::Cos(radians);
+  const double s = math::Sin(radians);
   return v * c + math::Cross(axis, v) * s + axis * (math::Dot(axis, v) * (1 - c));
 }
 
@@ -122,7 +123,7 @@ Camera MakeDefaultCamera(const math::Box3d& bounds) {
   camera.target = bounds.Center();
   // VTK's radius for a box without a size.
   const double radius = bounds.Radius() > 0 ? bounds.Radius() : 0.5;
-  const double distance = radius / std::sin(camera.fov_y_radians / 2);
+  const double distance = radius / math::Sin(camera.fov_y_radians / 2);
   camera.eye = camera.target + math::Vec3d{0, 0, distance};
   camera.up = {0, 1, 0};
   camera.view_height = 2 * radius;

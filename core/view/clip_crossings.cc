@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 
 namespace isoscope::view {
@@ -23,7 +24,7 @@ ClipCrossingFinder::ClipCrossingFinder(const View& view, const Clipper& clipper)
   const Camera& camera = view.camera();
   const bool is_perspective = camera.projection == Projection::kPerspective;
   const double half_height =
-      is_perspective ? std::tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+      is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
   const double pixel = 2 * half_height / view.viewport().height_px;
   const math::Vec3d per_x = view.right() * pixel;
   const math::Vec3d per_y = view.up() * -pixel;

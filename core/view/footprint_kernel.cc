@@ -4,8 +4,9 @@
 //   1. Project: clip coordinates x, y, z, w of the 8 corners, and the bound of the error that a
 //      float32 renderer makes in each: kClipError * (|m0| reach0 + |m1| reach1 + |m2| reach2 +
 //      |m3|).
-//   2. Outside if all corners are outside one plane of the frustum by more than the error.
-//      Undecided if one may lie in front of the near plane, or has w <= 0 within the error.
+//   2. Undecided if an error is above kMaxClipError, or NaN. Outside if all corners are outside one
+//      plane of the frustum by more than the error. Undecided if one may lie in front of the near
+//      plane, or has w < kMinClipW within the error.
 //   3. Divide by w. The margin in pixels is half the viewport times ((error + reach * w's error) /
 //      w + kViewportError * (reach + 1)), plus kSnapErrorPx. Undecided if it exceeds kMaxMarginPx.
 //   4. CoverPixels: the pixels whose centres lie in the box's extent, grown by the margin.
@@ -121,8 +122,10 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewp
     // outside the same plane, and near if one is in front of the near plane.
     auto is_outside = hn::Lt(one, zero);
     auto is_near = is_outside;
+    auto is_within_float = hn::Le(w.error, hn::Set(d, kMaxClipError));
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const Row& c = rows[axis];
+      is_within_float = hn::And(is_within_float, hn::Le(c.error, hn::Set(d, kMaxClipError)));
       const Lanes error = hn::Add(c.error, w.error);
       const Range sum =
           RangeOf([&](std::size_t k) HWY_ATTR { return hn::Add(c.corners[k], w.corners[k]); });
@@ -159,10 +162,12 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewp
     };
     const Lanes margin_x = margin_of(x, half_width, rows[0].error);
     const Lanes margin_y = margin_of(y, half_height, rows[1].error);
-    // False if a margin is NaN.
+    // Comparisons of NaN are false, while Max and Min may drop one: so each margin by itself.
+    const Lanes max_margin = hn::Set(d, kMaxMarginPx);
     const auto is_sure =
-        hn::And(hn::Gt(min_w, zero), hn::Le(hn::Max(margin_x, margin_y), hn::Set(d, kMaxMarginPx)));
-    const auto is_decided = hn::AndNot(is_near, is_sure);
+        hn::And(hn::Ge(min_w, hn::Set(d, kMinClipW)),
+                hn::And(hn::Le(margin_x, max_margin), hn::Le(margin_y, max_margin)));
+    const auto is_decided = hn::And(is_within_float, hn::AndNot(is_near, is_sure));
 
     CoverPixels(hn::Mul(half_width, hn::Add(x.min, one)), hn::Mul(half_width, hn::Add(x.max, one)),
                 margin_x, region.x, region.width_px, batch->begin_x.data() + i,
@@ -174,7 +179,7 @@ void ComputeFootprints(const math::Mat4d& clip_from_index, const Viewport& viewp
               batch->depth.data() + i);
     std::uint8_t outside_bits[8] = {};
     std::uint8_t decided_bits[8] = {};
-    hn::StoreMaskBits(d, is_outside, outside_bits);
+    hn::StoreMaskBits(d, hn::And(is_within_float, is_outside), outside_bits);
     hn::StoreMaskBits(d, is_decided, decided_bits);
     for (std::size_t lane = 0; lane < hn::Lanes(d); ++lane) {
       batch->outcome[i + lane] = (outside_bits[0] >> lane & 1) != 0   ? FootprintBatch::kOutside

@@ -1,6 +1,6 @@
 #include "core/view/unprojection.h"
 
-#include <cmath>
+#include "core/math/elementary.h"
 
 namespace isoscope::view {
 
@@ -13,7 +13,7 @@ Unprojection::Unprojection(const View& view)
   const double width = view.viewport().width_px;
   const double height = view.viewport().height_px;
   const double half_height =
-      is_perspective_ ? std::tan(view.camera().fov_y_radians / 2) : view.camera().view_height / 2;
+      is_perspective_ ? math::Tan(view.camera().fov_y_radians / 2) : view.camera().view_height / 2;
   const double pixel = 2 * half_height / height;
   per_x_ = view.right() * pixel;
   per_y_ = view.up() * -pixel;

@@ -9,9 +9,9 @@
 // A footprint answers, for a box of cells: which pixels can a float32 renderer cover, and how near
 // can a fragment be? It projects the 8 corners in double and grows their rectangle by a bound of
 // the renderer's error. Three cases need care: a box outside one plane of the frustum has no
-// pixels; a box that reaches the near plane, or has w <= 0, or needs a margin above 4 pixels, gets
-// the whole picture and depth 0, so it is never hidden; any other gets its rectangle and the depth
-// of its nearest corner, rounded towards the viewer.
+// pixels; a box that reaches the near plane, or has w <= 0, or needs a margin above 4 pixels, or
+// leaves float32's range, gets the whole picture and depth 0, so it is never hidden; any other gets
+// its rectangle and the depth of its nearest corner, rounded towards the viewer.
 //
 // A region only cuts rectangles, and counts their pixels from its own corner. All else is the
 // whole's, so that a region has the whole's pixels.
@@ -29,11 +29,13 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <string>
 
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/math/elementary.h"
 #include "core/view/footprint_kernel.h"
 
 namespace isoscope::view {
@@ -67,7 +69,7 @@ math::Mat4d ProjectionMatrix(const Camera& camera, const Viewport& viewport, dou
   const double depth = far_distance - near_distance;
   math::Mat4d clip_from_eye;
   if (camera.projection == Projection::kPerspective) {
-    const double scale = 1 / std::tan(camera.fov_y_radians / 2);
+    const double scale = 1 / math::Tan(camera.fov_y_radians / 2);
     clip_from_eye.At(0, 0) = scale / aspect;
     clip_from_eye.At(1, 1) = scale;
     clip_from_eye.At(2, 2) = -(far_distance + near_distance) / depth;
@@ -81,6 +83,12 @@ math::Mat4d ProjectionMatrix(const Camera& camera, const Viewport& viewport, dou
     clip_from_eye.At(2, 3) = -(far_distance + near_distance) / depth;
   }
   return clip_from_eye;
+}
+
+std::string OpeningOf(const Camera& camera) {
+  return camera.projection == Projection::kPerspective
+             ? absl::StrFormat("vertical angle %g radians", camera.fov_y_radians)
+             : absl::StrFormat("view height %g", camera.view_height);
 }
 
 bool IsFinite(const math::Mat4d& matrix) {
@@ -115,6 +123,13 @@ ClipBox ProjectBox(const math::Mat4d& m, const math::Vec3d& min, const math::Vec
                                    std::abs(mz) * reach_z + std::abs(mw));
   }
   return box;
+}
+
+// Whether float32 holds all coordinates, in whatever order they are summed. False for NaN; so if it
+// is true, no coordinate and no sum of two is NaN or infinite.
+bool IsWithinFloat(const ClipBox& box) {
+  return std::all_of(box.error.begin(), box.error.end(),
+                     [](double error) { return error <= kMaxClipError; });
 }
 
 struct Range {
@@ -236,24 +251,34 @@ absl::StatusOr<View> View::Make(const Camera& camera, const Viewport& viewport,
       ProjectionMatrix(camera, viewport, view.near_distance_, view.far_distance_);
   view.clip_from_world_ = clip_from_eye * eye_from_world;
   view.clip_from_index_ = clip_from_eye * eye_from_index;
+  const math::Index3& dims = geometry.sample_dims;
+  const ClipBox volume =
+      ProjectBox(view.clip_from_index_, {0, 0, 0},
+                 {static_cast<double>(dims.x - 1), static_cast<double>(dims.y - 1),
+                  static_cast<double>(dims.z - 1)});
   if (!IsFinite(view.clip_from_world_) || !IsFinite(view.clip_from_index_) ||
-      !IsFinite(view.index_from_world_)) {
+      !IsFinite(view.index_from_world_) || !IsWithinFloat(volume)) {
     return absl::InvalidArgumentError(absl::StrFormat(
-        "camera eye %g, %g, %g with volume origin %g, %g, %g: the numbers are too large or too "
-        "small for a projection",
-        camera.eye.x, camera.eye.y, camera.eye.z, geometry.origin.x, geometry.origin.y,
-        geometry.origin.z));
+        "camera eye %g, %g, %g, %s, with volume origin %g, %g, %g: the numbers are too large or "
+        "too small for a projection; clip coordinates reach %g, and at most 2^120 (%g) are "
+        "possible, because renderers compute them in 32-bit floats",
+        camera.eye.x, camera.eye.y, camera.eye.z, OpeningOf(camera), geometry.origin.x,
+        geometry.origin.y, geometry.origin.z,
+        *std::max_element(volume.error.begin(), volume.error.end()) / kClipError, 0x1p120));
   }
   return view;
 }
 
 Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& index_max) const {
+  const Footprint everything{.rect = {0, 0, region_.width_px, region_.height_px},
+                             .nearest_depth = 0};
   const ClipBox box = ProjectBox(clip_from_index_, index_min, index_max);
+  if (!IsWithinFloat(box)) {
+    return everything;
+  }
   if (IsOutside(box)) {
     return {.rect = {}, .nearest_depth = kNearestDepthMax};
   }
-  const Footprint everything{.rect = {0, 0, region_.width_px, region_.height_px},
-                             .nearest_depth = 0};
   const std::array<double, ClipBox::kCorners>& clip_x = box.corners[0];
   const std::array<double, ClipBox::kCorners>& clip_y = box.corners[1];
   const std::array<double, ClipBox::kCorners>& clip_z = box.corners[2];
@@ -263,7 +288,7 @@ Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& ind
     return everything;  // reaches the near plane, where a renderer clips
   }
   const double min_w = RangeOf([&](std::size_t i) { return clip_w[i]; }).min - error_w;
-  if (!(min_w > 0)) {
+  if (!(min_w >= kMinClipW)) {
     return everything;
   }
 
@@ -284,7 +309,7 @@ Footprint View::FootprintOf(const math::Vec3d& index_min, const math::Vec3d& ind
   const double margin_y =
       half_height * ((error_y + reach_y * error_w) / min_w + kViewportError * (reach_y + 1)) +
       kSnapErrorPx;
-  if (!(std::max(margin_x, margin_y) <= kMaxMarginPx)) {
+  if (!(margin_x <= kMaxMarginPx && margin_y <= kMaxMarginPx)) {
     return everything;
   }
 

@@ -45,8 +45,8 @@ struct Footprint {
 class View {
  public:
   // Makes the view of a volume. INVALID_ARGUMENT if camera, viewport, region or geometry do not
-  // validate, or if their projection is not finite. A region changes no matrix: its pixels are
-  // those of the whole.
+  // validate, or if float32 does not hold their projection. A region changes no matrix: its pixels
+  // are those of the whole.
   static absl::StatusOr<View> Make(const Camera& camera, const Viewport& viewport,
                                    const volume::GridGeometry& geometry,
                                    const std::optional<Region>& region = std::nullopt);

@@ -31,6 +31,7 @@
 #include "absl/types/span.h"
 
 #include "core/base/check.h"
+#include "core/math/elementary.h"
 #include "core/math/matrix.h"
 
 namespace isoscope::visibility {
@@ -170,7 +171,7 @@ RaySet::RaySet(const view::View& view, const volume::BlockLayout& layout, std::u
   const view::Camera& camera = view.camera();
   scene_.is_perspective = camera.projection == view::Projection::kPerspective;
   const double half_height =
-      scene_.is_perspective ? std::tan(camera.fov_y_radians / 2) : camera.view_height / 2;
+      scene_.is_perspective ? math::Tan(camera.fov_y_radians / 2) : camera.view_height / 2;
   const math::Mat4d& index_from_world = view.index_from_world();
   scene_.eye = math::TransformPoint(index_from_world, camera.eye);
   scene_.forward = math::TransformVector(index_from_world, view.forward());

@@ -1,6 +1,7 @@
 #include "core/volume/grid_geometry.h"
 
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "absl/strings/str_format.h"
@@ -8,10 +9,48 @@
 namespace isoscope::volume {
 namespace {
 
+// The most samples on an axis. Positions are 32-bit floats in samples: up to here every sample has
+// a float of its own, so that a vertex never leaves its cell.
+constexpr std::int64_t kMaxAxisSamples = std::int64_t{1} << 24;
+// The least and the largest distance between samples, in world units, and the largest coordinate of
+// a corner of the volume. World positions, and what is computed from them on the way to a pixel,
+// are 32-bit floats: these limits keep all of it far from where it vanishes or overflows.
+constexpr double kMinSampleDistance = 1e-24;
+constexpr double kMaxSampleDistance = 1e24;
+constexpr double kMaxCoordinate = 1e30;
+
 math::Mat3d LinearPart(const GridGeometry& geometry) {
   return {{geometry.direction.columns[0] * geometry.spacing.x,
            geometry.direction.columns[1] * geometry.spacing.y,
            geometry.direction.columns[2] * geometry.spacing.z}};
+}
+
+// Whether the world positions of samples are far from where 32-bit floats vanish or overflow.
+absl::Status CheckFloats(const GridGeometry& geometry) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const double distance =
+        geometry.spacing[axis] *
+        math::Length(geometry.direction.columns[static_cast<std::size_t>(axis)]);
+    if (!(distance >= kMinSampleDistance && distance <= kMaxSampleDistance)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "spacing %g, %g, %g: samples along axis %d are %g world units apart; %g to %g are "
+          "possible, because world positions are 32-bit floats; choose another unit",
+          geometry.spacing.x, geometry.spacing.y, geometry.spacing.z, axis, distance,
+          kMinSampleDistance, kMaxSampleDistance));
+    }
+  }
+  const math::Box3d bounds = geometry.Bounds();
+  for (const math::Vec3d& corner : {bounds.min, bounds.max}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!(std::abs(corner[axis]) <= kMaxCoordinate)) {
+        return absl::InvalidArgumentError(absl::StrFormat(
+            "origin %g, %g, %g: the volume reaches to %g world units; at most %g are possible, "
+            "because world positions are 32-bit floats; choose another unit or origin",
+            geometry.origin.x, geometry.origin.y, geometry.origin.z, corner[axis], kMaxCoordinate));
+      }
+    }
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -49,6 +88,12 @@ absl::Status Validate(const GridGeometry& geometry) {
         "volume of %d x %d x %d samples: an isosurface needs at least 2 on each axis", dims.x,
         dims.y, dims.z));
   }
+  if (dims.x > kMaxAxisSamples || dims.y > kMaxAxisSamples || dims.z > kMaxAxisSamples) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "volume of %d x %d x %d samples: each axis must have at most 2^24 (%d), because positions "
+        "are 32-bit floats; cut the volume into parts",
+        dims.x, dims.y, dims.z, kMaxAxisSamples));
+  }
   constexpr std::int64_t kMaxSamples = std::int64_t{1} << 62;
   if (dims.x > kMaxSamples / dims.y / dims.z) {
     return absl::InvalidArgumentError(
@@ -70,7 +115,7 @@ absl::Status Validate(const GridGeometry& geometry) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "direction matrix with determinant %g: its columns must be independent", determinant));
   }
-  return absl::OkStatus();
+  return CheckFloats(geometry);
 }
 
 }  // namespace isoscope::volume

@@ -28,8 +28,8 @@ struct GridGeometry {
   [[nodiscard]] math::Box3d Bounds() const;
 };
 
-// Returns INVALID_ARGUMENT unless dims are >= 2 and their product is at most 2^62, spacing is
-// finite and > 0, origin is finite, and direction is invertible.
+// INVALID_ARGUMENT, with the limit, unless dims are 2 to 2^24 and at most 2^62 in all, numbers are
+// finite, direction is invertible, and 32-bit floats carry the positions (limits: the source).
 absl::Status Validate(const GridGeometry& geometry);
 
 }  // namespace isoscope::volume

@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 
 #include "core/base/check.h"
+#include "core/math/elementary.h"
 
 namespace isoscope::volume {
 namespace {
@@ -153,7 +154,7 @@ absl::Status AddPart(const HistogramPart& other, HistogramPart* sum) {
 }
 
 std::int64_t EstimateTriangles(const math::Index3& block_cells) {
-  const double edge = std::cbrt(static_cast<double>(math::Volume(block_cells)));
+  const double edge = math::Cbrt(static_cast<double>(math::Volume(block_cells)));
   return std::llround(kTrianglesPerFaceCell * edge * edge);
 }
 

@@ -104,7 +104,8 @@ void BM_DecodePixelsInto(benchmark::State& state) {
   for (auto _ : state) {
     image::FrameImage into = pool->Take(kSize, kSize);
     for (const std::string& band : bands) {
-      ISOSCOPE_CHECK(composite::DecodePixelsInto(band, {.block_count = 1 << 20}, &into).ok());
+      ISOSCOPE_CHECK(
+          composite::DecodePixelsInto(band, {.block_count = 1 << 20}, {1, 1}, &into).ok());
     }
     state.PauseTiming();  // clearing the image
     into = image::FrameImage();

@@ -2,8 +2,9 @@
 // their answers. agent_client, frame_coordinator, agent_queries and surface_export are behind it.
 //
 // Input: a byte that chooses the client's call, a byte of ways (1: the agent waits for the
-// coordinator's message after each step; 2: bands get right checksums), a byte for the code that
-// ends the agent's call, then a piece for each message of the agent.
+// coordinator's message after each step; 2: bands get right checksums; 4: so do bands whose decoded
+// parts are changed), a byte for the code that ends the agent's call, with 4 a piece of changes,
+// then a piece for each message of the agent.
 //
 // The client's call ends, and never says that the client was wrong, unless an agent does. With a
 // well-behaved agent the picture then is that of before.
@@ -16,9 +17,12 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
 
+#include "core/base/coding.h"
+#include "core/base/compression.h"
 #include "core/base/mutex.h"
 #include "core/composite/band_format.h"
 #include "core/composite/pixel_codec.h"
@@ -47,9 +51,45 @@ struct Script {
   bool is_good = true;
   bool waits = false;
   bool seals = false;
+  std::string changes = {};  // of the decoded parts of bands: 4 bytes each, place and mask
   grpc::StatusCode end = grpc::StatusCode::OK;
   std::vector<std::string> messages = {};
 };
+
+constexpr std::size_t kFrameSizeOffset = 48;  // docs/format/wire.md
+constexpr std::size_t kMaxSideBytes = std::size_t{1} << 20;
+
+// Changes a band between what its checksum, its sizes and its compression protect: header, side
+// information (coverage, owners, palette), control bytes and extra bits. As it was if it is no
+// band.
+std::string Changed(const std::string& band, absl::string_view changes) {
+  if (band.size() < composite::kBandHeaderSize) {
+    return band;
+  }
+  const absl::string_view bytes(band);
+  const auto frame_size = base::LoadLittleEndian<std::uint32_t>(band.data() + kFrameSizeOffset);
+  const absl::string_view frame = bytes.substr(composite::kBandHeaderSize, frame_size);
+  const absl::StatusOr<std::string> side = base::Decompress(frame, kMaxSideBytes);
+  if (!side.ok()) {
+    return band;
+  }
+  std::string parts = absl::StrCat(bytes.substr(0, composite::kBandHeaderSize), *side,
+                                   bytes.substr(composite::kBandHeaderSize + frame.size()));
+  for (; changes.size() >= 4; changes.remove_prefix(4)) {
+    const auto change = base::LoadLittleEndian<std::uint32_t>(changes.data());
+    char& target = parts[(change & 0xffffff) % parts.size()];
+    target = static_cast<char>(static_cast<unsigned char>(target) ^ (change >> 24));
+  }
+  const absl::string_view changed(parts);
+  const std::string packed =
+      base::Compress(changed.substr(composite::kBandHeaderSize, side->size()));
+  std::string result = absl::StrCat(changed.substr(0, composite::kBandHeaderSize), packed,
+                                    changed.substr(composite::kBandHeaderSize + side->size()));
+  base::StoreLittleEndian(static_cast<std::uint32_t>(packed.size()),
+                          result.data() + kFrameSizeOffset);
+  composite::SealBand(&result);
+  return result;
+}
 
 class Cluster {
  public:
@@ -133,7 +173,9 @@ class Cluster {
         continue;
       }
       for (std::string& band : *response.mutable_bands()) {
-        if (script.seals && band.size() >= composite::kBandHeaderSize) {
+        if (!script.changes.empty()) {
+          band = Changed(band, script.changes);
+        } else if (script.seals && band.size() >= composite::kBandHeaderSize) {
           composite::SealBand(&band);
         }
       }
@@ -176,6 +218,8 @@ void RequireEnd(const grpc::Status& grpc_status) {
   }
 }
 
+// `choice` mod 4 is the kind of frame; 16: light from a side, so that agents send normals; 32:
+// three surfaces; 64: cuts that show samples.
 v1::RenderIsosurfaceRequest Request(std::uint8_t choice) {
   v1::RenderIsosurfaceRequest request;
   request.set_dataset("head");
@@ -193,6 +237,19 @@ v1::RenderIsosurfaceRequest Request(std::uint8_t choice) {
     request.add_surfaces()->set_isovalue(100);
     request.mutable_surfaces(0)->mutable_color()->set_alpha(0.5F);
     request.set_max_layers(3);
+  }
+  if ((choice & 16) != 0) {
+    request.add_lights()->mutable_direction()->set_x(1);
+  }
+  if ((choice & 32) != 0) {
+    request.clear_isovalue();
+    while (request.surfaces_size() < 3) {
+      request.add_surfaces()->set_isovalue(90 + 10 * request.surfaces_size());
+    }
+  }
+  if ((choice & 64) != 0) {
+    request.mutable_clip()->add_half_spaces()->mutable_normal()->set_x(1);
+    request.mutable_caps()->set_color_map(v1::COLOR_MAP_VIRIDIS);
   }
   return request;
 }
@@ -220,6 +277,9 @@ void Run(Input input) {
                    .waits = (ways & 1) != 0,
                    .seals = (ways & 2) != 0,
                    .end = kEnds[input.Byte() % std::size(kEnds)]};
+  if ((ways & 4) != 0) {
+    script.changes = std::string(input.Piece());
+  }
   while (!input.empty() && script.messages.size() < 16) {
     script.messages.emplace_back(input.Piece());
   }
@@ -227,7 +287,7 @@ void Run(Input input) {
   std::string png;
   Call call;
   if (choice % 8 < 5) {
-    v1::RenderIsosurfaceRequest request = Request(choice % 8);
+    v1::RenderIsosurfaceRequest request = Request(choice & 0xf3);
     if (choice % 8 == 4) {
       request.set_camera_fit(v1::CAMERA_FIT_SURFACE);  // asks for the box of the active blocks
     }
@@ -311,9 +371,38 @@ std::vector<std::string> Seeds() {
   box.mutable_end_cell()->set_y(4);
   box.mutable_end_cell()->set_z(4);
   const std::string frame = piece(hits) + piece(occluders) + piece(done);
-  return {head(0, 3) + frame,      head(2, 1) + frame,          head(3, 1) + frame,
-          head(0, 0) + frame,      head(1, 2) + piece(all),     head(5, 1) + frame,
-          head(4, 1) + piece(box), head(6, 0) + piece(surface), head(7, 0) + piece(histogram)};
+  // Owners of no surface, opaque and translucent, in bands that are right in all else.
+  constexpr std::uint32_t kNobody = std::uint32_t{1} << 31;
+  image.Set(7, 7, image::FragmentKey(0.2F, kNobody), {9, 8, 7, 255});
+  const auto images = image::FrameImagePool::Make(std::size_t{1} << 20);
+  image::LayerStack layers(kWidthPx, kHeightPx, 3, {.block_count = 8}, images.get());
+  layers.Insert(9, 9, image::FragmentKey(0.2F, kNobody), {9, 8, 7, 255});
+  internal::RenderFrameResponse hostile;
+  hostile.mutable_occluders_done();
+  for (const std::string& band : composite::EncodePixels(image)) {
+    hostile.add_bands(band);
+  }
+  for (const std::string& band : composite::EncodeLayers(layers)) {
+    hostile.add_bands(band);
+  }
+  const std::string hostile_frame = piece(hits) + piece(hostile) + piece(done);
+  // The owners follow the header, the bits and masks of tiles, and their dictionary sizes.
+  const std::string changes = MakePiece(std::string("\x9a\0\0\x80\x9b\0\0\x10", 8));
+  return {head(3, 1) + hostile_frame,
+          head(48, 1) + hostile_frame,
+          head(112, 1) + hostile_frame,
+          head(51, 5) + changes + hostile_frame,
+          head(48, 5) + changes + frame,
+          head(115, 5) + changes + frame,
+          head(0, 3) + frame,
+          head(2, 1) + frame,
+          head(3, 1) + frame,
+          head(0, 0) + frame,
+          head(1, 2) + piece(all),
+          head(5, 1) + frame,
+          head(4, 1) + piece(box),
+          head(6, 0) + piece(surface),
+          head(7, 0) + piece(histogram)};
 }
 
 }  // namespace isoscope::fuzz

@@ -95,7 +95,8 @@ class FrameCall {
     v1::RenderFrameResponse message;
     while (stream_->Read(&message)) {
       for (const std::string& band : message.bands()) {
-        EXPECT_THAT(composite::DecodePixelsInto(band, kOrder, image), isoscope::testing::IsOk());
+        EXPECT_THAT(composite::DecodePixelsInto(band, kOrder, {1, 1}, image),
+                    isoscope::testing::IsOk());
       }
       if (message.message_case() != v1::RenderFrameResponse::MESSAGE_NOT_SET) {
         return message;
@@ -291,7 +292,7 @@ TEST_F(PartitionAgentServiceTest, ALargePictureComesWholeInMessagesOfAboutAMebib
     bytes += message.ByteSizeLong();
     EXPECT_TRUE(message.bands_size() == 1 || message.ByteSizeLong() < (std::size_t{11} << 17));
     for (const std::string& band : message.bands()) {
-      ISOSCOPE_EXPECT_OK(composite::DecodePixelsInto(band, kOrder, &image));
+      ISOSCOPE_EXPECT_OK(composite::DecodePixelsInto(band, kOrder, {1, 1}, &image));
     }
   }
   EXPECT_GT(message_count, 1) << bytes << " bytes in one message";

@@ -51,6 +51,29 @@ class CheckIncludeTest(unittest.TestCase):
             self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
 
 
+class CheckLibmTest(unittest.TestCase):
+    def test_elementary_functions_of_libm_decide_no_bit(self):
+        for file, line in [
+            ("core/view/a.cc", "  const double s = 1 / std::tan(x / 2);"),
+            ("core/picture/a.h", "inline float P(float x) { return powf(x, 2); }"),
+            ("server/a.cc", "y = std::hypot (a, b) + ::exp2f(c);"),
+            ("partition-agent/a.cc", "std::fma(a, b, c)"),
+            ("core/math/a.h", "return std::atan2(y, x);"),
+        ]:
+            self.assertIsNotNone(check_layers.check_libm(file, line), (file, line))
+
+    def test_exact_functions_own_ones_and_other_rooms_pass(self):
+        for file, line in [
+            ("core/view/a.cc", "  const double s = 1 / math::Tan(x / 2) + std::sqrt(y);"),
+            ("core/view/a.cc", "  // at distance R / sin(fov/2)"),
+            ("core/view/a.cc", "std::ldexp(std::floor(x), 3); shape.exp(2); image->log(x); MyExp(2);"),
+            ("core/view/a.cc", "base::log(x); explog(3)"),
+            ("client-cli/a.cc", "std::tan(x)"),
+            ("core/source/volume_generator.cc", "std::cos(x)"),
+        ]:
+            self.assertIsNone(check_layers.check_libm(file, line), (file, line))
+
+
 class CheckTreeTest(unittest.TestCase):
     def test_complaints_name_file_and_line(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -58,9 +81,14 @@ class CheckTreeTest(unittest.TestCase):
             (root / "core/base").mkdir(parents=True)
             (root / "core/base/a.h").write_text('\n#include "core/math/vec.h"\n')
             (root / "core/attic").mkdir()
+            (root / "core/base/b.cc").write_text("double F(double x) {\n  return std::cos(x);\n}\n")
+            (root / "server").mkdir()
+            (root / "server/rate_control.cc").write_text("int x;\n")
             complaints = "\n".join(check_layers.check(root))
         self.assertIn("core/base/a.h:2: core/base (floor 0) includes core/math/vec.h", complaints)
         self.assertIn("core/base/a.h:1: has no test tests/unit/core/base/a_test.cc", complaints)
+        self.assertIn("core/base/b.cc:2: calls cos of libm", complaints)
+        self.assertIn("server/rate_control.cc:1: may call libm but does not", complaints)
         self.assertIn("core/attic:1: stands on no floor", complaints)
 
 

@@ -1,6 +1,7 @@
 // Bands of pixels: what is refused changes nothing, what is accepted comes back from its encoding,
 // and every picture does.
 
+#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -16,17 +17,22 @@ namespace {
 
 constexpr image::FragmentOrder kOrder{.block_count = 1000, .ties = image::TieRule::kColor};
 constexpr int kMaxSidePx = 80;  // five tiles
+// All owners that there can be, and few.
+constexpr composite::SurfaceCounts kAllSurfaces{.opaque = 1 << 23, .layers = 1 << 23};
+constexpr composite::SurfaceCounts kFewSurfaces{.opaque = 3, .layers = 2};
 
 struct Picture {
-  Picture(int width, int height)
-      : opaque(width, height),
+  explicit Picture(int width, int height, const composite::SurfaceCounts& of = kAllSurfaces)
+      : surfaces(of),
+        opaque(width, height),
         pool(image::FrameImagePool::Make(std::size_t{1} << 20)),
         layers(width, height, 3, kOrder, pool.get()) {}
 
   absl::Status Decode(absl::string_view band) {
-    return composite::DecodePixelsInto(band, kOrder, &opaque, nullptr, &layers);
+    return composite::DecodePixelsInto(band, kOrder, surfaces, &opaque, nullptr, &layers);
   }
 
+  composite::SurfaceCounts surfaces;
   image::FrameImage opaque;
   std::shared_ptr<image::FrameImagePool> pool;
   image::LayerStack layers;
@@ -45,8 +51,16 @@ void RequireRoundTrip(const Picture& picture) {
   Require(again.layers == picture.layers, "layers come back from their bands");
 }
 
-void DecodeBand(int width, int height, const std::string& band) {
-  Picture picture(width, height);
+// Whether all owners are those of surfaces that there are.
+bool HasKnownOwners(const image::FrameImage& image, std::size_t surface_count) {
+  return std::all_of(image.keys.begin(), image.keys.end(), [&](std::uint64_t key) {
+    return key == image::kBackgroundKey || kOrder.SurfaceOf(image::OwnerOf(key)) < surface_count;
+  });
+}
+
+void DecodeBand(int width, int height, const composite::SurfaceCounts& surfaces,
+                const std::string& band) {
+  Picture picture(width, height, surfaces);
   picture.opaque.Set(0, 0, image::FragmentKey(0.5F, 7), {1, 2, 3, 255});
   const image::FrameImage before = picture.opaque;
   const absl::Status status = picture.Decode(band);
@@ -55,6 +69,10 @@ void DecodeBand(int width, int height, const std::string& band) {
     Require(picture.opaque == before && picture.layers.empty(),
             "a band that is refused changes nothing");
     return;
+  }
+  Require(HasKnownOwners(picture.opaque, surfaces.opaque), "opaque pixels have known surfaces");
+  for (const image::FrameImage* level : picture.layers.Levels()) {
+    Require(HasKnownOwners(*level, surfaces.layers), "layers have known surfaces");
   }
   RequireRoundTrip(picture);
   Picture twice(width, height);
@@ -97,7 +115,7 @@ void Run(Input input) {
   if (mode % 4 > 0 && band.size() >= composite::kBandHeaderSize) {
     composite::SealBand(&band);
   }
-  DecodeBand(width, height, band);
+  DecodeBand(width, height, (mode & 4) != 0 ? kFewSurfaces : kAllSurfaces, band);
 }
 
 }  // namespace

@@ -67,11 +67,12 @@ image::FrameImage MakeSmooth(int width, int height) {
 // One surface of as many blocks as there can be.
 constexpr image::FragmentOrder kOrder{.block_count = image::kNoOwner,
                                       .ties = image::TieRule::kColor};
+constexpr SurfaceCounts kSurfaces{.opaque = 1, .layers = 1};
 
 image::FrameImage Decode(const std::vector<std::string>& bands, int width, int height) {
   image::FrameImage image(width, height);
   for (const std::string& band : bands) {
-    ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, kOrder, &image));
+    ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, kOrder, kSurfaces, &image));
   }
   return image;
 }
@@ -116,7 +117,7 @@ TEST(PixelCodecTest, TheNearerFragmentStays) {
   into.Set(1, 0, image::FragmentKey(0.5F, 9), {2, 2, 2, 255});
   const std::vector<std::string> bands = EncodePixels(far);
   ASSERT_EQ(bands.size(), 1U);
-  ISOSCOPE_ASSERT_OK(DecodePixelsInto(bands[0], kOrder, &into));
+  ISOSCOPE_ASSERT_OK(DecodePixelsInto(bands[0], kOrder, kSurfaces, &into));
   EXPECT_THAT(into.keys, ElementsAre(image::FragmentKey(0.25F, 9),
                                      image::FragmentKey(0.5F, 7)));  // a tie: the lower block
   EXPECT_EQ(into.colors[0].r, 2);
@@ -177,7 +178,7 @@ TEST(PixelCodecTest, BandsOfManyImagesCanBeCompositedAtTheSameTimeWithLocks) {
     for (std::size_t first = 0; first < 4; ++first) {
       threads.emplace_back([&, first] {
         for (std::size_t i = first; i < bands.size(); i += 4) {
-          ISOSCOPE_EXPECT_OK(DecodePixelsInto(bands[i], kOrder, &into, &locks));
+          ISOSCOPE_EXPECT_OK(DecodePixelsInto(bands[i], kOrder, kSurfaces, &into, &locks));
         }
       });
     }
@@ -206,10 +207,11 @@ TEST(PixelCodecTest, EveryTruncationIsDataLossAndLeavesTheImage) {
   for (std::size_t size = 0; size < band.size(); ++size) {
     // An allocation of exactly this size, so that a sanitizer sees a read past it.
     const std::string cut(band.data(), size);
-    ASSERT_THAT(DecodePixelsInto(cut, kOrder, &into), StatusIs(absl::StatusCode::kDataLoss, _))
+    ASSERT_THAT(DecodePixelsInto(cut, kOrder, kSurfaces, &into),
+                StatusIs(absl::StatusCode::kDataLoss, _))
         << size;
   }
-  EXPECT_THAT(DecodePixelsInto(band + "x", kOrder, &into),
+  EXPECT_THAT(DecodePixelsInto(band + "x", kOrder, kSurfaces, &into),
               StatusIs(absl::StatusCode::kDataLoss, _));
   EXPECT_EQ(into, before);
 }
@@ -220,7 +222,8 @@ TEST(PixelCodecTest, EveryBitFlipIsDataLossAndLeavesTheImage) {
   image::FrameImage into = before;
   for (std::size_t bit = 0; bit < 8 * band.size(); ++bit) {
     band[bit / 8] = static_cast<char>(band[bit / 8] ^ (1 << (bit % 8)));
-    ASSERT_THAT(DecodePixelsInto(band, kOrder, &into), StatusIs(absl::StatusCode::kDataLoss, _))
+    ASSERT_THAT(DecodePixelsInto(band, kOrder, kSurfaces, &into),
+                StatusIs(absl::StatusCode::kDataLoss, _))
         << bit;
     band[bit / 8] = static_cast<char>(band[bit / 8] ^ (1 << (bit % 8)));
   }
@@ -266,7 +269,7 @@ TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
     image::FrameImage into = empty;
     std::int64_t refused = 0;
     const auto try_band = [&](const std::string& damaged) {
-      const absl::Status status = DecodePixelsInto(damaged, kOrder, &into);
+      const absl::Status status = DecodePixelsInto(damaged, kOrder, kSurfaces, &into);
       if (status.ok()) {
         into = empty;
         return true;
@@ -321,7 +324,8 @@ TEST(PixelCodecTest, BandsOfOneImageCanBeDecodedAtTheSameTime) {
   image::FrameImage into(500, 700);
   std::vector<std::thread> threads;
   for (const std::string& band : bands) {
-    threads.emplace_back([&] { ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, kOrder, &into)); });
+    threads.emplace_back(
+        [&] { ISOSCOPE_EXPECT_OK(DecodePixelsInto(band, kOrder, kSurfaces, &into)); });
   }
   for (std::thread& thread : threads) {
     thread.join();
@@ -403,7 +407,7 @@ TEST(PixelCodecTest, LayersComeBackFromAnyAgentsInAnyOrder) {
     }
   }
   for (const std::string& band : bands) {
-    ISOSCOPE_ASSERT_OK(DecodePixelsInto(band, {}, &image, nullptr, &decoded));
+    ISOSCOPE_ASSERT_OK(DecodePixelsInto(band, kLayerOrder, {0, 3}, &image, nullptr, &decoded));
   }
   EXPECT_TRUE(decoded == expected);
   EXPECT_EQ(decoded.Levels().size(), 3U);
@@ -412,19 +416,57 @@ TEST(PixelCodecTest, LayersComeBackFromAnyAgentsInAnyOrder) {
   EXPECT_THAT(EncodeLayers(image::LayerStack()), IsEmpty());
 }
 
+// A band is right in all but its owners: an agent that means harm can encode and seal it. Tables of
+// surfaces are read at what an owner says.
+TEST(PixelCodecTest, OwnersBeyondTheFramesSurfacesAreDataLossAndLeaveTheImage) {
+  constexpr image::FragmentOrder kOf50Blocks{.block_count = 50};
+  constexpr SurfaceCounts kOf4And3{.opaque = 4, .layers = 3};
+  const auto images = image::FrameImagePool::Make(1 << 20);
+  for (const std::uint32_t owner : {0U, 149U, 150U, 199U, 200U, 1U << 31, image::kNoOwner - 1}) {
+    image::FrameImage opaque(20, 20);
+    image::LayerStack layers(20, 20, 2, kOf50Blocks, images.get());
+    for (int x = 0; x < 3; ++x) {  // with good ones beside it
+      const std::uint64_t key = image::FragmentKey(0.5F, x == 1 ? owner : 7);
+      opaque.Set(x, 3, key, {1, 2, 3, 255});
+      layers.Insert(x, 3, key, {1, 2, 3, 255});
+    }
+    image::FrameImage into(20, 20);
+    image::LayerStack into_layers(20, 20, 2, kOf50Blocks, images.get());
+    const auto decode = [&](const std::vector<std::string>& bands) {
+      return DecodePixelsInto(bands.front(), kOf50Blocks, kOf4And3, &into, nullptr, &into_layers);
+    };
+    const absl::Status of_layers = decode(EncodeLayers(layers));
+    const absl::Status of_opaque = decode(EncodePixels(opaque));
+    if (owner < 150) {
+      ISOSCOPE_EXPECT_OK(of_layers);
+      EXPECT_TRUE(into_layers == layers);
+    } else {
+      EXPECT_THAT(of_layers, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("150"))) << owner;
+      EXPECT_TRUE(into_layers.empty());
+    }
+    if (owner < 200) {
+      ISOSCOPE_EXPECT_OK(of_opaque);
+      EXPECT_EQ(into, opaque);
+    } else {
+      EXPECT_THAT(of_opaque, StatusIs(absl::StatusCode::kDataLoss, HasSubstr("200"))) << owner;
+      EXPECT_EQ(into, image::FrameImage(20, 20));
+    }
+  }
+}
+
 TEST(PixelCodecTest, LayersOfAFrameThatHasNoneAreDataLoss) {
   const auto images = image::FrameImagePool::Make(1 << 20);
   image::LayerStack layers(20, 20, 1, {}, images.get());
   layers.Insert(3, 3, image::FragmentKey(0.5F, 0), {1, 2, 3, 255});
   image::FrameImage image(20, 20);
-  EXPECT_THAT(DecodePixelsInto(EncodeLayers(layers).front(), {}, &image),
+  EXPECT_THAT(DecodePixelsInto(EncodeLayers(layers).front(), {}, kSurfaces, &image),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("translucent")));
 }
 
 TEST(PixelCodecTest, ABandOfAnotherImageSizeIsRefused) {
   const std::string band = EncodePixels(MakeSmooth(40, 30))[0];
   image::FrameImage into(30, 40);
-  EXPECT_THAT(DecodePixelsInto(band, kOrder, &into),
+  EXPECT_THAT(DecodePixelsInto(band, kOrder, kSurfaces, &into),
               StatusIs(absl::StatusCode::kDataLoss, HasSubstr("40 x 30 pixels; expected 30 x 40")));
 }
 

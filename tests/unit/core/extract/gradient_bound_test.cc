@@ -144,16 +144,63 @@ TEST(GradientBoundTest, SamplesThatAreNotFiniteGiveWayToTheirNeighbours) {
   }
 }
 
+TEST(GradientBoundTest, SamplesThatAreNotFiniteElsewhereInABlockChangeNoBit) {
+  const volume::GridGeometry geometry = Oblique();
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    std::string bytes;
+    for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(math::Volume(kDims)); ++i) {
+      const bool is_nan = base::RandomUnit(seed, 2 * i) < 0.001;
+      base::AppendLittleEndian(
+          is_nan ? std::numeric_limits<double>::quiet_NaN() : base::RandomUnit(seed, 2 * i + 1),
+          &bytes);
+    }
+    const double bound = BoundOf(geometry, ScalarType::kFloat64, bytes, 32);
+    for (const std::int64_t edge : {2, 3, 5, 8}) {
+      EXPECT_EQ(BoundOf(geometry, ScalarType::kFloat64, bytes, edge), bound) << seed << ' ' << edge;
+    }
+  }
+}
+
+TEST(GradientBoundTest, TinyGradientsDoNotVanish) {
+  const volume::GridGeometry geometry = Oblique();
+  for (const double scale : {1e-100, 1e-150, 1e-162, 1e-165, 1e-200, 1e-300, 1e-306}) {
+    std::string bytes;
+    for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(math::Volume(kDims)); ++i) {
+      base::AppendLittleEndian(scale * (2 * base::RandomUnit(3, i) - 1), &bytes);
+    }
+    const double expected = LongestGradient(geometry, ScalarType::kFloat64, bytes);
+    ASSERT_GT(expected, 0);
+    const double bound = BoundOf(geometry, ScalarType::kFloat64, bytes, 8);
+    EXPECT_NEAR(bound / expected, 1, 1e-12) << scale;
+    EXPECT_EQ(BoundOf(geometry, ScalarType::kFloat64, bytes, 5), bound) << scale;
+  }
+}
+
+TEST(GradientBoundTest, ScalingByAPowerOfTwoScalesTheBound) {
+  const volume::GridGeometry geometry = Oblique();
+  const auto bound_of = [&](double scale) {
+    std::string bytes;
+    for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(math::Volume(kDims)); ++i) {
+      base::AppendLittleEndian(scale * base::RandomUnit(7, i), &bytes);
+    }
+    return BoundOf(geometry, ScalarType::kFloat64, bytes, 8);
+  };
+  const double bound = bound_of(1);
+  for (const int exponent : {-900, -560, -470, -440, -400, -1, 1, 400, 500, 520, 1000}) {
+    EXPECT_EQ(bound_of(std::ldexp(1.0, exponent)), std::ldexp(bound, exponent)) << exponent;
+  }
+}
+
 TEST(GradientBoundTest, HugeAndConstantFieldsHaveFiniteBounds) {
   const volume::GridGeometry geometry = Oblique();
-  for (const double scale : {0.0, 1e-300, 1e300, 1.7e308}) {
+  for (const double scale : {0.0, 0x1p-1070, 1e-300, 1e300, 1.7e308}) {
     std::string bytes;
     for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(math::Volume(kDims)); ++i) {
       base::AppendLittleEndian(scale * (2 * base::RandomUnit(3, i) - 1), &bytes);
     }
     const double bound = BoundOf(geometry, ScalarType::kFloat64, bytes, 8);
     EXPECT_TRUE(std::isfinite(bound)) << scale;
-    EXPECT_EQ(bound > 0, scale > 1) << scale;
+    EXPECT_EQ(bound > 0, scale > 0) << scale;
     EXPECT_TRUE(std::isfinite(LongestOfVertices(geometry, ScalarType::kFloat64, bytes, 0)));
   }
 }

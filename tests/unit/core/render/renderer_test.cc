@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <random>
 #include <thread>
@@ -17,6 +18,7 @@
 
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <oneapi/tbb/parallel_for.h>
@@ -140,6 +142,39 @@ TEST_P(RendererTest, PreparedPassesDrawTheSamePicture) {
   // More than it may keep, and of another size.
   prepared->Prepare({.width_px = 4096, .height_px = 4096}, 2, 2);
   EXPECT_EQ(Draw(prepared.get(), view, scene.layout, scene.meshes), expected);
+}
+
+// Up to the limits of volume::Validate nothing that is computed in float32 vanishes or overflows: a
+// unit that is a power of two larger changes no bit.
+TEST_P(RendererTest, TheUnitOfLengthDoesNotMatter) {
+  const Scene scene = MakeBumpySphere(64, 8, 26, 1.5);
+  for (const view::View& view :
+       {MakeView(scene, 155, 125, 25, 15), MakeOrthographicView(scene, 100, 101, 20, {32, 40, 50}),
+        MakeOrthographicView(scene, 77, 90, 0.3, {32, 32, 58})}) {
+    const FrameImage expected = Draw(view, scene.layout, scene.meshes);
+    EXPECT_GT(CoveredCount(expected), 2000);
+    for (const int exponent : {-79, -40, 1, 40, 79}) {
+      const double unit = std::ldexp(1.0, exponent);
+      volume::GridGeometry geometry = view.geometry();
+      geometry.spacing = geometry.spacing * unit;
+      view::Camera camera = view.camera();
+      camera.eye = camera.eye * unit;
+      camera.target = camera.target * unit;
+      camera.view_height *= unit;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const view::View scaled,
+                                    view::View::Make(camera, view.viewport(), geometry));
+      EXPECT_TRUE(Draw(scaled, scene.layout, scene.meshes) == expected) << "2^" << exponent;
+      std::vector<volume::BlockId> ids(static_cast<std::size_t>(scene.layout.block_count()));
+      std::iota(ids.begin(), ids.end(), 0);
+      std::vector<view::Footprint> footprints(ids.size());
+      scaled.FootprintsOf(scene.layout, ids, absl::MakeSpan(footprints));
+      for (const volume::BlockId id : ids) {
+        const view::Footprint plain = view.FootprintOf(scene.layout, id);
+        ASSERT_EQ(footprints[id].rect, plain.rect) << "2^" << exponent << ", block " << id;
+        ASSERT_EQ(footprints[id].nearest_depth, plain.nearest_depth);
+      }
+    }
+  }
 }
 
 TEST_P(RendererTest, OrderOfAddingDoesNotMatter) {

@@ -10,11 +10,13 @@
 #include <vector>
 
 #include "absl/cleanup/cleanup.h"
+#include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "core/view/footprint_kernel.h"
 #include "hwy/highway.h"
 #include "hwy/targets.h"
 #include "tests/support/status_matchers.h"
@@ -370,6 +372,73 @@ TEST(FootprintTest, ManyAtATimeAreThoseOneByOneOnEveryInstructionSet) {
     EXPECT_GT(on_screen, 1000);
     EXPECT_GT(outside, 1000);
     EXPECT_GT(everything, 20);
+  }
+}
+
+// Infinities and NaN, which Min and Max of processors drop, must not make a block's rectangle
+// empty: who has no rectangle is not drawn.
+TEST(FootprintTest, NumbersBeyondFloatNeverHideABlock) {
+  const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    hwy::SetSupportedTargetsForTest(target);
+    // Every entry of a matrix whose blocks are on the screen, by itself.
+    for (std::size_t entry = 0; entry < 16; ++entry) {
+      for (const double value : {kNan, kInfinity, -kInfinity, 1e308, -1e308, 1e160, -1e160, 1e40}) {
+        math::Mat4d clip_from_index;  // x and y in [-1/2, 1/2], z in [0, 1/2], w = 1
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          clip_from_index.At(axis, axis) = 1.0 / 16;
+          clip_from_index.At(axis, 3) = axis == 2 ? 0 : -0.5;
+        }
+        clip_from_index.m[entry] = value;
+        FootprintBatch batch;
+        batch.count = FootprintBatch::kMultiple;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          for (std::size_t i = 0; i < batch.count; ++i) {
+            batch.min[axis][i] = static_cast<double>(i) / 8;  // also 0: times infinity it is NaN
+            batch.max[axis][i] = static_cast<double>(i) / 8 + 7;
+          }
+        }
+        ComputeFootprints(clip_from_index, {64, 64}, {0, 0, 64, 64}, &batch);
+        for (std::size_t i = 0; i < batch.count; ++i) {
+          EXPECT_EQ(batch.outcome[i], FootprintBatch::kUndecided)
+              << "entry " << entry << " is " << value << ", box " << i;
+        }
+      }
+    }
+  }
+  const volume::GridGeometry geometry = MakeGeometry();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const View view, View::Make(MakeDefaultCamera(geometry.Bounds()), {64, 48}, geometry));
+  for (const double far : {kInfinity, 1.7e308, 1e160, 1e40}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const double sign : {-1.0, 1.0}) {
+        math::Vec3d low{31, 15, 20};
+        math::Vec3d high{33, 17, 22};
+        (sign < 0 ? low : high)[axis] = sign * far;
+        const Footprint footprint = view.FootprintOf(low, high);
+        EXPECT_EQ(footprint.rect, (PixelRect{0, 0, 64, 48})) << axis << ' ' << sign * far;
+        EXPECT_EQ(footprint.nearest_depth, 0) << axis << ' ' << sign * far;
+      }
+    }
+  }
+}
+
+TEST(ViewTest, ProjectionsThatFloatDoesNotHoldAreRefusedWithTheLimit) {
+  const volume::GridGeometry geometry = MakeGeometry();
+  for (const double opening : {1e-300, 1e-40}) {
+    for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+      Camera camera = MakeDefaultCamera(geometry.Bounds());
+      camera.projection = projection;
+      camera.fov_y_radians = opening;
+      camera.view_height = opening;
+      EXPECT_THAT(View::Make(camera, {64, 48}, geometry),
+                  StatusIs(absl::StatusCode::kInvalidArgument,
+                           ::testing::AllOf(::testing::HasSubstr("2^120"),
+                                            ::testing::HasSubstr(absl::StrCat(opening)))));
+    }
   }
 }
 

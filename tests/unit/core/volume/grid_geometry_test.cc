@@ -70,7 +70,7 @@ TEST(GridGeometryTest, ValidateNamesWhatIsWrong) {
   geometry.sample_dims.y = 1;
   EXPECT_THAT(Validate(geometry), StatusIs(kInvalid, ::testing::HasSubstr("5 x 1 x 7")));
   geometry = MakeOblique();
-  geometry.sample_dims = {std::int64_t{1} << 30, std::int64_t{1} << 30, 8};
+  geometry.sample_dims = {std::int64_t{1} << 24, std::int64_t{1} << 24, std::int64_t{1} << 15};
   EXPECT_THAT(Validate(geometry), StatusIs(kInvalid, ::testing::HasSubstr("2^62")));
   geometry = MakeOblique();
   geometry.spacing.z = 0;
@@ -81,6 +81,50 @@ TEST(GridGeometryTest, ValidateNamesWhatIsWrong) {
   geometry = MakeOblique();
   geometry.direction.columns[2] = geometry.direction.columns[0];
   EXPECT_THAT(Validate(geometry), StatusIs(kInvalid, ::testing::HasSubstr("direction")));
+}
+
+// A float holds every whole number up to 2^24: beyond, a vertex would leave its cell.
+TEST(GridGeometryTest, AxesBeyondWhatFloatPositionsTellApartAreRefusedWithTheLimit) {
+  for (int axis = 0; axis < 3; ++axis) {
+    GridGeometry geometry;
+    geometry.sample_dims = {2, 2, 2};
+    geometry.sample_dims[axis] = std::int64_t{1} << 24;
+    EXPECT_THAT(Validate(geometry), IsOk());
+    geometry.sample_dims[axis] += 1;
+    EXPECT_THAT(Validate(geometry),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         ::testing::AllOf(::testing::HasSubstr("16777217"),
+                                          ::testing::HasSubstr("2^24 (16777216)"))));
+  }
+}
+
+TEST(GridGeometryTest, SpacingBeyondWhatFloatPositionsCarryIsRefusedWithTheLimit) {
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const double spacing : {1e-24, 1e-9, 1e24}) {
+      GridGeometry geometry = MakeOblique();
+      geometry.spacing[axis] = spacing;
+      EXPECT_THAT(Validate(geometry), IsOk()) << spacing;
+    }
+    for (const double spacing : {5e-324, 0.99e-24, 1.01e24, 1e308}) {
+      GridGeometry geometry = MakeOblique();
+      geometry.spacing[axis] = spacing;
+      EXPECT_THAT(Validate(geometry), StatusIs(absl::StatusCode::kInvalidArgument,
+                                               ::testing::HasSubstr("1e-24 to 1e+24")))
+          << spacing;
+    }
+    GridGeometry geometry = MakeOblique();
+    geometry.origin[axis] = -0.9e30;
+    EXPECT_THAT(Validate(geometry), IsOk());
+    geometry.origin[axis] = -1.1e30;
+    EXPECT_THAT(Validate(geometry),
+                StatusIs(absl::StatusCode::kInvalidArgument, ::testing::HasSubstr("1e+30")));
+    // Directions are unit vectors by custom only.
+    geometry = MakeOblique();
+    auto& column = geometry.direction.columns[static_cast<std::size_t>(axis)];
+    column = column * 1e30;
+    EXPECT_THAT(Validate(geometry), StatusIs(absl::StatusCode::kInvalidArgument,
+                                             ::testing::HasSubstr("1e-24 to 1e+24")));
+  }
 }
 
 }  // namespace
