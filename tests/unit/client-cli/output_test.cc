@@ -70,7 +70,7 @@ TEST(OutputTest, CellsAndProgressDoNotSteerTheTerminal) {
   Table table({"agent", "message"});
   table.AddRow({"a\x1b[2J", "two\nlines\u009b"});
   EXPECT_EQ(table.ToString(),
-            "agent      message\n"
+            "agent     message\n"
             "a?[2J  two lines?\n");
   std::ostringstream err;
   {
