@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdlib>
+#include <functional>
 #include <mutex>
 #include <set>
 #include <stdexcept>
@@ -30,6 +32,20 @@ namespace isoscope {
 namespace {
 
 using ::testing::Each;
+
+// No test takes that long unless it fails.
+constexpr std::chrono::seconds kLongest(10);
+// Enough for a task to begin that must not begin.
+constexpr std::chrono::milliseconds kMoment(100);
+
+// Waits until `is_set`, at most for `longest`. Orders nothing, so that races stay visible.
+void Await(const std::atomic<bool>& is_set, std::chrono::milliseconds longest = kLongest) {
+  const auto end = std::chrono::steady_clock::now() + longest;
+  while (!is_set.load(std::memory_order_relaxed) && std::chrono::steady_clock::now() < end) {
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+  }
+}
+void Set(std::atomic<bool>* flag) { flag->store(true, std::memory_order_relaxed); }
 
 // Threads that a set of tasks ran on.
 class ThreadsSeen {
@@ -307,14 +323,292 @@ TEST_F(TbbContractTest, ObserversSeeTheCallerComeAndGo) {
   observer.observe(false);
 }
 
+// How a thread waits.
+enum class Wait { kForLoop, kForGroup };
+
+// Calls both functions at once, one on the calling thread and one on another. Waits for them.
+void InTwoThreads(Wait wait, const std::function<void()>& here,
+                  const std::function<void()>& elsewhere) {
+  const std::thread::id caller = std::this_thread::get_id();
+  std::atomic<bool> is_here{false};
+  std::atomic<bool> is_elsewhere{false};
+  const auto work = [&] {
+    if (std::this_thread::get_id() == caller) {
+      Set(&is_here);
+      Await(is_elsewhere);
+      here();
+    } else {
+      Set(&is_elsewhere);
+      Await(is_here);
+      elsewhere();
+    }
+  };
+  if (wait == Wait::kForLoop) {
+    tbb::parallel_for(
+        0, 2, [&](int /*i*/) { work(); }, tbb::simple_partitioner());
+  } else {
+    tbb::task_group group;
+    group.run(work);
+    work();
+    group.wait();
+  }
+  EXPECT_TRUE(is_elsewhere) << "no other thread came";
+}
+
+// Of a task that was begun while its thread waits inside of another one, for something else.
+class TbbWaitTest : public TbbContractTest, public ::testing::WithParamInterface<Wait> {};
+
+INSTANTIATE_TEST_SUITE_P(All, TbbWaitTest, ::testing::Values(Wait::kForLoop, Wait::kForGroup),
+                         [](const ::testing::TestParamInfo<Wait>& wait) {
+                           return wait.param == Wait::kForLoop ? "Loop" : "Group";
+                         });
+
+// Whoever waits while it holds a lock, or uses its element, meets both in a task of the outer work.
+TEST_P(TbbWaitTest, TheWaitingThreadTakesAnOuterTaskInTheMiddleOfAnother) {
+  tbb::task_arena arena(2);
+  tbb::enumerable_thread_specific<int> depths;
+  int seen_depth = 0;
+  std::atomic<bool> is_taken{false};
+  arena.execute([&] {
+    tbb::task_group outer;
+    outer.run([&] {
+      ++depths.local();
+      InTwoThreads(
+          GetParam(),
+          [&] {
+            outer.run([&] {
+              seen_depth = depths.local();
+              Set(&is_taken);
+            });
+          },
+          [&] { Await(is_taken); });
+      --depths.local();
+    });
+    outer.wait();
+  });
+  EXPECT_EQ(seen_depth, 1);
+}
+
+TEST_P(TbbWaitTest, TheWaitingThreadTakesChunksOfAnotherCallersLoop) {
+  tbb::task_arena arena(3);
+  const std::thread::id waiting = std::this_thread::get_id();
+  std::atomic<bool> is_inside{false};
+  std::atomic<bool> is_other_begun{false};
+  std::atomic<bool> is_taken{false};
+  std::atomic<int> calls{0};
+  std::thread other([&] {
+    Await(is_inside);
+    arena.execute([&] {
+      tbb::parallel_for(
+          0, 8,
+          [&](int /*i*/) {
+            ++calls;
+            Set(&is_other_begun);
+            if (std::this_thread::get_id() == waiting) {
+              Set(&is_taken);
+            } else {
+              Await(is_taken);
+            }
+          },
+          tbb::simple_partitioner());
+    });
+  });
+  arena.execute([&] {
+    InTwoThreads(
+        GetParam(),
+        [&] {
+          Set(&is_inside);
+          Await(is_other_begun);
+        },
+        [&] { Await(is_taken); });
+  });
+  other.join();
+  EXPECT_TRUE(is_taken);
+  EXPECT_EQ(calls, 8);
+}
+
+TEST_P(TbbWaitTest, AThreadInAnIsolatedRegionTakesTasksOfThatRegion) {
+  tbb::task_arena arena(2);
+  std::thread::id waiting;
+  std::thread::id taking;
+  std::atomic<bool> is_taken{false};
+  arena.execute([&] {
+    tbb::task_group outer;
+    tbb::this_task_arena::isolate([&] {
+      InTwoThreads(
+          GetParam(),
+          [&] {
+            waiting = std::this_thread::get_id();
+            outer.run([&] {
+              taking = std::this_thread::get_id();
+              Set(&is_taken);
+            });
+          },
+          [&] { Await(is_taken); });
+    });
+    outer.wait();
+  });
+  EXPECT_EQ(taking, waiting);
+}
+
+TEST_P(TbbWaitTest, ATakenTaskFailsForThoseThatWaitForIt) {
+  tbb::task_arena arena(2);
+  std::atomic<bool> is_taken{false};
+  std::atomic<bool> is_inner_whole{false};
+  arena.execute([&] {
+    tbb::task_group outer;
+    outer.run([&] {
+      InTwoThreads(
+          GetParam(),
+          [&] {
+            outer.run([&] {
+              Set(&is_taken);
+              throw std::runtime_error("taken");
+            });
+          },
+          [&] { Await(is_taken); });
+      is_inner_whole = true;
+    });
+    EXPECT_THROW(outer.wait(), std::runtime_error);
+  });
+  EXPECT_TRUE(is_inner_whole);
+}
+
+// Keeps the arena's other thread busy, starts a task, and calls wait(arena, busy), which waits for
+// the busy thread or for something else. Returns whether the task was done in `wait`. The thread
+// is busy until the task is begun, at most for `longest`.
+bool IsTakenIn(std::chrono::milliseconds longest,
+               const std::function<void(tbb::task_arena*, tbb::task_group*)>& wait) {
+  tbb::task_arena arena(2);
+  const std::thread::id waiting = std::this_thread::get_id();
+  bool is_waiting = false;  // of the calling thread only
+  bool is_taken_in_wait = false;
+  std::atomic<bool> is_busy{false};
+  std::atomic<bool> is_taken{false};
+  arena.execute([&] {
+    tbb::task_group busy;
+    tbb::task_group outer;
+    busy.run([&] {
+      Set(&is_busy);
+      Await(is_taken, longest);
+    });
+    Await(is_busy);
+    outer.run([&] {
+      is_taken_in_wait = std::this_thread::get_id() == waiting && is_waiting;
+      Set(&is_taken);
+    });
+    is_waiting = true;
+    wait(&arena, &busy);
+    is_waiting = false;
+    outer.wait();
+    busy.wait();
+  });
+  return is_taken_in_wait;
+}
+
+TEST_F(TbbContractTest, AThreadInAnIsolatedRegionTakesNoTasksFromOutside) {
+  EXPECT_TRUE(
+      IsTakenIn(kLongest, [](tbb::task_arena* /*arena*/, tbb::task_group* busy) { busy->wait(); }));
+  EXPECT_FALSE(IsTakenIn(kMoment, [](tbb::task_arena* /*arena*/, tbb::task_group* busy) {
+    tbb::this_task_arena::isolate([&] { busy->wait(); });
+  }));
+}
+
+TEST_F(TbbContractTest, AThreadThatWaitsInAnotherArenaTakesNoTasksOfTheFirst) {
+  tbb::task_arena another(2);
+  EXPECT_FALSE(IsTakenIn(2 * kMoment, [&](tbb::task_arena* /*arena*/, tbb::task_group* /*busy*/) {
+    another.execute([] {
+      InTwoThreads(
+          Wait::kForLoop, [] {}, [] { std::this_thread::sleep_for(kMoment); });
+    });
+  }));
+}
+
+// isolate() protects nothing from what is in an execute() inside of it.
+TEST_F(TbbContractTest, ExecuteLeavesTheIsolatedRegion) {
+  EXPECT_TRUE(IsTakenIn(kLongest, [](tbb::task_arena* arena, tbb::task_group* busy) {
+    tbb::this_task_arena::isolate([&] { arena->execute([&] { busy->wait(); }); });
+  }));
+}
+
 #ifdef __SANITIZE_THREAD__
+constexpr int kExitCodeOfThreadSanitizer = 66;
+
+// Alone in its eight bytes: of those, ThreadSanitizer remembers the last few accesses, and waiting
+// for a flag is many.
+struct alignas(64) Unlocked {
+  int value = 0;
+};
+
 TEST(TbbStandInDeathTest, TwoStepsAreEnoughToShowARace) {
   ::testing::FLAGS_gtest_death_test_style = "threadsafe";
-  constexpr int kExitCodeOfThreadSanitizer = 66;
   EXPECT_EXIT(
       {
-        int unlocked = 0;
-        tbb::parallel_for(0, 2, [&](int /*i*/) { ++unlocked; });
+        Unlocked unlocked;
+        tbb::parallel_for(0, 2, [&](int /*i*/) { ++unlocked.value; });
+        std::exit(0);
+      },
+      ::testing::ExitedWithCode(kExitCodeOfThreadSanitizer), "data race");
+}
+
+TEST(TbbStandInDeathTest, ATakenTaskIsNotOrderedAfterTheTaskThatItsThreadWaitsFor) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(
+      {
+        const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, 2);
+        tbb::task_arena arena(2);
+        Unlocked unlocked;
+        std::atomic<bool> is_written{false};
+        std::atomic<bool> is_taken{false};
+        arena.execute([&] {
+          tbb::task_group busy;
+          tbb::task_group outer;
+          busy.run([&] {
+            ++unlocked.value;
+            Set(&is_written);
+            Await(is_taken);
+          });
+          Await(is_written);
+          outer.run([&] {
+            ++unlocked.value;
+            Set(&is_taken);
+          });
+          busy.wait();
+          outer.wait();
+        });
+        std::exit(0);
+      },
+      ::testing::ExitedWithCode(kExitCodeOfThreadSanitizer), "data race");
+}
+
+TEST(TbbStandInDeathTest, TheLoopsOfTwoCallersAreNotOrdered) {
+  ::testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(
+      {
+        const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, 2);
+        tbb::task_arena arena(2);
+        Unlocked unlocked;
+        std::atomic<bool> is_first_done{false};
+        const auto run_loop = [&](bool writes_here) {
+          const std::thread::id caller = std::this_thread::get_id();
+          arena.execute([&] {
+            tbb::parallel_for(0, 2, [&](int /*i*/) {
+              if ((std::this_thread::get_id() == caller) == writes_here) {
+                ++unlocked.value;
+              }
+            });
+          });
+        };
+        std::thread first([&] {
+          run_loop(false);
+          Set(&is_first_done);
+        });
+        std::thread second([&] {
+          Await(is_first_done);
+          run_loop(true);
+        });
+        first.join();
+        second.join();
         std::exit(0);
       },
       ::testing::ExitedWithCode(kExitCodeOfThreadSanitizer), "data race");

@@ -6,14 +6,20 @@
 //
 // 1. An arena has threads of its own, which sleep until a job comes.
 // 2. A job is a number of chunks. The caller takes all sleeping threads of the arena for it, and
-//    waits until they are there. Each participant works on a section of the chunks. Nobody takes
-//    the first chunk of another's section, so that all have work. The rest they take from each
-//    other.
-// 3. Participants are ordered by nothing between the start and the end of a job: no lock is shared,
-//    and what they count together is counted without order.
+//    waits until they are there. Each participant has one chunk that nobody else takes, so that all
+//    have work. The other chunks are free.
+// 3. Jobs with free chunks are on the board of their arena. A thread that has done its chunk takes
+//    free ones from the board, of the newest job first, until there are none. A thread that waits
+//    for the end of a job takes them meanwhile. So a task can find its thread in the middle of
+//    another one, which holds locks and uses the thread's elements. In an isolated region a thread
+//    takes only that region's chunks.
+// 4. Threads are ordered by nothing between the start and the end of a job: no lock is shared, and
+//    what they count together is counted without order. Whoever looks at the board learns nothing;
+//    whoever takes a chunk is ordered after the start of its job, and the end after that thread.
 //
-// Not as in TBB: a thread that waits takes no other work meanwhile; more threads may call execute()
-// than the arena has slots; priorities, affinity and task_arena::enqueue are missing.
+// Not as in TBB: steps of a pipeline stay with its participants, who wait for their turns; more
+// threads may call execute() than the arena has slots; priorities, affinity and task_arena::enqueue
+// are missing.
 //
 // This header is the inside of the others.
 
@@ -22,10 +28,14 @@
 
 #include <pthread.h>
 #include <sched.h>
+#include <time.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <exception>
 #include <functional>
 #include <limits>
@@ -35,6 +45,9 @@
 #include <thread>
 #include <utility>
 #include <vector>
+
+#include <linux/futex.h>
+#include <sys/syscall.h>
 
 namespace tbb {
 inline namespace stand_in {
@@ -80,74 +93,179 @@ inline std::atomic<bool>& IsForked() {
   return forked;
 }
 
-// What several participants work on. Each calls Work(its number) once.
-class Job {
- public:
-  Job(std::size_t chunk_count, std::function<void(std::size_t)> chunk,
-      const std::atomic<bool>* cancelled)
-      : chunk_count_(chunk_count), chunk_(std::move(chunk)), cancelled_(cancelled) {}
+// Sleeps while `word` is `value`, at most for `longest`; null: without limit. std::atomic::wait
+// would order the one that wakes after all that sleep.
+inline void SleepWhile(const std::atomic<int>& word, int value, const timespec* longest) {
+  static_assert(sizeof(word) == sizeof(int));
+  syscall(SYS_futex, &word, FUTEX_WAIT_PRIVATE, value, longest, nullptr, 0);
+}
+inline void WakeAll(const std::atomic<int>& word) {
+  syscall(SYS_futex, &word, FUTEX_WAKE_PRIVATE, std::numeric_limits<int>::max(), nullptr, nullptr,
+          0);
+}
 
-  // Before any participant comes. At most chunk_count.
-  void SetParticipants(std::size_t count) {
-    participants_ = count;
-    sections_ = std::vector<Section>(count);
-    for (std::size_t i = 0; i < count; ++i) {
-      sections_[i].end = chunk_count_ * (i + 1) / count;
-      sections_[i].next.store(chunk_count_ * i / count + 1, std::memory_order_relaxed);
-    }
+class Arena;
+
+// Where a thread is.
+struct Place {
+  Arena* arena = nullptr;
+  int slot = -1;             // of the arena
+  std::uint64_t region = 0;  // the isolated one that it is in; 0: none
+  int depth = 0;             // chunks of others that it is in the middle of
+};
+inline Place& ThisPlace() {
+  thread_local Place place;
+  return place;
+}
+
+// Puts the calling thread into an isolated region while it lives.
+class InRegion {
+ public:
+  explicit InRegion(std::uint64_t region) : before_(std::exchange(ThisPlace().region, region)) {}
+  ~InRegion() { ThisPlace().region = before_; }
+  InRegion(const InRegion&) = delete;
+  InRegion& operator=(const InRegion&) = delete;
+
+  static std::uint64_t New() {
+    static std::atomic<std::uint64_t> last{0};
+    return last.fetch_add(1, std::memory_order_relaxed) + 1;
   }
 
-  // Waits until all participants are there, then works until no chunk is left.
-  void Work(std::size_t participant) {
+ private:
+  const std::uint64_t before_;
+};
+
+class Job;
+
+// A place on the board of an arena, which shows a job to those who are not its participants. They
+// may use the job only between joining and leaving it: its owner waits for them. A notice outlives
+// all jobs that it shows, so that anyone may look at it at any time.
+struct Notice {
+  // Of `state`. An owned notice is no other job's; only an open one can be joined.
+  static constexpr std::uint64_t kOwned = 1;
+  static constexpr std::uint64_t kOpen = 2;
+  static constexpr std::uint64_t kGuest = 4;  // times the number of those that have ever joined
+
+  std::atomic<std::uint64_t> state{0};
+  std::atomic<std::uint64_t> number{0};  // of the job
+  std::atomic<std::uint64_t> region{0};  // of the job
+  std::atomic<std::size_t> free_chunks{0};
+  std::atomic<Job*> job{nullptr};
+
+  // Shows a job. False if the notice is another's.
+  bool Open(Job* shown, std::uint64_t its_number, std::uint64_t its_region, std::size_t count) {
+    std::uint64_t expected = 0;
+    if (!state.compare_exchange_strong(expected, kOwned, std::memory_order_relaxed)) {
+      return false;
+    }
+    number.store(its_number, std::memory_order_relaxed);
+    region.store(its_region, std::memory_order_relaxed);
+    free_chunks.store(count, std::memory_order_relaxed);
+    job.store(shown, std::memory_order_relaxed);
+    state.store(kOwned | kOpen, std::memory_order_release);
+    return true;
+  }
+  // The job if it can be joined: then it waits for the thread to leave it. Null otherwise.
+  Job* Join() {
+    std::uint64_t seen = state.load(std::memory_order_relaxed);
+    while ((seen & kOpen) != 0) {
+      if (state.compare_exchange_weak(seen, seen + kGuest, std::memory_order_acquire,
+                                      std::memory_order_relaxed)) {
+        return job.load(std::memory_order_relaxed);
+      }
+    }
+    return nullptr;
+  }
+  // Nobody can join any more. Returns how many have.
+  std::size_t Close() {
+    return static_cast<std::size_t>(state.fetch_and(~kOpen, std::memory_order_relaxed) / kGuest);
+  }
+  // After all that joined have left.
+  void Free() { state.store(0, std::memory_order_relaxed); }
+};
+using Board = std::array<Notice, 64>;
+
+// Chunks of work. Whoever makes a job waits until all that have to do with it have left it.
+class Job {
+ public:
+  // `number`: larger than those of older jobs of the arena. The job is in the isolated region that
+  // the calling thread is in.
+  Job(std::uint64_t number, std::size_t chunk_count, std::function<void(std::size_t)> chunk,
+      const std::atomic<bool>* cancelled)
+      : number_(number),
+        region_(ThisPlace().region),
+        chunk_count_(chunk_count),
+        chunk_(std::move(chunk)),
+        cancelled_(cancelled) {}
+
+  [[nodiscard]] std::uint64_t region() const { return region_; }
+  [[nodiscard]] Notice* notice() const { return notice_; }  // null: the job is not on the board
+
+  // Before any thread comes. At most chunk_count. As many chunks are their own, the others free.
+  void SetParticipants(std::size_t count) {
+    participants_ = count;
+    next_free_.store(count, std::memory_order_relaxed);
+  }
+  // Before any thread comes. Does nothing if no chunk is free, or no notice.
+  void PutOn(Board* board) {
+    if (!HasFree()) {
+      return;
+    }
+    for (Notice& notice : *board) {
+      notice_ = &notice;
+      if (notice.Open(this, number_, region_, chunk_count_ - participants_)) {
+        return;
+      }
+    }
+    notice_ = nullptr;
+  }
+
+  // Waits until all participants are there, then does the own chunk of this one.
+  void RunOwn(std::size_t participant) {
     arrived_.fetch_add(1, std::memory_order_relaxed);
     while (arrived_.load(std::memory_order_relaxed) < participants_) {
       std::this_thread::yield();
     }
-    RunChunk(chunk_count_ * participant / participants_);
-    for (std::size_t i = 0; i < participants_; ++i) {
-      Section& section = sections_[(participant + i) % participants_];
-      while (true) {
-        const std::size_t chunk = section.next.fetch_add(1, std::memory_order_relaxed);
-        if (chunk >= section.end) {
-          break;
-        }
-        RunChunk(chunk);
-      }
+    RunChunk(participant);
+  }
+  // Does a free chunk. False if there is none.
+  bool RunFree() {
+    const std::size_t chunk =
+        HasFree() ? next_free_.fetch_add(1, std::memory_order_relaxed) : chunk_count_;
+    if (chunk >= chunk_count_) {
+      return false;
     }
-  }
-
-  // The last that a participant does with the job.
-  void Leave() {
-    left_.fetch_add(1, std::memory_order_release);
-    left_.notify_all();
-  }
-
-  // Waits until `count` participants have left.
-  void Await(int count) const {
-    for (int left = left_.load(std::memory_order_acquire); left < count;
-         left = left_.load(std::memory_order_acquire)) {
-      left_.wait(left, std::memory_order_acquire);
+    if (notice_ != nullptr) {
+      notice_->free_chunks.fetch_sub(1, std::memory_order_relaxed);
     }
+    RunChunk(chunk);
+    return true;
+  }
+  [[nodiscard]] bool HasFree() const {
+    return next_free_.load(std::memory_order_relaxed) < chunk_count_;
   }
 
-  // After Await(): throws what the first failed chunk threw.
-  void Rethrow() const {
+  // The last that a thread does with the job.
+  void Leave() { left_.fetch_add(1, std::memory_order_release); }
+  // True if `count` threads have left. Orders nothing.
+  [[nodiscard]] bool IsLeftBy(std::size_t count) const {
+    return left_.load(std::memory_order_relaxed) >= count;
+  }
+  // After all have left: throws what the first failed chunk threw.
+  void End() const {
+    left_.load(std::memory_order_acquire);
     if (exception_ != nullptr) {
       std::rethrow_exception(exception_);
     }
   }
 
  private:
-  struct Section {
-    std::atomic<std::size_t> next{0};
-    std::size_t end = 0;
-  };
-
   void RunChunk(std::size_t chunk) {
     if (has_failed_.load(std::memory_order_relaxed) ||
         (cancelled_ != nullptr && cancelled_->load(std::memory_order_relaxed))) {
       return;
     }
+    const InRegion inside(region_);
     try {
       chunk_(chunk);
     } catch (...) {
@@ -157,28 +275,19 @@ class Job {
     }
   }
 
+  const std::uint64_t number_;
+  const std::uint64_t region_;
   const std::size_t chunk_count_;
   const std::function<void(std::size_t)> chunk_;
   const std::atomic<bool>* const cancelled_;
-  std::size_t participants_ = 1;
-  std::vector<Section> sections_;
+  std::size_t participants_ = 0;
+  Notice* notice_ = nullptr;
+  std::atomic<std::size_t> next_free_{0};
   std::atomic<std::size_t> arrived_{0};
-  std::atomic<int> left_{0};
+  std::atomic<std::size_t> left_{0};
   std::atomic<bool> has_failed_{false};
   std::exception_ptr exception_;  // of the thread that set has_failed_
 };
-
-class Arena;
-
-// The arena that a thread is in, and its slot there.
-struct Place {
-  Arena* arena = nullptr;
-  int slot = -1;
-};
-inline Place& ThisPlace() {
-  thread_local Place place;
-  return place;
-}
 
 // Is told when threads enter and leave an arena.
 class Observer {
@@ -224,34 +333,60 @@ class Arena {
     return allowed == kNoLimit ? DefaultConcurrency() : std::min(allowed, kMaxImplicit);
   }
 
+  // Who does the chunks of a job.
+  enum class Takers { kAnyone, kParticipants };
+
   // Calls chunk(i) for all i below `chunk_count`, in parallel, unless `cancelled` becomes true or a
   // chunk throws; then throws what the first one threw.
   void Run(std::size_t chunk_count, std::function<void(std::size_t)> chunk,
-           const std::atomic<bool>* cancelled = nullptr) {
+           const std::atomic<bool>* cancelled = nullptr, Takers takers = Takers::kAnyone) {
     if (chunk_count == 0) {
       return;
     }
     const Enter inside(this);
-    const auto job = std::make_shared<Job>(chunk_count, std::move(chunk), cancelled);
+    Job job(NewNumber(), chunk_count, std::move(chunk), cancelled);
     const std::vector<Worker*> helpers =
         ClaimWorkers(std::min(chunk_count, static_cast<std::size_t>(Allowed())) - 1);
-    job->SetParticipants(helpers.size() + 1);
-    for (std::size_t i = 0; i < helpers.size(); ++i) {
-      helpers[i]->Give(job, i + 1);
+    job.SetParticipants(helpers.size() + 1);
+    if (takers == Takers::kAnyone) {
+      Show(&job);
     }
-    job->Work(0);
-    job->Await(static_cast<int>(helpers.size()));
-    job->Rethrow();
+    for (std::size_t i = 0; i < helpers.size(); ++i) {
+      helpers[i]->Give(&job, i + 1);
+    }
+    job.RunOwn(0);
+    Finish(&job, helpers.size());
   }
 
-  // Has a sleeping thread do `job`, which is for one participant. False if there is none.
-  bool Hand(const std::shared_ptr<Job>& job) {
+  // A job of one chunk, which a sleeping thread does, or else anyone in time. Finish() ends it.
+  struct Task {
+    std::unique_ptr<Job> job;
+    std::size_t participants = 0;
+  };
+  Task Start(std::function<void(std::size_t)> chunk) {
+    Task task{std::make_unique<Job>(NewNumber(), 1, std::move(chunk), nullptr)};
     const std::vector<Worker*> helpers = ClaimWorkers(Allowed() < 2 ? 0 : 1);
+    task.participants = helpers.size();
+    task.job->SetParticipants(helpers.size());
     if (helpers.empty()) {
-      return false;
+      Show(task.job.get());
+    } else {
+      helpers[0]->Give(task.job.get(), 0);
     }
-    helpers[0]->Give(job, 0);
-    return true;
+    return task;
+  }
+
+  // Does what is free of a job, and waits for the end of the rest. `participants`: without the
+  // calling thread. Throws what the first failed chunk threw.
+  void Finish(Job* job, std::size_t participants) {
+    while (job->RunFree()) {
+    }
+    const std::size_t guests = job->notice() != nullptr ? job->notice()->Close() : 0;
+    Await(*job, participants + guests);
+    if (job->notice() != nullptr) {
+      job->notice()->Free();
+    }
+    job->End();
   }
 
   // Makes the calling thread one of the arena's while it lives.
@@ -259,7 +394,7 @@ class Arena {
    public:
     explicit Enter(Arena* arena) : before_(ThisPlace()) {
       if (before_.arena != arena) {
-        ThisPlace() = {arena, 0};
+        ThisPlace() = {.arena = arena, .slot = 0, .depth = before_.depth};
         arena->TellEntry(false);
       }
     }
@@ -280,14 +415,19 @@ class Arena {
   void AddObserver(Observer* observer) {
     const std::lock_guard<std::mutex> lock(observers_mutex_);
     observers_.push_back(observer);
+    has_observers_ = true;
   }
   void RemoveObserver(Observer* observer) {
     const std::lock_guard<std::mutex> lock(observers_mutex_);
     observers_.erase(std::remove(observers_.begin(), observers_.end(), observer), observers_.end());
+    has_observers_ = !observers_.empty();
   }
 
  private:
   static constexpr int kMaxImplicit = 8;  // threads of the arena of those that are in none
+  static constexpr int kMaxDepth = 16;    // so that stacks do not overflow
+  // The longest sleep of a thread that waits. It is woken, but nothing orders that.
+  static constexpr timespec kLongestSleep{.tv_sec = 0, .tv_nsec = 10'000'000};
 
   // A thread, and what it is to do next.
   class Worker {
@@ -301,10 +441,10 @@ class Arena {
       return state_.compare_exchange_strong(expected, kClaimed, std::memory_order_relaxed);
     }
     // After Claim(). No job: the thread ends.
-    void Give(std::shared_ptr<Job> job, std::size_t participant) {
-      order_.store(new Order{std::move(job), participant}, std::memory_order_relaxed);
+    void Give(Job* job, std::size_t participant) {
+      order_.store(new Order{job, participant}, std::memory_order_relaxed);
       state_.store(kGiven, std::memory_order_release);
-      state_.notify_all();
+      WakeAll(state_);
     }
 
    private:
@@ -313,26 +453,32 @@ class Arena {
     static constexpr int kGiven = 2;
 
     struct Order {
-      std::shared_ptr<Job> job;
+      Job* job;
       std::size_t participant;
     };
 
     void Loop(Arena* arena, int slot) {
-      ThisPlace() = {arena, slot};
+      ThisPlace() = {.arena = arena, .slot = slot};
       while (true) {
         for (int state = state_.load(std::memory_order_acquire); state != kGiven;
              state = state_.load(std::memory_order_acquire)) {
-          state_.wait(state, std::memory_order_relaxed);
+          SleepWhile(state_, state, nullptr);
         }
         const std::unique_ptr<Order> order(order_.load(std::memory_order_relaxed));
         if (order->job == nullptr) {
           return;
         }
         arena->TellEntry(true);
-        order->job->Work(order->participant);
+        Job* job = order->job;
+        job->RunOwn(order->participant);
+        for (Job* next = arena->Join(); next != nullptr; next = arena->Join()) {
+          arena->Leave(std::exchange(job, next));
+          job->RunFree();
+        }
         arena->TellExit(true);
+        // Whoever waited for the job can take the thread for the next one.
         state_.store(kSleeping, std::memory_order_relaxed);
-        order->job->Leave();
+        arena->Leave(job);
       }
     }
 
@@ -367,7 +513,88 @@ class Arena {
     return claimed;
   }
 
+  std::uint64_t NewNumber() { return last_number_.fetch_add(1, std::memory_order_relaxed) + 1; }
+
+  // Before others come to the job.
+  void Show(Job* job) {
+    job->PutOn(&board_);
+    if (job->notice() != nullptr) {
+      TellNews();
+    }
+  }
+
+  // Waits until `count` threads have left the job.
+  void Await(const Job& job, std::size_t count) {
+    int& depth = ThisPlace().depth;
+    sleepers_.fetch_add(1, std::memory_order_relaxed);
+    while (true) {
+      const int news = news_.load(std::memory_order_relaxed);
+      if (job.IsLeftBy(count)) {
+        break;
+      }
+      if (Job* const other = depth < kMaxDepth ? Join() : nullptr; other != nullptr) {
+        ++depth;
+        other->RunFree();
+        --depth;
+        Leave(other);
+      } else {
+        SleepWhile(news_, news, &kLongestSleep);
+      }
+    }
+    sleepers_.fetch_sub(1, std::memory_order_relaxed);
+  }
+  void Leave(Job* job) {
+    job->Leave();
+    TellNews();
+  }
+  // Wakes those that wait: there is a new job, or a thread has left one.
+  void TellNews() {
+    news_.fetch_add(1, std::memory_order_relaxed);
+    if (sleepers_.load(std::memory_order_relaxed) > 0) {
+      WakeAll(news_);
+    }
+  }
+
+  // Joins the newest job on the board that has free chunks for the calling thread. Null if there is
+  // none.
+  Job* Join() {
+    const Place& place = ThisPlace();
+    if (place.arena != this || IsForked().load(std::memory_order_relaxed)) {
+      return nullptr;
+    }
+    for (Notice* notice = NewestNotice(place.region); notice != nullptr;
+         notice = NewestNotice(place.region)) {
+      Job* const job = notice->Join();
+      if (job == nullptr) {
+        continue;
+      }
+      if (place.region == 0 || place.region == job->region()) {
+        return job;
+      }
+      Leave(job);  // the notice has got another job since
+    }
+    return nullptr;
+  }
+  // Null if there is none. Orders nothing.
+  Notice* NewestNotice(std::uint64_t region) {
+    Notice* newest = nullptr;
+    std::uint64_t newest_number = 0;
+    for (Notice& notice : board_) {
+      const std::uint64_t number = notice.number.load(std::memory_order_relaxed);
+      if ((notice.state.load(std::memory_order_relaxed) & Notice::kOpen) != 0 &&
+          notice.free_chunks.load(std::memory_order_relaxed) > 0 && number > newest_number &&
+          (region == 0 || notice.region.load(std::memory_order_relaxed) == region)) {
+        newest = &notice;
+        newest_number = number;
+      }
+    }
+    return newest;
+  }
+
   std::vector<Observer*> Observers() {
+    if (!has_observers_.load(std::memory_order_relaxed)) {
+      return {};  // without the lock, which would order the threads
+    }
     const std::lock_guard<std::mutex> lock(observers_mutex_);
     return observers_;
   }
@@ -385,8 +612,13 @@ class Arena {
   const int concurrency_;  // 0: the implicit arena
   std::once_flag started_;
   std::vector<std::unique_ptr<Worker>> workers_;
+  Board board_;
+  std::atomic<std::uint64_t> last_number_{0};
+  std::atomic<int> news_{0};  // a count that may wrap
+  std::atomic<int> sleepers_{0};
   std::mutex observers_mutex_;
   std::vector<Observer*> observers_;
+  std::atomic<bool> has_observers_{false};
 };
 
 }  // namespace inside

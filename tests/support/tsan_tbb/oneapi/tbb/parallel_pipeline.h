@@ -137,20 +137,22 @@ filter<Input, Output> make_filter(filter_mode mode, const Function& function) {
 inline void parallel_pipeline(std::size_t max_tokens, const filter<void, void>& chain) {
   inside::Arena& arena = inside::Arena::Current();
   std::atomic<bool> is_failed{false};
-  arena.Run(std::min(max_tokens, static_cast<std::size_t>(arena.concurrency())),
-            [&](std::size_t /*token*/) {
-              try {
-                for (bool goes_on = true; goes_on;) {
-                  inside::Item item;
-                  item.is_failed = &is_failed;
-                  chain.step()(&item, {});
-                  goes_on = !item.control.is_stopped() && !is_failed;
-                }
-              } catch (...) {
-                is_failed = true;
-                throw;
-              }
-            });
+  const auto work = [&](std::size_t /*token*/) {
+    try {
+      for (bool goes_on = true; goes_on;) {
+        inside::Item item;
+        item.is_failed = &is_failed;
+        chain.step()(&item, {});
+        goes_on = !item.control.is_stopped() && !is_failed;
+      }
+    } catch (...) {
+      is_failed = true;
+      throw;
+    }
+  };
+  // A thread in the middle of an item must not wait for another one's turn.
+  arena.Run(std::min(max_tokens, static_cast<std::size_t>(arena.concurrency())), work, nullptr,
+            inside::Arena::Takers::kParticipants);
 }
 
 }  // namespace stand_in

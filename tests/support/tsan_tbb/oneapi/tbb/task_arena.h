@@ -30,6 +30,7 @@ class task_arena {
   template <typename Function>
   auto execute(Function&& function) -> decltype(function()) {
     const inside::Arena::Enter inside(&Get());
+    const inside::InRegion none(0);
     return function();
   }
 
@@ -54,6 +55,7 @@ inline int current_thread_index() {
 inline int max_concurrency() { return inside::Arena::Current().concurrency(); }
 template <typename Function>
 auto isolate(Function&& function) -> decltype(function()) {
+  const inside::InRegion region(inside::InRegion::New());
   return function();
 }
 }  // namespace this_task_arena

@@ -49,44 +49,38 @@ class task_group {
   task_group(const task_group&) = delete;
   task_group& operator=(const task_group&) = delete;
 
-  // A sleeping thread of the arena begins at once. Otherwise the task is done in wait().
+  // A sleeping thread of the arena begins at once. Otherwise the first that waits for something in
+  // the arena does the task.
   template <typename Function>
   void run(Function&& function) {
     // std::function copies what it holds.
     auto owned = std::make_shared<std::decay_t<Function>>(std::forward<Function>(function));
-    auto job = std::make_shared<inside::Job>(
-        1, [owned](std::size_t /*chunk*/) { (*owned)(); }, nullptr);
-    job->SetParticipants(1);
-    const bool is_handed = inside::Arena::Current().Hand(job);
+    inside::Arena& arena = inside::Arena::Current();
+    inside::Arena::Task task = arena.Start([owned](std::size_t /*chunk*/) { (*owned)(); });
     const std::lock_guard<std::mutex> lock(mutex_);
-    queued_.push_back({std::move(job), is_handed});
+    queued_.push_back({&arena, std::move(task)});
   }
 
   // Throws what the first task threw.
   task_group_status wait() {
     std::exception_ptr exception;
+    const inside::Arena::Enter inside(&inside::Arena::Current());
     while (true) {
-      Task task;
+      Queued next;
       {
         const std::lock_guard<std::mutex> lock(mutex_);
         if (queued_.empty()) {
           break;
         }
         // Those of other threads last, so that nothing orders them and the caller's.
-        auto next = std::find_if(queued_.begin(), queued_.end(),
-                                 [](const Task& queued) { return !queued.is_handed; });
-        next = next == queued_.end() ? queued_.begin() : next;
-        task = std::move(*next);
-        queued_.erase(next);
-      }
-      if (task.is_handed) {
-        task.job->Await(1);
-      } else {
-        const inside::Arena::Enter inside(&inside::Arena::Current());
-        task.job->Work(0);
+        auto at = std::find_if(queued_.begin(), queued_.end(),
+                               [](const Queued& queued) { return queued.task.job->HasFree(); });
+        at = at == queued_.end() ? queued_.begin() : at;
+        next = std::move(*at);
+        queued_.erase(at);
       }
       try {
-        task.job->Rethrow();
+        next.arena->Finish(next.task.job.get(), next.task.participants);
       } catch (...) {
         exception = exception == nullptr ? std::current_exception() : exception;
       }
@@ -98,13 +92,13 @@ class task_group {
   }
 
  private:
-  struct Task {
-    std::shared_ptr<inside::Job> job;
-    bool is_handed = false;
+  struct Queued {
+    inside::Arena* arena = nullptr;
+    inside::Arena::Task task;
   };
 
   std::mutex mutex_;
-  std::deque<Task> queued_;
+  std::deque<Queued> queued_;
 };
 
 }  // namespace stand_in
