@@ -650,7 +650,7 @@ TEST_F(IsosurfaceServiceTest, AReplicaTakesOverAnExportFromAnAgentThatFallsSilen
         writer->Write(OneTriangle(block));
       }
       if (is_first) {
-        WaitUntilCancelled(stream_context);
+        EXPECT_TRUE(WaitUntilCancelled(stream_context)) << "the export waited for it all the same";
         return grpc::Status::CANCELLED;
       }
       return grpc::Status::OK;
