@@ -14,7 +14,9 @@
 //   no segment that this round or the last one has used. If there is no room then, the new segment
 //   is not kept: it serves its frame, and its meshes do not enter the table.
 // * A slider moves if two rounds on end asked for other isovalues than the rounds before them. Then
-//   a segment is forgotten, too, if the pool has no touched chunk left for a new one.
+//   a segment is forgotten, too, if the pool has no touched chunk left for a new one. A round that
+//   only comes back to a recent isovalue forgets none: two users at two isovalues take turns, and
+//   each wants his meshes again.
 //
 // A round is a frame. Agents of one process that draw the same frame share its round. Tables may
 // take an eighth of the bytes, segments the rest.
@@ -26,6 +28,8 @@
 
 #include <algorithm>
 #include <bit>
+
+#include "absl/cleanup/cleanup.h"
 
 #include "core/base/check.h"
 
@@ -59,10 +63,11 @@ std::uint64_t MeshCache::BeginRound(std::int64_t frame_number) {
   if (frame_number != frame_number_) {
     frame_number_ = frame_number;
     ++round_;
-    moved_round_count_ = has_moved_ ? moved_round_count_ + 1 : 0;
-    has_moved_ = false;
+    last_motion_ = std::exchange(motion_, {});
     is_slider_moving_.store(false, std::memory_order_relaxed);
-    last_isovalues_ = std::exchange(isovalues_, {});
+    std::erase_if(asked_, [this](const AskedIsovalue& asked) ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return asked.round + kRecentRounds < round_;
+    });
   }
   return round_;
 }
@@ -73,11 +78,19 @@ std::shared_ptr<MeshTable> MeshCache::TableOf(std::uint32_t shard_number, double
   // + 0.0 makes -0 the key of 0.
   const auto bits = std::bit_cast<std::uint64_t>(isovalue + 0.0);
   base::MutexLock lock(&mutex_);
-  isovalues_.push_back(bits);
-  if (std::find(last_isovalues_.begin(), last_isovalues_.end(), bits) == last_isovalues_.end()) {
-    has_moved_ = true;
-    is_slider_moving_.store(moved_round_count_ > 0, std::memory_order_relaxed);
+  const auto asked =
+      std::find_if(asked_.begin(), asked_.end(),
+                   [bits](const AskedIsovalue& recent) { return recent.bits == bits; });
+  if (asked == asked_.end()) {
+    asked_.push_back({bits, round_});
+    motion_ = {.has_moved = true, .has_new = true};
+  } else {
+    motion_.has_moved = motion_.has_moved || asked->round + 1 < round_;
+    asked->round = round_;
   }
+  is_slider_moving_.store(
+      motion_.has_moved && last_motion_.has_moved && (motion_.has_new || last_motion_.has_new),
+      std::memory_order_relaxed);
   const auto found = std::find_if(tables_.begin(), tables_.end(), [&](const KeyedTable& keyed) {
     return keyed.shard_number == shard_number && keyed.isovalue_bits == bits &&
            keyed.has_gradient_magnitudes == has_gradient_magnitudes;
@@ -140,21 +153,33 @@ std::shared_ptr<MeshSegment> MeshCache::TakeSegment(std::size_t size_bytes, std:
            segment_bytes_ + segment->size_bytes > max_segment_bytes &&
            ForgetOldest(round, &forgotten)) {
     }
-    if (forgotten.empty() && is_slider_moving() && pool_->touched_free_bytes() == 0) {
+    if (forgotten.empty() && MayRecycle() && pool_->touched_free_bytes() == 0) {
       ForgetOldest(round, &forgotten);
     }
     if (segment_bytes_ + segment->size_bytes <= max_segment_bytes) {
-      segment_bytes_ += segment->size_bytes;
+      if (open_.capacity() <= segments_.size()) {
+        open_.reserve(2 * segments_.size() + 1);
+      }
       segments_.push_back(segment);
+      segment_bytes_ += segment->size_bytes;
     } else {
       segment->is_kept.store(false, std::memory_order_relaxed);
     }
   }
   forgotten.clear();  // so that their chunks can be taken
+  absl::Cleanup withdraw = [this, &segment] { Withdraw(segment); };
   segment->memory = segment->size_bytes <= base::MemoryPool::kChunkBytes
                         ? pool_->Take()
                         : std::make_shared_for_overwrite<char[]>(segment->size_bytes);
+  std::move(withdraw).Cancel();
   return segment;
+}
+
+void MeshCache::Withdraw(const std::shared_ptr<MeshSegment>& segment) {
+  const base::MutexLock lock(&mutex_);
+  if (std::erase(segments_, segment) > 0) {
+    segment_bytes_ -= segment->size_bytes;
+  }
 }
 
 bool MeshCache::ForgetOldest(std::uint64_t round,
@@ -166,10 +191,10 @@ bool MeshCache::ForgetOldest(std::uint64_t round,
   if (oldest == segments_.end() || (*oldest)->round.load(std::memory_order_relaxed) + 1 >= round) {
     return false;
   }
+  forgotten->push_back(*oldest);
   (*oldest)->is_kept.store(false, std::memory_order_relaxed);
   std::erase(open_, *oldest);
   segment_bytes_ -= (*oldest)->size_bytes;
-  forgotten->push_back(std::move(*oldest));
   *oldest = std::move(segments_.back());
   segments_.pop_back();
   return true;

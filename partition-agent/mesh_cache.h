@@ -98,7 +98,9 @@ class MeshCache {
     std::shared_ptr<MeshSegment> segment_;
   };
 
-  // Whether the last two rounds, this one included, were of new isovalues.
+  // Returns true if this round and the last one asked for isovalues that the round before each did
+  // not, and one of them for one that no recent round did. Users who take turns, each at an
+  // isovalue of his own, are no slider.
   [[nodiscard]] bool is_slider_moving() const {
     return is_slider_moving_.load(std::memory_order_relaxed);
   }
@@ -113,14 +115,32 @@ class MeshCache {
     std::shared_ptr<MeshTable> table;
   };
   static constexpr std::size_t kTableShare = 8;
+  // The most users who take turns. The more, the more fresh memory a slider takes that turns back.
+  static constexpr std::uint64_t kRecentRounds = 4;
+  struct AskedIsovalue {
+    std::uint64_t bits = 0;
+    std::uint64_t round = 0;  // the last one that asked for it
+  };
+  // How the isovalues of a round differ from those before.
+  struct Motion {
+    bool has_moved = false;  // one was not asked for in the last round
+    bool has_new = false;    // one was not asked for in the last kRecentRounds
+  };
+  // Returns true if a slider moves and this round is at a new isovalue. A round that comes back to
+  // one may be another user's.
+  bool MayRecycle() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return last_motion_.has_moved && motion_.has_new;
+  }
   // Moves the segment with the lowest round to `forgotten`. False if this round or the last one
   // has used all of them.
   bool ForgetOldest(std::uint64_t round, std::vector<std::shared_ptr<MeshSegment>>* forgotten)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
+  // Drops a segment that got no memory.
+  void Withdraw(const std::shared_ptr<MeshSegment>& segment);
   // Returns a segment with at least `size_bytes` of room.
   std::shared_ptr<MeshSegment> TakeSegment(std::size_t size_bytes, std::uint64_t round);
-  // Lets another writer fill the rest of the segment.
+  // Lets another writer fill the rest of the segment. Allocates nothing, for destructors.
   void GiveBack(std::shared_ptr<MeshSegment> segment);
 
   const std::shared_ptr<base::MemoryPool> pool_;
@@ -129,16 +149,14 @@ class MeshCache {
   std::size_t segment_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::size_t table_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::vector<std::shared_ptr<MeshSegment>> segments_ ABSL_GUARDED_BY(mutex_);  // all kept ones
-  std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);      // with room
+  // Those with room. Its capacity is enough for all kept ones.
+  std::vector<std::shared_ptr<MeshSegment>> open_ ABSL_GUARDED_BY(mutex_);
   std::list<KeyedTable> tables_ ABSL_GUARDED_BY(mutex_);  // the last used first
   std::int64_t frame_number_ ABSL_GUARDED_BY(mutex_) = -1;
   std::uint64_t round_ ABSL_GUARDED_BY(mutex_) = 2;
-  // Bits of the isovalues that this round and the last one asked for, and the number of rounds on
-  // end, without this one, that asked for an isovalue that the one before did not.
-  std::vector<std::uint64_t> isovalues_ ABSL_GUARDED_BY(mutex_);
-  std::vector<std::uint64_t> last_isovalues_ ABSL_GUARDED_BY(mutex_);
-  int moved_round_count_ ABSL_GUARDED_BY(mutex_) = 0;
-  bool has_moved_ ABSL_GUARDED_BY(mutex_) = false;  // in this round
+  std::vector<AskedIsovalue> asked_ ABSL_GUARDED_BY(mutex_);  // in the last kRecentRounds
+  Motion motion_ ABSL_GUARDED_BY(mutex_);                     // of this round
+  Motion last_motion_ ABSL_GUARDED_BY(mutex_);                // of the round before
   std::atomic<bool> is_slider_moving_{false};
 };
 

@@ -1,13 +1,21 @@
 // A number of bytes that concurrent work shares. Work that needs more than is left waits.
+//
+// Waiters are served in the order in which they came. One that fits may overtake those before it,
+// so that free memory is used, until the first has waited for kMaxOvertakenDuration. Then nobody
+// overtakes it, so that small work can't starve large work.
 
 #ifndef ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
 #define ISOSCOPE_CORE_BASE_MEMORY_BUDGET_H_
 
 #include <cstddef>
+#include <functional>
+#include <list>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
@@ -17,8 +25,14 @@ namespace isoscope::base {
 // Thread-safe. Outlives its reservations.
 class MemoryBudget {
  public:
-  explicit MemoryBudget(std::size_t capacity_bytes)
-      : capacity_bytes_(capacity_bytes), free_bytes_(capacity_bytes) {}
+  // Returns the time. Called with the budget's mutex held.
+  using Clock = std::function<absl::Time()>;
+
+  // Users notice it, and most steps end sooner.
+  static constexpr absl::Duration kMaxOvertakenDuration = absl::Milliseconds(100);
+
+  explicit MemoryBudget(std::size_t capacity_bytes, Clock now = absl::Now)
+      : capacity_bytes_(capacity_bytes), now_(std::move(now)), free_bytes_(capacity_bytes) {}
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
@@ -50,8 +64,10 @@ class MemoryBudget {
     std::size_t bytes_;
   };
 
-  // Waits until `bytes` are free. RESOURCE_EXHAUSTED, at once, if the budget is smaller than that;
-  // the error of `cancellation` if it fires first.
+  // Waits until `bytes` are free and it is the caller's turn. RESOURCE_EXHAUSTED, at once, if the
+  // budget is smaller than that; the error of `cancellation` if it fires first. A caller holds no
+  // reservation of this budget that it gives back only afterwards: those before it in the queue may
+  // wait for that one.
   absl::StatusOr<Reservation> Reserve(std::size_t bytes, const Cancellation& cancellation);
 
   [[nodiscard]] std::size_t capacity_bytes() const { return capacity_bytes_; }
@@ -60,14 +76,32 @@ class MemoryBudget {
     const MutexLock lock(&mutex_);
     return capacity_bytes_ - free_bytes_;
   }
+  // Returns the number of calls of Reserve that wait.
+  [[nodiscard]] std::size_t waiting_count() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const MutexLock lock(&mutex_);
+    return waiters_.size();
+  }
 
  private:
-  void Release(std::size_t bytes);
+  // A call of Reserve, on its stack.
+  struct Waiter {
+    std::size_t bytes = 0;
+    absl::Time since;
+    bool is_served = false;  // it has the bytes, and has left the queue
+    CondVar served;
+  };
+
+  void Release(std::size_t bytes) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Gives bytes to those whose turn it is.
+  void ServeWaiters() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Takes a waiter out that was not served, or gives back the bytes that it doesn't want.
+  void Leave(Waiter* waiter) ABSL_LOCKS_EXCLUDED(mutex_);
 
   const std::size_t capacity_bytes_;
+  const Clock now_;
   mutable Mutex mutex_;
-  CondVar freed_;
   std::size_t free_bytes_ ABSL_GUARDED_BY(mutex_);
+  std::list<Waiter*> waiters_ ABSL_GUARDED_BY(mutex_);  // in order of arrival
 };
 
 }  // namespace isoscope::base

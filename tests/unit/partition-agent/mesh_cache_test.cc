@@ -673,6 +673,77 @@ TEST_F(MeshCacheTest, ASliderMovesWhileEachFrameHasAnotherIsovalue) {
   EXPECT_TRUE(moves(3));
 }
 
+// Users at isovalues of their own, whose views show other blocks in each frame.
+TEST_F(MeshCacheTest, UsersWhoTakeTurnsKeepAllThatThereIsRoomFor) {
+  for (const std::size_t user_count : {2U, 3U, 4U}) {
+    pool_ = base::MemoryPool::Make();
+    cache_ = std::make_unique<MeshCache>(pool_);
+    SetMaxChunks(1000);
+    for (std::size_t user = 0; user < user_count && user_count > 2; ++user) {
+      NextRound();
+      Table(static_cast<double>(user));  // three in a row look like a slider at first
+    }
+    for (std::size_t place = 0; place < kPlaceCount; place += 4) {
+      for (std::size_t user = 0; user < user_count; ++user) {
+        const std::uint64_t round = NextRound();
+        Fill(Table(static_cast<double>(user)).get(), place, place + 4, round);
+      }
+    }
+    for (std::size_t user = 0; user < user_count; ++user) {
+      EXPECT_EQ(Present(Table(static_cast<double>(user)).get(), kPlaceCount, NextRound()),
+                std::string(kPlaceCount, '1'))
+          << "user " << user << " of " << user_count;
+    }
+  }
+}
+
+TEST_F(MeshCacheTest, UsersWhoTakeTurnsAreNoSlider) {
+  SetMaxChunks(4);
+  for (const int user_count : {2, 3, 4}) {
+    const auto moves = [&](int frame) {
+      NextRound();
+      Table(100 * user_count + frame % user_count);
+      return cache_->is_slider_moving();
+    };
+    for (int frame = 0; frame <= user_count; ++frame) {
+      moves(frame);  // they look like one until they have come back
+    }
+    for (int frame = user_count + 1; frame < 20; ++frame) {
+      EXPECT_FALSE(moves(frame)) << user_count << " users, frame " << frame;
+    }
+  }
+}
+
+TEST_F(MeshCacheTest, AUserWhoStaysDoesNotHideASlider) {
+  SetMaxChunks(4);
+  for (int step = 0; step < 10; ++step) {
+    NextRound();
+    Table(-1);
+    NextRound();
+    Table(step);
+    EXPECT_TRUE(step == 0 || cache_->is_slider_moving()) << step;
+  }
+}
+
+// The slider goes to and fro between the same isovalues. Meshes that are kept are found again.
+TEST_F(MeshCacheTest, ASliderThatTurnsBackTakesLittleFreshMemory) {
+  SetMaxChunks(1000);
+  pool_->Populate(6 * kChunkBytes);
+  std::set<const void*> places;
+  for (int step = 0; step < 100; ++step) {
+    const int at = step % 28;
+    const std::uint64_t round = NextRound();
+    const auto table = Table(at < 15 ? at : 28 - at);
+    if (Present(table.get(), 8, round) != "11111111") {
+      Fill(table.get(), 0, 8, round);
+    }
+    for (std::size_t place = 0; place < 8; ++place) {
+      places.insert(table->Find(place, round).get());
+    }
+  }
+  EXPECT_LE(places.size(), 4 * (6U + 2U)) << "more than one isovalue beyond what was touched";
+}
+
 TEST_F(MeshCacheTest, WithoutASliderTheCacheGrowsToItsBound) {
   SetMaxChunks(40);
   const auto table = Table(1);

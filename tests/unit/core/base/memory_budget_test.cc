@@ -4,7 +4,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <list>
 #include <memory>
+#include <optional>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -28,6 +30,247 @@ using ::testing::HasSubstr;
 
 // Long enough for another thread to do what it must not do.
 constexpr absl::Duration kAWhile = absl::Milliseconds(50);
+
+// Far longer than anything takes. A wrong rule then fails the test rather than hang it.
+constexpr absl::Duration kGiveUp = absl::Seconds(60);
+
+// A budget whose clock stands still, and threads that wait for it. Nothing is slept through.
+class MemoryBudgetQueueTest : public ::testing::Test {
+ protected:
+  // A thread that reserves, and what it got.
+  class Holder {
+   public:
+    Holder(MemoryBudget* budget, std::size_t bytes)
+        : thread_([this, budget, bytes] {
+            auto reservation = budget->Reserve(bytes, cancellation_);
+            const MutexLock lock(&mutex_);
+            status_ = reservation.status();
+            if (reservation.ok()) {
+              reservation_.emplace(*std::move(reservation));
+            }
+            has_returned_ = true;
+            returned_.Signal();
+          }) {}
+    ~Holder() {
+      cancellation_.Cancel();
+      thread_.join();
+    }
+
+    // Waits until it has its bytes, and gives them back.
+    void Release() {
+      EXPECT_THAT(AwaitReturn(), IsOk());
+      const MutexLock lock(&mutex_);
+      reservation_.reset();
+    }
+    // Ends its wait.
+    void Cancel() {
+      cancellation_.Cancel();
+      EXPECT_THAT(AwaitReturn(), StatusIs(absl::StatusCode::kCancelled));
+    }
+
+   private:
+    absl::Status AwaitReturn() {
+      const MutexLock lock(&mutex_);
+      const bool has_returned =
+          returned_.AwaitUntil(&mutex_, absl::Now() + kGiveUp, [this] { return has_returned_; });
+      return has_returned ? status_ : absl::UnknownError("it still waits");
+    }
+
+    Cancellation cancellation_;
+    Mutex mutex_;
+    CondVar returned_;
+    bool has_returned_ = false;
+    absl::Status status_;
+    std::optional<MemoryBudget::Reservation> reservation_;
+    std::thread thread_;
+  };
+
+  // Begins a reservation that is served at once.
+  std::unique_ptr<Holder> Hold(std::size_t bytes) {
+    const std::size_t before = budget_.reserved_bytes();
+    auto holder = std::make_unique<Holder>(&budget_, bytes);
+    AwaitThat([&] { return budget_.reserved_bytes() == before + bytes; });
+    return holder;
+  }
+  // Begins a reservation that must wait.
+  std::unique_ptr<Holder> Wait(std::size_t bytes) {
+    const std::size_t before = budget_.waiting_count();
+    auto holder = std::make_unique<Holder>(&budget_, bytes);
+    AwaitThat([&] { return budget_.waiting_count() == before + 1; });
+    return holder;
+  }
+  template <typename Predicate>
+  static void AwaitThat(const Predicate& predicate) {
+    const absl::Time give_up = absl::Now() + kGiveUp;
+    while (!predicate()) {
+      ASSERT_LT(absl::Now(), give_up) << "the budget is not as it must be";
+      std::this_thread::yield();
+    }
+  }
+  void Advance(absl::Duration duration) {
+    now_nanoseconds_.fetch_add(absl::ToInt64Nanoseconds(duration));
+  }
+
+  std::atomic<std::int64_t> now_nanoseconds_{0};
+  MemoryBudget budget_{1000, [this] { return absl::FromUnixNanos(now_nanoseconds_.load()); }};
+};
+
+TEST_F(MemoryBudgetQueueTest, ALargeStepStarvesNoLongerThanItsPatience) {
+  const auto first = Hold(600);
+  const auto second = Hold(400);
+  const auto large = Wait(1000);
+  const auto early = Wait(400);
+  second->Release();
+  EXPECT_EQ(budget_.waiting_count(), 1U) << "the large one does not fit, and is still patient";
+  Advance(MemoryBudget::kMaxOvertakenDuration);
+  const auto late = Wait(100);
+  early->Release();
+  EXPECT_EQ(budget_.waiting_count(), 2U) << "somebody overtook the large step";
+  EXPECT_EQ(budget_.reserved_bytes(), 600U);
+  first->Release();
+  EXPECT_EQ(budget_.reserved_bytes(), 1000U) << "the large step is served first";
+  EXPECT_EQ(budget_.waiting_count(), 1U);
+  large->Release();
+  late->Release();
+}
+
+TEST_F(MemoryBudgetQueueTest, WhoFitsIsServedWhileTheFirstIsPatient) {
+  const auto first = Hold(700);
+  const auto large = Wait(1000);
+  Advance(MemoryBudget::kMaxOvertakenDuration - absl::Nanoseconds(1));
+  const auto small = Hold(300);
+  small->Release();
+  Advance(absl::Nanoseconds(1));
+  const auto late = Wait(300);
+  first->Release();
+  large->Release();
+  late->Release();
+}
+
+TEST_F(MemoryBudgetQueueTest, EqualsAreServedInTheOrderOfArrival) {
+  const auto all = Hold(1000);
+  std::vector<std::unique_ptr<Holder>> holders;
+  for (int i = 0; i < 5; ++i) {
+    holders.push_back(Wait(600));
+  }
+  all->Release();
+  for (std::size_t i = 0; i < holders.size(); ++i) {
+    EXPECT_EQ(budget_.waiting_count(), holders.size() - 1 - i);
+    holders[i]->Release();
+  }
+  EXPECT_EQ(budget_.reserved_bytes(), 0U);
+}
+
+TEST_F(MemoryBudgetQueueTest, ACancelledFirstLetsThoseBehindItPass) {
+  const auto first = Hold(600);
+  const auto large = Wait(1000);
+  Advance(2 * MemoryBudget::kMaxOvertakenDuration);
+  const auto second = Wait(300);
+  const auto third = Wait(100);
+  const auto fourth = Wait(500);  // does not fit
+  large->Cancel();
+  EXPECT_EQ(budget_.waiting_count(), 1U);
+  EXPECT_EQ(budget_.reserved_bytes(), 1000U);
+  second->Release();
+  third->Release();
+  EXPECT_EQ(budget_.waiting_count(), 1U);
+  first->Release();
+  fourth->Release();
+}
+
+TEST_F(MemoryBudgetQueueTest, ThePatienceOfTheNextCountsFromItsOwnArrival) {
+  const auto first = Hold(600);
+  const auto large = Wait(1000);
+  Advance(MemoryBudget::kMaxOvertakenDuration);
+  const auto next = Wait(900);
+  large->Cancel();
+  const auto small = Hold(400);  // `next` is first, and patient
+  small->Release();
+  Advance(MemoryBudget::kMaxOvertakenDuration);
+  const auto late = Wait(400);
+  first->Release();
+  next->Release();
+  late->Release();
+}
+
+TEST_F(MemoryBudgetQueueTest, NothingIsFreeEvenBehindAnImpatientStep) {
+  const auto first = Hold(1000);
+  const auto large = Wait(1000);
+  Advance(MemoryBudget::kMaxOvertakenDuration);
+  EXPECT_THAT(budget_.Reserve(0, Cancellation()), IsOk());
+  first->Release();
+  large->Release();
+}
+
+// A model of the rule takes the same arrivals, releases and cancellations.
+TEST_F(MemoryBudgetQueueTest, RandomUseFollowsTheRule) {
+  struct Step {
+    std::size_t bytes = 0;
+    absl::Time arrival;
+    std::unique_ptr<Holder> holder;
+  };
+  std::list<Step> waiting;
+  std::vector<Step> holding;
+  std::size_t free_bytes = 1000;
+  absl::Time now = absl::UnixEpoch();
+  const auto serve = [&] {
+    for (auto step = waiting.begin(); step != waiting.end();) {
+      if (step->bytes <= free_bytes) {
+        free_bytes -= step->bytes;
+        holding.push_back(std::move(*step));
+        step = waiting.erase(step);
+      } else if (step == waiting.begin() &&
+                 now - step->arrival >= MemoryBudget::kMaxOvertakenDuration) {
+        return;
+      } else {
+        ++step;
+      }
+    }
+  };
+  int overtaken_count = 0;
+  int held_back_count = 0;
+  for (std::uint64_t i = 0; i < 600; ++i) {
+    const double dice = base::RandomUnit(1, 3 * i);
+    const double which = base::RandomUnit(1, 3 * i + 1);
+    if (dice < 0.4) {
+      const auto bytes = static_cast<std::size_t>(1 + 999 * which * which);
+      const std::size_t waiting_before = waiting.size();
+      const bool fits = bytes <= free_bytes;
+      waiting.push_back({bytes, now, nullptr});
+      Step& step = waiting.back();
+      step.holder = std::make_unique<Holder>(&budget_, bytes);
+      serve();
+      overtaken_count += waiting_before > 0 && waiting.size() == waiting_before ? 1 : 0;
+      held_back_count += fits && waiting.size() > waiting_before ? 1 : 0;
+    } else if (dice < 0.7 && !holding.empty()) {
+      const auto at = holding.begin() +
+                      static_cast<std::ptrdiff_t>(which * static_cast<double>(holding.size()));
+      at->holder->Release();
+      free_bytes += at->bytes;
+      holding.erase(at);
+      serve();
+    } else if (dice < 0.8 && !waiting.empty()) {
+      auto at = waiting.begin();
+      std::advance(at, static_cast<std::ptrdiff_t>(which * static_cast<double>(waiting.size())));
+      at->holder->Cancel();
+      waiting.erase(at);
+      serve();
+    } else {
+      Advance(absl::Milliseconds(30));
+      now += absl::Milliseconds(30);
+    }
+    // A thread that has just begun is there once both figures are.
+    AwaitThat([&] {
+      return budget_.waiting_count() == waiting.size() &&
+             budget_.reserved_bytes() == 1000 - free_bytes;
+    });
+    if (HasFatalFailure()) {
+      return;
+    }
+  }
+  EXPECT_GT(overtaken_count, 5);
+  EXPECT_GT(held_back_count, 5);
+}
 
 TEST(MemoryBudgetTest, AReservationThatShrinksGivesTheRestBackAtOnce) {
   MemoryBudget budget(1000);
