@@ -305,22 +305,23 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   EXPECT_EQ(both.active_block_count, first.active_block_count + second.active_block_count);
 }
 
-TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
+TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
   const FrameTask request = dataset.Request();
+  Use({.thread_count = 1});
   Frame expected;
-  for (const int thread_count : {1, 2, 5}) {
-    arena_ = std::make_unique<tbb::task_arena>(thread_count);
-    ForgetAll();
-    Frame frame;
-    RunAlone(shards, request, dataset, &frame);
-    if (thread_count == 1) {
-      expected = std::move(frame);
-      continue;
+  RunAlone(shards, request, dataset, &expected);
+  for (const int thread_count : testing::kThreadCounts) {
+    // Of these, the first two make the renderer shade early.
+    for (const std::size_t memory_limit_bytes :
+         {testing::kLeastMemoryLimitBytes, std::size_t{1} << 20, testing::Limits::kNoMemoryLimit}) {
+      Use({.thread_count = thread_count, .memory_limit_bytes = memory_limit_bytes});
+      ForgetAll();
+      Frame frame;
+      RunAlone(shards, request, dataset, &frame);
+      ExpectSameWork(frame, expected);
     }
-    SCOPED_TRACE(thread_count);
-    ExpectSameWork(frame, expected);
   }
 }
 
@@ -465,7 +466,7 @@ TEST_F(FramePipelineTest, CancellationInTheMiddleOfDrawingStopsIt) {
 TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
   const SmallDataset dataset(2);
   std::vector<image::FrameImage> images;
-  for (const std::size_t max_read_bytes : {Resources().max_read_bytes, std::size_t{1}}) {
+  for (const std::size_t max_read_bytes : {AgentResources().max_read_bytes, std::size_t{1}}) {
     AgentResources resources = Resources();
     resources.max_read_bytes = max_read_bytes;  // 1: one run at a time
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
