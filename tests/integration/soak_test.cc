@@ -68,7 +68,7 @@ constexpr std::int64_t kBoundedFrameCount = 1200;
 #endif
 constexpr absl::Duration kProgressPeriod = absl::Seconds(10);
 // A round that takes longer hangs.
-constexpr absl::Duration kMaxRoundDuration = absl::Minutes(10);
+constexpr absl::Duration kMaxRoundDuration = absl::Minutes(5);
 
 // Says how to repeat the round that ended the process.
 std::array<char, 160> last_words{};
