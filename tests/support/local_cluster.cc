@@ -223,8 +223,9 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
 }
 
 absl::Status LocalCluster::Wake(const Limits& limits) {
+  Sleep();
   limits_ = limits;
-  cpu_renderer_.reset();
+  ISOSCOPE_ASSIGN_OR_RETURN(arena_, MakeOnlyArena(limits.thread_count));
   if (given_renderer_ == nullptr ||
       given_renderer_->picture_revision().back_end == frame::BackEnd::kEgl) {
     cpu_renderer_ = render::MakeCpuRenderer({.max_kept_bytes = limits.kept_mesh_bytes(),
@@ -233,8 +234,13 @@ absl::Status LocalCluster::Wake(const Limits& limits) {
   renderer_ = given_renderer_ != nullptr ? given_renderer_ : cpu_renderer_.get();
   layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());
   images_ = image::FrameImagePool::Make(limits.unused_image_bytes());
-  ISOSCOPE_ASSIGN_OR_RETURN(arena_, MakeOnlyArena(limits.thread_count));
   return absl::OkStatus();
+}
+
+void LocalCluster::Sleep() {
+  renderer_ = nullptr;
+  cpu_renderer_.reset();
+  arena_.reset();
 }
 
 void LocalCluster::ForgetAll(std::size_t cache_bytes) {

@@ -49,7 +49,7 @@ class LocalCluster {
   // Starts the threads. An error says that not all of them ran. REQUIRES: all clusters sleep.
   absl::Status Wake(const Limits& limits);
   // Gives the threads back. What the agents keep stays. REQUIRES: no frame is in work.
-  void Sleep() { arena_.reset(); }
+  void Sleep();
   [[nodiscard]] const Limits& limits() const { return limits_; }
 
   [[nodiscard]] const store::Manifest& manifest() const {
@@ -79,13 +79,11 @@ class LocalCluster {
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
   render::Renderer* given_renderer_ = nullptr;
   Limits limits_;
-  // These four are null while the cluster sleeps for the first time. cpu_renderer_ is null if
-  // given_renderer_ is one.
+  std::shared_ptr<tbb::task_arena> arena_;  // null while the cluster sleeps, as the next two
   render::Renderer* renderer_ = nullptr;
-  std::unique_ptr<render::Renderer> cpu_renderer_;
+  std::unique_ptr<render::Renderer> cpu_renderer_;  // also null if given_renderer_ is one
   std::unique_ptr<render::LayerRenderer> layers_;
   std::shared_ptr<image::FrameImagePool> images_;
-  std::shared_ptr<tbb::task_arena> arena_;  // null while the cluster sleeps
   std::unique_ptr<agent::BlockCache> cache_;
   std::unique_ptr<server::ActiveBlocksCache> active_blocks_;
   std::atomic<std::int64_t> frame_count_{0};

@@ -77,13 +77,14 @@ class FramePipelineTest : public ::testing::Test {
   void Use(const testing::Limits& limits) {
     trace_.emplace(__FILE__, __LINE__, ::testing::Message() << limits);
     limits_ = limits;
+    renderer_.reset();
+    arena_.reset();  // one at a time
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(arena_, testing::MakeOnlyArena(limits.thread_count));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         renderer_, render::MakeRenderer({.kind = render::RendererKind::kCpu,
                                          .max_kept_mesh_bytes = limits.kept_mesh_bytes(),
                                          .max_unused_bytes = limits.unused_image_bytes()}));
     layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());
-    arena_.reset();  // one at a time
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(arena_, testing::MakeOnlyArena(limits.thread_count));
   }
 
   absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
@@ -167,9 +168,9 @@ class FramePipelineTest : public ::testing::Test {
   }
 
   testing::Limits limits_;
+  std::shared_ptr<tbb::task_arena> arena_;
   std::unique_ptr<render::Renderer> renderer_;
   std::unique_ptr<render::LayerRenderer> layers_;
-  std::shared_ptr<tbb::task_arena> arena_;
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
   // Of no use; of some samples; of samples and one segment of meshes; of all.
   static constexpr std::size_t kCacheSizes[] = {std::size_t{1} << 16, std::size_t{1} << 20,
