@@ -61,10 +61,11 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   const auto memory = std::make_shared<agent::AgentMemory>(
       options.memory_limit_bytes > 0 ? options.memory_limit_bytes
                                      : agent::AgentMemory::DefaultLimitBytes());
-  ISOSCOPE_ASSIGN_OR_RETURN(
-      cluster->renderer_, render::MakeRenderer({.kind = options.renderer,
-                                                .max_kept_mesh_bytes = memory->kept_mesh_bytes(),
-                                                .max_unused_bytes = memory->unused_image_bytes()}));
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_,
+                            render::MakeRenderer({.kind = options.renderer,
+                                                  .max_kept_mesh_bytes = memory->kept_mesh_bytes(),
+                                                  .max_unused_bytes = memory->unused_image_bytes(),
+                                                  .arena = arena}));
 
   const std::shared_ptr<image::PixelMailboxes> mailboxes = image::PixelMailboxes::Make();
   server::CoordinatorServerOptions coordinator_options;
@@ -85,8 +86,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   }
   ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
   if (options.expected_viewport) {
-    arena->execute(
-        [&] { cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count()); });
+    cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count());
   }
   coordinator_options.listen_address = options.listen_address;
   coordinator_options.transport = options.transport;

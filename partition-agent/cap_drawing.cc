@@ -227,15 +227,15 @@ class Drawing {
 
 absl::StatusOr<std::int64_t> DrawCaps(const std::vector<std::shared_ptr<const Shard>>& shards,
                                       const view::View& view, const frame::FrameSpec& spec,
-                                      const image::FragmentOrder& order,
-                                      const AgentResources& resources,
+                                      frame::BackEnd drawn_by, const AgentResources& resources,
                                       const base::Cancellation& cancellation,
                                       image::FrameImage* image) {
   const store::ShardReader& first = *shards.front()->reader;
-  const CapPainter painter(view, first.layout(), spec,
-                           resources.renderer->picture_revision().back_end,
+  const CapPainter painter(view, first.layout(), spec, drawn_by,
                            SampleColorOf(*spec.caps, first.manifest()));
-  CapSink sink(order, image);
+  CapSink sink({.block_count = static_cast<std::uint32_t>(first.layout().block_count()),
+                .ties = frame::TieRuleOf(drawn_by)},
+               image);
   Drawing drawing(painter, resources, cancellation, &sink);
   std::int64_t read_bytes = 0;
   for (const std::shared_ptr<const Shard>& shard : shards) {

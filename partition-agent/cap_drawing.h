@@ -12,7 +12,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/frame/frame_spec.h"
-#include "core/image/fragment.h"
+#include "core/frame/picture_revision.h"
 #include "core/image/frame_image.h"
 #include "core/view/view.h"
 #include "partition-agent/agent_resources.h"
@@ -21,15 +21,15 @@
 namespace isoscope::agent {
 
 // Adds the caps in the blocks of `shards` to `image`, which the view drew: of two fragments of a
-// pixel the first in `order` stays. Reads each block that the cut meets at most once, those that
-// the spans of blocks decide not at all. Returns the bytes read. Blocks; works in the arena.
-// DATA_LOSS if a block is damaged; the error of `cancellation` if it fires.
+// pixel the first in the order of the frame stays. Reads each block that the cut meets at most
+// once, those that the spans of blocks decide not at all. Returns the bytes read. Blocks; works in
+// the arena. DATA_LOSS if a block is damaged; the error of `cancellation` if it fires.
 //
-// spec: has caps
+// spec:     has caps
+// drawn_by: the back end that drew the image; decides the tie rule and the margin of caps
 absl::StatusOr<std::int64_t> DrawCaps(const std::vector<std::shared_ptr<const Shard>>& shards,
                                       const view::View& view, const frame::FrameSpec& spec,
-                                      const image::FragmentOrder& order,
-                                      const AgentResources& resources,
+                                      frame::BackEnd drawn_by, const AgentResources& resources,
                                       const base::Cancellation& cancellation,
                                       image::FrameImage* image);
 

@@ -11,14 +11,16 @@
 //
 // The caps of clip planes are drawn with the occluders, so that they hide blocks too (cap_drawing).
 //
-// Steps 0 and 1 run side by side: rays need the range table of the whole volume only. With kNone
-// step 0 is followed by one pass over all blocks.
+// Steps 0 and 1 run side by side: rays need the range table of the whole volume only. The arena
+// casts rays; the frame's thread reads tree pages, outside of the arena, which never waits for a
+// disk. With kNone step 0 is followed by one pass over all blocks.
 
 #include "partition-agent/frame_pipeline.h"
 
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <iterator>
 #include <optional>
 #include <span>
@@ -28,8 +30,8 @@
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/parallel_invoke.h>
 #include <oneapi/tbb/partitioner.h>
+#include <oneapi/tbb/task_group.h>
 
 #include "core/base/check.h"
 #include "core/base/scoped_timer.h"
@@ -53,6 +55,37 @@ constexpr std::int64_t kRaysPerTask = 1024;
 // One task computes the footprints of this many blocks.
 constexpr std::size_t kFootprintsPerTask = 128;
 
+// Draws what is delivered: opaque meshes into `pass`, translucent ones into `layer_pass`, which is
+// null if there are none.
+class PassSink final : public MeshSink {
+ public:
+  PassSink(const frame::FrameSpec& spec, render::RenderPass* pass, render::LayerPass* layer_pass,
+           const base::Cancellation& cancellation)
+      : spec_(spec), pass_(*pass), layer_pass_(layer_pass), cancellation_(cancellation) {}
+
+  absl::Status Take(std::span<const render::MeshToDraw> meshes) override {
+    if (layer_pass_ == nullptr) {
+      return pass_.Add(meshes);
+    }
+    std::vector<render::MeshToDraw> sorted(meshes.begin(), meshes.end());
+    const auto translucent =
+        std::stable_partition(sorted.begin(), sorted.end(), [this](const render::MeshToDraw& mesh) {
+          return !spec_.surfaces[mesh.surface_index].is_translucent();
+        });
+    const auto opaque_count = static_cast<std::size_t>(translucent - sorted.begin());
+    ISOSCOPE_RETURN_IF_ERROR(pass_.Add(std::span(sorted).first(opaque_count)));
+    return layer_pass_->Add(std::span(sorted).subspan(opaque_count));
+  }
+  [[nodiscard]] bool is_full() const override { return pass_.is_full(); }
+  absl::Status Drain() override { return pass_.Shade(cancellation_); }
+
+ private:
+  const frame::FrameSpec& spec_;
+  render::RenderPass& pass_;
+  render::LayerPass* const layer_pass_;
+  const base::Cancellation& cancellation_;
+};
+
 }  // namespace
 
 class FramePipeline::Impl {
@@ -74,11 +107,8 @@ class FramePipeline::Impl {
     const base::TraceScope trace(resources_.trace, "select occluders");
     const base::ScopedTimer timer(&statistics_.busy_duration);
     Take(Step::kFirst, Step::kRenderOccluders);
-    absl::Status found;
     absl::StatusOr<std::vector<volume::BlockId>> hits;
-    resources_.arena->execute(
-        [&] { tbb::parallel_invoke([&] { found = FindBlocks(); }, [&] { hits = CastRays(); }); });
-    ISOSCOPE_RETURN_IF_ERROR(found);
+    ISOSCOPE_RETURN_IF_ERROR(FindBlocksWhile([&] { hits = CastRays(); }));
     ISOSCOPE_RETURN_IF_ERROR(hits.status());
     RaySelection selection;
     selection.hits = *std::move(hits);
@@ -106,7 +136,10 @@ class FramePipeline::Impl {
     Take(Step::kRenderVisible, Step::kNone);
     std::vector<image::PixelMask> masks;
     if (!open_pixels.empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(masks, visibility::DecodeOpenPixels(open_pixels, RectsOf(blocks)));
+      const std::vector<view::PixelRect> rects = RectsOf(blocks);
+      ISOSCOPE_ASSIGN_OR_RETURN(masks, resources_.arena->execute([&] {
+        return visibility::DecodeOpenPixels(open_pixels, rects);
+      }));
     }
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<ChosenMesh> chosen, blocks_->Choose(blocks));
     std::size_t drawn_before = 0;
@@ -161,6 +194,22 @@ class FramePipeline::Impl {
   void Take(Step step, Step next) {
     ISOSCOPE_CHECK(next_step_ == step);
     next_step_ = next;
+  }
+
+  // Step 0, on this thread, which may wait for a disk, while the arena works.
+  absl::Status FindBlocksWhile(const std::function<void()>& work) {
+    tbb::task_group working;
+    resources_.arena->execute([&] { working.run(work); });
+    const auto wait = [&] { resources_.arena->execute([&] { working.wait(); }); };
+    absl::Status found;
+    try {
+      found = FindBlocks();
+    } catch (...) {
+      wait();
+      throw;
+    }
+    wait();
+    return found;
   }
 
   // Step 0.
@@ -264,11 +313,8 @@ class FramePipeline::Impl {
     if (has_layers_) {
       layer_pass.emplace(view_, layout_, task_.spec, resources_.layers);
     }
-    ISOSCOPE_ASSIGN_OR_RETURN(
-        const SupplyCost cost,
-        supply_->DeliverMeshes(chosen, [&](std::span<const render::MeshToDraw> meshes) {
-          return layer_pass ? AddApart(meshes, pass.get(), &*layer_pass) : pass->Add(meshes);
-        }));
+    PassSink sink(task_.spec, pass.get(), layer_pass ? &*layer_pass : nullptr, cancellation_);
+    ISOSCOPE_ASSIGN_OR_RETURN(const SupplyCost cost, supply_->DeliverMeshes(chosen, &sink));
     frame::AddTo(cost.surfaces, &statistics_.surfaces);
     for (const frame::SurfaceStatistics& surface : cost.surfaces) {
       statistics_.triangle_count += surface.triangle_count;
@@ -294,12 +340,10 @@ class FramePipeline::Impl {
     }
     const base::TraceScope trace(resources_.trace, "caps");
     const base::ScopedTimer timer(&statistics_.render_duration);
-    const image::FragmentOrder order{
-        .block_count = static_cast<std::uint32_t>(layout_.block_count()),
-        .ties = frame::TieRuleOf(resources_.renderer->picture_revision().back_end)};
     ISOSCOPE_ASSIGN_OR_RETURN(
         const std::int64_t read_bytes,
-        DrawCaps(shards_, view_, task_.spec, order, resources_, cancellation_, &*image));
+        DrawCaps(shards_, view_, task_.spec, RendererOfFrame().picture_revision().back_end,
+                 resources_, cancellation_, &*image));
     statistics_.read_bytes += read_bytes;
     if (resources_.metrics != nullptr) {
       resources_.metrics->read_bytes.Add(read_bytes);
@@ -309,19 +353,6 @@ class FramePipeline::Impl {
 
   [[nodiscard]] bool IsTranslucent(const ChosenMesh& mesh) const {
     return task_.spec.surfaces[mesh.surface_index].is_translucent();
-  }
-
-  // Adds opaque meshes to `pass` and translucent ones to `layer_pass`.
-  absl::Status AddApart(std::span<const render::MeshToDraw> meshes, render::RenderPass* pass,
-                        render::LayerPass* layer_pass) const {
-    std::vector<render::MeshToDraw> sorted(meshes.begin(), meshes.end());
-    const auto translucent =
-        std::stable_partition(sorted.begin(), sorted.end(), [this](const render::MeshToDraw& mesh) {
-          return !task_.spec.surfaces[mesh.surface_index].is_translucent();
-        });
-    const auto opaque_count = static_cast<std::size_t>(translucent - sorted.begin());
-    ISOSCOPE_RETURN_IF_ERROR(pass->Add(std::span(sorted).first(opaque_count)));
-    return layer_pass->Add(std::span(sorted).subspan(opaque_count));
   }
 
   const std::vector<std::shared_ptr<const Shard>> shards_;

@@ -109,7 +109,8 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
       render::MakeRenderer({.kind = kind,
                             .egl_device = flags.egl_device,
                             .max_kept_mesh_bytes = options.memory->kept_mesh_bytes(),
-                            .max_unused_bytes = options.memory->unused_image_bytes()}));
+                            .max_unused_bytes = options.memory->unused_image_bytes(),
+                            .arena = options.arena}));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Start(options));
   ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
   options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1);

@@ -5,14 +5,19 @@
 //   2. The blocks that are left are sorted by ordinal and read as disk runs. A block that arrives
 //      is checked, and extracted for all surfaces that want it, while others are under way.
 //
-// Each thread collects meshes and hands on a few dozen at a time: a call takes locks, and a few
-// dozen meshes are still in the processor's cache when they are drawn. Extracted meshes are kept
-// where the cache has room.
+// Each thread collects meshes and gives the sink a few dozen at a time: a call takes locks, and a
+// few dozen meshes are still in the processor's cache when they are drawn. Extracted meshes are
+// kept where the cache has room.
+//
+// When the sink is full, every thread ends its loop after the delivery in hand. The frame's thread
+// drains the sink outside of the parallel loops, so that nothing waits inside of one, and both
+// parts go on where they stopped: part 1 with the tasks that are left, part 2 within the disk runs.
 
 #include "partition-agent/mesh_supply.h"
 
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -36,10 +41,10 @@ namespace {
 // The fewest meshes of a task, and the number of tasks for each thread. Too few tasks would leave
 // threads without work.
 constexpr std::size_t kMinMeshesPerTask = 8;
-constexpr std::size_t kMaxMeshesPerTask = 128;
+constexpr std::size_t kMaxMeshesPerTask = MeshSupply::kMaxDeliveryMeshes;
 constexpr std::size_t kTasksPerThread = 8;
-// The most meshes that are handed on at a time, and the number that is worth a call.
-constexpr std::size_t kMaxMeshesPerDelivery = 64;
+constexpr std::size_t kNoMesh = std::numeric_limits<std::size_t>::max();
+// The number of meshes that is worth a call.
 constexpr std::size_t kMeshesWorthDelivering = 16;
 
 // The state that one thread keeps between its tasks.
@@ -51,7 +56,8 @@ struct Worker {
 
   extract::BlockExtractor extractor;
   MeshCache::Writer writer;
-  std::vector<render::MeshToDraw> meshes;  // found or extracted, not yet handed on
+  std::vector<render::MeshToDraw> meshes;  // found or extracted, not yet delivered
+  std::size_t mesh_bytes = 0;              // of those extracted since the last delivery
   std::vector<frame::SurfaceStatistics> surfaces;
   absl::Duration extract_time;
   absl::Duration deliver_time;
@@ -85,14 +91,13 @@ class MeshSupply::Impl {
     keeps_gradient_magnitudes_.resize(blocks_.isovalues().size(), false);
   }
 
-  absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
-                                           const Deliver& deliver) {
+  absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen, MeshSink* sink) {
     OpenTables();
     SupplyCost cost;
     cost.surfaces.resize(blocks_.isovalues().size());
     const absl::Time start = absl::Now();
     std::vector<char> is_missing(chosen.size(), 0);
-    ISOSCOPE_RETURN_IF_ERROR(DeliverKept(chosen, deliver, &is_missing));
+    ISOSCOPE_RETURN_IF_ERROR(DeliverKept(chosen, &is_missing, sink));
     std::vector<std::size_t> wanted;
     for (std::size_t i = 0; i < chosen.size(); ++i) {
       if (is_missing[i] != 0) {
@@ -103,9 +108,10 @@ class MeshSupply::Impl {
     ISOSCOPE_RETURN_IF_ERROR(ReadSamples(
         chosen, std::move(wanted), &cost.read_bytes,
         [&](std::span<const std::size_t> of_block, const volume::BlockSamples& samples) {
-          return ExtractRead(chosen, of_block, samples, deliver);
-        }));
-    ISOSCOPE_RETURN_IF_ERROR(DeliverRest(deliver));
+          return ExtractRead(chosen, of_block, samples, sink);
+        },
+        {.is_due = [&] { return sink->is_full(); }, .pause = [&] { return sink->Drain(); }}));
+    ISOSCOPE_RETURN_IF_ERROR(DeliverRest(sink));
     AddUpWorkers(absl::Now() - start, &cost);
     return cost;
   }
@@ -129,7 +135,8 @@ class MeshSupply::Impl {
             extract(i, samples);
           }
           return cancellation_.Check();
-        }));
+        },
+        {.is_due = [] { return false; }, .pause = [] { return absl::OkStatus(); }}));
     return meshes;
   }
 
@@ -160,35 +167,56 @@ class MeshSupply::Impl {
   }
 
   // Part 1: delivers meshes that are kept, or whose samples are kept, and marks the others.
-  absl::Status DeliverKept(const std::vector<ChosenMesh>& chosen, const Deliver& deliver,
-                           std::vector<char>* is_missing) {
+  absl::Status DeliverKept(const std::vector<ChosenMesh>& chosen, std::vector<char>* is_missing,
+                           MeshSink* sink) {
     const auto threads = static_cast<std::size_t>(arena_.max_concurrency());
     const std::size_t per_task = std::clamp(chosen.size() / (threads * kTasksPerThread),
                                             kMinMeshesPerTask, kMaxMeshesPerTask);
+    // The first mesh of each task, or kNoMesh once it is done.
+    std::vector<std::size_t> tasks;
+    for (std::size_t begin = 0; begin < chosen.size(); begin += per_task) {
+      tasks.push_back(begin);
+    }
     base::FirstError error;
-    arena_.execute([&] {
-      tbb::parallel_for(
-          tbb::blocked_range<std::size_t>(0, chosen.size(), per_task),
-          [&](const tbb::blocked_range<std::size_t>& range) {
-            if (error.has_error()) {
-              return;
-            }
-            Worker& worker = workers_.local();
-            const base::TraceScope trace(trace_, "extract");
-            const absl::Time start = absl::Now();
-            for (std::size_t i = range.begin(); i < range.end(); ++i) {
-              if (cancellation_.is_cancelled()) {
-                break;
+    while (!tasks.empty()) {
+      arena_.execute([&] {
+        tbb::parallel_for(
+            tbb::blocked_range<std::size_t>(0, tasks.size()),
+            [&](const tbb::blocked_range<std::size_t>& range) {
+              for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                if (error.has_error() || sink->is_full()) {
+                  return;
+                }
+                const std::size_t end = std::min(tasks[i] + per_task, chosen.size());
+                error.Set(FindAndDeliver(chosen, std::exchange(tasks[i], kNoMesh), end, is_missing,
+                                         sink));
               }
-              (*is_missing)[i] = FindKept(chosen[i], &worker) ? 0 : 1;
-            }
-            worker.extract_time += absl::Now() - start;
-            error.Set(HandOn(&worker, deliver));
-          },
-          tbb::simple_partitioner());
-    });
-    ISOSCOPE_RETURN_IF_ERROR(error.status());
-    return cancellation_.Check();
+            },
+            tbb::simple_partitioner());
+      });
+      ISOSCOPE_RETURN_IF_ERROR(error.status());
+      ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
+      std::erase(tasks, kNoMesh);
+      ISOSCOPE_RETURN_IF_ERROR(DrainIfFull(sink));
+    }
+    return absl::OkStatus();
+  }
+
+  static absl::Status DrainIfFull(MeshSink* sink) {
+    return sink->is_full() ? sink->Drain() : absl::OkStatus();
+  }
+
+  // One task of part 1: meshes [begin, end) of `chosen`.
+  absl::Status FindAndDeliver(const std::vector<ChosenMesh>& chosen, std::size_t begin,
+                              std::size_t end, std::vector<char>* is_missing, MeshSink* sink) {
+    Worker& worker = workers_.local();
+    const base::TraceScope trace(trace_, "extract");
+    const absl::Time start = absl::Now();
+    for (std::size_t i = begin; i < end && !cancellation_.is_cancelled(); ++i) {
+      (*is_missing)[i] = FindKept(chosen[i], &worker) ? 0 : 1;
+    }
+    worker.extract_time += absl::Now() - start;
+    return DeliverFrom(&worker, sink);
   }
 
   // Counts what was found and what was not, once for all meshes of a delivery.
@@ -231,11 +259,13 @@ class MeshSupply::Impl {
                                   keeps_gradient_magnitudes_[chosen.surface_index]);
     worker->meshes.push_back({worker->writer.Store(mesh, &TableOf(chosen), chosen.active_index),
                               chosen.surface_index, chosen.open});
+    worker->mesh_bytes += worker->meshes.back().mesh->size_bytes();
   }
 
   // Part 2: reads the blocks of chosen[i], i in `wanted`, each once, and visits their samples.
   absl::Status ReadSamples(const std::vector<ChosenMesh>& chosen, std::vector<std::size_t> wanted,
-                           std::int64_t* read_bytes, const VisitSamples& visit) {
+                           std::int64_t* read_bytes, const VisitSamples& visit,
+                           const Pauses& pauses) {
     std::sort(wanted.begin(), wanted.end(), [&](std::size_t a, std::size_t b) {
       return std::tie(chosen[a].shard_index, chosen[a].ordinal, chosen[a].surface_index) <
              std::tie(chosen[b].shard_index, chosen[b].ordinal, chosen[b].surface_index);
@@ -264,6 +294,7 @@ class MeshSupply::Impl {
       metrics_->reads.Add(static_cast<std::int64_t>(reads.size()));
       metrics_->read_bytes.Add(*read_bytes);
     }
+    std::vector<std::size_t> visited(reads.size());  // blocks of each read
     io::ReadQueue queue(std::move(reads), {.max_bytes = max_read_bytes_});
     return ForEachArrival(
         &queue, &arena_, cancellation_,
@@ -274,33 +305,47 @@ class MeshSupply::Impl {
           return VisitArrival(
               chosen, wanted, *(after - 1),
               *blocks_.shards()[static_cast<std::size_t>(after - by_shard.begin() - 1)], arrival,
-              visit);
+              visit, pauses, &visited[arrival.index()]);
         },
-        {.trace = trace_, .wait = metrics_ != nullptr ? &metrics_->read_wait : nullptr});
+        pauses, {.trace = trace_, .wait = metrics_ != nullptr ? &metrics_->read_wait : nullptr});
   }
 
-  static absl::Status VisitArrival(const std::vector<ChosenMesh>& chosen,
-                                   const std::vector<std::size_t>& wanted, const ShardReads& reads,
-                                   const Shard& shard, const io::ReadQueue::Arrival& arrival,
-                                   const VisitSamples& visit) {
-    const store::ShardReader::DiskRun& disk_run =
-        reads.disk_runs[arrival.index() - reads.first_read];
-    std::size_t next = disk_run.first;  // of the shard's ordinals
-    return shard.reader->VisitDiskRun(
-        disk_run, reads.ordinals, arrival.status(), arrival.data(),
+  // Visits the blocks of an arrival from the `visited`th on, until a pause is due.
+  static absl::StatusOr<ArrivalWork> VisitArrival(const std::vector<ChosenMesh>& chosen,
+                                                  const std::vector<std::size_t>& wanted,
+                                                  const ShardReads& reads, const Shard& shard,
+                                                  const io::ReadQueue::Arrival& arrival,
+                                                  const VisitSamples& visit, const Pauses& pauses,
+                                                  std::size_t* visited) {
+    store::ShardReader::DiskRun rest = reads.disk_runs[arrival.index() - reads.first_read];
+    const std::size_t run_end = rest.first + rest.count;  // of the shard's ordinals
+    rest.first += *visited;
+    rest.count -= *visited;
+    std::size_t next = rest.first;
+    bool is_paused = false;
+    absl::Status status = shard.reader->VisitDiskRun(
+        rest, reads.ordinals, arrival.status(), arrival.data(),
         [&](const volume::BlockSamples& samples) {
           const std::size_t begin = reads.first_wanted[next++];
+          ++*visited;
           std::size_t end = begin + 1;
           while (end < wanted.size() && chosen[wanted[end]].block_id == samples.block_id) {
             ++end;
           }
-          return visit(std::span(wanted).subspan(begin, end - begin), samples);
+          ISOSCOPE_RETURN_IF_ERROR(visit(std::span(wanted).subspan(begin, end - begin), samples));
+          is_paused = next < run_end && pauses.is_due();
+          return is_paused ? absl::AbortedError("a pause is due") : absl::OkStatus();
         });
+    if (is_paused) {
+      return ArrivalWork::kPaused;
+    }
+    ISOSCOPE_RETURN_IF_ERROR(std::move(status));
+    return ArrivalWork::kDone;
   }
 
   absl::Status ExtractRead(const std::vector<ChosenMesh>& chosen,
                            std::span<const std::size_t> of_block,
-                           const volume::BlockSamples& samples, const Deliver& deliver) {
+                           const volume::BlockSamples& samples, MeshSink* sink) {
     Worker& worker = workers_.local();
     {
       const base::ScopedTimer timer(&worker.extract_time);
@@ -314,46 +359,62 @@ class MeshSupply::Impl {
                           {samples.bytes, volume::StoredSizeBytes(shard.reader->layout(),
                                                                   samples.block_id, samples.type)});
     }
-    return worker.meshes.size() < kMeshesWorthDelivering ? absl::OkStatus()
-                                                         : HandOn(&worker, deliver);
+    const bool is_worth_it =
+        worker.meshes.size() >= kMeshesWorthDelivering || worker.mesh_bytes >= kMaxDeliveryBytes;
+    return is_worth_it ? DeliverFrom(&worker, sink) : absl::OkStatus();
   }
 
-  // Hands on the worker's meshes, a part at a time, so that a cancelled frame ends soon.
-  absl::Status HandOn(Worker* worker, const Deliver& deliver) const {
-    if (worker->meshes.empty()) {
+  // Delivers the worker's meshes, a part at a time, so that a cancelled frame ends soon. Leaves the
+  // rest to the worker if the sink is full.
+  absl::Status DeliverFrom(Worker* worker, MeshSink* sink) const {
+    const std::span<const render::MeshToDraw> meshes = worker->meshes;
+    if (meshes.empty() || sink->is_full()) {
       return absl::OkStatus();
     }
     const base::TraceScope trace(trace_, "draw");
     const base::ScopedTimer timer(&worker->deliver_time);
-    for (const render::MeshToDraw& item : worker->meshes) {
-      worker->surfaces[item.surface_index] +=
-          {.triangle_count = item.mesh->triangle_count(),
-           .unique_vertex_count = item.mesh->owned_vertex_count};
-    }
     absl::Status status;
-    std::span<const render::MeshToDraw> rest = worker->meshes;
-    while (status.ok() && !rest.empty()) {
-      const std::size_t count = std::min(rest.size(), kMaxMeshesPerDelivery);
+    std::size_t begin = 0;
+    while (status.ok() && begin < meshes.size() && !sink->is_full()) {
       status = cancellation_.Check();
-      if (status.ok()) {
-        status = deliver(rest.first(count));
+      std::size_t end = begin;
+      std::size_t bytes = 0;
+      for (; end < meshes.size() && end - begin < kMaxDeliveryMeshes && bytes < kMaxDeliveryBytes;
+           ++end) {
+        const render::MeshToDraw& item = meshes[end];
+        bytes += item.mesh->size_bytes();
+        worker->surfaces[item.surface_index] +=
+            {.triangle_count = item.mesh->triangle_count(),
+             .unique_vertex_count = item.mesh->owned_vertex_count};
       }
-      rest = rest.subspan(count);
+      if (status.ok()) {
+        status = sink->Take(meshes.subspan(begin, end - begin));
+      }
+      begin = end;
     }
-    worker->meshes.clear();
+    worker->meshes.erase(worker->meshes.begin(),
+                         worker->meshes.begin() + static_cast<std::ptrdiff_t>(begin));
+    worker->mesh_bytes = 0;
     return status;
   }
 
-  absl::Status DeliverRest(const Deliver& deliver) {
-    base::FirstError error;
-    arena_.execute([&] {
-      tbb::parallel_for(workers_.range(1), [&](const auto& range) {
-        for (Worker& worker : range) {
-          error.Set(HandOn(&worker, deliver));
-        }
+  absl::Status DeliverRest(MeshSink* sink) {
+    while (true) {
+      base::FirstError error;
+      arena_.execute([&] {
+        tbb::parallel_for(workers_.range(1), [&](const auto& range) {
+          for (Worker& worker : range) {
+            error.Set(DeliverFrom(&worker, sink));
+          }
+        });
       });
-    });
-    return error.status();
+      ISOSCOPE_RETURN_IF_ERROR(error.status());
+      if (std::all_of(workers_.begin(), workers_.end(),
+                      [](const Worker& worker) { return worker.meshes.empty(); })) {
+        return absl::OkStatus();
+      }
+      ISOSCOPE_RETURN_IF_ERROR(DrainIfFull(sink));
+    }
   }
 
   // Threads extract and deliver in turn. The wall time is shared out in proportion to their times.
@@ -403,8 +464,8 @@ MeshSupply::MeshSupply(const SurfaceBlocks* blocks, std::uint64_t cache_round,
 MeshSupply::~MeshSupply() = default;
 
 absl::StatusOr<SupplyCost> MeshSupply::DeliverMeshes(const std::vector<ChosenMesh>& chosen,
-                                                     const Deliver& deliver) {
-  return impl_->DeliverMeshes(chosen, deliver);
+                                                     MeshSink* sink) {
+  return impl_->DeliverMeshes(chosen, sink);
 }
 
 absl::StatusOr<std::vector<mesh::BlockMesh>> MeshSupply::ExtractWithEdgeKeys(

@@ -4,12 +4,12 @@
 #ifndef ISOSCOPE_PARTITION_AGENT_MESH_SUPPLY_H_
 #define ISOSCOPE_PARTITION_AGENT_MESH_SUPPLY_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
 
-#include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
@@ -27,9 +27,22 @@ namespace isoscope::agent {
 struct SupplyCost {
   std::vector<frame::SurfaceStatistics> surfaces;  // by surface index
   std::int64_t read_bytes = 0;
-  // The wall time, shared out by the threads' time in reading and extracting, and in `deliver`.
+  // The wall time, shared out by the threads' time in reading and extracting, and in the sink.
   absl::Duration extract_duration;
   absl::Duration deliver_duration;
+};
+
+// Takes the meshes of a delivery.
+class MeshSink {
+ public:
+  virtual ~MeshSink() = default;
+  // Takes meshes, on several threads of the arena at once. Runs no parallel loop.
+  virtual absl::Status Take(std::span<const render::MeshToDraw> meshes) = 0;
+  // Returns true if it holds as much as it may. Thread-safe.
+  [[nodiscard]] virtual bool is_full() const = 0;
+  // Lets go of what it holds. Called by the thread of the delivery, while nothing is taken and no
+  // lock is held.
+  virtual absl::Status Drain() = 0;
 };
 
 // For one thread at a time. Its arguments outlive it. The shards and surfaces are those of
@@ -45,13 +58,14 @@ class MeshSupply {
   MeshSupply(const MeshSupply&) = delete;
   MeshSupply& operator=(const MeshSupply&) = delete;
 
-  // Calls `deliver` with each chosen mesh once, some at a time, in any order, on several threads of
-  // the arena at once. Each block is read at most once. Returns when all were delivered, or the
-  // first error: of `deliver`, of the cancellation (within one block), DATA_LOSS as
-  // ShardReader::VisitDiskRun. Blocks.
-  using Deliver = absl::FunctionRef<absl::Status(std::span<const render::MeshToDraw>)>;
-  absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen,
-                                           const Deliver& deliver);
+  // Gives each chosen mesh to `sink` once, some at a time, in any order, on several threads of the
+  // arena at once. Each block is read at most once. A full sink is drained before it takes more
+  // than one delivery of each thread: kMaxDeliveryMeshes meshes, and at most one of them after
+  // kMaxDeliveryBytes. Returns when all were delivered, or the first error: of the sink, of the
+  // cancellation (within one block), DATA_LOSS as ShardReader::VisitDiskRun. Blocks.
+  static constexpr std::size_t kMaxDeliveryMeshes = 64;
+  static constexpr std::size_t kMaxDeliveryBytes = std::size_t{256} << 10;
+  absl::StatusOr<SupplyCost> DeliverMeshes(const std::vector<ChosenMesh>& chosen, MeshSink* sink);
 
   // Extracts the mesh of chosen[i] as element i, with edge keys. Errors as DeliverMeshes.
   absl::StatusOr<std::vector<mesh::BlockMesh>> ExtractWithEdgeKeys(

@@ -368,7 +368,8 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     const base::TraceScope trace(trace_.get(), "memory");
     const base::ScopedObservation wait(&service_->metrics_.memory_wait);
     const bool draws_whole =
-        service_->renderer_->picture_revision().back_end == frame::BackEnd::kEgl;
+        frame::DrawnBy(task_.spec, service_->renderer_->picture_revision().back_end) ==
+        frame::BackEnd::kEgl;
     return service_->memory_->ReserveStep(
         draws_whole ? task_.spec.viewport : frame::ImageSizeOf(task_.spec), cancellation_,
         frame::HasLayers(task_.spec) ? task_.spec.max_layers : 0);
@@ -683,9 +684,12 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
 PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentServiceOptions& options)
     : shards_(options.shards),
       renderer_(options.renderer),
-      cpu_renderer_(options.renderer->picture_revision().back_end == frame::BackEnd::kEgl
-                        ? render::MakeCpuRenderer({.max_unused_bytes = 0})
-                        : nullptr),
+      cpu_renderer_(
+          options.renderer->picture_revision().back_end == frame::BackEnd::kEgl
+              ? render::MakeCpuRenderer({.max_kept_bytes = options.memory->kept_mesh_bytes(),
+                                         .max_unused_bytes = 0,
+                                         .arena = options.arena})
+              : nullptr),
       arena_(options.arena),
       memory_(options.memory),
       mailboxes_(options.mailboxes),

@@ -5,6 +5,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
@@ -22,9 +23,29 @@ struct ReadWatch {
   base::Counter* wait = nullptr;  // a duration: waits for the disk
 };
 
+// Work that all threads interrupt from time to time.
+struct Pauses {
+  // Returns true if a pause is due: threads then begin no work, and return kPaused from that in
+  // hand as soon as they can. Thread-safe.
+  absl::FunctionRef<bool()> is_due;
+  // Called while no work runs, on the calling thread, outside of the arena. Afterwards no pause is
+  // due.
+  absl::FunctionRef<absl::Status()> pause;
+};
+enum class ArrivalWork {
+  kDone,
+  kPaused,  // it is called again with this arrival, after the pause
+};
+
 // Calls `work` for each read of `queue` that arrives, on several threads of the arena at once.
-// Returns when all are done, or the first error of `work` or `cancellation`; after an error it
-// takes no further read. Threads of the arena never wait for a disk. The calling thread does.
+// Returns when all are done, or the first error of `work`, `pauses` or `cancellation`; after an
+// error it takes no further read. Threads of the arena never wait for a disk. The calling thread
+// does, and holds no lock.
+absl::Status ForEachArrival(
+    io::ReadQueue* queue, tbb::task_arena* arena, const base::Cancellation& cancellation,
+    absl::FunctionRef<absl::StatusOr<ArrivalWork>(const io::ReadQueue::Arrival&)> work,
+    const Pauses& pauses, const ReadWatch& watch = {});
+// The same for work without pauses.
 absl::Status ForEachArrival(io::ReadQueue* queue, tbb::task_arena* arena,
                             const base::Cancellation& cancellation,
                             absl::FunctionRef<absl::Status(const io::ReadQueue::Arrival&)> work,

@@ -135,8 +135,7 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   if (is_each_shard_apart) {
     parts = EachShardApart(parts);
   }
-  const frame::BackEnd drawn_by =
-      frame::ShowsGradient(*spec) ? frame::BackEnd::kCpu : dataset.picture_revision.back_end;
+  const frame::BackEnd drawn_by = frame::DrawnBy(*spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
   return FrameTarget{std::move(dataset), std::move(parts), view, layout, order};

@@ -16,6 +16,7 @@
 #include "core/frame/culling.h"
 #include "core/frame/output_spec.h"
 #include "core/frame/picture_effects.h"
+#include "core/frame/picture_revision.h"
 #include "core/image/fragment.h"
 #include "core/view/camera.h"
 #include "core/view/clip_region.h"
@@ -80,9 +81,13 @@ inline view::Viewport ImageSizeOf(const FrameSpec& spec) {
 // Returns true if a surface is translucent: then the frame has layers (image::LayerStack).
 bool HasLayers(const FrameSpec& spec);
 
-// Whether a surface shows the length of the gradient. The CPU draws such a frame, whatever the back
-// end.
+// Whether a surface shows the length of the gradient.
 bool ShowsGradient(const FrameSpec& spec);
+// Returns the back end that draws a frame on agents of `of_agents`: the CPU draws gradients. It
+// decides the frame's tie rule and the margin of its caps.
+inline BackEnd DrawnBy(const FrameSpec& spec, BackEnd of_agents) {
+  return ShowsGradient(spec) ? BackEnd::kCpu : of_agents;
+}
 
 // Returns the isovalues of the surfaces, in their order.
 std::vector<double> IsovaluesOf(const FrameSpec& spec);

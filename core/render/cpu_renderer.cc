@@ -15,13 +15,15 @@
 //    512 at a time, and writes key and colour into the image. It leaves no fragment behind, so that
 //    the buffers can serve the next pass.
 //
-// Early shading bounds memory. When the kept meshes exceed their limit, Add shades every pixel that
-// has a fragment and drops the meshes. A shaded pixel keeps its depth and has the primitive id
-// kShaded; its key and colour are in the image. A nearer fragment replaces it as any other, and a
-// tie with it is settled the next time. So the picture does not change.
+// Early shading bounds memory. When the kept meshes exceed their limit, the pass is full. Whoever
+// adds stops, and Shade shades every pixel that has a fragment and drops the meshes. A shaded pixel
+// keeps its depth and has the primitive id kShaded; its key and colour are in the image. A nearer
+// fragment replaces it as any other, and a tie with it is settled the next time. So the picture
+// does not change.
 //
-// Locks, in this order: shading_mutex_ (shared while drawing, exclusive while shading), then lock
-// tiles row by row, then meshes_mutex_.
+// Locks, while meshes are added: lock tiles row by row, or meshes_mutex_. Shading holds none: a
+// thread that waits for a parallel loop may take any other task of its arena, also one that wants
+// the lock. The contract keeps Add and Shade apart, and adding_ notes who breaks it.
 
 #include "core/render/cpu_renderer.h"
 
@@ -119,10 +121,8 @@ class CpuPass final : public RenderPass {
       ISOSCOPE_CHECK(!map_scales_[item.surface_index].has_value() ||
                      item.mesh->gradient_magnitudes.size() == item.mesh->positions.size());
     }
-    bool must_shade = false;
-    {
-      // Shared, because many threads draw at a time. Shading, which drops meshes, is exclusive.
-      const base::ReaderMutexLock drawing(&shading_mutex_);
+    const AddInWork in_work(&adding_);
+    try {
       PassResources::Scratch& scratch = resources_->LocalScratch();
       scratch.first_primitive_ids.clear();
       scratch.block_ids.clear();
@@ -136,40 +136,46 @@ class CpuPass final : public RenderPass {
         for (const MeshToDraw& item : meshes) {
           scratch.first_primitive_ids.push_back(Keep(item));
         }
-        must_shade = IsFull();
       }
+      NoteFullness();
       for (std::size_t i = 0; i < meshes.size(); ++i) {
         DrawMesh(meshes[i], scratch.footprints[i], scratch.first_primitive_ids[i],
                  &scratch.rasterizer);
       }
+    } catch (const std::bad_alloc&) {
+      return NoMemoryFor(view_.image_size());
     }
-    if (must_shade) {
-      const base::WriterMutexLock exclusive(&shading_mutex_);
-      bool is_still_full = false;
-      {
-        // Another thread may have shaded meanwhile.
-        const base::MutexLock lock(&meshes_mutex_);
-        is_still_full = IsFull();
-      }
-      if (is_still_full) {
-        ShadeKept(/*is_last=*/false, nullptr);
-      }
-    }
+    NoteFullness();  // ties have come
     return absl::OkStatus();
   }
 
+  [[nodiscard]] bool is_full() const override { return is_full_.load(std::memory_order_relaxed); }
+
+  absl::Status Shade(const base::Cancellation& cancellation) override {
+    return ShadeInArena(/*is_last=*/false, cancellation);
+  }
+
   absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-    {
-      const base::WriterMutexLock exclusive(&shading_mutex_);
-      ShadeKept(/*is_last=*/true, &cancellation);
-      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-      is_clean_ = true;
-    }
+    ISOSCOPE_RETURN_IF_ERROR(ShadeInArena(/*is_last=*/true, cancellation));
+    is_clean_ = true;
     return std::move(image_);
   }
 
  private:
+  // Counts an Add for as long as it runs.
+  class AddInWork {
+   public:
+    explicit AddInWork(std::atomic<int>* count) : count_(*count) {
+      count_.fetch_add(1, std::memory_order_relaxed);
+    }
+    ~AddInWork() { count_.fetch_sub(1, std::memory_order_relaxed); }
+    AddInWork(const AddInWork&) = delete;
+    AddInWork& operator=(const AddInWork&) = delete;
+
+   private:
+    std::atomic<int>& count_;
+  };
+
   // A lock tile with image tiles to shade, which are bits as in LockTile::touched.
   struct TileIndex {
     int lock_tile = 0;
@@ -196,10 +202,12 @@ class CpuPass final : public RenderPass {
         [&](const FragmentBatch& batch) { Merge(batch, first_primitive_id); }, clip_weights_);
   }
 
-  [[nodiscard]] bool IsFull() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+  void NoteFullness() {
     const std::size_t tie_bytes = tie_count_.load(std::memory_order_relaxed) * sizeof(TiedFragment);
-    return kept_bytes_ + tie_bytes > options_.max_kept_bytes ||
-           next_primitive_id_ > options_.max_kept_primitives;
+    if (kept_bytes_.load(std::memory_order_relaxed) + tie_bytes > options_.max_kept_bytes ||
+        kept_primitives_.load(std::memory_order_relaxed) > options_.max_kept_primitives) {
+      is_full_.store(true, std::memory_order_relaxed);
+    }
   }
 
   // Keeps a mesh until it is shaded. Returns the primitive id of its first triangle.
@@ -207,11 +215,13 @@ class CpuPass final : public RenderPass {
     const mesh::CompactMesh& mesh = *item.mesh;
     const auto units =
         static_cast<std::uint32_t>((mesh.triangles.size() + kPrimitiveUnit - 1) / kPrimitiveUnit);
-    const auto first_primitive_id = static_cast<std::uint32_t>(next_primitive_id_);
-    next_primitive_id_ += std::uint64_t{units} * kPrimitiveUnit;
+    const std::uint64_t first = kept_primitives_.load(std::memory_order_relaxed);
+    const auto first_primitive_id = static_cast<std::uint32_t>(first);
     // Several threads may find the pass not full and add meshes. There is room for all of them.
-    ISOSCOPE_CHECK_LT(next_primitive_id_, std::uint64_t{kShaded});
-    kept_bytes_ += mesh.size_bytes();
+    const std::uint64_t end = first + std::uint64_t{units} * kPrimitiveUnit;
+    ISOSCOPE_CHECK_LT(end, std::uint64_t{kShaded});
+    kept_primitives_.store(end, std::memory_order_relaxed);
+    kept_bytes_.fetch_add(mesh.size_bytes(), std::memory_order_relaxed);
     buffers_->mesh_of_unit.insert(buffers_->mesh_of_unit.end(), units,
                                   static_cast<std::uint32_t>(buffers_->meshes.size()));
     KeptMesh& kept = buffers_->meshes.emplace_back();
@@ -265,14 +275,30 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // Puts fragments of one mesh into the picture. Every thread takes the locks row by row, so that
-  // no threads wait for each other in a circle.
-  void Merge(const FragmentBatch& batch,
-             std::uint32_t first_primitive_id) ABSL_NO_THREAD_SAFETY_ANALYSIS {
-    ForEachLockTile(batch.bounds, [&](int row, int column, LockTile& tile) {
-      tile.Lock();
-      Touch(batch.bounds, row, column, &tile);
-    });
+  // Holds the lock tiles that a rectangle meets, and notes in them what it touches. Every thread
+  // takes them row by row, so that no threads wait for each other in a circle.
+  class LockedTiles {
+   public:
+    LockedTiles(CpuPass* pass, const view::PixelRect& rect) : pass_(*pass), rect_(rect) {
+      pass_.ForEachLockTile(rect_, [&](int row, int column, LockTile& tile) {
+        tile.Lock();
+        Touch(rect_, row, column, &tile);
+      });
+    }
+    ~LockedTiles() {
+      pass_.ForEachLockTile(rect_, [](int, int, LockTile& tile) { tile.Unlock(); });
+    }
+    LockedTiles(const LockedTiles&) = delete;
+    LockedTiles& operator=(const LockedTiles&) = delete;
+
+   private:
+    CpuPass& pass_;
+    const view::PixelRect rect_;
+  };
+
+  // Puts fragments of one mesh into the picture.
+  void Merge(const FragmentBatch& batch, std::uint32_t first_primitive_id) {
+    const LockedTiles locked(this, batch.bounds);
     Fragment* fragments = buffers_->fragments.data();
     const auto width = static_cast<std::uint32_t>(width_);
     for (std::size_t i = 0; i < batch.pixels.size(); ++i) {
@@ -286,7 +312,6 @@ class CpuPass final : public RenderPass {
         AddTie(fragment, pixel);
       }
     }
-    ForEachLockTile(batch.bounds, [](int, int, LockTile& tile) { tile.Unlock(); });
   }
 
   // Keeps a fragment whose pixel has another one of its depth. The lock of its tile is held.
@@ -344,12 +369,27 @@ class CpuPass final : public RenderPass {
     ++batch.count;
   }
 
+  // ShadeKept in the arena, with its errors as a status.
+  absl::Status ShadeInArena(bool is_last, const base::Cancellation& cancellation) {
+    ISOSCOPE_CHECK_EQ(adding_.load(std::memory_order_relaxed), 0);
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    try {
+      const auto shade = [&] { ShadeKept(is_last, cancellation); };
+      if (options_.arena != nullptr) {
+        options_.arena->execute(shade);
+      } else {
+        shade();
+      }
+    } catch (const std::bad_alloc&) {
+      return NoMemoryFor(view_.image_size());
+    }
+    return cancellation.Check();
+  }
+
   // Shades every pixel whose triangle is kept, and drops the meshes. The last call of a pass also
   // takes the fragments out of the buffers. If `cancellation` fires, it stops between lock tiles
-  // and leaves the rest.
-  void ShadeKept(bool is_last, const base::Cancellation* cancellation)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(shading_mutex_) {
-    const base::MutexLock lock(&meshes_mutex_);
+  // and leaves the rest. Nobody adds meanwhile.
+  void ShadeKept(bool is_last, const base::Cancellation& cancellation) {
     std::vector<TileIndex> tiles;
     for (std::size_t i = 0; i < buffers_->lock_tiles.size(); ++i) {
       LockTile& tile = buffers_->lock_tiles[i];
@@ -358,10 +398,11 @@ class CpuPass final : public RenderPass {
       }
     }
     tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
-      if (cancellation != nullptr && cancellation->is_cancelled()) {
+      if (cancellation.is_cancelled()) {
         return;
       }
       PassResources::Scratch& scratch = resources_->LocalScratch();
+      scratch.batch.count = 0;  // an earlier pass may have run out of memory in the middle
       LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(tiles[i].lock_tile)];
       const int first_column = tiles[i].lock_tile % buffers_->lock_columns * kImageTileColumns;
       const int first_row = tiles[i].lock_tile / buffers_->lock_columns * kImageTileColumns;
@@ -400,12 +441,14 @@ class CpuPass final : public RenderPass {
     DropMeshes();
   }
 
-  void DropMeshes() ABSL_EXCLUSIVE_LOCKS_REQUIRED(meshes_mutex_) {
+  // Nobody adds meanwhile.
+  void DropMeshes() {
     buffers_->meshes.clear();
     buffers_->mesh_of_unit.clear();
-    kept_bytes_ = 0;
+    kept_bytes_.store(0, std::memory_order_relaxed);
+    kept_primitives_.store(0, std::memory_order_relaxed);
     tie_count_.store(0, std::memory_order_relaxed);
-    next_primitive_id_ = 0;
+    is_full_.store(false, std::memory_order_relaxed);
   }
 
   // Prefetches the fragments of an image tile in the given rows of pixels. The rows are too far
@@ -493,7 +536,7 @@ class CpuPass final : public RenderPass {
     batch.count = 0;
   }
 
-  // Fills `colors` for the pixels and fragments of the batch. meshes_mutex_ is held.
+  // Fills `colors` for the pixels and fragments of the batch.
   void ComputeColors(PassResources::Scratch* scratch) const {
     ShadeBatch& batch = scratch->batch;
     // The meshes have left the processor's cache since they were drawn, so everything is prefetched
@@ -606,14 +649,12 @@ class CpuPass final : public RenderPass {
     }
   }
 
-  // meshes_mutex_ is held.
   [[nodiscard]] const KeptMesh& MeshOf(std::uint32_t primitive_id) const {
     return buffers_->meshes[buffers_->mesh_of_unit[primitive_id / kPrimitiveUnit]];
   }
 
   // Takes the fragments and meshes of an abandoned pass out of the buffers.
   void Clear() {
-    const base::MutexLock lock(&meshes_mutex_);
     for (int row = 0; row < buffers_->lock_rows; ++row) {
       for (int column = 0; column < buffers_->lock_columns; ++column) {
         LockTile& tile = buffers_->lock_tiles[static_cast<std::size_t>(row) *
@@ -654,18 +695,19 @@ class CpuPass final : public RenderPass {
   const float center_y_;
   const std::shared_ptr<PassResources> resources_;
   std::vector<std::shared_ptr<const std::vector<image::Rgba8>>> shade_tables_;  // by surface
-  base::SharedMutex shading_mutex_;
-  base::Mutex meshes_mutex_ ABSL_ACQUIRED_AFTER(shading_mutex_);
   // Holds keys and colours of the pixels whose primitive id is kShaded. Only shading writes it.
   image::FrameImage image_;
-  // Lock tiles guard fragments while a thread draws, shading_mutex_ guards them while one shades.
-  // meshes_mutex_ guards the meshes.
+  // While meshes are added, lock tiles guard the fragments, and meshes_mutex_ the meshes.
   std::unique_ptr<PassBuffers> buffers_;
+  base::Mutex meshes_mutex_;
   bool is_clean_ = false;
-  bool has_shaded_ = false;  // guarded by shading_mutex_
-  std::uint64_t next_primitive_id_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
-  std::size_t kept_bytes_ ABSL_GUARDED_BY(meshes_mutex_) = 0;
-  std::atomic<std::size_t> tie_count_{0};  // since the meshes were dropped
+  bool has_shaded_ = false;     // only shading uses it
+  std::atomic<int> adding_{0};  // calls of Add under way
+  // Since the meshes were dropped. meshes_mutex_ orders the writers of the first two.
+  std::atomic<std::uint64_t> kept_primitives_{0};
+  std::atomic<std::size_t> kept_bytes_{0};
+  std::atomic<std::size_t> tie_count_{0};
+  std::atomic<bool> is_full_{false};
 };
 
 class CpuRenderer final : public Renderer {
@@ -685,13 +727,20 @@ class CpuRenderer final : public Renderer {
 
   void Prepare(const view::Viewport& viewport, int pass_count) override {
     resources_->ShadeTableOf({});
-    tbb::parallel_for(0, pass_count, [&](int /*pass*/) {
-      try {
-        resources_->Prepare(viewport.width_px, viewport.height_px);
-      } catch (const std::bad_alloc&) {
-        // BeginPass reports it.
-      }
-    });
+    const auto prepare = [&] {
+      tbb::parallel_for(0, pass_count, [&](int /*pass*/) {
+        try {
+          resources_->Prepare(viewport.width_px, viewport.height_px);
+        } catch (const std::bad_alloc&) {
+          // BeginPass reports it.
+        }
+      });
+    };
+    if (options_.arena != nullptr) {
+      options_.arena->execute(prepare);
+    } else {
+      prepare();
+    }
   }
 
   [[nodiscard]] frame::PictureRevision picture_revision() const override {

@@ -8,12 +8,14 @@
 #include <cstdint>
 #include <memory>
 
+#include <oneapi/tbb/task_arena.h>
+
 #include "core/render/renderer.h"
 
 namespace isoscope::render {
 
 // The thread that adds a mesh rasterises it. The pass keeps the mesh until its pixels are shaded:
-// in Finish, or earlier once the kept meshes exceed one of these limits.
+// in Finish, or in Shade once the kept meshes exceed one of these limits.
 struct CpuRendererOptions {
   std::size_t max_kept_bytes = std::size_t{512} << 20;
   // A mesh takes one primitive id for each triangle, rounded up to a multiple of 64. This limit is
@@ -21,6 +23,8 @@ struct CpuRendererOptions {
   std::uint64_t max_kept_primitives = std::uint64_t{1} << 31;
   // Bounds images and buffers that no pass uses.
   std::size_t max_unused_bytes = std::size_t{256} << 20;
+  // Shading computes in it. Null: in the arena of the caller.
+  std::shared_ptr<tbb::task_arena> arena = nullptr;
 };
 
 std::unique_ptr<Renderer> MakeCpuRenderer(const CpuRendererOptions& options);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <new>
 #include <utility>
 
 namespace isoscope::render {
@@ -55,6 +56,12 @@ void PassResources::GiveBack(std::unique_ptr<PassBuffers> buffers) {
   }
   std::vector<std::unique_ptr<PassBuffers>> dropped;  // freed after the lock
   const base::MutexLock lock(&mutex_);
+  try {
+    unused_.reserve(unused_.size() + 1);
+    dropped.reserve(unused_.size());
+  } catch (const std::bad_alloc&) {
+    return;  // destructors call this; without memory nothing is kept
+  }
   while (unused_bytes_ + size > max_unused_buffer_bytes_) {
     unused_bytes_ -= unused_.front()->size_bytes();
     dropped.push_back(std::move(unused_.front()));

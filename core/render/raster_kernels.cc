@@ -692,10 +692,10 @@ void ScreenVertices::Resize(std::size_t vertex_count) {
   count = vertex_count;
   const std::size_t padded = vertex_count + FragmentBuffer::kSlack;
   if (x.size() < padded) {
-    x.resize(padded);
     y.resize(padded);
     z.resize(padded);
     packed.resize(padded);
+    x.resize(padded);  // the last: if memory runs out before, the next call resizes all
   }
 }
 

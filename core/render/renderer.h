@@ -53,9 +53,9 @@ class RenderPass {
   virtual ~RenderPass() = default;
 
   // Draws meshes, now or by Finish(), in any order. A block comes at most once for a surface, and
-  // may be empty. May wait until earlier meshes are drawn, so that memory stays bounded.
-  // INVALID_ARGUMENT if the layout has no such block. Returns an error of earlier drawing, unless
-  // Finish() does. Thread-safe.
+  // may be empty. Runs no parallel loop. May wait until another thread has drawn earlier meshes.
+  // INVALID_ARGUMENT if the layout has no such block, RESOURCE_EXHAUSTED if memory runs out.
+  // Returns an error of earlier drawing, unless Finish() does. Thread-safe.
   virtual absl::Status Add(std::span<const MeshToDraw> meshes) = 0;
   absl::Status Add(std::shared_ptr<const mesh::CompactMesh> mesh,
                    const image::PixelMask* open = nullptr) {
@@ -63,7 +63,18 @@ class RenderPass {
     return Add(std::span(&one, 1));
   }
 
-  // Completes the picture. Call it once, after every Add has returned. Returns the error of
+  // True if more is kept than the back end's limit. Then end the loops that add, call Shade, and go
+  // on: so memory exceeds the limit by one Add of each thread at most. Thread-safe.
+  [[nodiscard]] virtual bool is_full() const { return false; }
+
+  // Shades what was added, and drops it, in parallel. The picture does not depend on when it is
+  // called. REQUIRES: no Add is under way, and the caller holds no lock and is in no parallel loop.
+  // Returns the error of `cancellation` if it fires, RESOURCE_EXHAUSTED if memory runs out.
+  virtual absl::Status Shade(const base::Cancellation& /*cancellation*/) {
+    return absl::OkStatus();
+  }
+
+  // Completes the picture. Call it once, as Shade. Returns the error of
   // `cancellation` if it fires, without waiting for draws under way. RESOURCE_EXHAUSTED if the
   // picture is too large for the back end, or memory runs out.
   virtual absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) = 0;

@@ -16,6 +16,7 @@ std::unique_ptr<Renderer> MakeCpuRenderer(const RendererOptions& options) {
   CpuRendererOptions cpu;
   cpu.max_kept_bytes = options.max_kept_mesh_bytes;
   cpu.max_unused_bytes = options.max_unused_bytes;
+  cpu.arena = options.arena;
   return render::MakeCpuRenderer(cpu);
 }
 

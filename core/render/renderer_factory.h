@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include <oneapi/tbb/task_arena.h>
 
 #include "core/render/renderer.h"
 
@@ -29,6 +30,8 @@ struct RendererOptions {
   // and the most bytes of images and buffers that no pass uses.
   std::size_t max_kept_mesh_bytes = std::size_t{256} << 20;
   std::size_t max_unused_bytes = std::size_t{256} << 20;
+  // The CPU back end shades in it. Null: in the arena of the caller.
+  std::shared_ptr<tbb::task_arena> arena = nullptr;
 };
 
 // "auto", "egl", "cpu"; INVALID_ARGUMENT otherwise.

@@ -229,7 +229,8 @@ absl::Status LocalCluster::Wake(const Limits& limits) {
   if (given_renderer_ == nullptr ||
       given_renderer_->picture_revision().back_end == frame::BackEnd::kEgl) {
     cpu_renderer_ = render::MakeCpuRenderer({.max_kept_bytes = limits.kept_mesh_bytes(),
-                                             .max_unused_bytes = limits.unused_image_bytes()});
+                                             .max_unused_bytes = limits.unused_image_bytes(),
+                                             .arena = arena_});
   }
   renderer_ = given_renderer_ != nullptr ? given_renderer_ : cpu_renderer_.get();
   layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());

@@ -83,7 +83,8 @@ class FramePipelineTest : public ::testing::Test {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
         renderer_, render::MakeRenderer({.kind = render::RendererKind::kCpu,
                                          .max_kept_mesh_bytes = limits.kept_mesh_bytes(),
-                                         .max_unused_bytes = limits.unused_image_bytes()}));
+                                         .max_unused_bytes = limits.unused_image_bytes(),
+                                         .arena = arena_}));
     layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());
   }
 

@@ -305,6 +305,8 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   EXPECT_EQ(both.active_block_count, first.active_block_count + second.active_block_count);
 }
 
+// Symptom: with three threads or more and a memory limit the program aborted, "Resource deadlock
+// avoided". Shading ran a parallel loop under a lock, inside of the loops that deliver meshes.
 TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
@@ -438,6 +440,10 @@ class CancellingRenderer final : public render::Renderer {
     absl::Status Add(std::span<const render::MeshToDraw> meshes) override {
       cancellation_->Cancel();
       return pass_->Add(meshes);
+    }
+    [[nodiscard]] bool is_full() const override { return pass_->is_full(); }
+    absl::Status Shade(const base::Cancellation& cancellation) override {
+      return pass_->Shade(cancellation);
     }
     absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
       ADD_FAILURE() << "a cancelled frame was drawn to its end";

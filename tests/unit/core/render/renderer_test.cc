@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -18,7 +19,9 @@
 #include "absl/time/time.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <oneapi/tbb/parallel_for.h>
 
+#include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "core/image/normal_code.h"
 #include "core/render/cpu_renderer.h"
@@ -60,6 +63,20 @@ frame::FrameSpec SpecOf(const frame::Appearance& appearance = {}) {
   return spec;
 }
 
+// Adds meshes one by one, and shades whenever the pass is full. Returns how often it was.
+int AddAll(const std::vector<MeshPtr>& meshes, RenderPass* pass) {
+  int full_count = 0;
+  for (const MeshPtr& mesh : meshes) {
+    EXPECT_THAT(pass->Add(mesh), IsOk());
+    if (pass->is_full()) {
+      ++full_count;
+      EXPECT_THAT(pass->Shade(base::Cancellation()), IsOk());
+      EXPECT_FALSE(pass->is_full());
+    }
+  }
+  return full_count;
+}
+
 class RendererTest : public ::testing::TestWithParam<RendererKind> {
  protected:
   void SetUp() override {
@@ -81,9 +98,7 @@ class RendererTest : public ::testing::TestWithParam<RendererKind> {
                          const frame::Appearance& appearance = {}) {
     auto pass = renderer->BeginPass(view, layout, SpecOf(appearance));
     EXPECT_THAT(pass, IsOk());
-    for (const MeshPtr& mesh : meshes) {
-      EXPECT_THAT((*pass)->Add(mesh), IsOk());
-    }
+    AddAll(meshes, pass->get());
     const base::Cancellation never;
     auto image = (*pass)->Finish(never);
     EXPECT_THAT(image, IsOk());
@@ -803,6 +818,54 @@ TEST(CpuRendererTest, EveryInstructionSetDrawsTheSamePicture) {
   }
 }
 
+// Add inside of a parallel loop must not wait for one of its own, and shading holds no lock: a
+// thread that waits may take another Add, or another pass.
+TEST(CpuRendererTest, PassesThatFillUpInOneArenaEndWithTheirPictures) {
+  const Scene scene = MakeBumpySphere(48, 8, 18, 1);
+  const view::View view = MakeView(scene, 200, 200, 10, 10);
+  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(8);
+  const auto unbounded = MakeCpuRenderer(CpuRendererOptions{.arena = arena});
+  const auto bounded = MakeCpuRenderer(CpuRendererOptions{.max_kept_bytes = 20000, .arena = arena});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto whole,
+                                unbounded->BeginPass(view, scene.layout, SpecOf()));
+  EXPECT_EQ(AddAll(scene.meshes, whole.get()), 0);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameImage expected, whole->Finish(base::Cancellation()));
+  constexpr int kFrames = 4;
+  std::vector<FrameImage> images(kFrames);
+  std::atomic<int> full_count{0};
+  std::vector<std::thread> frames;
+  for (FrameImage& image : images) {
+    frames.emplace_back([&] {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
+                                    bounded->BeginPass(view, scene.layout, SpecOf()));
+      std::atomic<std::size_t> next{0};
+      while (next.load() < scene.meshes.size()) {
+        arena->execute([&] {
+          tbb::parallel_for(0, 8, [&](int /*thread*/) {
+            while (!pass->is_full()) {
+              const std::size_t i = next.fetch_add(1);
+              if (i >= scene.meshes.size()) {
+                return;
+              }
+              EXPECT_THAT(pass->Add(scene.meshes[i]), IsOk());
+            }
+          });
+        });
+        full_count += pass->is_full() ? 1 : 0;
+        EXPECT_THAT(pass->Shade(base::Cancellation()), IsOk());
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(image, pass->Finish(base::Cancellation()));
+    });
+  }
+  for (std::thread& frame : frames) {
+    frame.join();
+  }
+  EXPECT_GT(full_count, kFrames);
+  for (const FrameImage& image : images) {
+    EXPECT_EQ(image, expected);
+  }
+}
+
 TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
   const Scene scene = MakeBumpySphere(48, 8, 18, 1);
   const view::View view = MakeView(scene, 200, 200, 10, 10);
@@ -811,9 +874,7 @@ TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
     const auto renderer = MakeCpuRenderer(CpuRendererOptions{.max_kept_primitives = numbers});
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass,
                                   renderer->BeginPass(view, scene.layout, SpecOf()));
-    for (const MeshPtr& mesh : scene.meshes) {
-      ISOSCOPE_ASSERT_OK(pass->Add(mesh));
-    }
+    EXPECT_EQ(AddAll(scene.meshes, pass.get()) > 0, numbers == 1000);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(images.emplace_back(), pass->Finish(base::Cancellation()));
   }
   EXPECT_EQ(images[0], images[1]);
