@@ -1,41 +1,79 @@
 #!/usr/bin/env bash
 # The long form of tests that scripts/test.sh runs for seconds: pictures of random volumes on both
-# back ends, and agents that are killed under load, while other processes want the processor. Builds
-# what is missing. Ends with 1 at the first failure, and says how to repeat it.
+# back ends, and agents that are killed under load, while other processes want the processor; or
+# small random frames, very many of them. Builds what is missing. Ends with 1 at the first failure,
+# and says how to repeat it.
 set -euo pipefail
 
 usage() {
   cat <<'USAGE'
-Usage: scripts/soak.sh [MINUTES]
+Usage: scripts/soak.sh [MINUTES] [--seed N]
+       scripts/soak.sh --threads [--frames N] [--seed N]
 
   MINUTES     of all parts together (default: 30)
+  --threads   instead, small random frames: each is drawn with 1, 2, 3, 8 or 32 threads, some memory
+              limit, options and cut of its volume, and compared with the same frame of one agent
+              without culling and limit; prints seeds, frames, differences, and frames by threads
+              and limits
+  --frames N  how many frames are compared, at least (default: 100000)
+  --seed N    of the first volume; each one after it has the next (default: from the clock)
   -h, --help  this text
-
-ISOSCOPE_SOAK_SEED  first seed of the random volumes (default: from the clock)
 USAGE
 }
 
-minutes="${1:-30}"
-case "$minutes" in
-  -h | --help)
-    usage
-    exit 0
-    ;;
-  '' | 0* | *[!0-9]*)
-    echo "soak.sh: '$minutes' is not a number of minutes; see --help" >&2
-    exit 2
-    ;;
-esac
+fail() {
+  echo "soak.sh: $1; see --help" >&2
+  exit 2
+}
+
+minutes=
+frames=
+threads=false
+while [ $# -gt 0 ]; do
+  case "$1" in
+    -h | --help)
+      usage
+      exit 0
+      ;;
+    --threads) threads=true ;;
+    --frames | --seed)
+      [[ "${2:-}" =~ ^[1-9][0-9]*$ ]] || fail "$1 '${2:-}' is not a number"
+      if [ "$1" = --frames ]; then
+        frames="$2"
+      else
+        export ISOSCOPE_SOAK_SEED="$2"
+      fi
+      shift
+      ;;
+    '' | 0* | *[!0-9]*) fail "'$1' is not a number of minutes" ;;
+    *) minutes="$1" ;;
+  esac
+  shift
+done
+if "$threads" && [ -n "$minutes" ]; then
+  fail "--threads ends after --frames, not after minutes"
+elif ! "$threads" && [ -n "$frames" ]; then
+  fail "--frames needs --threads"
+fi
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash scripts/build.sh --with-tests
 tests=build/release/tests
 
+if "$threads"; then
+  # A small dataset takes longer to write safely to a disk than to draw.
+  if [ -w /dev/shm ]; then
+    export TMPDIR=/dev/shm
+  fi
+  ISOSCOPE_SOAK_FRAMES="${frames:-100000}" "$tests/soak_test" --gtest_filter='*SmallFrames/Cpu' --gtest_brief=1
+  exit
+fi
+
 # A third of the time for each part.
-export ISOSCOPE_SOAK_SECONDS=$((minutes * 20))
+export ISOSCOPE_SOAK_SECONDS=$((${minutes:-30} * 20))
 for back_end in Cpu Egl; do
   echo "== random volumes, $back_end"
-  "$tests/soak_test" --gtest_filter="*/$back_end" --gtest_brief=1
+  "$tests/soak_test" --gtest_filter="*WholePicture/$back_end" --gtest_brief=1
 done
 
 echo "== faults under load"

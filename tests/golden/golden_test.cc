@@ -127,7 +127,7 @@ absl::StatusOr<image::RgbaImage> Render(const Scene& scene, render::RendererKind
   if (!renderer.ok()) {
     return renderer.status();
   }
-  auto cluster = testing::LocalCluster::Open(options.output_directory, renderer->get(), 2);
+  auto cluster = testing::LocalCluster::Open(options.output_directory, renderer->get(), {});
   if (!cluster.ok()) {
     return cluster.status();
   }

@@ -18,6 +18,7 @@
 
 #include "core/base/coding.h"
 #include "core/base/random.h"
+#include "core/base/status_macros.h"
 #include "core/extract/cell_inside.h"
 #include "core/partition/partitioner.h"
 #include "core/picture/color_map.h"
@@ -25,6 +26,7 @@
 #include "core/view/clip_crossings.h"
 #include "core/view/unprojection.h"
 #include "core/volume/field_gradient.h"
+#include "tests/support/draws.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/scenes.h"
@@ -105,33 +107,28 @@ Volume Closed(const std::string& name, std::uint64_t seed, double max_wave_numbe
 class CapsTest : public ::testing::TestWithParam<render::RendererKind> {
  protected:
   void SetUp() override {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_, render::MakeRenderer({.kind = GetParam()}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        renderer_, testing::MakeSharedRenderer(GetParam(), testing::DrawSeed("renderer")));
+    clusters_.emplace(renderer_.get(), testing::DrawSeed());
   }
 
   [[nodiscard]] static bool is_egl() { return GetParam() == render::RendererKind::kEgl; }
 
+  // Wakes the cluster, with threads and limits drawn anew. It sleeps at the next call.
   absl::StatusOr<LocalCluster*> Get(const Volume& volume, std::int64_t edge, int shard_count) {
-    std::unique_ptr<LocalCluster>& cluster = clusters_[{volume.name, edge, shard_count}];
-    if (cluster == nullptr) {
+    std::string& directory = directories_[{volume.name, edge, shard_count}];
+    if (directory.empty()) {
       partition::PartitionOptions options;
-      options.output_directory = temp_.Sub(absl::StrCat("d", clusters_.size()));
+      options.output_directory = temp_.Sub(absl::StrCat("d", directories_.size()));
       options.shard_count = shard_count;
       options.block_cells = {edge, edge, edge};
       const auto source =
           testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, volume.name);
-      const absl::StatusOr<store::Manifest> manifest =
-          partition::Partition(*source, options, base::Cancellation());
-      if (!manifest.ok()) {
-        return manifest.status();
-      }
-      absl::StatusOr<std::unique_ptr<LocalCluster>> opened =
-          LocalCluster::Open(options.output_directory, renderer_.get(), 2);
-      if (!opened.ok()) {
-        return opened.status();
-      }
-      cluster = *std::move(opened);
+      ISOSCOPE_RETURN_IF_ERROR(
+          partition::Partition(*source, options, base::Cancellation()).status());
+      directory = options.output_directory;
     }
-    return cluster.get();
+    return clusters_->Wake(directory);
   }
 
   // Renders the frame with every culling, on one to three agents and with other blocks, and
@@ -145,22 +142,16 @@ class CapsTest : public ::testing::TestWithParam<render::RendererKind> {
         if ((culling == frame::Culling::kMask && HasTriangles(volume)) || (is_egl() && edge != 8)) {
           continue;
         }
-        absl::StatusOr<LocalCluster*> cluster = Get(volume, edge, shard_count);
-        if (!cluster.ok()) {
-          return cluster.status();
-        }
+        ISOSCOPE_ASSIGN_OR_RETURN(LocalCluster* const cluster, Get(volume, edge, shard_count));
         spec.culling = culling;
-        absl::StatusOr<server::FrameResult> result = (*cluster)->Render(spec);
-        if (!result.ok()) {
-          return result.status();
-        }
+        ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, cluster->Render(spec));
         if (!first) {
-          first = std::move(result->image);
+          first = std::move(result.image);
           continue;
         }
-        const testing::Difference difference = testing::Compare(*first, result->image);
-        EXPECT_EQ(difference.colors, 0) << edge << ", " << shard_count;
-        EXPECT_EQ(difference.depths, 0) << edge << ", " << shard_count;
+        const testing::Difference difference = testing::Compare(*first, result.image);
+        EXPECT_EQ(difference.colors, 0) << edge << ", " << shard_count << ", " << cluster->limits();
+        EXPECT_EQ(difference.depths, 0) << edge << ", " << shard_count << ", " << cluster->limits();
       }
     }
     return *std::move(first);
@@ -169,8 +160,9 @@ class CapsTest : public ::testing::TestWithParam<render::RendererKind> {
   static bool HasTriangles(const Volume& volume) { return volume.name != "solid"; }
 
   testing::TempDir temp_;
-  std::unique_ptr<render::Renderer> renderer_;
-  std::map<std::tuple<std::string, std::int64_t, int>, std::unique_ptr<LocalCluster>> clusters_;
+  std::map<std::tuple<std::string, std::int64_t, int>, std::string> directories_;
+  std::unique_ptr<render::Renderer> renderer_;  // null: clusters make a CPU renderer
+  std::optional<testing::LocalClusters> clusters_;
 };
 
 // From +x to the middle of a ball, z up, 48 units high: 192 pixels.

@@ -1,5 +1,6 @@
-// Samples, ambient occlusion and silhouettes of clusters of real processes: neither agents, blocks,
-// culling nor regions show, planes and picks do not change, and the command line repeats pictures.
+// Samples, ambient occlusion and silhouettes of clusters of real processes: neither agents, their
+// threads and memory limits, blocks, culling nor regions show, planes and picks do not change, and
+// the command line repeats pictures.
 
 #include <algorithm>
 #include <cmath>
@@ -7,24 +8,32 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <regex>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
 
 #include "core/base/random.h"
+#include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "tests/support/draws.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
 
 namespace isoscope {
@@ -43,12 +52,30 @@ constexpr std::uint64_t kRequestCount = 12;
 #else
 constexpr std::uint64_t kRequestCount = 60;
 #endif
+// Random requests are asked in as many parts, each of new clusters.
+constexpr std::uint64_t kPartCount = 3;
+constexpr std::int64_t kNoiseSide = 72;
+constexpr std::int64_t kLeastLimitMib = 96;  // that an agent accepts
 
 // A coordinator on agents of one back end.
 struct Cluster {
   std::vector<testing::ServerProcess> agents;
+  std::vector<std::string> flags;  // of each agent
   testing::ServerProcess coordinator;
 };
+
+// The least limit of an agent that can draw the request (AgentMemory::ReserveStep). The factors are
+// bytes of a pixel, of a translucent fragment, and the share of the limit that is for pixels.
+std::int64_t LeastLimitMib(const v1::RenderIsosurfaceRequest& request) {
+  const std::int64_t pixels = std::int64_t{request.viewport().width_px()} *
+                              request.viewport().height_px() * std::max(request.samples(), 1);
+  const std::int64_t layers = request.max_layers() == 0 ? 8 : request.max_layers();
+  const bool is_translucent =
+      std::any_of(request.surfaces().begin(), request.surfaces().end(),
+                  [](const v1::Surface& surface) { return surface.color().alpha() < 1; });
+  const std::int64_t bytes = pixels * (32 + (is_translucent ? 24 * (layers + 1) : 0));
+  return std::max(kLeastLimitMib, (bytes * 32 / 5 >> 20) + 1);
+}
 
 class EffectsTest : public ::testing::Test {
  protected:
@@ -67,26 +94,62 @@ class EffectsTest : public ::testing::Test {
     return shared_->Sub(absl::StrCat("d", shard_count));
   }
 
-  static absl::StatusOr<std::unique_ptr<Cluster>> StartCluster(int shard_count,
-                                                               const std::string& renderer) {
+  // Starts agents with the given flags, besides their back end.
+  static absl::StatusOr<std::unique_ptr<Cluster>> StartCluster(
+      const std::string& dataset, int shard_count, const std::string& renderer,
+      const std::function<std::vector<std::string>()>& flags_of_agent) {
     auto cluster = std::make_unique<Cluster>();
     std::vector<std::string> addresses;
     for (int shard = 0; shard < shard_count; ++shard) {
-      auto agent =
-          testing::StartAgent({testing::ShardDirectory(Dataset(shard_count), shard, shard_count)},
-                              "127.0.0.1:0", {"--renderer", renderer});
-      if (!agent.ok()) {
-        return agent.status();
-      }
-      addresses.push_back(agent->address);
-      cluster->agents.push_back(*std::move(agent));
+      std::vector<std::string> flags = flags_of_agent();
+      cluster->flags.push_back(absl::StrJoin(flags, " "));
+      flags.insert(flags.end(), {"--renderer", renderer});
+      ISOSCOPE_ASSIGN_OR_RETURN(
+          testing::ServerProcess agent,
+          testing::StartAgent({testing::ShardDirectory(dataset, shard, shard_count)}, "127.0.0.1:0",
+                              flags));
+      addresses.push_back(agent.address);
+      cluster->agents.push_back(std::move(agent));
     }
-    auto coordinator = testing::StartCoordinator(addresses);
-    if (!coordinator.ok()) {
-      return coordinator.status();
-    }
-    cluster->coordinator = *std::move(coordinator);
+    ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator, testing::StartCoordinator(addresses));
     return cluster;
+  }
+  static absl::StatusOr<std::unique_ptr<Cluster>> StartCluster(int shard_count,
+                                                               const std::string& renderer) {
+    return StartCluster(Dataset(shard_count), shard_count, renderer,
+                        [] { return std::vector<std::string>(); });
+  }
+
+  // The least memory limit with which an agent serves the dataset.
+  static absl::StatusOr<std::int64_t> LeastLimitMibOfAgent(const std::string& dataset,
+                                                           const std::string& renderer) {
+    const absl::Status refused =
+        StartCluster(dataset, 1, renderer, [] {
+          return std::vector<std::string>{"--memory-limit", absl::StrCat(kLeastLimitMib, "MiB")};
+        }).status();
+    if (refused.ok()) {
+      return kLeastLimitMib;
+    }
+    std::smatch found;
+    std::int64_t least = 0;
+    const std::string message(refused.message());
+    if (!std::regex_search(message, found, std::regex("raise --memory-limit to (\\d+)MiB")) ||
+        !absl::SimpleAtoi(found[1].str(), &least)) {
+      return refused;
+    }
+    return least + 16;  // another process holds a bit more
+  }
+
+  // Draws the threads of an agent, and its limit: from `least_mib` to none.
+  static std::vector<std::string> DrawFlags(std::int64_t least_mib, testing::Dice* dice) {
+    std::vector<std::string> flags{"--threads", absl::StrCat(dice->OneOf(testing::kThreadCounts))};
+    if (!dice->OneIn(4)) {
+      const auto least = static_cast<std::size_t>(least_mib);
+      flags.insert(flags.end(),
+                   {"--memory-limit",
+                    absl::StrCat(dice->Size(least, 8 * std::max<std::size_t>(least, 512)), "MiB")});
+    }
+    return flags;
   }
 
   // A request with all options at random: camera, surfaces, opacities, colours, lights, clipping,
@@ -182,29 +245,61 @@ class EffectsTest : public ::testing::Test {
 
   // Compares random requests between clusters of one back end, and their regions with the whole.
   static void CheckRandomRequests(const std::string& renderer, bool with_other_blocks) {
-    std::vector<std::unique_ptr<Cluster>> clusters;
-    for (const int shard_count : {1, 3, 2}) {  // the last one has other blocks
-      if (shard_count == 2 && !with_other_blocks) {
-        continue;
-      }
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(clusters.emplace_back(), StartCluster(shard_count, renderer));
-    }
-    std::int64_t shown_count = 0;
+    std::vector<std::pair<std::uint64_t, v1::RenderIsosurfaceRequest>> requests;
     for (std::uint64_t seed = 1; seed <= kRequestCount; ++seed) {
-      v1::RenderIsosurfaceRequest request = RandomRequest(seed);
-      SCOPED_TRACE(absl::StrCat(renderer, ", seed ", seed, ": ", request.ShortDebugString()));
+      requests.emplace_back(seed, RandomRequest(seed));
+    }
+    // Those that need least memory come first, so that the first clusters may have little.
+    std::stable_sort(requests.begin(), requests.end(), [](const auto& a, const auto& b) {
+      return LeastLimitMib(a.second) < LeastLimitMib(b.second);
+    });
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::int64_t least,
+                                  LeastLimitMibOfAgent(Dataset(1), renderer));
+    testing::Dice dice(testing::DrawSeed());
+    std::int64_t shown_count = 0;
+    constexpr std::uint64_t kPartSize = kRequestCount / kPartCount;
+    for (std::uint64_t part = 0; part < kPartCount; ++part) {
+      const auto begin = requests.begin() + static_cast<std::ptrdiff_t>(part * kPartSize);
+      const auto end = begin + kPartSize;
+      const std::int64_t least_of_part = std::max(least, LeastLimitMib((end - 1)->second));
+      std::vector<std::unique_ptr<Cluster>> clusters;
+      for (const int shard_count : {1, 3, 2}) {  // the last one has other blocks
+        if (shard_count == 2 && !with_other_blocks) {
+          continue;
+        }
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            clusters.emplace_back(), StartCluster(Dataset(shard_count), shard_count, renderer,
+                                                  [&] { return DrawFlags(least_of_part, &dice); }));
+      }
+      for (auto request = begin; request != end; ++request) {
+        shown_count += CheckRequest(clusters, request->first, request->second);
+        if (HasFatalFailure()) {
+          return;
+        }
+      }
+    }
+    EXPECT_GT(shown_count, static_cast<std::int64_t>(kRequestCount) * 3000);
+  }
+
+  // Returns how many pixels the picture shows.
+  static std::int64_t CheckRequest(const std::vector<std::unique_ptr<Cluster>>& clusters,
+                                   std::uint64_t seed, v1::RenderIsosurfaceRequest request) {
+    std::int64_t shown_count = 0;
+    const auto check = [&] {
+      SCOPED_TRACE(absl::StrCat("seed ", seed, ": ", request.ShortDebugString()));
       request.set_culling(v1::CULLING_NONE);
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse expected,
                                     Render(*clusters[0], request));
       request.set_culling(v1::CULLING_DEPTH);
       for (const auto& cluster : clusters) {
+        SCOPED_TRACE(absl::StrCat("agents: ", absl::StrJoin(cluster->flags, "; ")));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response,
                                       Render(*cluster, request));
         ASSERT_TRUE(response.png() == expected.png())
             << cluster->agents.size() << " agents show in the picture";
       }
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage whole, image::DecodePng(expected.png()));
-      shown_count += CountOthers(whole);
+      shown_count = CountOthers(whole);
       const auto part = [&](std::uint64_t counter, int size) {
         return static_cast<int>(size * base::RandomUnit(seed, counter));
       };
@@ -216,11 +311,9 @@ class EffectsTest : public ::testing::Test {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage window,
                                     RenderImage(*clusters[seed % clusters.size()], request));
       ExpectWindow(whole, window, region->x(), region->y());
-      if (HasFatalFailure()) {
-        return;
-      }
-    }
-    EXPECT_GT(shown_count, static_cast<std::int64_t>(kRequestCount) * 3000);
+    };
+    check();
+    return shown_count;
   }
 
   // Pixels that differ from the first one.
@@ -251,6 +344,51 @@ TEST_F(EffectsTest, NeitherAgentsBlocksCullingNorRegionsShowWithTheCpu) {
 
 TEST_F(EffectsTest, NeitherAgentsCullingNorRegionsShowWithOpenGl) {
   CheckRandomRequests("egl", /*with_other_blocks=*/false);
+}
+
+// White noise: more meshes than an agent with the least limit keeps, so that it shades while other
+// threads draw.
+TEST_F(EffectsTest, NeitherThreadsNorTheLeastMemoryLimitShow) {
+  testing::TestVolume volume;
+  volume.geometry.sample_dims = {kNoiseSide, kNoiseSide, kNoiseSide};
+  volume.samples = testing::SampleNoise(1, volume.geometry.sample_dims, volume.type, 4);
+  const std::string dataset = shared_->Sub("noise");
+  ISOSCOPE_ASSERT_OK(testing::MakeDataset(volume, dataset, 1, 16));
+  v1::RenderIsosurfaceRequest request = testing::SmallRequest();
+  request.set_isovalue(2.5);
+  request.set_culling(v1::CULLING_NONE);
+  request.set_with_trace(true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::int64_t least, LeastLimitMibOfAgent(dataset, "cpu"));
+  std::string expected;
+  for (const int thread_count : testing::kThreadCounts) {
+    SCOPED_TRACE(absl::StrCat(thread_count, " threads"));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const std::unique_ptr<Cluster> cluster, StartCluster(dataset, 1, "cpu", [&] {
+          std::vector<std::string> flags{"--threads", absl::StrCat(thread_count)};
+          if (!expected.empty()) {
+            flags.insert(flags.end(), {"--memory-limit", absl::StrCat(least, "MiB")});
+          }
+          return flags;
+        }));
+    std::set<std::string> workers;
+    // A thread may come late. The number of frames has a bound.
+    for (int i = 0; i < 2 || (static_cast<int>(workers.size()) < thread_count - 1 && i < 30); ++i) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response,
+                                    Render(*cluster, request));
+      if (expected.empty()) {
+        expected = response.png();
+      }
+      ASSERT_TRUE(response.png() == expected) << "frame " << i;
+      ASSERT_EQ(response.trace().processes_size(), 2);
+      for (const v1::TraceTrack& track : response.trace().processes(1).tracks()) {
+        if (absl::StartsWith(track.name(), "worker ")) {
+          workers.insert(track.name());
+        }
+      }
+    }
+    // The thread of the frame is one.
+    EXPECT_EQ(static_cast<int>(workers.size()), thread_count - 1);
+  }
 }
 
 TEST_F(EffectsTest, PlanesAndPicksAreThoseOfOneSampleWithoutEffects) {

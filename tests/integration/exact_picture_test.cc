@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <memory>
 #include <set>
@@ -18,13 +17,14 @@
 #include "gtest/gtest.h"
 
 #include "core/base/random.h"
+#include "core/base/status_macros.h"
 #include "core/partition/partitioner.h"
-#include "core/picture/deferred_shading.h"
-#include "core/picture/layer_blending.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/volume_source.h"
+#include "tests/support/draws.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/random_options.h"
 #include "tests/support/scenes.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
@@ -36,12 +36,16 @@ namespace {
 using image::Rgba8;
 using testing::Compare;
 using testing::CoveredPixels;
+using testing::Crop;
 using testing::Difference;
 using testing::LocalCluster;
+using testing::LocalClusters;
+using testing::Picture;
+using testing::RandomRegion;
 using testing::RandomSpec;
+using testing::ThreeSurfaces;
 using testing::TriangleCount;
 
-constexpr int kThreadCount = 2;
 constexpr int kShardCounts[] = {1, 2, 3, 7, 16};
 constexpr std::int64_t kBlockEdges[] = {4, 8, 16, 32};
 // Views for each generated field, and for the head. Sanitizers look for other bugs: a few do.
@@ -140,48 +144,40 @@ class DatasetDirectories {
       directories_;
 };
 
-// Clusters of one renderer on the datasets of a volume, each started once.
+// Clusters of one back end on the datasets of a volume, each opened once.
 class Datasets {
  public:
   Datasets(const Volume& volume, DatasetDirectories* directories, render::Renderer* renderer)
-      : volume_(volume), directories_(directories), renderer_(renderer) {}
+      : volume_(volume),
+        directories_(directories),
+        clusters_(renderer, testing::DrawSeed(volume.name)) {}
 
+  // Wakes the cluster, with threads and limits drawn anew. It sleeps at the next call.
   absl::StatusOr<LocalCluster*> Get(std::int64_t edge, int shard_count,
                                     store::Distribution distribution) {
-    std::unique_ptr<LocalCluster>& cluster = clusters_[{edge, shard_count, distribution}];
-    if (cluster == nullptr) {
-      const absl::StatusOr<std::string> directory =
-          directories_->Get(volume_, edge, shard_count, distribution);
-      if (!directory.ok()) {
-        return directory.status();
-      }
-      absl::StatusOr<std::unique_ptr<LocalCluster>> opened =
-          LocalCluster::Open(*directory, renderer_, kThreadCount);
-      if (!opened.ok()) {
-        return opened.status();
-      }
-      cluster = *std::move(opened);
-    }
-    return cluster.get();
+    const absl::StatusOr<std::string> directory =
+        directories_->Get(volume_, edge, shard_count, distribution);
+    return directory.ok() ? clusters_.Wake(*directory) : directory.status();
   }
 
+  [[nodiscard]] volume::BlockLayout Layout(std::int64_t edge) const {
+    return *volume::BlockLayout::Make(volume_.geometry.sample_dims, {edge, edge, edge});
+  }
   [[nodiscard]] std::int64_t BlockCount(std::int64_t edge) const {
-    return volume::BlockLayout::Make(volume_.geometry.sample_dims, {edge, edge, edge})
-        ->block_count();
+    return Layout(edge).block_count();
   }
 
  private:
   const Volume& volume_;
   DatasetDirectories* const directories_;
-  render::Renderer* const renderer_;
-  std::map<std::tuple<std::int64_t, int, store::Distribution>, std::unique_ptr<LocalCluster>>
-      clusters_;
+  LocalClusters clusters_;
 };
 
 class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
  protected:
   void SetUp() override {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_, render::MakeRenderer({.kind = GetParam()}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        renderer_, testing::MakeSharedRenderer(GetParam(), testing::DrawSeed("renderer")));
     if (directories_ == nullptr) {
       directories_ = std::make_unique<DatasetDirectories>();
     }
@@ -227,9 +223,7 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
         }
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(request));
         const Difference difference = Compare(reference.image, result.image);
-        EXPECT_EQ(difference.colors, 0) << shard_count << " shards";
-        EXPECT_EQ(difference.depths, 0) << shard_count << " shards";
-        EXPECT_EQ(difference.owners, 0) << shard_count << " shards";
+        EXPECT_EQ(difference, Difference()) << shard_count << " shards, " << cluster->limits();
         const std::int64_t triangle_count = TriangleCount(result);
         if (triangle_count_of_one < 0) {
           triangle_count_of_one = triangle_count;
@@ -254,7 +248,7 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
     EXPECT_EQ(difference.owners, 0);
   }
 
-  std::unique_ptr<render::Renderer> renderer_;
+  std::unique_ptr<render::Renderer> renderer_;  // null: clusters make a CPU renderer
   inline static std::unique_ptr<DatasetDirectories> directories_;
 };
 
@@ -275,30 +269,6 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
                       volume::SizeOf(head.type));
   ISOSCOPE_ASSERT_OK(source->ReadSlab(0, head.geometry.sample_dims.z, head.samples.data()));
   CheckRandomViews(head, kHeadViewCount, 9000);
-}
-
-// Returns the part of `whole` that `region` shows.
-image::FrameImage Crop(const image::FrameImage& whole, const view::Region& region) {
-  image::FrameImage part(region.width_px, region.height_px);
-  for (int y = 0; y < region.height_px; ++y) {
-    for (int x = 0; x < region.width_px; ++x) {
-      const std::size_t from = whole.IndexOf(region.x + x, region.y + y);
-      part.keys[part.IndexOf(x, y)] = whole.keys[from];
-      part.colors[part.IndexOf(x, y)] = whole.colors[from];
-    }
-  }
-  return part;
-}
-
-view::Region RandomRegion(std::uint64_t seed, const view::Viewport& viewport) {
-  const auto part = [seed](std::uint64_t counter, int size) {
-    const int begin = static_cast<int>(size * base::RandomUnit(seed, counter));
-    return std::pair(begin,
-                     1 + static_cast<int>((size - begin) * base::RandomUnit(seed, counter + 1)));
-  };
-  const auto [x, width] = part(1000, viewport.width_px);
-  const auto [y, height] = part(1002, viewport.height_px);
-  return {x, y, std::min(width, viewport.width_px - x), std::min(height, viewport.height_px - y)};
 }
 
 TEST_P(ExactPictureTest, ARegionIsTheCropOfTheWholeCulledAndNotForAnyNumberOfAgents) {
@@ -334,7 +304,8 @@ TEST_P(ExactPictureTest, ARegionIsTheCropOfTheWholeCulledAndNotForAnyNumberOfAge
           for (const frame::Culling culling : {frame::Culling::kDepth, frame::Culling::kNone}) {
             request.culling = culling;
             ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult part, cluster->Render(request));
-            EXPECT_EQ(Compare(expected, part.image), Difference()) << shard_count << " shards";
+            EXPECT_EQ(Compare(expected, part.image), Difference())
+                << shard_count << " shards, " << cluster->limits();
           }
         }
         if (HasFailure()) {
@@ -559,18 +530,6 @@ TEST_P(ExactPictureTest, PassedDeadlineAndCancellationEndTheFrame) {
   EXPECT_THAT(cluster->Render(request, cancelled), testing::StatusIs(absl::StatusCode::kCancelled));
 }
 
-// Three surfaces, two of them the same level in different colours: all of their fragments tie.
-std::vector<frame::Surface> ThreeSurfaces(double isovalue, double step) {
-  std::vector<frame::Surface> surfaces(3);
-  surfaces[0].isovalue = isovalue + step;
-  surfaces[0].appearance.base_color = {200, 60, 60, 255};
-  surfaces[1].isovalue = isovalue;
-  surfaces[1].appearance.base_color = {60, 200, 60, 255};
-  surfaces[2].isovalue = isovalue;
-  surfaces[2].appearance.base_color = {60, 60, 200, 255};
-  return surfaces;
-}
-
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfSeveralSurfaces) {
   for (const auto& [volume, step] : {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0)}) {
     Datasets datasets(volume, directories_.get(), renderer_.get());
@@ -594,6 +553,7 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfSeveralSurfaces) {
       for (const int shard_count : {1, 3}) {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const cluster,
                                       datasets.Get(8, shard_count, store::Distribution::kRandom));
+        SCOPED_TRACE(::testing::Message() << shard_count << " shards, " << cluster->limits());
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(spec));
         ExpectSame(result, reference);
       }
@@ -601,81 +561,6 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfSeveralSurfaces) {
     // Of the two that are one level, the earlier one shows everywhere.
     EXPECT_EQ(surfaces_seen, (std::set<std::uint32_t>{0, 1}));
   }
-}
-
-// Half-spaces through random points of the volume, and now and then a box.
-view::ClipRegion RandomClip(std::uint64_t seed, const math::Box3d& bounds) {
-  std::uint64_t counter = 0;
-  const auto random = [&] { return base::RandomUnit(seed, 900'000 + counter++); };
-  const auto point = [&] {
-    math::Vec3d p;
-    for (int axis = 0; axis < 3; ++axis) {
-      p[axis] = bounds.min[axis] + (bounds.max[axis] - bounds.min[axis]) * random();
-    }
-    return p;
-  };
-  view::ClipRegion clip;
-  const auto count = static_cast<int>(4 * random());
-  for (int i = 0; i < count; ++i) {
-    math::Vec3d normal{random() - 0.5, random() - 0.5, random() - 0.5};
-    if (i == 2) {
-      normal = {0, 0, random() < 0.5 ? -2.0 : 2.0};  // along faces of blocks
-    }
-    clip.half_spaces.push_back({normal, math::Dot(normal, point())});
-  }
-  if (count == 0 || random() < 0.3) {
-    clip.box.emplace();
-    clip.box->Add(point());
-    clip.box->Add(point());
-  }
-  return clip;
-}
-
-// Fills the cuts of two of three clipped requests, every other time with samples.
-void AddRandomCaps(std::uint64_t seed, frame::FrameSpec* spec) {
-  const double choice = base::RandomUnit(seed, 700'000);
-  if (choice < 0.33) {
-    return;
-  }
-  spec->caps.emplace();
-  if (choice > 0.66) {
-    spec->caps->map = static_cast<frame::ColorMap>(static_cast<int>(600 * choice) % 6);
-    if (seed % 2 == 0) {
-      spec->caps->range = frame::ColorRange{0.0, 200 * choice};
-    }
-  }
-}
-
-// Makes some of the surfaces translucent; in one of four requests all of them.
-void MakeRandomlyTranslucent(std::uint64_t seed, frame::FrameSpec* spec) {
-  std::uint64_t counter = 0;
-  const auto random = [&] { return base::RandomUnit(seed, 800'000 + counter++); };
-  const bool all = random() < 0.25;
-  for (frame::Surface& surface : spec->surfaces) {
-    if (all || random() < 0.5) {
-      surface.opacity = static_cast<float>(0.05 + 0.9 * random());
-    }
-  }
-  constexpr int kMaxLayers[] = {1, 2, 3, 8, 16};
-  spec->max_layers = kMaxLayers[static_cast<std::size_t>(5 * random())];
-  if (random() < 0.5) {
-    spec->background_color = {20, 40, 80, static_cast<std::uint8_t>(255 * random())};
-  }
-}
-
-struct Picture {
-  image::FrameImage image;  // with the layers blended
-  std::int64_t truncated_pixel_count = 0;
-  std::int64_t layer_pixel_count = 0;
-};
-
-Picture PictureOf(const server::FrameResult& result, const frame::FrameSpec& spec) {
-  Picture picture{.image = result.image};
-  picture.truncated_pixel_count = picture::BlendLayers(result.layers, spec, &picture.image);
-  if (!result.layers.empty()) {
-    picture.layer_pixel_count = CoveredPixels(*result.layers.Levels().front());
-  }
-  return picture;
 }
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
@@ -694,20 +579,22 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
         spec.surfaces = ThreeSurfaces(volume.isovalue, step);
       }
       if (seed % 4 > 1) {
-        MakeRandomlyTranslucent(seed, &spec);
+        testing::MakeRandomlyTranslucent(seed, &spec);
       }
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
                                     datasets.Get(8, 1, store::Distribution::kRandom));
       spec.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult whole, one->Render(spec));
-      spec.clip = RandomClip(seed, volume.geometry.Bounds());
-      AddRandomCaps(seed, &spec);
-      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
-      const Picture expected_picture = PictureOf(reference, spec);
+      spec.clip = testing::RandomClip(seed, volume.geometry.Bounds());
+      testing::AddRandomCaps(seed, &spec);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult reference, one->Render(spec));
       covered_pixel_count += CoveredPixels(reference.image);
+      smaller_count += TriangleCount(reference) < TriangleCount(whole) ? 1 : 0;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const Picture expected_picture,
+          testing::PictureOf(std::move(reference), spec, datasets.Layout(8), volume.geometry));
       layer_pixel_count += expected_picture.layer_pixel_count;
       truncated_pixel_count += expected_picture.truncated_pixel_count;
-      smaller_count += TriangleCount(reference) < TriangleCount(whole) ? 1 : 0;
 
       spec.culling = frame::Culling::kDepth;
       image::FrameImage expected = expected_picture.image;
@@ -725,14 +612,17 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
         if (shard_count == 3) {
           cluster->LoseAgents();
         }
-        ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(spec));
-        const Picture picture = PictureOf(result, spec);
+        SCOPED_TRACE(::testing::Message() << "block edge " << edge << ", " << shard_count
+                                          << " shards, " << cluster->limits());
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(spec));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            const Picture picture,
+            testing::PictureOf(std::move(result), spec, datasets.Layout(edge), volume.geometry));
         const Difference difference = Compare(expected, picture.image);
-        EXPECT_EQ(difference.colors, 0) << "block edge " << edge << ", " << shard_count;
-        EXPECT_EQ(difference.depths, 0) << "block edge " << edge << ", " << shard_count;
+        EXPECT_EQ(difference.colors, 0);
+        EXPECT_EQ(difference.depths, 0);
         if (!spec.region) {
-          EXPECT_EQ(picture.truncated_pixel_count, expected_picture.truncated_pixel_count)
-              << "block edge " << edge << ", " << shard_count;
+          EXPECT_EQ(picture.truncated_pixel_count, expected_picture.truncated_pixel_count);
         }
       }
       if (HasFailure()) {
@@ -747,43 +637,6 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfARandomRequest) {
   }
 }
 
-// A map, a range for the gradient, and now and then opacities.
-void AddRandomMap(const std::function<double()>& random, frame::ColorBy* color_by) {
-  color_by->map = static_cast<frame::ColorMap>(static_cast<int>(6 * random()));
-  if (color_by->quantity == frame::ColorBy::Quantity::kGradientMagnitude) {
-    color_by->range = frame::ColorRange{random(), 1 + 20 * random()};
-  }
-  if (random() < 0.4) {
-    color_by->opacity_at_min = random() < 0.5 ? 0.0F : static_cast<float>(random());
-    color_by->opacity_at_max = static_cast<float>(random());
-  }
-}
-
-// Up to four lights, and surfaces that are coloured by a random quantity.
-void AddRandomLook(std::uint64_t seed, frame::FrameSpec* spec) {
-  std::uint64_t counter = 0;
-  const auto random = [&] { return base::RandomUnit(seed, 800'000 + counter++); };
-  for (auto count = static_cast<int>(5 * random()); count > 0; --count) {
-    frame::Light& light = spec->lights.emplace_back();
-    light.direction = {random() - 0.5, random() - 0.5, random() - 0.4};
-    light.space = random() < 0.5 ? frame::Light::Space::kView : frame::Light::Space::kWorld;
-    light.intensity = static_cast<float>(1.5 * random());
-    light.color.g = static_cast<std::uint8_t>(256 * random());
-  }
-  for (frame::Surface& surface : spec->surfaces) {
-    if (spec->lights.empty() || random() < 0.7) {
-      frame::ColorBy& color_by = surface.color_by.emplace();
-      color_by.quantity = static_cast<frame::ColorBy::Quantity>(static_cast<int>(5 * random()));
-      if (color_by.quantity != frame::ColorBy::Quantity::kNormal) {
-        AddRandomMap(random, &color_by);
-      }
-      spec->sends_map_steps = spec->sends_map_steps || surface.shows_gradient();
-    }
-    surface.appearance.shininess = static_cast<float>(1 + 99 * random());
-  }
-  spec->sends_normals = true;
-}
-
 // Colours that the coordinator computes from normals: with lights, and of positions and normals.
 TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
   const bool is_egl = GetParam() == render::RendererKind::kEgl;
@@ -791,39 +644,28 @@ TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
   for (const auto& [volume, step] : {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0)}) {
     Datasets datasets(volume, directories_.get(), renderer_.get());
     std::set<std::uint32_t> colors_seen;
+    testing::Limits limits;
     for (std::uint64_t seed = 1; seed <= view_count; ++seed) {
       SCOPED_TRACE(volume.name + ", seed " + std::to_string(seed));
       frame::FrameSpec spec = RandomSpec(seed, volume.geometry.Bounds(), volume.isovalue);
       if (seed % 2 == 0) {
         spec.surfaces = ThreeSurfaces(volume.isovalue, step);
       }
-      AddRandomLook(seed, &spec);
+      testing::AddRandomLook(seed, &spec);
       if (seed % 4 == 0) {
-        spec.clip = RandomClip(seed, volume.geometry.Bounds());
-        AddRandomCaps(seed, &spec);
+        spec.clip = testing::RandomClip(seed, volume.geometry.Bounds());
+        testing::AddRandomCaps(seed, &spec);
       }
-      // Renders a frame and shades it, as the coordinator does.
       const auto shaded = [&](std::int64_t edge,
                               int shard_count) -> absl::StatusOr<image::FrameImage> {
-        absl::StatusOr<LocalCluster*> cluster =
-            datasets.Get(edge, shard_count, store::Distribution::kRandom);
-        if (!cluster.ok()) {
-          return cluster.status();
-        }
-        absl::StatusOr<server::FrameResult> result = (*cluster)->Render(spec);
-        absl::StatusOr<view::View> view =
-            view::View::Make(*spec.camera, spec.viewport, volume.geometry, spec.region);
-        if (!result.ok() || !view.ok()) {
-          return result.ok() ? view.status() : result.status();
-        }
-        const image::FragmentOrder order{.block_count =
-                                             static_cast<std::uint32_t>(datasets.BlockCount(edge))};
-        const picture::DeferredShader shader(spec, *view, order);
-        shader.ShadeImage(&result->image);
-        for (image::FrameImage* const level : result->layers.MutableLevels()) {
-          shader.ShadeImage(level);
-        }
-        return PictureOf(*result, spec).image;
+        ISOSCOPE_ASSIGN_OR_RETURN(LocalCluster* const cluster,
+                                  datasets.Get(edge, shard_count, store::Distribution::kRandom));
+        limits = cluster->limits();
+        ISOSCOPE_ASSIGN_OR_RETURN(server::FrameResult result, cluster->Render(spec));
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            Picture picture,
+            testing::PictureOf(std::move(result), spec, datasets.Layout(edge), volume.geometry));
+        return std::move(picture.image);
       };
       spec.culling = frame::Culling::kNone;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(image::FrameImage expected, shaded(8, 1));
@@ -841,9 +683,11 @@ TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
           continue;  // OpenGL's pictures depend on how the volume is cut
         }
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::FrameImage image, shaded(edge, shard_count));
+        SCOPED_TRACE(::testing::Message()
+                     << "block edge " << edge << ", " << shard_count << " shards, " << limits);
         const Difference difference = Compare(expected, image);
-        EXPECT_EQ(difference.colors, 0) << "block edge " << edge << ", " << shard_count;
-        EXPECT_EQ(difference.depths, 0) << "block edge " << edge << ", " << shard_count;
+        EXPECT_EQ(difference.colors, 0);
+        EXPECT_EQ(difference.depths, 0);
       }
       if (HasFailure()) {
         return;
@@ -877,8 +721,8 @@ TEST_P(ExactPictureTest, BlocksDoNotShowInDepthAndColor) {
             datasets.Get(edge, shard_count, store::Distribution::kRandom));
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, cluster->Render(spec));
         const Difference difference = Compare(reference.image, result.image);
-        EXPECT_EQ(difference.colors, 0);
-        EXPECT_EQ(difference.depths, 0);
+        EXPECT_EQ(difference.colors, 0) << cluster->limits();
+        EXPECT_EQ(difference.depths, 0) << cluster->limits();
         moved_owner_count += difference.owners;
       }
       if (HasFailure()) {
@@ -920,9 +764,9 @@ TEST_P(ExactPictureTest, AKnownTieDoesNotShowHowTheVolumeWasCut) {
   spec.ray_seed = 583629086;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const one,
                                 datasets.Get(8, 1, store::Distribution::kRandom));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(LocalCluster* const many,
                                 datasets.Get(7, 16, store::Distribution::kRandom));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult reference, one->Render(spec));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result, many->Render(spec));
   const Difference difference = Compare(reference.image, result.image);
   EXPECT_EQ(difference.colors, 0);

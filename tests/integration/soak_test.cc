@@ -1,35 +1,48 @@
 // The product's promise (exact_picture_test) on volumes of any kind, type and shape, cut in any
-// way, seen from anywhere. A bounded run with seeds that never change; with ISOSCOPE_SOAK_SECONDS
-// as long as that, with new seeds each time (scripts/soak.sh).
+// way, seen from anywhere, with any number of threads and any memory limit. Bounded runs with seeds
+// that never change. scripts/soak.sh makes them long, with new seeds each time:
+//
+//   ISOSCOPE_SOAK_SECONDS  how long large volumes are drawn
+//   ISOSCOPE_SOAK_FRAMES   how many small frames are compared, at least
+//   ISOSCOPE_SOAK_SEED     of the first volume; each one after it has the next
+
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <csignal>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <iostream>
 #include <limits>
+#include <map>
 #include <memory>
 #include <string>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
-#include "absl/status/statusor.h"
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
 
-#include "core/base/random.h"
+#include "core/base/mutex.h"
 #include "core/partition/partitioner.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/volume_source.h"
+#include "tests/support/draws.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/random_options.h"
 #include "tests/support/scenes.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
@@ -38,30 +51,83 @@
 namespace isoscope {
 namespace {
 
+using testing::Dice;
+using testing::LocalCluster;
+
 constexpr int kRoundCount = 40;  // of a bounded run
 constexpr int kViewCount = 4;    // of a round
+// Of a round of small frames: the frames, how often the volume is cut, and how often the cluster of
+// a cut gets other threads and limits.
+constexpr int kSmallFrameCount = 8;
+constexpr int kCutCount = 3;
+constexpr int kWakeCount = 2;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr std::int64_t kBoundedFrameCount = 240;
+#else
+constexpr std::int64_t kBoundedFrameCount = 1200;
+#endif
 constexpr absl::Duration kProgressPeriod = absl::Seconds(10);
+// A round that takes longer hangs.
+constexpr absl::Duration kMaxRoundDuration = absl::Minutes(5);
 
-// Numbers of one round. Thread-compatible.
-class Dice {
+// Says how to repeat the round that ended the process.
+std::array<char, 160> last_words{};
+std::size_t last_words_size = 0;
+
+void SayLastWords(int number) {
+  // Nothing can be done if it fails.
+  [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, last_words.data(), last_words_size);
+  std::signal(number, SIG_DFL);
+  std::raise(number);
+}
+
+// Ends the process, with a seed to repeat it, if a round crashes or hangs. Thread-compatible.
+class Watchdog {
  public:
-  explicit Dice(std::uint64_t seed) : seed_(seed) {}
-
-  std::uint64_t Bits() { return base::RandomBits(seed_, next_++); }
-  double Unit() { return base::RandomUnit(seed_, next_++); }
-  // In [low, high].
-  std::int64_t Whole(std::int64_t low, std::int64_t high) {
-    return low + static_cast<std::int64_t>(Bits() % static_cast<std::uint64_t>(high - low + 1));
+  Watchdog() : thread_([this] { Watch(); }) {
+    std::signal(SIGABRT, SayLastWords);
+    std::signal(SIGSEGV, SayLastWords);
   }
-  bool OneIn(std::int64_t n) { return Whole(1, n) == 1; }
-  template <typename T, std::size_t kCount>
-  T OneOf(const std::array<T, kCount>& choices) {
-    return choices[static_cast<std::size_t>(Whole(0, kCount - 1))];
+  ~Watchdog() {
+    {
+      const base::MutexLock lock(&mutex_);
+      is_done_ = true;
+    }
+    changed_.SignalAll();
+    thread_.join();
+    std::signal(SIGABRT, SIG_DFL);
+    std::signal(SIGSEGV, SIG_DFL);
+  }
+  Watchdog(const Watchdog&) = delete;
+  Watchdog& operator=(const Watchdog&) = delete;
+
+  void BeginRound(std::uint64_t seed) {
+    const std::string words =
+        absl::StrFormat("soak_test: repeat it with ISOSCOPE_SOAK_SEED=%d\n", seed);
+    last_words_size = words.copy(last_words.data(), last_words.size());
+    const base::MutexLock lock(&mutex_);
+    ++round_;
   }
 
  private:
-  const std::uint64_t seed_;
-  std::uint64_t next_ = 0;
+  void Watch() {
+    const base::MutexLock lock(&mutex_);
+    while (!is_done_) {
+      const std::int64_t round = round_;
+      if (!changed_.AwaitUntil(&mutex_, absl::Now() + kMaxRoundDuration,
+                               [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return is_done_; }) &&
+          round_ == round && round > 0) {
+        std::cerr << "soak_test: a round has not ended in " << kMaxRoundDuration << "\n";
+        std::abort();
+      }
+    }
+  }
+
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  std::int64_t round_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool is_done_ ABSL_GUARDED_BY(mutex_) = false;
+  std::thread thread_;  // last: it uses all of the above
 };
 
 struct Volume {
@@ -71,9 +137,9 @@ struct Volume {
   std::vector<double> isovalues;
 };
 
-volume::GridGeometry RandomGeometry(Dice* dice) {
+volume::GridGeometry RandomGeometry(Dice* dice, std::int64_t max_side) {
   volume::GridGeometry geometry;
-  const auto side = [&] { return dice->OneIn(5) ? dice->Whole(2, 6) : dice->Whole(7, 60); };
+  const auto side = [&] { return dice->OneIn(5) ? dice->Whole(2, 6) : dice->Whole(7, max_side); };
   geometry.sample_dims = {side(), side(), side()};
   const auto spacing = [&] { return std::pow(10, 2 * dice->Unit() - 1); };
   geometry.spacing = {spacing(), spacing(), spacing()};
@@ -99,9 +165,9 @@ void Spoil(Dice* dice, std::string* samples) {
   }
 }
 
-Volume RandomVolume(Dice* dice) {
+Volume RandomVolume(Dice* dice, std::int64_t max_side) {
   Volume volume;
-  volume.geometry = RandomGeometry(dice);
+  volume.geometry = RandomGeometry(dice, max_side);
   volume.type = static_cast<volume::ScalarType>(dice->Whole(1, 8));
   const math::Index3& dims = volume.geometry.sample_dims;
   // Samples on both sides of the isovalues, of any type: within [0, 127].
@@ -127,11 +193,9 @@ Volume RandomVolume(Dice* dice) {
   return volume;
 }
 
-absl::StatusOr<std::unique_ptr<testing::LocalCluster>> Cut(const Volume& volume,
-                                                           const math::Index3& block_cells,
-                                                           int shard_count, Dice* dice,
-                                                           const std::string& directory,
-                                                           render::Renderer* renderer) {
+// Makes a dataset of the volume.
+absl::Status Cut(const Volume& volume, const math::Index3& block_cells, int shard_count, Dice* dice,
+                 const std::string& directory) {
   const auto source =
       testing::MakeMemorySource(volume.geometry, volume.type, volume.samples, "soak");
   partition::PartitionOptions options;
@@ -143,31 +207,124 @@ absl::StatusOr<std::unique_ptr<testing::LocalCluster>> Cut(const Volume& volume,
   options.compression = dice->OneOf<store::BlockEncoding, 3>(
       {store::BlockEncoding::kRaw, store::BlockEncoding::kLz4, store::BlockEncoding::kZstd});
   options.seed = dice->Bits();
-  if (const auto manifest = partition::Partition(*source, options, base::Cancellation());
-      !manifest.ok()) {
-    return manifest.status();
-  }
+  return partition::Partition(*source, options, base::Cancellation()).status();
+}
+
+std::size_t RandomCacheBytes(Dice* dice) {
   constexpr std::array<std::size_t, 4> kCacheSizes = {0, std::size_t{1} << 18, std::size_t{1} << 22,
-                                                      testing::LocalCluster::kAmpleCacheBytes};
-  return testing::LocalCluster::Open(directory, renderer, static_cast<int>(dice->Whole(1, 3)),
-                                     dice->OneOf(kCacheSizes));
+                                                      LocalCluster::kAmpleCacheBytes};
+  return dice->OneOf(kCacheSizes);
+}
+
+math::Index3 RandomBlockCells(Dice* dice, std::int64_t min_edge, std::int64_t max_edge) {
+  const auto edge = [&] { return dice->Whole(min_edge, max_edge); };
+  if (dice->OneIn(3)) {
+    return {edge(), edge(), edge()};
+  }
+  const std::int64_t same = edge();
+  return {same, same, same};
+}
+
+// Every option of a frame that agents see.
+frame::FrameSpec RandomSmallFrame(const Volume& volume, Dice* dice) {
+  const std::uint64_t seed = dice->Bits();
+  const math::Box3d bounds = volume.geometry.Bounds();
+  const double isovalue = volume.isovalues[static_cast<std::size_t>(dice->Whole(0, 1))];
+  frame::FrameSpec spec = testing::RandomSpec(seed, bounds, isovalue);
+  spec.viewport = {static_cast<int>(dice->Whole(48, 96)), static_cast<int>(dice->Whole(48, 96))};
+  if (dice->OneIn(3)) {
+    spec.surfaces =
+        testing::ThreeSurfaces(isovalue, volume.isovalues[1] - volume.isovalues[0] + 0.5);
+  }
+  if (dice->OneIn(3)) {
+    testing::MakeRandomlyTranslucent(seed, &spec);
+  }
+  if (dice->OneIn(3)) {
+    spec.clip = testing::RandomClip(seed, bounds);
+    testing::AddRandomCaps(seed, &spec);
+  }
+  if (dice->OneIn(4)) {
+    testing::AddRandomLook(seed, &spec);
+  }
+  return spec;
+}
+
+// A frame to compare.
+struct SmallFrame {
+  frame::FrameSpec spec;
+  image::FrameImage expected;  // colours and depths, with shades and layers
+};
+
+// The numbers of a run of small frames.
+struct Tally {
+  void Add(const testing::Limits& limits, std::int64_t count) {
+    by_threads[limits.thread_count] += count;
+    by_limit[limits.memory_limit_bytes == testing::Limits::kNoMemoryLimit
+                 ? 0
+                 : (static_cast<int>(std::bit_width(limits.memory_limit_bytes)) + 3) / 4] += count;
+  }
+  [[nodiscard]] std::string ToString() const {
+    std::string text = "threads";
+    for (const auto& [threads, count] : by_threads) {
+      absl::StrAppendFormat(&text, "%s%d: %d", threads == 1 ? " " : ", ", threads, count);
+    }
+    text += "; memory limits";
+    for (const auto& [bits, count] : by_limit) {
+      if (bits == 0) {
+        absl::StrAppendFormat(&text, " none: %d", count);
+      } else {
+        absl::StrAppendFormat(&text, ", below 2^%d bytes: %d", 4 * bits, count);
+      }
+    }
+    return text;
+  }
+
+  std::int64_t frames = 0;
+  std::int64_t references = 0;
+  std::int64_t covered_pixels = 0;  // of the references
+  std::int64_t layer_pixels = 0;
+  std::map<int, std::int64_t> by_threads;  // frames
+  // Frames by memory limit, from 2^(4 (i - 1)) bytes to below 2^(4 i); 0: none.
+  std::map<int, std::int64_t> by_limit;
+};
+
+// A number in the environment; the default if there is none.
+template <typename T>
+T EnvironmentNumber(const char* name, T otherwise) {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets variables
+  const char* const text = std::getenv(name);
+  if (text == nullptr) {
+    return otherwise;
+  }
+  T value = 0;
+  if constexpr (std::is_floating_point_v<T>) {
+    EXPECT_TRUE(absl::SimpleAtod(text, &value)) << name << "=" << text;
+  } else {
+    EXPECT_TRUE(absl::SimpleAtoi(text, &value)) << name << "=" << text;
+  }
+  return value;
+}
+
+// Of the first round. Long runs are new each time.
+std::uint64_t FirstSeed(bool is_long) {
+  return EnvironmentNumber<std::uint64_t>(
+      "ISOSCOPE_SOAK_SEED",
+      is_long ? static_cast<std::uint64_t>(absl::ToUnixSeconds(absl::Now())) << 16 : 1);
 }
 
 class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
  protected:
   void SetUp() override {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_, render::MakeRenderer({.kind = GetParam()}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        renderer_, testing::MakeSharedRenderer(GetParam(), testing::DrawSeed("renderer")));
   }
 
   // One volume, cut twice: without culling by one agent, with culling by many, side by side.
   void RunRound(std::uint64_t seed) {
     Dice dice(seed);
-    const Volume volume = RandomVolume(&dice);
+    const Volume volume = RandomVolume(&dice, 60);
     const math::Index3& dims = volume.geometry.sample_dims;
-    const std::int64_t edge = dice.Whole(1, 20);
-    const math::Index3 block_cells =
-        dice.OneIn(3) ? math::Index3{dice.Whole(1, 20), dice.Whole(1, 20), dice.Whole(1, 20)}
-                      : math::Index3{edge, edge, edge};
+    const math::Index3 block_cells = RandomBlockCells(&dice, 1, 20);
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(dims, block_cells));
     const auto shard_count = static_cast<int>(std::min(layout.block_count(), dice.Whole(1, 16)));
     SCOPED_TRACE(
@@ -175,12 +332,13 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                         dims.x, dims.y, dims.z, static_cast<int>(volume.type), block_cells.x,
                         block_cells.y, block_cells.z, shard_count));
     const testing::TempDir temp;
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-        const auto one, Cut(volume, block_cells, 1, &dice, temp.Sub("one"), renderer_.get()));
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto many, Cut(volume, block_cells, shard_count, &dice,
-                                                       temp.Sub("many"), renderer_.get()));
+    ISOSCOPE_ASSERT_OK(Cut(volume, block_cells, 1, &dice, temp.Sub("one")));
+    ISOSCOPE_ASSERT_OK(Cut(volume, block_cells, shard_count, &dice, temp.Sub("many")));
     std::vector<frame::FrameSpec> requests;
     std::vector<server::FrameResult> expected;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto one, LocalCluster::Open(temp.Sub("one"), renderer_.get(),
+                                           testing::DrawLimits(&dice), RandomCacheBytes(&dice)));
     for (int view = 0; view < kViewCount; ++view) {
       frame::FrameSpec request =
           testing::RandomSpec(dice.Bits(), volume.geometry.Bounds(),
@@ -191,11 +349,15 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
       request.culling = frame::Culling::kDepth;
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult culled, one->Render(request));
       EXPECT_EQ(testing::Compare(culled.image, result.image), testing::Difference())
-          << "view " << view << ", one agent";
+          << "view " << view << ", one agent, " << one->limits();
       culled_view_count_ += testing::TriangleCount(culled) < testing::TriangleCount(result) ? 1 : 0;
       requests.push_back(request);
       expected.push_back(std::move(result));
     }
+    one->Sleep();
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const auto many, LocalCluster::Open(temp.Sub("many"), renderer_.get(),
+                                            testing::DrawLimits(&dice), RandomCacheBytes(&dice)));
     const bool side_by_side = dice.OneIn(2);
     std::vector<std::thread> clients;
     for (std::size_t view = 0; view < requests.size(); ++view) {
@@ -203,7 +365,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
         ISOSCOPE_ASSERT_OK_AND_ASSIGN(const server::FrameResult result,
                                       many->Render(requests[view]));
         EXPECT_EQ(testing::Compare(result.image, expected[view].image), testing::Difference())
-            << "view " << view << (side_by_side ? ", beside others" : "");
+            << "view " << view << (side_by_side ? ", beside others, " : ", ") << many->limits();
       };
       if (side_by_side) {
         clients.emplace_back(check);
@@ -216,26 +378,123 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     }
   }
 
-  std::unique_ptr<render::Renderer> renderer_;
+  // Draws frames of the volume without culling: one agent, two threads, no limit.
+  void DrawReferences(const Volume& volume, const volume::BlockLayout& layout,
+                      const std::string& directory, Dice* dice, std::vector<SmallFrame>* frames) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                  LocalCluster::Open(directory, renderer_.get(), {}));
+    for (int i = 0; i < kSmallFrameCount; ++i) {
+      SmallFrame& frame = frames->emplace_back();
+      frame.spec = RandomSmallFrame(volume, dice);
+      frame.spec.culling = frame::Culling::kNone;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(frame.spec));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          testing::Picture picture,
+          testing::PictureOf(std::move(result), frame.spec, layout, volume.geometry));
+      frame.expected = std::move(picture.image);
+      tally_.covered_pixels += testing::CoveredPixels(frame.expected);
+      tally_.layer_pixels += picture.layer_pixel_count;
+      if (dice->OneIn(4)) {
+        frame.spec.region = testing::RandomRegion(dice->Bits(), frame.spec.viewport);
+        frame.expected = testing::Crop(frame.expected, *frame.spec.region);
+      }
+      if (!dice->OneIn(6)) {
+        frame.spec.culling = frame::Culling::kDepth;
+      }
+    }
+    tally_.references += kSmallFrameCount;
+  }
+
+  // Draws the frames, and compares colours and depths: owners tell how the volume was cut.
+  void CheckFrames(const Volume& volume, const volume::BlockLayout& layout,
+                   const std::vector<SmallFrame>& frames, bool side_by_side,
+                   LocalCluster* cluster) {
+    std::vector<testing::Difference> differences(frames.size());
+    std::vector<std::thread> clients;
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      const auto draw = [&, i] {
+        const frame::FrameSpec& spec = frames[i].spec;
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(server::FrameResult result, cluster->Render(spec));
+        ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+            const testing::Picture picture,
+            testing::PictureOf(std::move(result), spec, layout, volume.geometry));
+        differences[i] = testing::Compare(picture.image, frames[i].expected);
+      };
+      if (side_by_side) {
+        clients.emplace_back(draw);
+      } else {
+        draw();
+      }
+    }
+    for (std::thread& client : clients) {
+      client.join();
+    }
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      EXPECT_EQ(differences[i].colors, 0) << "frame " << i;
+      EXPECT_EQ(differences[i].depths, 0) << "frame " << i;
+    }
+    tally_.frames += static_cast<std::int64_t>(frames.size());
+    tally_.Add(cluster->limits(), static_cast<std::int64_t>(frames.size()));
+  }
+
+  // One small volume, cut several times, each cut with several counts of threads and limits.
+  void RunSmallRound(std::uint64_t seed) {
+    Dice dice(seed);
+    const Volume volume = RandomVolume(&dice, 24);
+    const math::Index3& dims = volume.geometry.sample_dims;
+    const testing::TempDir temp;
+    const math::Index3 first_cells = RandomBlockCells(&dice, 2, 10);
+    ISOSCOPE_ASSERT_OK(Cut(volume, first_cells, 1, &dice, temp.Sub("one")));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
+    std::vector<SmallFrame> frames;
+    DrawReferences(volume, first, temp.Sub("one"), &dice, &frames);
+    for (int cut = 0; cut < kCutCount && !HasFailure(); ++cut) {
+      // OpenGL's pictures depend on how the volume is cut into blocks.
+      const bool has_first_cells = cut == 0 || GetParam() == render::RendererKind::kEgl;
+      const math::Index3 cells = has_first_cells ? first_cells : RandomBlockCells(&dice, 2, 10);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto layout, volume::BlockLayout::Make(dims, cells));
+      const auto shard_count = static_cast<int>(std::min(layout.block_count(), dice.Whole(1, 8)));
+      const std::string directory = temp.Sub(absl::StrFormat("cut%d", cut));
+      ISOSCOPE_ASSERT_OK(Cut(volume, cells, shard_count, &dice, directory));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster,
+                                    LocalCluster::OpenAsleep(directory, renderer_.get()));
+      if (dice.OneIn(3)) {
+        cluster->LoseAgents();
+      }
+      for (int wake = 0; wake < kWakeCount && !HasFailure(); ++wake) {
+        const testing::Limits limits = testing::DrawLimits(&dice);
+        if (dice.OneIn(2)) {
+          cluster->ForgetAll(RandomCacheBytes(&dice));
+        }
+        const bool side_by_side = dice.OneIn(3);
+        SCOPED_TRACE(::testing::Message()
+                     << "seed " << seed << ": " << dims.x << " x " << dims.y << " x " << dims.z
+                     << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
+                     << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards, "
+                     << limits << (side_by_side ? ", side by side" : ""));
+        ISOSCOPE_ASSERT_OK(cluster->Wake(limits));
+        CheckFrames(volume, layout, frames, side_by_side, cluster.get());
+        cluster->Sleep();
+      }
+    }
+  }
+
+  std::unique_ptr<render::Renderer> renderer_;  // null: clusters make a CPU renderer
   std::int64_t covered_pixel_count_ = 0;
   std::int64_t culled_view_count_ = 0;
+  Tally tally_;
 };
 
 TEST_P(SoakTest, CulledPicturesOfAnyNumberOfAgentsAreTheWholePicture) {
-  // NOLINTBEGIN(concurrency-mt-unsafe): one thread
-  const char* const seconds_text = std::getenv("ISOSCOPE_SOAK_SECONDS");
-  const char* const seed_text = std::getenv("ISOSCOPE_SOAK_SEED");
-  // NOLINTEND(concurrency-mt-unsafe)
-  double seconds = 0;
-  ASSERT_TRUE(seconds_text == nullptr || absl::SimpleAtod(seconds_text, &seconds)) << seconds_text;
-  std::uint64_t seed =
-      seconds > 0 ? static_cast<std::uint64_t>(absl::ToUnixSeconds(absl::Now())) << 16 : 1;
-  ASSERT_TRUE(seed_text == nullptr || absl::SimpleAtoi(seed_text, &seed)) << seed_text;
+  const auto seconds = EnvironmentNumber<double>("ISOSCOPE_SOAK_SECONDS", 0);
+  const std::uint64_t seed = FirstSeed(seconds > 0);
+  Watchdog watchdog;
   const absl::Time start = absl::Now();
   absl::Time next_progress = start + kProgressPeriod;
   int round = 0;
   for (; seconds > 0 ? absl::Now() - start < absl::Seconds(seconds) : round < kRoundCount;
        ++round) {
+    watchdog.BeginRound(seed + static_cast<std::uint64_t>(round));
     RunRound(seed + static_cast<std::uint64_t>(round));
     if (HasFailure()) {
       FAIL() << "repeat it with ISOSCOPE_SOAK_SEED=" << seed + static_cast<std::uint64_t>(round);
@@ -248,6 +507,43 @@ TEST_P(SoakTest, CulledPicturesOfAnyNumberOfAgentsAreTheWholePicture) {
   // Defends the test: empty pictures and views where nothing is culled would prove nothing.
   EXPECT_GT(covered_pixel_count_, 500 * round);
   EXPECT_GT(culled_view_count_, round / 4);
+}
+
+TEST_P(SoakTest, NeitherThreadsNorLimitsNorOptionsNorCutsShowInSmallFrames) {
+  const auto asked = EnvironmentNumber<std::int64_t>("ISOSCOPE_SOAK_FRAMES", 0);
+  const std::int64_t frame_count = asked > 0 ? asked : kBoundedFrameCount;
+  const std::uint64_t first_seed = FirstSeed(asked > 0);
+  Watchdog watchdog;
+  const absl::Time start = absl::Now();
+  absl::Time next_progress = start + kProgressPeriod;
+  const auto rate = [&] {
+    return static_cast<double>(tally_.frames) / absl::ToDoubleSeconds(absl::Now() - start);
+  };
+  std::uint64_t seed = first_seed;
+  for (; tally_.frames < frame_count; ++seed) {
+    watchdog.BeginRound(seed);
+    RunSmallRound(seed);
+    if (HasFailure()) {
+      FAIL() << "repeat it with ISOSCOPE_SOAK_FRAMES=1 ISOSCOPE_SOAK_SEED=" << seed;
+    }
+    if (absl::Now() >= next_progress) {
+      std::cerr << absl::StrFormat("soak_test: %d frames, %.0f a second\n", tally_.frames, rate());
+      next_progress = absl::Now() + kProgressPeriod;
+    }
+  }
+  std::cout << absl::StrFormat(
+      "soak_test: seeds %d to %d: %d frames, 0 differences, compared with %d references; %.0f s, "
+      "%.0f frames a second\nsoak_test: %s\n",
+      first_seed, seed - 1, tally_.frames, tally_.references,
+      absl::ToDoubleSeconds(absl::Now() - start), rate(), tally_.ToString());
+  if (tally_.frames < kBoundedFrameCount) {
+    return;  // one round says nothing about the draws
+  }
+  // Defends the test: empty pictures would prove nothing, and each count must have its turn.
+  EXPECT_GT(tally_.covered_pixels, 200 * tally_.references);
+  EXPECT_GT(tally_.layer_pixels, 20 * tally_.references);
+  EXPECT_EQ(tally_.by_threads.size(), testing::kThreadCounts.size());
+  EXPECT_GE(tally_.by_limit.size(), 5U);
 }
 
 INSTANTIATE_TEST_SUITE_P(BackEnds, SoakTest,

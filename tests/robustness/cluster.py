@@ -5,7 +5,9 @@ A process that ends and was not told to is a finding.
 """
 
 import contextlib
+import dataclasses
 import json
+import math
 import os
 import pathlib
 import random
@@ -23,6 +25,9 @@ MAX_FRAME_S = 4.0
 DRAIN_S = 3.0
 START_S = 30.0
 MEMORY_LIMIT_MIB = 512
+# An agent starts with 96 MiB at least; with TLS and the tables of a shard it holds a bit more.
+LEAST_AGENT_MIB = 112
+AGENT_THREADS = (1, 8)
 
 
 class HarnessError(Exception):
@@ -63,8 +68,8 @@ def answers(port):
 class Process:
     """One program that listens on one port; may be started again and again. Its owner serialises the calls."""
 
-    def __init__(self, name, argv, port, folder, on_exit):
-        self.name, self.argv, self.port = name, argv, port
+    def __init__(self, name, argv, port, folder, on_exit, limit_mib=MEMORY_LIMIT_MIB):
+        self.name, self.argv, self.port, self.limit_mib = name, argv, port, limit_mib
         self.log = folder / f"{name}.log"
         self._on_exit = on_exit  # (name, exit code, last lines)
         self._process = None
@@ -198,6 +203,29 @@ def run_isoscope(binaries, *arguments, timeout=120, **options):
     return subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=timeout, **options)
 
 
+@dataclasses.dataclass(frozen=True)
+class AgentDraw:
+    """The flags of an agent that may not show in its answers."""
+
+    threads: int = 1
+    limit_mib: int = MEMORY_LIMIT_MIB
+
+
+def draw_agents(seed, topology, least_mib):
+    """{agent: its draw}. Replicas take turns with the threads; limits are log-uniform from the least to the usual."""
+    chance = random.Random(seed)
+    least = min(max(least_mib, LEAST_AGENT_MIB), MEMORY_LIMIT_MIB)
+    draws = {}
+    for agent in topology.agents():
+        shard, replica = map(int, agent[1:].split("."))
+        limit = least * (MEMORY_LIMIT_MIB / least) ** chance.random()
+        # Half of the agents have the least: there memory is tight.
+        draws[agent] = AgentDraw(
+            AGENT_THREADS[(shard + replica) % len(AGENT_THREADS)], least if chance.random() < 0.5 else math.ceil(limit)
+        )
+    return draws
+
+
 class Cluster:
     """The processes, their data and the links between them."""
 
@@ -208,6 +236,8 @@ class Cluster:
         self.is_tls = is_tls
         self._on_finding = on_finding  # (kind, sentence)
         self._ports = Ports(seed)
+        self._seed = seed
+        self.draws = {}
         self._watching = threading.Event()
         self._watcher = None
         self.tls = folder / "tls"
@@ -263,10 +293,10 @@ class Cluster:
         return ["--tls-cert", self.tls / f"{party}.pem", "--tls-key", self.tls / f"{party}.key",
                 "--tls-ca", self.tls / "ca.pem"]  # fmt: skip
 
-    def agent_argv(self, port, *shards):
+    def agent_argv(self, port, *shards, draw=AgentDraw()):
         return [str(word) for word in (
             self.binaries / "isoscope-agent", *shards, "--listen", f"127.0.0.1:{port}", "--renderer", "cpu",
-            "--threads", 1, "--memory-limit", f"{MEMORY_LIMIT_MIB}MiB", "--drain-seconds", DRAIN_S,
+            "--threads", draw.threads, "--memory-limit", f"{draw.limit_mib}MiB", "--drain-seconds", DRAIN_S,
             *self._tls_flags("agent"),
         )]  # fmt: skip
 
@@ -278,8 +308,8 @@ class Cluster:
             *self._tls_flags("coordinator"),
         )]  # fmt: skip
 
-    def _add(self, name, argv, port):
-        self.processes[name] = Process(name, argv, port, self.folder, self._note_exit)
+    def _add(self, name, argv, port, limit_mib=MEMORY_LIMIT_MIB):
+        self.processes[name] = Process(name, argv, port, self.folder, self._note_exit, limit_mib)
 
     def _note_exit(self, name, code, tail):
         self._on_finding("exit", f"{name} ended with {code}, which nobody asked for: {tail}")
@@ -288,11 +318,13 @@ class Cluster:
         self.link_ports[name] = self._ports.take()
         self.proxy("open", link=name, port=self.link_ports[name], to=port)
 
-    def start(self):
+    def start(self, least_agent_mib=LEAST_AGENT_MIB):
+        """`least_agent_mib`: the least memory limit with which an agent can answer every request."""
         self.proxy = ProxyClient()
-        for agent in self.topology.agents():
+        self.draws = draw_agents(self._seed, self.topology, least_agent_mib)
+        for agent, draw in self.draws.items():
             port = self._ports.take()
-            self._add(agent, self.agent_argv(port, self.own_shard(agent)), port)
+            self._add(agent, self.agent_argv(port, self.own_shard(agent), draw=draw), port, draw.limit_mib)
         for coordinator in self.topology.coordinator_names():
             links = [f"{coordinator}>{agent}" for agent in self.topology.agents()]
             for link, agent in zip(links, self.topology.agents()):

@@ -168,7 +168,7 @@ class Injector:
         place = "other" if fault.kind == "skew_dataset" else "recut"
         process.kill()
         shard = cluster.shard(place, cluster.shard_of(fault.target))
-        self._start(process, argv=cluster.agent_argv(process.port, shard))
+        self._start(process, argv=cluster.agent_argv(process.port, shard, draw=cluster.draws[fault.target]))
         time.sleep(fault.duration_s)
         process.kill()
         self._start(process)

@@ -68,6 +68,39 @@ class ScheduleTest(unittest.TestCase):
             schedule.make_schedule(1, 1, self.TOPOLOGY, ["nonsense"])
 
 
+class DrawTest(unittest.TestCase):
+    TOPOLOGY = schedule.Topology(3, 2, 1)
+
+    def test_is_a_function_of_the_seed(self):
+        draws = cluster.draw_agents(7, self.TOPOLOGY, 150)
+        self.assertEqual(draws, cluster.draw_agents(7, self.TOPOLOGY, 150))
+        self.assertNotEqual(draws, cluster.draw_agents(8, self.TOPOLOGY, 150))
+        self.assertEqual(list(draws), self.TOPOLOGY.agents())
+
+    def test_each_shard_has_an_agent_of_one_thread_and_one_of_many(self):
+        draws = cluster.draw_agents(1, self.TOPOLOGY, 0)
+        for shard in range(self.TOPOLOGY.shards):
+            self.assertEqual({draws[f"a{shard}.{replica}"].threads for replica in range(2)}, {1, 8})
+
+    def test_limits_are_tight_but_enough(self):
+        for least in (0, 209, 10_000):
+            limits = [d.limit_mib for seed in range(50) for d in cluster.draw_agents(seed, self.TOPOLOGY, least).values()]
+            lowest = min(max(least, cluster.LEAST_AGENT_MIB), cluster.MEMORY_LIMIT_MIB)
+            self.assertGreater(limits.count(lowest), len(limits) / 3)
+            self.assertEqual(min(limits), lowest)
+            self.assertLessEqual(max(limits), cluster.MEMORY_LIMIT_MIB)
+
+    def test_least_limit_is_that_of_the_request_that_needs_most(self):
+        frame = pool.pb.RenderIsosurfaceRequest(samples=4, max_layers=3)
+        frame.viewport.width_px, frame.viewport.height_px = 256, 100
+        requests = [pool.Request("r", "RenderIsosurface", frame, "r")]
+        self.assertEqual(pool.least_agent_mib(requests), 20)  # 102400 * 32 * 32 / 5 bytes
+        frame.surfaces.add().color.alpha = 0.5
+        self.assertEqual(pool.least_agent_mib(requests), 80)
+        stream = pool.pb.RenderIsosurfaceStreamRequest(request=frame)
+        self.assertEqual(pool.least_agent_mib([pool.Request("s", "RenderIsosurfaceStream", stream, "s")]), 80)
+
+
 def differing_bits(a, b):
     return sum((x ^ y).bit_count() for x, y in zip(a, b))
 
@@ -376,11 +409,15 @@ class PlantedFaultTest(unittest.TestCase):
         found = []
         checker = quiet.Quiet(None, [], self.load, self.judge, self.report, lambda *what: found.append(what))
         limit = cluster.MEMORY_LIMIT_MIB << 20
-        checker._check_size("a", {"resident_bytes": limit, "descriptors": quiet.MAX_DESCRIPTORS, "threads": 9})
-        checker._check_size("gone", {})
+        within = {"resident_bytes": limit, "descriptors": quiet.MAX_DESCRIPTORS, "threads": 9}
+        checker._check_size("a", within, cluster.MEMORY_LIMIT_MIB)
+        checker._check_size("gone", {}, cluster.MEMORY_LIMIT_MIB)
         self.assertEqual(found, [])
-        checker._check_size("a", {"resident_bytes": limit + (1 << 20), "descriptors": quiet.MAX_DESCRIPTORS + 1})
+        beyond = {"resident_bytes": limit + (1 << 20), "descriptors": quiet.MAX_DESCRIPTORS + 1}
+        checker._check_size("a", beyond, cluster.MEMORY_LIMIT_MIB)
         self.assertEqual([kind for kind, _ in found], ["memory", "descriptors"])
+        checker._check_size("tight", within, cluster.LEAST_AGENT_MIB)
+        self.assertEqual([kind for kind, _ in found], ["memory", "descriptors", "memory"])
 
     def _run(self):
         return {"seed": 1, "tls": True, "clients": 1, "topology": "1 x 1"}

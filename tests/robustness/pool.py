@@ -139,6 +139,24 @@ def make_pool(seed, dataset, count=48):
     return pool
 
 
+def least_agent_mib(pool):
+    """The least memory limit of an agent that can draw every frame of the pool: AgentMemory::ReserveStep, with its
+    bytes of a pixel and of a translucent fragment, and the share of the limit that is for them."""
+    least = 0
+    for request in pool:
+        message = request.message
+        if request.method == "PickSurface":
+            message = message.frame
+        elif request.method == "RenderIsosurfaceStream":
+            message = message.request
+        elif request.method in ("ExportIsosurface", "GetHistogram"):
+            continue
+        layers = (message.max_layers or 8) + 1 if any(surface.color.alpha < 1 for surface in message.surfaces) else 0
+        pixels = message.viewport.width_px * message.viewport.height_px * max(message.samples, 1)
+        least = max(least, math.ceil(pixels * (32 + 24 * layers) * 32 / 5 / 2**20))
+    return least
+
+
 def with_partial(pool):
     """The frames of the pool that may lack shards."""
     partial = []

@@ -2,7 +2,6 @@
 
 import time
 
-from robustness.cluster import MEMORY_LIMIT_MIB
 from robustness.model import AFTERMATH_S
 from robustness.pool import Client, cluster_pb2, grpc
 
@@ -30,13 +29,13 @@ class Quiet:
             finally:
                 client.close()
         for process in self._cluster.processes.values():
-            self._check_size(process.name, process.facts())
+            self._check_size(process.name, process.facts(), process.limit_mib)
 
-    def _check_size(self, name, facts):
+    def _check_size(self, name, facts, limit_mib):
         """A process that is idle has its caches, its threads and some connections."""
         self._report.add_facts(name, facts)
-        if facts.get("resident_bytes", 0) > MEMORY_LIMIT_MIB << 20:
-            self._on_finding("memory", f"{name}: {facts['resident_bytes'] >> 20} MiB of {MEMORY_LIMIT_MIB} MiB")
+        if facts.get("resident_bytes", 0) > limit_mib << 20:
+            self._on_finding("memory", f"{name}: {facts['resident_bytes'] >> 20} MiB of {limit_mib} MiB")
         if facts.get("descriptors", 0) > MAX_DESCRIPTORS:
             self._on_finding("descriptors", f"{name} has {facts['descriptors']}, more than {MAX_DESCRIPTORS}")
 

@@ -142,6 +142,9 @@ def to_text(data):
     totals, run = data["totals"], data["run"]
     wire = "TLS" if run["tls"] else "plaintext"
     text = [f"seed {run['seed']}, {run['topology']}, {wire}, {run['clients']} clients", ""]
+    if run.get("agents"):
+        agents = (f"{name} {draw['threads']}, {draw['limit_mib']} MiB" for name, draw in run["agents"].items())
+        text.insert(1, f"agents (threads, memory limit): {'; '.join(agents)}")
     text += [row_text(columns)] + [row_text(line) for line in lines]
     text += [
         "",

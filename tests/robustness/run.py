@@ -6,6 +6,7 @@ Exit codes: 0 no finding, 1 findings, 2 wrong usage, 3 the harness itself could 
 
 import argparse
 import contextlib
+import dataclasses
 import pathlib
 import shutil
 import signal
@@ -120,7 +121,7 @@ class Run:
         if self.options.calm:
             documented_codes = {}  # replicas hide everything: no code is right
         judge = model.Judge(references, documented_codes, self.episodes, self.options.plaintext)
-        self.cluster.start()
+        self.cluster.start(pool.least_agent_mib(requests))
         watchdog = Watchdog(self.episodes)
         watchdog.start()
         load = Load(self.options.clients, self.cluster, requests, judge, self.report, self.options.seed, MAX_FRAME_S,
@@ -155,6 +156,7 @@ class Run:
             "rate": options.rate, "at_once": options.at_once, "partial": options.partial,
             "topology": f"{topology.shards} shards x {topology.replicas} replicas, "
             f"{topology.coordinators} coordinators",
+            "agents": {agent: dataclasses.asdict(draw) for agent, draw in self.cluster.draws.items()},
         }  # fmt: skip
 
 

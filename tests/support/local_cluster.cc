@@ -14,12 +14,15 @@
 #include "core/store/shard_reader.h"
 #include "partition-agent/frame_pipeline.h"
 #include "server/agent_link.h"
+#include "tests/support/only_arena.h"
 
 namespace isoscope::testing {
 namespace {
 
+// Two batches of OpenGL. Each costs a read-back.
+constexpr std::size_t kLeastBatchBytes = std::size_t{1} << 17;
+constexpr std::size_t kMostBatchBytes = std::size_t{1} << 28;
 constexpr std::size_t kActiveBlocksBytes = std::size_t{16} << 20;
-constexpr std::size_t kUnusedImageBytes = std::size_t{64} << 20;
 
 struct VisibleBlocks {
   std::vector<volume::BlockId> blocks;
@@ -195,8 +198,17 @@ class LocalAgentLink final : public server::AgentLink {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
-    const std::string& dataset_directory, render::Renderer* renderer, int thread_count,
+    const std::string& dataset_directory, render::Renderer* renderer, const Limits& limits,
     std::size_t cache_bytes) {
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<LocalCluster> cluster,
+                            OpenAsleep(dataset_directory, renderer));
+  ISOSCOPE_RETURN_IF_ERROR(cluster->Wake(limits));
+  cluster->ForgetAll(cache_bytes);
+  return cluster;
+}
+
+absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
+    const std::string& dataset_directory, render::Renderer* renderer) {
   ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
                             store::OpenDataset(dataset_directory));
   auto cluster = std::make_unique<LocalCluster>();
@@ -205,14 +217,31 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Open(
                               agent::OpenShard(directory));
     cluster->shards_.push_back(std::move(shard));
   }
-  cluster->renderer_ = renderer;
-  if (renderer->picture_revision().back_end == frame::BackEnd::kEgl) {
-    cluster->cpu_renderer_ = render::MakeCpuRenderer({.max_unused_bytes = 0});
-  }
-  cluster->arena_ = std::make_unique<tbb::task_arena>(thread_count);
-  cluster->images_ = image::FrameImagePool::Make(kUnusedImageBytes);
-  cluster->ForgetAll(cache_bytes);
+  cluster->given_renderer_ = renderer;
+  cluster->ForgetAll(kAmpleCacheBytes);
   return cluster;
+}
+
+absl::Status LocalCluster::Wake(const Limits& limits) {
+  Sleep();
+  limits_ = limits;
+  ISOSCOPE_ASSIGN_OR_RETURN(arena_, MakeOnlyArena(limits.thread_count));
+  if (given_renderer_ == nullptr ||
+      given_renderer_->picture_revision().back_end == frame::BackEnd::kEgl) {
+    cpu_renderer_ = render::MakeCpuRenderer({.max_kept_bytes = limits.kept_mesh_bytes(),
+                                             .max_unused_bytes = limits.unused_image_bytes(),
+                                             .arena = arena_});
+  }
+  renderer_ = given_renderer_ != nullptr ? given_renderer_ : cpu_renderer_.get();
+  layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());
+  images_ = image::FrameImagePool::Make(limits.unused_image_bytes());
+  return absl::OkStatus();
+}
+
+void LocalCluster::Sleep() {
+  renderer_ = nullptr;
+  cpu_renderer_.reset();
+  arena_.reset();
 }
 
 void LocalCluster::ForgetAll(std::size_t cache_bytes) {
@@ -252,10 +281,11 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
     own.agent_count = static_cast<int>(shards_.size());
     own.report_active_blocks = setup.active == nullptr;
     const agent::AgentResources resources{.renderer = renderer_,
-                                          .layers = &layers_,
+                                          .layers = layers_.get(),
                                           .cpu_renderer = cpu_renderer_.get(),
                                           .arena = arena_.get(),
-                                          .cache = cache_.get()};
+                                          .cache = cache_.get(),
+                                          .max_read_bytes = limits_.read_bytes()};
     const auto& shard = shards_[static_cast<std::size_t>(part_index)];
     if (loses_agents_ && replica_index == 0) {
       const auto draw = base::RandomBits(static_cast<std::uint64_t>(frame_number),
@@ -273,6 +303,30 @@ absl::StatusOr<server::FrameResult> LocalCluster::Render(const frame::FrameSpec&
     active_blocks_->Insert(active_key, outcome.result.active);
   }
   return std::move(outcome.result);
+}
+
+absl::StatusOr<std::unique_ptr<render::Renderer>> MakeSharedRenderer(render::RendererKind kind,
+                                                                     std::uint64_t seed) {
+  if (kind == render::RendererKind::kCpu) {
+    return nullptr;
+  }
+  Dice dice(seed);
+  return render::MakeRenderer(
+      {.kind = kind, .max_kept_mesh_bytes = dice.Size(kLeastBatchBytes, kMostBatchBytes)});
+}
+
+absl::StatusOr<LocalCluster*> LocalClusters::Wake(const std::string& dataset_directory) {
+  if (awake_ != nullptr) {
+    awake_->Sleep();
+    awake_ = nullptr;
+  }
+  std::unique_ptr<LocalCluster>& cluster = clusters_[dataset_directory];
+  if (cluster == nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(cluster, LocalCluster::OpenAsleep(dataset_directory, renderer_));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(cluster->Wake(DrawLimits(&dice_)));
+  awake_ = cluster.get();
+  return awake_;
 }
 
 }  // namespace isoscope::testing

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -20,24 +21,36 @@
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
 #include "core/render/renderer.h"
+#include "core/render/renderer_factory.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/shard.h"
 #include "server/active_blocks.h"
 #include "server/frame_coordinator.h"
+#include "tests/support/draws.h"
 
 namespace isoscope::testing {
 
-// Frames may be rendered side by side; all else is thread-compatible.
+// A cluster is awake or asleep. Only one of the process may be awake: each bounds the threads of
+// the process, and TBB takes the least bound. Frames may be rendered side by side; all else is
+// thread-compatible.
 class LocalCluster {
  public:
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
-  static constexpr std::size_t kUnusedLayerBytes = std::size_t{16} << 20;
 
-  // Opens the dataset directory; one agent for each shard, and one cache for all of them.
-  // `renderer` must outlive it.
+  // Opens the dataset directory, and wakes the cluster: one agent for each shard, and one cache for
+  // all of them. `renderer` must outlive it; null: the CPU draws, within the memory limit.
   static absl::StatusOr<std::unique_ptr<LocalCluster>> Open(
-      const std::string& dataset_directory, render::Renderer* renderer, int thread_count,
+      const std::string& dataset_directory, render::Renderer* renderer, const Limits& limits,
       std::size_t cache_bytes = kAmpleCacheBytes);
+  // Opens it asleep.
+  static absl::StatusOr<std::unique_ptr<LocalCluster>> OpenAsleep(
+      const std::string& dataset_directory, render::Renderer* renderer);
+
+  // Starts the threads. An error says that not all of them ran. REQUIRES: all clusters sleep.
+  absl::Status Wake(const Limits& limits);
+  // Gives the threads back. What the agents keep stays. REQUIRES: no frame is in work.
+  void Sleep();
+  [[nodiscard]] const Limits& limits() const { return limits_; }
 
   [[nodiscard]] const store::Manifest& manifest() const {
     return shards_.front()->reader->manifest();
@@ -64,15 +77,39 @@ class LocalCluster {
 
  private:
   std::vector<std::shared_ptr<const agent::Shard>> shards_;
+  render::Renderer* given_renderer_ = nullptr;
+  Limits limits_;
+  std::shared_ptr<tbb::task_arena> arena_;  // null while the cluster sleeps, as the next two
   render::Renderer* renderer_ = nullptr;
-  std::unique_ptr<render::Renderer> cpu_renderer_;  // null if renderer_ is one
-  render::LayerRenderer layers_{kUnusedLayerBytes};
-  std::unique_ptr<tbb::task_arena> arena_;
+  std::unique_ptr<render::Renderer> cpu_renderer_;  // also null if given_renderer_ is one
+  std::unique_ptr<render::LayerRenderer> layers_;
+  std::shared_ptr<image::FrameImagePool> images_;
   std::unique_ptr<agent::BlockCache> cache_;
   std::unique_ptr<server::ActiveBlocksCache> active_blocks_;
-  std::shared_ptr<image::FrameImagePool> images_;
   std::atomic<std::int64_t> frame_count_{0};
   bool loses_agents_ = false;
+};
+
+// Makes the renderer that clusters of an OpenGL test share, with a limit drawn from `seed`: a
+// context takes long to make. Null for the CPU, whose clusters have renderers of their own.
+absl::StatusOr<std::unique_ptr<render::Renderer>> MakeSharedRenderer(render::RendererKind kind,
+                                                                     std::uint64_t seed);
+
+// The clusters of a test, each opened once. One of them at a time is awake. Thread-compatible.
+class LocalClusters {
+ public:
+  // Draws threads and limits from `seed`. `renderer` is as for LocalCluster.
+  LocalClusters(render::Renderer* renderer, std::uint64_t seed)
+      : renderer_(renderer), dice_(seed) {}
+
+  // Wakes the cluster of a dataset, with new threads and limits. It sleeps at the next call.
+  absl::StatusOr<LocalCluster*> Wake(const std::string& dataset_directory);
+
+ private:
+  render::Renderer* const renderer_;
+  Dice dice_;
+  std::map<std::string, std::unique_ptr<LocalCluster>> clusters_;
+  LocalCluster* awake_ = nullptr;
 };
 
 }  // namespace isoscope::testing

@@ -113,7 +113,10 @@ absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::st
 absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
                                          const std::string& listen_address,
                                          const std::vector<std::string>& flags) {
-  std::vector<std::string> argv{kAgent, "--listen", listen_address, "--threads", "1"};
+  std::vector<std::string> argv{kAgent, "--listen", listen_address};
+  if (std::find(flags.begin(), flags.end(), "--threads") == flags.end()) {
+    Append({"--threads", "1"}, &argv);
+  }
   if (std::find(flags.begin(), flags.end(), "--renderer") == flags.end()) {
     Append({"--renderer", "cpu"}, &argv);
   }

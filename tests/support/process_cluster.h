@@ -56,7 +56,7 @@ struct ServerProcess {
   std::string address;
 };
 
-// isoscope-agent with the CPU back end, unless `flags` choose one, and one thread; waits until it
+// isoscope-agent with the CPU back end and one thread, unless `flags` choose others; waits until it
 // serves. `listen_address` with port 0 takes a free one.
 absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
                                          const std::string& listen_address = "127.0.0.1:0",

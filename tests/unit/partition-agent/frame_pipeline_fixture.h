@@ -1,4 +1,5 @@
-// Runs frames of one agent without a coordinator, for the tests of FramePipeline.
+// Runs frames of one agent without a coordinator, for the tests of FramePipeline. Each test draws
+// how many threads there are, and how much memory.
 
 #ifndef ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_FRAME_PIPELINE_FIXTURE_H_
 #define ISOSCOPE_TESTS_UNIT_PARTITION_AGENT_FRAME_PIPELINE_FIXTURE_H_
@@ -8,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -18,7 +20,6 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/base/cancellation.h"
-#include "core/base/task_arena.h"
 #include "core/composite/depth_composite.h"
 #include "core/image/frame_image.h"
 #include "core/render/layer_pass.h"
@@ -29,6 +30,8 @@
 #include "core/visibility/open_pixels.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/frame_pipeline.h"
+#include "tests/support/draws.h"
+#include "tests/support/only_arena.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/partition-agent/small_dataset.h"
 
@@ -66,8 +69,23 @@ inline void ExpectSameWork(const Frame& frame, const Frame& expected) {
 class FramePipelineTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(renderer_,
-                                  render::MakeRenderer({.kind = render::RendererKind::kCpu}));
+    testing::Dice dice(testing::DrawSeed());
+    Use(testing::DrawLimits(&dice));
+  }
+
+  // Takes other threads, and a renderer of other limits.
+  void Use(const testing::Limits& limits) {
+    trace_.emplace(__FILE__, __LINE__, ::testing::Message() << limits);
+    limits_ = limits;
+    renderer_.reset();
+    arena_.reset();  // one at a time
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(arena_, testing::MakeOnlyArena(limits.thread_count));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        renderer_, render::MakeRenderer({.kind = render::RendererKind::kCpu,
+                                         .max_kept_mesh_bytes = limits.kept_mesh_bytes(),
+                                         .max_unused_bytes = limits.unused_image_bytes(),
+                                         .arena = arena_}));
+    layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());
   }
 
   absl::StatusOr<std::unique_ptr<FramePipeline>> Make(
@@ -80,9 +98,10 @@ class FramePipelineTest : public ::testing::Test {
   }
   [[nodiscard]] AgentResources Resources() const {
     return {.renderer = renderer_.get(),
-            .layers = &layers_,
+            .layers = layers_.get(),
             .arena = arena_.get(),
-            .cache = cache_.get()};
+            .cache = cache_.get(),
+            .max_read_bytes = limits_.read_bytes()};
   }
   void ForgetAll() { cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes); }
 
@@ -149,9 +168,10 @@ class FramePipelineTest : public ::testing::Test {
     return *std::move(image);
   }
 
+  testing::Limits limits_;
+  std::shared_ptr<tbb::task_arena> arena_;
   std::unique_ptr<render::Renderer> renderer_;
-  mutable render::LayerRenderer layers_{std::size_t{16} << 20};
-  std::shared_ptr<tbb::task_arena> arena_ = base::MakeTaskArena(2);
+  std::unique_ptr<render::LayerRenderer> layers_;
   static constexpr std::size_t kAmpleCacheBytes = std::size_t{1} << 30;
   // Of no use; of some samples; of samples and one segment of meshes; of all.
   static constexpr std::size_t kCacheSizes[] = {std::size_t{1} << 16, std::size_t{1} << 20,
@@ -159,6 +179,7 @@ class FramePipelineTest : public ::testing::Test {
   std::unique_ptr<BlockCache> cache_ = std::make_unique<BlockCache>(kAmpleCacheBytes);
   const base::Cancellation never_;
   std::atomic<std::int64_t> frame_number_{1};  // each pipeline is a frame of its own
+  std::optional<::testing::ScopedTrace> trace_;
 };
 
 }  // namespace isoscope::agent

@@ -21,7 +21,6 @@
 
 #include "core/base/random.h"
 #include "core/composite/depth_composite.h"
-#include "core/render/cpu_renderer.h"
 #include "core/render/renderer_factory.h"
 #include "core/view/view.h"
 #include "core/visibility/occluder_selection.h"
@@ -306,40 +305,25 @@ TEST_F(FramePipelineTest, TwoShardsInOnePipelineGiveThePictureOfTwoPipelines) {
   EXPECT_EQ(both.active_block_count, first.active_block_count + second.active_block_count);
 }
 
-TEST_F(FramePipelineTest, ThreadCountDoesNotShow) {
+// Symptom: with three threads or more and a memory limit the program aborted, "Resource deadlock
+// avoided". Shading ran a parallel loop under a lock, inside of the loops that deliver meshes.
+TEST_F(FramePipelineTest, NeitherThreadCountNorMemoryLimitShows) {
   const SmallDataset dataset(2);
   const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
-  Frame expected;
-  for (const int thread_count : {1, 2, 5}) {
-    arena_ = base::MakeTaskArena(thread_count);
-    ForgetAll();
-    Frame frame;
-    RunAlone(shards, request, dataset, &frame);
-    if (thread_count == 1) {
-      expected = std::move(frame);
-      continue;
-    }
-    SCOPED_TRACE(thread_count);
-    ExpectSameWork(frame, expected);
-  }
-}
-
-// Symptom: with four threads and a memory limit the program aborted, "Resource deadlock avoided".
-// Shading ran a parallel loop under a lock, inside of the loops that deliver meshes.
-TEST_F(FramePipelineTest, EarlyShadingShowsWithNoNumberOfThreads) {
-  const SmallDataset dataset(2);
-  const Shards shards = dataset.OpenShards();
-  const FrameTask request = dataset.Request();
+  FrameTask request = dataset.Request();
+  // Many tiles are shaded side by side, while other threads draw.
+  request.spec.viewport = {240, 180};
+  Use({.thread_count = 1});
   Frame expected;
   RunAlone(shards, request, dataset, &expected);
-  for (const int thread_count : {1, 2, 3, 8, 32}) {
-    arena_ = base::MakeTaskArena(thread_count);
-    for (const std::size_t max_kept_bytes : {std::size_t{1}, std::size_t{20000}}) {
-      SCOPED_TRACE(::testing::Message() << thread_count << " threads, " << max_kept_bytes);
-      renderer_ = render::MakeCpuRenderer({.max_kept_bytes = max_kept_bytes, .arena = arena_});
+  for (const int thread_count : testing::kThreadCounts) {
+    // Of these, the first two make the renderer shade early.
+    for (const std::size_t memory_limit_bytes :
+         {testing::kLeastMemoryLimitBytes, std::size_t{1} << 20, testing::Limits::kNoMemoryLimit}) {
+      Use({.thread_count = thread_count, .memory_limit_bytes = memory_limit_bytes});
       ForgetAll();
-      for (int run = 0; run < 2; ++run) {  // from the disk, then from the cache
+      // From kept meshes, threads draw small tasks side by side.
+      for (int i = 0; i < 4; ++i) {
         Frame frame;
         RunAlone(shards, request, dataset, &frame);
         ExpectSameWork(frame, expected);
@@ -493,7 +477,7 @@ TEST_F(FramePipelineTest, CancellationInTheMiddleOfDrawingStopsIt) {
 TEST_F(FramePipelineTest, PictureDoesNotDependOnTheReadsUnderWay) {
   const SmallDataset dataset(2);
   std::vector<image::FrameImage> images;
-  for (const std::size_t max_read_bytes : {Resources().max_read_bytes, std::size_t{1}}) {
+  for (const std::size_t max_read_bytes : {AgentResources().max_read_bytes, std::size_t{1}}) {
     AgentResources resources = Resources();
     resources.max_read_bytes = max_read_bytes;  // 1: one run at a time
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(
