@@ -7,6 +7,8 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include "core/base/printable.h"
+
 namespace isoscope::base {
 namespace {
 
@@ -75,7 +77,8 @@ std::string FormatLogLine(absl::string_view event, std::initializer_list<LogFiel
     absl::StrAppend(&line, " ", field.key, "=");
     AppendValue(field.value, &line);
   }
-  return line;
+  // What is left of control characters could steer the terminal that shows the log.
+  return Printable(line);
 }
 
 void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField> fields) {

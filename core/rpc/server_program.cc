@@ -11,6 +11,7 @@
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
+#include "core/base/printable.h"
 #include "core/base/process_setup.h"
 #include "core/base/shutdown_signal.h"
 #include "core/base/status_macros.h"
@@ -67,7 +68,8 @@ int Probe(const ServerProgram& program, const ServerFlags& flags) {
   const absl::Status status =
       program.probe == nullptr ? ProbeServer(flags, address) : program.probe(flags, address);
   std::cout << address << ": "
-            << (status.ok() ? "serving" : absl::StrCat("not serving: ", status.message()))
+            << (status.ok() ? "serving"
+                            : base::Printable(absl::StrCat("not serving: ", status.message())))
             << std::endl;
   return status.ok() ? kDone : kFailed;
 }
@@ -158,7 +160,7 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   }
   const absl::Status status = Serve(program, flags, &shutdown_signal);
   if (!status.ok()) {
-    std::cerr << program.name << ": " << status.message() << "\n";
+    std::cerr << program.name << ": " << base::Printable(status.message()) << "\n";
     return kFailed;
   }
   return kDone;

@@ -22,6 +22,11 @@ TEST(LogTest, ValuesThatWouldBreakTheLineAreQuoted) {
   EXPECT_EQ(FormatLogLine("e", {{"a", "1\nforged\r\t2"}}), "e a=\"1\\nforged\\r\\t2\"");
 }
 
+TEST(LogTest, ValuesDoNotSteerTheTerminalThatShowsTheLog) {
+  EXPECT_EQ(FormatLogLine("e", {{"a", "\x1b[2J"}, {"b", "c\u009b d\xff\n"}}),
+            "e a=?[2J b=\"c? d?\\n\"");
+}
+
 TEST(LogTest, StatusIsAField) {
   EXPECT_EQ(FormatLogLine("failed", {{"status", absl::DataLossError("bad block")}}),
             "failed status=\"DATA_LOSS: bad block\"");
