@@ -1,6 +1,8 @@
 // A web back end with one endpoint: GET /DATASET.png?isovalue=60&width=800 -> the exact picture.
 //
 //   npm install && npm start -- [HOST:PORT of the coordinator] [PORT to listen on]
+//
+// $ISOSCOPE_TOKEN is the token that the coordinator gets, where it wants one.
 
 import http from 'node:http';
 import grpc from '@grpc/grpc-js';
@@ -12,6 +14,8 @@ const options = { longs: Number, enums: String, defaults: true, includeDirs: [pr
 const { isoscope } = grpc.loadPackageDefinition(loadSync('isoscope/v1/isosurface_service.proto', options));
 // Pictures come in parts: no limit of messages is in the way.
 const client = new isoscope.v1.IsosurfaceService(server, grpc.credentials.createInsecure());
+const metadata = new grpc.Metadata();
+if (process.env.ISOSCOPE_TOKEN) metadata.set('authorization', `Bearer ${process.env.ISOSCOPE_TOKEN}`);
 const statuses = { [grpc.status.INVALID_ARGUMENT]: 400, [grpc.status.NOT_FOUND]: 404,
   [grpc.status.RESOURCE_EXHAUSTED]: 429, [grpc.status.UNAVAILABLE]: 503 };
 
@@ -21,7 +25,7 @@ http.createServer((request, response) => {
   const dataset = decodeURIComponent(url.pathname.slice(1).replace(/\.png$/, ''));
   const viewport = { widthPx: number('width', 800), heightPx: number('height', 600) };
   const frame = { dataset, isovalue: number('isovalue', 0), viewport };
-  const call = client.renderIsosurfaceStream({ request: frame }, { deadline: Date.now() + 60_000 });
+  const call = client.renderIsosurfaceStream({ request: frame }, metadata, { deadline: Date.now() + 60_000 });
   const parts = [];
   call.on('data', ({ part }) => parts.push(part.png));
   call.on('error', ({ code, details }) => response.writeHead(statuses[code] ?? 500).end(`${details}\n`));

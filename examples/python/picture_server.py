@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A web back end with one endpoint: GET /DATASET.png?isovalue=60&azimuth=30&width=800 -> the exact picture.
 
-    PYTHONPATH=clients/python/src python3 examples/python/picture_server.py [--server HOST:PORT] [--port N]
+    PYTHONPATH=clients/python/src python3 examples/python/picture_server.py [--server HOST:PORT] [--port N] ...
 """
 
 import argparse
@@ -32,17 +32,18 @@ async def picture(request: web.Request) -> web.Response:
 
 
 async def connected(app: web.Application):
-    async with isoscope.aio.connect(app["server"]) as app["client"]:
+    async with isoscope.aio.connect(app["server"], token_file=app["token_file"]) as app["client"]:
         yield
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--server", default="localhost:50051")
+    parser.add_argument("--token-file", help="the token to send to the server")
     parser.add_argument("--port", type=int, default=8000)
     arguments = parser.parse_args()
     app = web.Application()
-    app["server"] = arguments.server
+    app["server"], app["token_file"] = arguments.server, arguments.token_file
     app.cleanup_ctx.append(connected)
     app.router.add_get("/{dataset}.png", picture)
     web.run_app(app, host="127.0.0.1", port=arguments.port)

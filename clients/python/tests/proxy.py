@@ -1,8 +1,11 @@
 """A gRPC proxy for tests: passes calls on, byte by byte, and can do what the service does not.
 
+It shows the service a token of its own: whoever calls needs none, unless the test wants one.
+
 TLS with or without client certificates, tokens, calls that fail the first times.
 """
 
+import pathlib
 import subprocess
 from concurrent import futures
 
@@ -37,8 +40,18 @@ class _Passer(grpc.GenericRpcHandler):
         return grpc.unary_stream_rpc_method_handler(pass_on)
 
 
+class _WithToken(grpc.UnaryUnaryClientInterceptor, grpc.UnaryStreamClientInterceptor):
+    def __init__(self, token):
+        self._metadata = (("authorization", f"Bearer {token}"),)
+
+    def intercept_unary_unary(self, go_on, details, request):
+        return go_on(details._replace(metadata=self._metadata), request)
+
+    intercept_unary_stream = intercept_unary_unary
+
+
 class Proxy:
-    """Passes calls on to `address`.
+    """Passes the calls on to the server of `client`.
 
     failures: (code, sentence) or (code, sentence, google.rpc.Status) of the next calls, instead of passing them on.
     token: what the calls must bring.
@@ -46,8 +59,9 @@ class Proxy:
     seen: (method, metadata, seconds left) of every call.
     """
 
-    def __init__(self, address, *, credentials=None, token=None, interact=None):
-        self.upstream = grpc.insecure_channel(address, [("grpc.max_receive_message_length", -1)])
+    def __init__(self, client, *, credentials=None, token=None, interact=None):
+        channel = grpc.insecure_channel(client.address, [("grpc.max_receive_message_length", -1)])
+        self.upstream = grpc.intercept_channel(channel, _WithToken(pathlib.Path(client.token_file).read_text()))
         self.token = token
         self.interact = interact
         self.failures = []

@@ -11,6 +11,8 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
+import unicodedata
 
 import grpc
 import pytest
@@ -34,7 +36,7 @@ def refusal(seconds, code=grpc.StatusCode.RESOURCE_EXHAUSTED):
 
 @pytest.fixture
 def proxy(client):
-    with Proxy(client.address) as proxy:
+    with Proxy(client) as proxy:
         yield proxy
 
 
@@ -120,6 +122,29 @@ def test_damaged_details_are_a_final_refusal_and_nothing_worse(proxy):
             through.datasets()
 
 
+HOSTILE = "no \x1b]0;title\x07\x1b[2Jsuch\rthing\x7f\x9b31m\nreally"
+
+
+@pytest.mark.parametrize("twin", ["blocking", "aio"])
+def test_a_servers_text_does_not_steer_the_terminal_that_shows_the_error(proxy, twin):
+    async def by_aio():
+        async with isoscope.aio.connect(proxy.address) as through:
+            proxy.failures = [(grpc.StatusCode.NOT_FOUND, HOSTILE)]
+            await through.datasets()
+
+    def blocking():
+        with isoscope.connect(proxy.address) as through:
+            proxy.failures = [(grpc.StatusCode.NOT_FOUND, HOSTILE)]
+            through.datasets()
+
+    with pytest.raises(isoscope.NotFoundError) as caught:
+        blocking() if twin == "blocking" else asyncio.run(by_aio())
+    assert str(caught.value) == "no ?]0;title??[2Jsuch?thing??31m\nreally"
+    # As the interpreter prints it, with what the error came from.
+    shown = "".join(traceback.format_exception(None, caught.value, caught.value.__traceback__))
+    assert "title" in shown and not [c for c in shown if unicodedata.category(c) == "Cc" and c != "\n"], shown
+
+
 def test_every_call_has_a_deadline_and_the_metadata(proxy):
     with isoscope.connect(proxy.address, timeout=50, token="s3cret", metadata=[("X-Trace", "7")]) as through:
         dataset = through["shells"]
@@ -136,7 +161,7 @@ def test_every_call_has_a_deadline_and_the_metadata(proxy):
 
 
 def test_a_missing_or_wrong_token_is_unauthenticated_with_the_servers_sentence(client):
-    with Proxy(client.address, token="right") as proxy:
+    with Proxy(client, token="right") as proxy:
         for token in (None, "wrong"):
             with pytest.raises(isoscope.UnauthenticatedError, match="a token is needed") as caught:
                 isoscope.connect(proxy.address, token=token)
@@ -158,7 +183,7 @@ def read(path):
 
 def test_tls_checks_the_server_and_encrypts_the_token(client, dataset, certificates):
     credentials = grpc.ssl_server_credentials([(read(certificates / "server.key"), read(certificates / "server.pem"))])
-    with Proxy(client.address, credentials=credentials, token="t") as proxy:
+    with Proxy(client, credentials=credentials, token="t") as proxy:
         tls = {"ca_file": certificates / "ca.pem", "server_name": "isoscope.test", "token": "t"}
         with isoscope.connect(proxy.address, **tls) as through:
             assert through["shells"].render(127.5, size=40).png == dataset.render(127.5, size=40).png
@@ -180,7 +205,7 @@ def test_a_server_that_wants_a_client_certificate_gets_it(client, certificates):
     credentials = grpc.ssl_server_credentials(
         [(read(certificates / "server.key"), read(certificates / "server.pem"))], read(certificates / "ca.pem"), True
     )
-    with Proxy(client.address, credentials=credentials) as proxy:
+    with Proxy(client, credentials=credentials) as proxy:
         tls = {"ca_file": certificates / "ca.pem", "server_name": "isoscope.test", "connect_timeout": 5}
         own = {"cert_file": certificates / "client.pem", "key_file": certificates / "client.key"}
         with isoscope.connect(proxy.address, **tls, **own) as through:
@@ -209,7 +234,7 @@ def test_a_call_past_its_deadline_says_its_time(dataset):
 
 
 def test_a_closed_client_refuses_calls_and_closes_again(client):
-    other = isoscope.connect(client.address)
+    other = isoscope.connect(client.address, token_file=client.token_file)
     dataset = other["shells"]
     other.close()
     other.close()
@@ -222,7 +247,7 @@ FORKS = """
 import multiprocessing, sys
 import isoscope
 
-dataset = isoscope.connect(sys.argv[1])["shells"]
+dataset = isoscope.connect(sys.argv[1], token_file=sys.argv[2])["shells"]
 expected = dataset.render(127.5, size=48).png
 context = multiprocessing.get_context("fork")
 
@@ -239,7 +264,7 @@ print([queue.get(timeout=30) for _ in children], dataset.render(127.5, size=48).
 
 def test_a_forked_child_has_a_connection_of_its_own(client):
     """In a process of its own: gRPC forks only where no call and no server of the process is at work."""
-    command = [sys.executable, "-c", FORKS, client.address]
+    command = [sys.executable, "-c", FORKS, client.address, client.token_file]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[True, True, True] True", done.stderr
 
@@ -263,7 +288,7 @@ def test_threads_share_a_client(dataset):
 
 def test_the_async_client_does_what_the_blocking_one_does(client, dataset):
     async def all_of_it():
-        async with isoscope.aio.connect(client.address) as through:
+        async with isoscope.aio.connect(client.address, token_file=client.token_file) as through:
             assert [one.name for one in await through.datasets()] == ["shells"]
             assert (await through.capabilities()) == client.capabilities()
             assert [agent.address for agent in await through.agents()] == [one.address for one in client.agents()]
@@ -299,7 +324,7 @@ def test_the_async_client_does_what_the_blocking_one_does(client, dataset):
 
 def test_a_cancelled_task_ends_its_call(client):
     async def cancel():
-        async with isoscope.aio.connect(client.address) as through:
+        async with isoscope.aio.connect(client.address, token_file=client.token_file) as through:
             shells = await through.dataset("shells")
             task = asyncio.create_task(shells.render(127.5, size=3000, samples=4))
             await asyncio.sleep(0.05)

@@ -1,6 +1,8 @@
 """The web back ends of examples/: each runs, gives the exact picture, and passes refusals on."""
 
 import importlib.util
+import os
+import pathlib
 import shutil
 import socket
 import subprocess
@@ -30,8 +32,10 @@ def get(url):
         return error.code, error.read()
 
 
-def check_endpoint(command, cwd, port, dataset):
-    process = subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+def check_endpoint(command, cwd, port, dataset, environment=None):
+    process = subprocess.Popen(
+        command, cwd=cwd, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     try:
         for _ in range(200):
             try:
@@ -60,7 +64,8 @@ def test_the_python_back_end_serves_exact_pictures(client, dataset):
         pytest.skip("no aiohttp (python3-aiohttp)")
     port = free_port()
     script = ROOT / "examples" / "python" / "picture_server.py"
-    check_endpoint([sys.executable, script, "--server", client.address, "--port", str(port)], ROOT, port, dataset)
+    server = ["--server", client.address, "--token-file", client.token_file]
+    check_endpoint([sys.executable, script, *server, "--port", str(port)], ROOT, port, dataset)
 
 
 def test_the_node_back_end_serves_exact_pictures(client, dataset, tmp_path):
@@ -78,4 +83,5 @@ def test_the_node_back_end_serves_exact_pictures(client, dataset, tmp_path):
     if done.returncode != 0:
         pytest.skip(f"npm can't install here: {done.stderr.strip()[-200:]}")
     port = free_port()
-    check_endpoint(["node", "picture_server.js", client.address, str(port)], folder, port, dataset)
+    environment = {**os.environ, "ISOSCOPE_TOKEN": pathlib.Path(client.token_file).read_text()}
+    check_endpoint(["node", "picture_server.js", client.address, str(port)], folder, port, dataset, environment)

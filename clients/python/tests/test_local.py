@@ -1,6 +1,9 @@
 """`isoscope.serve`: starts, serves, cleans up, and says what is wrong."""
 
+import asyncio
+import contextlib
 import os
+import pathlib
 import signal
 import subprocess
 import sys
@@ -44,6 +47,56 @@ def test_a_volume_file_is_served_and_everything_is_gone_afterwards(volume):
     client.close()
     assert wait_until(lambda: not any(map(is_alive, servers)))
     assert not os.path.exists(os.path.dirname(scratch))
+
+
+def test_nobody_without_the_token_gets_in(client, folder):
+    with pytest.raises(isoscope.UnauthenticatedError, match="asks who calls"):
+        isoscope.connect(client.address)
+    with pytest.raises(isoscope.UnauthenticatedError, match="not known"):
+        isoscope.connect(client.address, token="a guess")
+
+    async def by_aio(**token):
+        async with isoscope.aio.connect(client.address, **token) as through:
+            return [dataset.name for dataset in await through.datasets()], through.token_file
+
+    with pytest.raises(isoscope.UnauthenticatedError):
+        asyncio.run(by_aio())
+    # Who has the token gets in, and each server has one of its own.
+    assert asyncio.run(by_aio(token_file=client.token_file)) == (["shells"], client.token_file)
+    with isoscope.connect(client.address, token_file=client.token_file) as through:
+        assert [dataset.name for dataset in through] == ["shells"] and through.token_file == client.token_file
+    with isoscope.serve(folder) as other:
+        with pytest.raises(isoscope.UnauthenticatedError):
+            isoscope.connect(other.address, token_file=client.token_file)
+
+
+def test_the_token_is_in_no_command_line_and_in_files_of_this_user_alone(folder):
+    with isoscope.serve(folder) as client:
+        private = pathlib.Path(client.token_file).parent
+        token = pathlib.Path(client.token_file).read_text()
+        assert len(token) >= 32 and private.stat().st_mode & 0o777 == 0o700
+        for path in private.iterdir():
+            assert path.stat().st_mode & 0o777 == 0o600 and path.stat().st_uid == os.getuid(), path
+        assert [path for path in private.iterdir() if token in path.read_text()] == [pathlib.Path(client.token_file)]
+        for path in pathlib.Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):  # it ended meanwhile
+                assert token.encode() not in path.read_bytes(), path
+        assert token not in repr(client) and token not in repr(client._target)
+    assert not private.exists()
+
+
+def test_a_token_file_is_read_as_the_programs_read_it(client, tmp_path):
+    token = pathlib.Path(client.token_file).read_text()
+    (tmp_path / "token").write_text(f"\n {token}\n")
+    isoscope.connect(client.address, token_file=tmp_path / "token").close()
+    with pytest.raises(InvalidArgumentError, match="exclude each other"):
+        isoscope.connect(client.address, token=token, token_file=tmp_path / "token")
+    for text in ("", "\n", "two words", "tok\x01en", "t\u00f6ken"):
+        (tmp_path / "token").write_text(text, encoding="utf-8")
+        with pytest.raises(InvalidArgumentError, match="holds no token"):
+            isoscope.connect(client.address, token_file=tmp_path / "token")
+    with pytest.raises(InvalidArgumentError, match="can't read"):
+        isoscope.connect(client.address, token_file=tmp_path / "nothing")
 
 
 def test_an_array_is_served_in_its_order(programs):
@@ -120,6 +173,8 @@ def test_the_server_ends_with_the_process_that_started_it(programs, folder, how)
     def is_gone():
         try:
             isoscope.connect(address, connect_timeout=2).close()
+        except isoscope.UnauthenticatedError:
+            return False  # it asks for its token: it is there
         except isoscope.IsoscopeError:
             return True
         return False

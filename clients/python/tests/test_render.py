@@ -18,11 +18,15 @@ from isoscope.errors import InvalidArgumentError
 SIZE = {"size": (160, 120)}
 
 
+def server_flags(client):
+    return "--server", client.address, "--token-file", client.token_file
+
+
 def by_command(run, client, tmp_path, *flags):
     """The PNG of `isoscope render` from the same server, as the server sent it."""
     path = tmp_path / "by_command.png"
     size = ("--width", 160, "--height", 120)
-    run("render", "--server", client.address, "--no-metadata", *size, "--output", path, *flags)
+    run("render", *server_flags(client), "--no-metadata", *size, "--output", path, *flags)
     return path.read_bytes()
 
 
@@ -71,7 +75,8 @@ def test_opacity_alone_keeps_the_default_colour(dataset):
 
 def test_a_frame_has_the_bytes_of_the_unary_call(client, dataset):
     frame = dataset.render(127.5, azimuth=20, **SIZE)
-    response = rpc.IsosurfaceServiceStub(make_channel(client._target)).RenderIsosurface(frame._request, timeout=60)
+    stub = rpc.IsosurfaceServiceStub(make_channel(client._target))
+    response = stub.RenderIsosurface(frame._request, timeout=60, metadata=client._target.call_metadata())
     assert frame.png == response.png
 
 
@@ -147,7 +152,7 @@ def test_mesh_is_welded_and_closed_like_the_exported_one(run, client, dataset, t
     assert mesh.triangles.min() == 0 and mesh.triangles.max() == len(mesh.points) - 1
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-3)
     ply = tmp_path / "mesh.ply"
-    run("export", "--server", client.address, "--isovalue", 127.5, "--output", ply)
+    run("export", *server_flags(client), "--isovalue", 127.5, "--output", ply)
     header = ply.read_bytes().split(b"end_header")[0].decode("ascii", "replace")
     assert f"element vertex {len(mesh.points)}\n" in header
     assert f"element face {len(mesh.triangles)}\n" in header
@@ -216,7 +221,7 @@ def test_histogram_counts_every_sample_and_is_that_of_the_command_line(run, clie
     assert histogram.has_counts and histogram.counts.sum() == 48 * 40 * 32
     assert len(histogram.edges) == len(histogram) + 1 and (np.diff(histogram.edges) == 1).all()
     assert (histogram.centers == histogram.edges[:-1] + 0.5).all()
-    text = run("info", "--server", client.address, "--histogram", "--json", "--bins", 4096)
+    text = run("info", *server_flags(client), "--histogram", "--json", "--bins", 4096)
     stated = json.dumps(json.loads(text))
     assert all(f"{suggestion.isovalue:g}" in stated for suggestion in dataset.suggestions())
     assert len(dataset.histogram(bins=10)) <= 10

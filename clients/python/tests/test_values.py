@@ -205,7 +205,7 @@ def test_damaged_pngs_are_data_loss_and_never_something_else():
 def target(address, **changes):
     values = dict(
         tls=None, ca_file=None, cert_file=None, key_file=None, server_name=None, token=None,
-        allow_insecure_token=False, metadata=(), timeout=1,
+        token_file=None, allow_insecure_token=False, metadata=(), timeout=1,
     )  # fmt: skip
     return make_target(address, **{**values, **changes})
 

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import pathlib
 import queue
 import re
 import shutil
@@ -46,6 +47,10 @@ def test_without_a_gateway_the_cell_is_the_exact_picture_and_says_what_to_start(
     assert base64.b64decode(bundle["image/png"]) == png
     assert base64.b64encode(png).decode() in bundle["text/html"]
     assert "start the web gateway" in bundle["text/html"] and "<script" not in bundle["text/html"]
+    # The way to the token, and never the token: the cell is saved.
+    token_file = dataset._client.token_file
+    assert f"--token-file {token_file} " in bundle["text/html"]
+    assert pathlib.Path(token_file).read_text() not in str(bundle)
     assert "the exact picture" in repr(view) and view.picked is None
 
 
@@ -177,7 +182,7 @@ def test_frames_come_through_the_kernel_where_the_browser_asks_for_it(client, an
             response.depth_grid.width, response.depth_grid.depths = 2, b"\1\0\2\0"
             yield response
 
-    with Proxy(client.address, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
+    with Proxy(client, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
         dataset = through["shells"]
         view = dataset.view(127.5, size=(64, 48))
         assert "the kernel" in repr(view)
@@ -206,7 +211,7 @@ def test_the_browser_hears_why_no_frame_comes_through_the_kernel(client, anywidg
         raise Exception("refused")
         yield
 
-    with Proxy(client.address, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
+    with Proxy(client, interact=interact) as proxy, isoscope.connect(proxy.address) as through:
         view = through["shells"].view(127.5, size=(64, 48))
         view.widget.receive({"type": "isoscope/open"})
         view.widget.receive(state_message(3, {}))

@@ -55,6 +55,7 @@ class Target:
         ca_file, cert_file, key_file: PEM files; without `ca_file` gRPC's own roots hold.
         server_name: name that the server's certificate has, where it isn't that of the address.
         token: sent as `authorization: Bearer` with each call.
+        token_file: the file that `token` was read from, if it was.
         metadata: more pairs for each call.
         timeout: deadline of a call, seconds.
     """
@@ -66,6 +67,7 @@ class Target:
     key_file: str | None = None
     server_name: str | None = None
     token: str | None = field(default=None, repr=False)
+    token_file: str | None = None
     metadata: tuple[tuple[str, str], ...] = field(default=(), repr=False)
     timeout: float = DEFAULT_TIMEOUT
 
@@ -117,6 +119,14 @@ def _read(path: str | None, name: str) -> bytes | None:
         raise InvalidArgumentError(f"{name}: can't read {path!r}: {error.strerror}") from error
 
 
+def _read_token(path: str) -> str:
+    """Returns the token in a file, without white space around it."""
+    token = (_read(path, "token_file") or b"").decode("ascii", "replace").strip()
+    if not token or not token.isascii() or not token.isprintable() or " " in token:
+        raise InvalidArgumentError(f"token_file: {path!r} holds no token: one line of printable ASCII without spaces")
+    return token
+
+
 def make_target(
     address: str,
     *,
@@ -126,6 +136,7 @@ def make_target(
     key_file: str | os.PathLike[str] | None,
     server_name: str | None,
     token: str | None,
+    token_file: str | os.PathLike[str] | None,
     allow_insecure_token: bool,
     metadata: Sequence[tuple[str, str]],
     timeout: float,
@@ -145,6 +156,11 @@ def make_target(
         raise InvalidArgumentError("tls=False can't be given with ca_file, cert_file, key_file or server_name")
     secure = any(value is not None for value in files.values()) if tls is None else tls
     full = _with_port(address)
+    if token_file is not None:
+        if token is not None:
+            raise InvalidArgumentError("token and token_file exclude each other: give one of them")
+        token_file = os.fspath(token_file)
+        token = _read_token(token_file)
     if token and not secure and not allow_insecure_token and not _is_local(full):
         raise InvalidArgumentError(
             f"a token would go to {full} unencrypted: pass tls=True or ca_file=..., or allow_insecure_token=True where "
@@ -158,6 +174,7 @@ def make_target(
         tls=secure,
         server_name=server_name,
         token=token,
+        token_file=token_file,
         metadata=tuple((str(key).lower(), str(value)) for key, value in metadata),
         timeout=timeout,
         **paths,

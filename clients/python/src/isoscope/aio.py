@@ -37,7 +37,7 @@ from isoscope._retry import Retries
 from isoscope.camera import CameraLike
 from isoscope import client as _blocking
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
-from isoscope.errors import CancelledError, InvalidArgumentError, raise_explained
+from isoscope.errors import CancelledError, InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
 from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike
 
@@ -86,6 +86,7 @@ def connect(
     key_file: str | os.PathLike[str] | None = None,
     server_name: str | None = None,
     token: str | None = None,
+    token_file: str | os.PathLike[str] | None = None,
     allow_insecure_token: bool = False,
     metadata: Sequence[tuple[str, str]] = (),
 ) -> _Connecting:
@@ -98,6 +99,7 @@ def connect(
         key_file=key_file,
         server_name=server_name,
         token=token,
+        token_file=token_file,
         allow_insecure_token=allow_insecure_token,
         metadata=metadata,
         timeout=timeout,
@@ -145,6 +147,14 @@ class Client:
         """Address of the server."""
         return self._target.address
 
+    @property
+    def token_file(self) -> str | None:
+        """The file with the token that is sent: `--token-file` of the programs; None if it came otherwise, or none.
+
+        `isoscope.serve` makes a token, and this file, which goes when the client is closed.
+        """
+        return self._target.token_file
+
     async def close(self) -> None:
         """Closes the connection; calls in work are cancelled. Any number of times."""
         channel = self._channel.take_to_close()
@@ -158,7 +168,7 @@ class Client:
         await self.close()
 
     def __repr__(self) -> str:
-        version = f", version {self._capabilities.version}" if self._capabilities else ""
+        version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
         return f"<isoscope.aio.Client of {self.address}{version}>"
 
     def _dataset(self, proto: Any) -> Dataset:

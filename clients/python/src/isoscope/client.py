@@ -24,7 +24,7 @@ from isoscope._proto import isosurface_service_pb2_grpc as rpc
 from isoscope._retry import Retries
 from isoscope.camera import CameraLike
 from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh, PickedPoint, Suggestion
-from isoscope.errors import InvalidArgumentError, raise_explained
+from isoscope.errors import InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
 from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike
 
@@ -49,6 +49,7 @@ def connect(
     key_file: str | os.PathLike[str] | None = None,
     server_name: str | None = None,
     token: str | None = None,
+    token_file: str | os.PathLike[str] | None = None,
     allow_insecure_token: bool = False,
     metadata: Sequence[tuple[str, str]] = (),
 ) -> Client:
@@ -66,6 +67,7 @@ def connect(
         cert_file, key_file: PEM files of a client certificate, for servers that want one.
         server_name: name in the server's certificate, where it isn't the address's host.
         token: sent as `authorization: Bearer TOKEN` with each call.
+        token_file: a file with that token.
         allow_insecure_token: send the token unencrypted to another machine.
         metadata: more metadata of each call.
 
@@ -85,6 +87,7 @@ def connect(
         key_file=key_file,
         server_name=server_name,
         token=token,
+        token_file=token_file,
         allow_insecure_token=allow_insecure_token,
         metadata=metadata,
         timeout=timeout,
@@ -161,6 +164,14 @@ class Client:
         """Address of the server."""
         return self._target.address
 
+    @property
+    def token_file(self) -> str | None:
+        """The file with the token that is sent: `--token-file` of the programs; None if it came otherwise, or none.
+
+        `isoscope.serve` makes a token, and this file, which goes when the client is closed.
+        """
+        return self._target.token_file
+
     def close(self) -> None:
         """Closes the connection, and ends what `isoscope.serve` had started. Any number of times."""
         channel = self._channel.take_to_close()
@@ -177,7 +188,7 @@ class Client:
         self.close()
 
     def __repr__(self) -> str:
-        version = f", version {self._capabilities.version}" if self._capabilities else ""
+        version = f", version {printable(self._capabilities.version)}" if self._capabilities else ""
         return f"<isoscope.Client of {self.address}{version}>"
 
     # ----------------------------------------------------------------------------- calls

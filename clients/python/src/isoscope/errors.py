@@ -6,6 +6,7 @@ Each is an `IsoscopeError`; where Python has a class of the same meaning, it is 
 
 from __future__ import annotations
 
+import unicodedata
 from typing import Any, NoReturn
 
 import grpc
@@ -173,10 +174,15 @@ _NO_CONNECTION = (
 _BROKEN = {("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")}
 
 
+def printable(text: str) -> str:
+    """Returns text of others as a terminal may get it: '?' for control characters but line feeds and tabs."""
+    return "".join("?" if unicodedata.category(c) == "Cc" and c not in "\n\t" else c for c in text)
+
+
 def explain(error: grpc.RpcError, address: str, timeout: float | None, secure: bool) -> IsoscopeError:
     """Returns what a call's error means: of the class of its code, with a sentence that helps."""
     code = error.code().name if isinstance(error.code(), grpc.StatusCode) else "UNKNOWN"
-    details = error.details() or ""
+    details = printable(error.details() or "")
     if (code, details) in _BROKEN:
         code, details = "UNAVAILABLE", f"the connection to {address} broke ({details}); try again"
     if code == "UNAVAILABLE" and any(words in details.lower() for words in _NO_CONNECTION):
@@ -201,5 +207,6 @@ def explain(error: grpc.RpcError, address: str, timeout: float | None, secure: b
 def raise_explained(
     error: grpc.RpcError, address: str, timeout: float | None, secure: bool
 ) -> NoReturn:
-    """Raises what `explain` returns; the gRPC error stays as its cause."""
-    raise explain(error, address, timeout, secure) from error
+    """Raises what `explain` returns. The gRPC error is its cause, unless a traceback of it would steer a terminal."""
+    details = error.details() or ""
+    raise explain(error, address, timeout, secure) from (error if printable(details) == details else None)

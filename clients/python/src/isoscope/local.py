@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import hashlib
+import json
 import os
 import pathlib
+import secrets
 import shutil
 import signal
 import subprocess
@@ -19,7 +22,7 @@ import numpy.typing as npt
 
 from isoscope._channel import DEFAULT_TIMEOUT
 from isoscope.client import Client, connect
-from isoscope.errors import InvalidArgumentError, ProgramError
+from isoscope.errors import InvalidArgumentError, ProgramError, printable
 
 __all__ = ["find_program", "serve"]
 
@@ -82,6 +85,9 @@ def serve(
 ) -> Client:
     """Serves a volume from this machine and returns a connected client; closing it ends the programs.
 
+    The server asks for a token that only this process and its user know: others of the machine see nothing.
+    `isoscope.connect(client.address, token_file=client.token_file)` connects once more.
+
         client = isoscope.serve("head.nii.gz")
         client.dataset().render(isovalue=60)
 
@@ -117,7 +123,9 @@ def serve(
         flags = ["--listen", "127.0.0.1:0", "--renderer", renderer]
         flags += [] if threads is None else ["--threads", str(threads)]
         flags += [] if memory_limit is None else ["--memory-limit", memory_limit]
-        client = connect(server.start([program, "serve", dataset, *flags]), timeout=timeout)
+        token_file, digest_file = server.make_token()
+        address = server.start([program, "serve", dataset, "--tokens", digest_file, *flags])
+        client = connect(address, token_file=token_file, timeout=timeout)
     except BaseException:
         server.close()
         raise
@@ -184,7 +192,7 @@ def _joined(values: Sequence[float]) -> str:
 
 def _last_line(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()]
-    return lines[-1].strip() if lines else "it said nothing"
+    return printable(lines[-1].strip()) if lines else "it said nothing"
 
 
 class _Server:
@@ -202,6 +210,20 @@ class _Server:
         if self._scratch is None:
             self._scratch = tempfile.mkdtemp(prefix="isoscope-")
         return self._scratch
+
+    def make_token(self) -> tuple[str, str]:
+        """Makes a token; returns the file with it, and the one with its digest, for the server."""
+        token = secrets.token_urlsafe(32)
+        digest = hashlib.sha256(token.encode("ascii")).hexdigest()
+        entry = {"name": "python", "sha256": digest, "datasets": ["*"]}
+        return self._write_private(token), self._write_private(json.dumps({"tokens": [entry]}))
+
+    def _write_private(self, text: str) -> str:
+        """Writes a file that nobody else can read, in no moment; returns its path."""
+        handle, path = tempfile.mkstemp(prefix="token-", dir=self.scratch())
+        with open(handle, "w", encoding="ascii") as file:
+            file.write(text)
+        return path
 
     def write_array(self, array: npt.NDArray[Any]) -> str:
         """Writes the samples of array[z, y, x], x fastest, little-endian; returns the path."""

@@ -15,6 +15,7 @@ import html
 import importlib
 import json
 import pathlib
+import shlex
 import uuid
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -210,9 +211,15 @@ class View:
             return f"The exact picture. This package was built without {_MODULE}: build the wheel from a checkout."
         return (
             "The exact picture. For the surface under the mouse, start the web gateway: "
-            f"'isoscope-gateway --server {self.dataset._client.address} --allow-origin ORIGIN', with the origin of this "
-            "page, such as http://localhost:8888, and pass view(gateway='http://localhost:8080/'); or install anywidget."
+            f"'isoscope-gateway --server {self._server_flags()} --allow-origin ORIGIN', with the origin of this "
+            "page, such as http://localhost:8888, and pass view(gateway='http://localhost:8080/', token=TOKEN), with "
+            "the token in the address that it prints; or install anywidget."
         )
+
+    def _server_flags(self) -> str:
+        """Returns the server's address, and the file with its token if there is one: never the token."""
+        client = self.dataset._client
+        return client.address + (f" --token-file {shlex.quote(client.token_file)}" if client.token_file else "")
 
 
 def _script_json(value: Any) -> str:
