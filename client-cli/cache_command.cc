@@ -17,6 +17,7 @@
 #include "client-cli/cache_entry.h"
 #include "client-cli/command.h"
 #include "client-cli/dataset_cache.h"
+#include "client-cli/json_text.h"
 #include "client-cli/output.h"
 #include "client-cli/session.h"
 #include "client-cli/work_folder.h"
@@ -48,8 +49,7 @@ std::string ToJson(const std::string& folder, std::int64_t limit_bytes,
          {"is_in_use", entry.is_in_use},
          {"is_damaged", entry.is_damaged}});
   }
-  // Paths are bytes; JSON is UTF-8.
-  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return JsonText(json);
 }
 
 std::string ToText(const std::string& folder, std::int64_t limit_bytes,

@@ -16,6 +16,7 @@
 #include "absl/strings/strip.h"
 
 #include "client-cli/output.h"
+#include "core/base/printable.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {
@@ -39,7 +40,10 @@ std::string Joined(const Json& array, absl::string_view separator) {
   });
 }
 
-std::string Text(const Json& object, const char* key) { return object.at(key).get<std::string>(); }
+// As people may see it: names and messages come from servers and files.
+std::string Text(const Json& object, const char* key) {
+  return base::Printable(object.at(key).get<std::string>());
+}
 
 // "sample_dims", "spacing", "origin", "direction".
 void AddGeometry(const v1::GridGeometry& geometry, Json* json) {

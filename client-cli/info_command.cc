@@ -16,6 +16,7 @@
 #include "client-cli/dataset_json.h"
 #include "client-cli/flags.h"
 #include "client-cli/histogram_plot.h"
+#include "client-cli/json_text.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
@@ -23,6 +24,7 @@
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 #include "client-cli/waiting_line.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/value_range.h"
@@ -208,8 +210,11 @@ std::string ToText(const Json& json, int max_width) {
   std::string text;
   if (json.contains("server")) {
     const Json& server = json.at("server");
-    absl::StrAppend(&text, "server        ", server.at("address").get<std::string>(), ", version ",
-                    server.at("version").get<std::string>(), "\n");
+    absl::StrAppend(
+        &text, "server        ",
+        base::Printable(absl::StrCat(server.at("address").get<std::string>(), ", version ",
+                                     server.at("version").get<std::string>())),
+        "\n");
   }
   for (const Json& dataset : json.at("datasets")) {
     absl::StrAppend(&text, text.empty() ? "" : "\n", DescribeDataset(dataset));
@@ -248,7 +253,7 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   if (flags.wants_histogram()) {
     ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
   }
-  *context.out << (flags.is_json ? json.dump(2) + "\n"
+  *context.out << (flags.is_json ? JsonText(json)
                                  : absl::StrCat(ToText(json, context.out_columns),
                                                 plot.empty() ? "" : "\n", plot));
   return absl::OkStatus();

@@ -18,6 +18,7 @@
 
 #include "client-cli/usage.h"
 #include "core/base/check.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
@@ -39,6 +40,13 @@ std::string WithSeparators(const std::string& number) {
     grouped += number[i];
   }
   return grouped + number.substr(end);
+}
+
+std::vector<std::string> AllPrintable(std::vector<std::string> cells) {
+  for (std::string& cell : cells) {
+    cell = base::Printable(cell);
+  }
+  return cells;
 }
 
 bool IsSpecialFile(const std::string& path) {
@@ -72,11 +80,11 @@ std::string FormatElapsed(absl::Duration duration) {
   return absl::StrFormat("%d h %02d min", seconds / 3600, seconds / 60 % 60);
 }
 
-Table::Table(std::vector<std::string> header) { rows_.push_back(std::move(header)); }
+Table::Table(std::vector<std::string> header) { rows_.push_back(AllPrintable(std::move(header))); }
 
 void Table::AddRow(std::vector<std::string> cells) {
   ISOSCOPE_CHECK_EQ(cells.size(), rows_[0].size());
-  rows_.push_back(std::move(cells));
+  rows_.push_back(AllPrintable(std::move(cells)));
 }
 
 std::vector<std::string> WrapText(absl::string_view text, std::size_t width) {
@@ -88,6 +96,12 @@ std::vector<std::string> WrapText(absl::string_view text, std::size_t width) {
     std::size_t end = space == absl::string_view::npos ? 0 : space;
     end = std::max(end, joint == absl::string_view::npos ? 0 : joint + 1);
     end = end == 0 ? width : end;
+    // A character of UTF-8 is not cut, if one fits at all.
+    std::size_t whole = end;
+    while (whole > 0 && (static_cast<unsigned char>(text[whole]) & 0xc0U) == 0x80) {
+      --whole;
+    }
+    end = whole > 0 ? whole : end;
     lines.emplace_back(text.substr(0, end));
     text.remove_prefix(end);
     text.remove_prefix(std::min(text.find_first_not_of(' '), text.size()));
@@ -207,7 +221,8 @@ bool ProgressLine::IsDue() {
   return true;
 }
 
-void ProgressLine::Draw(const std::string& text) {
+void ProgressLine::Draw(const std::string& any_text) {
+  const std::string text = base::Printable(any_text);
   if (is_terminal_) {
     *err_ << "\r" << text << "\x1b[K" << std::flush;
   } else {

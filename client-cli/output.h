@@ -29,7 +29,7 @@ std::string FormatMilliseconds(double milliseconds);
 // "41 s", "3 min 05 s", "2 h 07 min"; >= 0.
 std::string FormatElapsed(absl::Duration duration);
 
-// Rows of cells in aligned columns: the first column to the left, all others to the right.
+// Rows of printable cells in aligned columns: the first one to the left, all others to the right.
 class Table {
  public:
   explicit Table(std::vector<std::string> header);

@@ -3,9 +3,9 @@
 #include <optional>
 #include <utility>
 
+#include "client-cli/frame_name.h"
 #include "client-cli/output.h"
 #include "client-cli/png_metadata.h"
-#include "client-cli/render_request.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "core/rpc/frame_convert.h"
@@ -83,8 +83,8 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
                                   const isoscope::v1::RenderIsosurfaceResponse& response) {
   const std::string path = FrameFileName(options_.path, index);
   const bool is_animation = IsAnimationName(path);
-  const bool is_kept = is_animation || index + 1 == options_.frame_count ||
-                       path != FrameFileName(options_.path, index + 1);
+  const bool is_kept =
+      is_animation || index + 1 == options_.frame_count || HasFrameNumber(options_.path);
   if (!is_kept) {
     return absl::OkStatus();
   }

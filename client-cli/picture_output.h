@@ -19,7 +19,7 @@
 namespace isoscope::cli {
 
 struct PictureOutputOptions {
-  // With %d or {} in it: one picture for each frame. Empty: nothing is written.
+  // With a number in it (FrameFileName): one picture for each frame. Empty: nothing is written.
   std::string path;
   int frame_count = 1;
   double fps = 12;  // of an animation

@@ -20,7 +20,9 @@
 #include "client-cli/command.h"
 #include "client-cli/effect_flags.h"
 #include "client-cli/flags.h"
+#include "client-cli/frame_name.h"
 #include "client-cli/frame_statistics.h"
+#include "client-cli/json_text.h"
 #include "client-cli/like_picture.h"
 #include "client-cli/look_flags.h"
 #include "client-cli/no_surface.h"
@@ -38,6 +40,7 @@
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
 #include "client-cli/waiting_line.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/frame/drawn_window.h"
 #include "core/image/jpeg_codec.h"
@@ -218,7 +221,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
   if (!flags.stats) {
     return absl::OkStatus();
   }
-  const std::string json = StatisticsToJson(frames).dump(2) + "\n";
+  const std::string json = JsonText(StatisticsToJson(frames));
   if (*flags.stats == "-") {
     *context.out << json;
     return absl::OkStatus();
@@ -393,8 +396,10 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
                         const v1::RenderIsosurfaceRequest& request,
                         const v1::RenderIsosurfaceResponse& response, PictureOutput* output) {
   if (IsJpeg(flags)) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
+    if (HasFrameNumber(*flags.output) || frame_index + 1 == flags.sweep.frame_count()) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
+    }
   } else if (flags.output || !flags.planes.any_plane()) {
     ISOSCOPE_RETURN_IF_ERROR(output->Write(frame_index, request, response));
   }
@@ -508,7 +513,8 @@ absl::Status RunLike(const RenderFlags& flags, const RecordedPng& recorded,
       const std::string text,
       DescribeComparison(comparison, *flags.like, recorded.record.picture_revision,
                          subject.picture_revision));
-  TextOut(flags, context) << FrameFileName(*flags.output, 0) << ": " << text << "\n";
+  TextOut(flags, context) << FrameFileName(*flags.output, 0) << ": " << base::Printable(text)
+                          << "\n";
   return absl::OkStatus();
 }
 
@@ -544,10 +550,11 @@ Action RegisterFlags(CLI::App* app) {
   const auto flags = std::make_shared<RenderFlags>();
   AddSessionFlags(app, &flags->session);
   AddRendererFlag(app, &flags->session);
-  AddFlag(app, "--output", "FILE.png", &flags->output, ParseText,
-          "the picture: a PNG, or a JPEG if it ends in .jpg; with %d or {} in its name one for "
-          "each frame, numbered from 0; all "
-          "frames as one animation if it ends in .apng or .webp");
+  AddFlag(
+      app, "--output", "FILE.png", &flags->output, ParseText,
+      "the picture: a PNG, or a JPEG if it ends in .jpg; with %d, %03d or {} in its name one for "
+      "each frame, numbered from 0, else the last one; all "
+      "frames as one animation if it ends in .apng or .webp");
   AddRequestFlags(app, &flags->request);
   AddSweepFlags(app, &flags->sweep, &flags->request);
   AddPlaneFlags(app, &flags->planes);
@@ -585,7 +592,7 @@ Command RenderCommand() {
               "  isoscope render head.nii.gz --isovalue 60 --azimuth 30 --output head.png\n"
               "  isoscope render head.nii.gz --isovalue 60          in the terminal\n"
               "  isoscope render --server localhost:50051 --isovalue 60 --repeat 36 --orbit 10 \\\n"
-              "    --output turn-%d.png --stats turn.json\n"
+              "    --output turn-%03d.png --stats turn.json\n"
               "  isoscope render head.nii.gz --isovalue 20:120:5 --output levels.webp\n"
               "  isoscope render head.nii.gz --isovalue 60 --width 32768 --height 32768 \\\n"
               "    --renderer cpu --output poster.png\n"

@@ -140,15 +140,4 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   return request;
 }
 
-std::string FrameFileName(absl::string_view pattern, int frame_index) {
-  for (const absl::string_view placeholder : {absl::string_view("%d"), absl::string_view("{}")}) {
-    const std::size_t position = pattern.find(placeholder);
-    if (position != absl::string_view::npos) {
-      return absl::StrCat(pattern.substr(0, position), frame_index,
-                          pattern.substr(position + placeholder.size()));
-    }
-  }
-  return absl::StrCat(pattern);
-}
-
 }  // namespace isoscope::cli

@@ -59,9 +59,6 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
 
 isoscope::v1::Color ToProto(const Color& color);
 
-// `pattern` with its first "%d" or "{}" replaced by the frame index; unchanged if it has none.
-std::string FrameFileName(absl::string_view pattern, int frame_index);
-
 }  // namespace isoscope::cli
 
 #endif  // ISOSCOPE_CLIENT_CLI_RENDER_REQUEST_H_

@@ -11,6 +11,7 @@
 
 #include "client-cli/animation_writer.h"
 #include "client-cli/flags.h"
+#include "client-cli/frame_name.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
@@ -114,8 +115,14 @@ absl::Status CheckUsage(const SweepFlags& flags, const std::string& output) {
     return UsageError(absl::StrCat("--fps is for an animation; --output '", output,
                                    "' is none: expected a name that ends in .apng or .webp"));
   }
-  if (flags.is_isovalue_sweep() && !IsAnimationName(output) &&
-      FrameFileName(output, 0) == FrameFileName(output, 1)) {
+  if (IsAnimationName(output)) {
+    return HasFrameNumber(output)
+               ? UsageError(absl::StrCat("--output '", output,
+                                         "' is one file of all frames: leave the number out"))
+               : absl::OkStatus();
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckFrameName(output, flags.frame_count()));
+  if (flags.is_isovalue_sweep() && !HasFrameNumber(output)) {
     return UsageError(absl::StrCat("--isovalue has ", flags.isovalues->count,
                                    " values, but --output '", output,
                                    "' names one picture: put %d or {} into the name, or write an "

@@ -54,8 +54,8 @@ struct SweepFlags {
 // goes to `request`, so that the checks of a request hold. Both must outlive the parsing.
 void AddSweepFlags(CLI::App* app, SweepFlags* flags, RequestFlags* request);
 
-// UsageError if the flags do not fit each other or the name of the output: a sweep of isovalues
-// needs a name with a number in it, or that of an animation; --fps needs an animation.
+// UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
+// of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
 absl::Status CheckUsage(const SweepFlags& flags, const std::string& output);
 
 // The flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.

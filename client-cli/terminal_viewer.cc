@@ -36,6 +36,7 @@
 #include "client-cli/view_controls.h"
 #include "core/base/cancellation.h"
 #include "core/base/mutex.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/image/jpeg_codec.h"
 #include "core/rpc/proto_convert.h"
@@ -252,17 +253,17 @@ std::string Viewer::StatusLine() const {
     absl::StrAppend(&text, "   ", frame.extent().width_px(), " x ", frame.extent().height_px(),
                     last_->is_exact() ? " exact" : "", absl::StrFormat("   %.0f ms", latency_ms_));
   }
-  // Names and messages come from elsewhere: none of their bytes is a command to the terminal.
-  std::replace_if(
-      text.begin(), text.end(),
-      [](char c) { return static_cast<unsigned char>(c) < ' ' || c == '\x7F'; }, '?');
+  // Names and messages come from elsewhere: nothing in them is a command to the terminal.
+  text = base::Printable(text);
   const std::string keys = "? help  q quit ";
   const auto columns = static_cast<std::size_t>(layout_.terminal.columns);
   text.resize(columns, ' ');
   if (columns > keys.size() + 40) {
     text.replace(columns - keys.size(), keys.size(), keys);
   }
-  return absl::StrCat("\x1B[", layout_.terminal.rows, ";1H\x1B[0;7m", text, "\x1B[0m");
+  // The cuts may have left a part of a character.
+  return absl::StrCat("\x1B[", layout_.terminal.rows, ";1H\x1B[0;7m", base::Printable(text),
+                      "\x1B[0m");
 }
 
 absl::Status Viewer::DrawLast() {
@@ -287,8 +288,7 @@ absl::Status Viewer::Draw(FrameFeed* feed) {
   }
   const absl::Time start = absl::Now();
   const std::int64_t frame_number = newest->frame_number();
-  message_ =
-      newest->has_error() ? absl::StrReplaceAll(newest->error().message(), {{"\n", " "}}) : "";
+  message_ = newest->has_error() ? newest->error().message() : "";
   if (newest->has_frame()) {
     latency_ms_ = absl::ToDoubleMilliseconds(start - sent_);
     last_ = std::move(newest);

@@ -33,6 +33,7 @@
 #include "client-cli/terminal.h"
 #include "client-cli/top_screen.h"
 #include "client-cli/usage.h"
+#include "core/base/printable.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::cli {
@@ -171,7 +172,7 @@ class Top {
         samples_.size() > 1 ? std::optional(samples_.front()) : std::nullopt;
     std::vector<std::string> lines = TopScreen(samples_.back(), before, options);
     if (!error_.ok()) {
-      lines[0] = absl::StrCat("isoscope top: ", error_.message())
+      lines[0] = base::PrintableAscii(absl::StrCat("isoscope top: ", error_.message()))
                      .substr(0, options.width > 0 ? static_cast<std::size_t>(options.width)
                                                   : std::string::npos);
     }

@@ -10,6 +10,7 @@
 #include "absl/strings/str_join.h"
 
 #include "client-cli/output.h"
+#include "core/base/printable.h"
 #include "core/base/units.h"
 #include "core/rpc/proto_convert.h"
 
@@ -21,17 +22,6 @@ namespace v1 = isoscope::v1;
 // The least width of a column that gets narrower.
 constexpr std::size_t kLeastFlexibleWidth = 8;
 constexpr char kCut = '~';  // in place of what has no room
-
-// Text of a peer could steer the terminal.
-std::string Printable(std::string text) {
-  for (char& c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (byte < 0x20 || byte >= 0x7f) {
-      c = '?';
-    }
-  }
-  return text;
-}
 
 std::string Cut(std::string text, std::size_t width) {
   if (text.size() > width) {
@@ -207,8 +197,9 @@ const v1::AgentStatus* FindAgent(const std::optional<ClusterSample>& sample,
 
 std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::AgentStatus* before) {
   std::vector<std::string> cells = {
-      Printable(agent.address()), agent.state() == v1::AgentStatus::STATE_REACHABLE ? "ok" : "lost",
-      Printable(FormatShards(agent))};
+      base::PrintableAscii(agent.address()),
+      agent.state() == v1::AgentStatus::STATE_REACHABLE ? "ok" : "lost",
+      base::PrintableAscii(FormatShards(agent))};
   if (agent.state() != v1::AgentStatus::STATE_REACHABLE || !agent.has_load()) {
     cells.insert(cells.end(), {"-", "-", "-", "-", "-", "-"});
     return cells;
@@ -255,7 +246,7 @@ void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& be
   const v1::CoordinatorLoad empty;
   const v1::CoordinatorLoad& old = has_before ? before->status.load() : empty;
   const Rates rates(load, has_before ? &old : nullptr);
-  lines->push_back(absl::StrCat("isoscope top: ", Printable(options.server), ", ",
+  lines->push_back(absl::StrCat("isoscope top: ", base::PrintableAscii(options.server), ", ",
                                 absl::FormatTime("%H:%M:%S", now.time, absl::UTCTimeZone()),
                                 " UTC"));
   if (!now.status.has_load()) {
@@ -311,8 +302,8 @@ void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
                  {"AGE"}});
   for (int i = 0; i < shown; ++i) {
     const v1::FrameInWork& frame = now.status.frames(i);
-    table.AddRow({Printable(frame.request_id()), Printable(frame.client()),
-                  frame.dataset().empty() ? "-" : Printable(frame.dataset()),
+    table.AddRow({base::PrintableAscii(frame.request_id()), base::PrintableAscii(frame.client()),
+                  frame.dataset().empty() ? "-" : base::PrintableAscii(frame.dataset()),
                   absl::StrCat(frame.extent().width_px(), "x", frame.extent().height_px()),
                   NameOf(frame.step()),
                   absl::StrFormat("%.1f s", absl::ToDoubleSeconds(
@@ -337,7 +328,7 @@ std::vector<std::string> TopScreen(const ClusterSample& now,
   AppendAgents(now, before, options, &lines);
   for (const v1::AgentStatus& agent : now.status.agents()) {
     if (!agent.message().empty()) {
-      lines.push_back(Printable(absl::StrCat(agent.address(), ": ", agent.message())));
+      lines.push_back(base::PrintableAscii(absl::StrCat(agent.address(), ": ", agent.message())));
     }
   }
   AppendFrames(now, options, &lines);

@@ -7,6 +7,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 
+#include "core/base/printable.h"
+
 namespace isoscope::cli {
 namespace {
 
@@ -50,9 +52,9 @@ ExitCode ExitCodeOf(const absl::Status& status) {
 }
 
 std::string FormatError(absl::string_view command, const absl::Status& status) {
-  // One line, whatever the message of a library looks like.
+  // One line, whatever the message of a library or a server looks like.
   const std::string message =
-      absl::StrReplaceAll(status.message(), {{"\r\n", "; "}, {"\n", "; "}, {"\r", " "}});
+      base::Printable(absl::StrReplaceAll(status.message(), {{"\r\n", "; "}, {"\n", "; "}}));
   if (IsUsageError(status)) {
     const std::string program = command.empty() ? "isoscope" : absl::StrCat("isoscope ", command);
     return absl::StrCat(program, ": ", message, " (see '", program, " --help')");

@@ -154,6 +154,19 @@ TEST_F(CliTest, RepeatWithOrbitTurnsTheCameraOneStepAFrame) {
   }
   EXPECT_EQ(pictures.size(), 3U) << "the camera did not move";
 
+  // Leading zeros, as in ffmpeg: names in the order of the frames.
+  MustRun(Join(base, {"--output", Path("z%03d%%.png"), "--repeat", "3", "--orbit", "30"}));
+  for (const int frame : {0, 1, 2}) {
+    EXPECT_EQ(ReadFile(Path(absl::StrCat("z00", frame, "%.png"))),
+              ReadFile(Path(absl::StrCat("f", frame, ".png"))));
+  }
+  // Frames that would overwrite each other: refused before the first.
+  const testing::CommandResult refused = testing::RunIsoscope(
+      Join(base, {"--output", Path("w%3x.png"), "--repeat", "3", "--orbit", "30"}), Options());
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_NE(refused.err.find("'%3x' is no number of a frame"), std::string::npos) << refused.err;
+  EXPECT_FALSE(io::PathExists(Path("w%3x.png")));
+
   // Without a place for the number only the last frame stays.
   MustRun(Join(base, {"--output", Path("last.png"), "--repeat", "3", "--orbit", "30"}));
   EXPECT_EQ(ReadFile(Path("last.png")), ReadFile(Path("f2.png")));

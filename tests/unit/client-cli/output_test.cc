@@ -66,6 +66,20 @@ TEST(OutputTest, TableColumnsAreAligned) {
             "localhost:1       7\n");
 }
 
+TEST(OutputTest, CellsAndProgressDoNotSteerTheTerminal) {
+  Table table({"agent", "message"});
+  table.AddRow({"a\x1b[2J", "two\nlines\u009b"});
+  EXPECT_EQ(table.ToString(),
+            "agent     message\n"
+            "a?[2J  two lines?\n");
+  std::ostringstream err;
+  {
+    ProgressLine line(&err, /*is_terminal=*/true);
+    line.UpdateNow("waiting for \x1b]0;a\x07");
+  }
+  EXPECT_EQ(err.str(), "\rwaiting for ?]0;a?\x1b[K\r\x1b[K");
+}
+
 TEST(OutputTest, ProgressTellsRateAndTimeLeft) {
   constexpr std::int64_t kMiB = 1 << 20;
   EXPECT_EQ(FormatProgress("writing blocks", 25 * kMiB, 100 * kMiB, absl::Seconds(5)),
@@ -166,6 +180,12 @@ TEST(WrapTextTest, BreaksAtSpacesAndBehindCommasAndSlashes) {
   EXPECT_EQ(WrapText("head/0,head/1", 8), Lines({"head/0,", "head/1"}));
   EXPECT_EQ(WrapText("abcdefgh", 3), Lines({"abc", "def", "gh"}));
   EXPECT_EQ(WrapText("a  b", 1), Lines({"a", "b"}));
+}
+
+TEST(WrapTextTest, CharactersOfSeveralBytesStayWhole) {
+  EXPECT_EQ(WrapText("\u00e4\u00e4\u00e4", 3),
+            (std::vector<std::string>{"\u00e4", "\u00e4", "\u00e4"}));
+  EXPECT_EQ(WrapText("\u00e4", 1).size(), 2U) << "no room for one: lines end all the same";
 }
 
 TEST(WrapTextTest, NoLineIsLongerAndNoLetterIsLost) {

@@ -69,14 +69,6 @@ TEST(RenderRequestTest, IsovalueIsRequired) {
   ISOSCOPE_EXPECT_OK(CheckUsage(RequestFlags{.isovalue = 0}));
 }
 
-TEST(RenderRequestTest, FileNamesNumberTheFirstPlaceOnly) {
-  EXPECT_EQ(FrameFileName("a.png", 3), "a.png");
-  EXPECT_EQ(FrameFileName("a-%d.png", 12), "a-12.png");
-  EXPECT_EQ(FrameFileName("{}/a-{}.png", 0), "0/a-{}.png");
-  EXPECT_EQ(FrameFileName("100%.png", 1), "100%.png");
-  EXPECT_EQ(FrameFileName("%s%n%d.png", 1), "%s%n1.png");
-}
-
 TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   RequestFlags flags;
   flags.surfaces = {{.isovalue = 75, .color = {}}, {.isovalue = 30, .color = Color{1, 0, 0, 1}}};

@@ -81,6 +81,7 @@ TEST(SweepTest, SweepSetsTheIsovalueOfEachFrameAndOrbitTurnsBetween) {
   EXPECT_EQ(CameraOfFrame(parsed.sweep, camera, 0), camera);
   EXPECT_NEAR(CameraOfFrame(parsed.sweep, camera, 2).eye.z, -10, 1e-9);
   ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a-%d.png"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a-%03d.png"));
   ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a.apng"));
 }
 
@@ -108,6 +109,10 @@ TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
   };
   for (const Case& c : std::vector<Case>{
            {{"--isovalue", "1:3:1"}, "a.png", "put %d or {} into the name"},
+           {{"--isovalue", "1:3:1"}, "a-%3x.png", "3 frames would overwrite each other"},
+           {{"--isovalue", "1", "--repeat", "36"}, "a-%i.png", "36 frames would overwrite"},
+           {{"--isovalue", "1"}, "a-%d-%s.png", "'%s' is no number of a frame"},
+           {{"--isovalue", "1:3:1"}, "a-%d.webp", "one file of all frames"},
            {{"--isovalue", "1:3:1", "--repeat", "3"}, "a-%d.png", "which has 3 frames"},
            {{"--isovalue", "1", "--orbit", "10"}, "a.png", "--repeat N"},
            {{"--isovalue", "1", "--fps", "10"}, "a.png", "ends in .apng or .webp"}}) {

@@ -21,6 +21,14 @@ TEST(UsageTest, ErrorsAreOneLineThatNamesTheCode) {
             "isoscope: a command is missing (see 'isoscope --help')");
 }
 
+TEST(UsageTest, ErrorsOfServersDoNotSteerTheTerminal) {
+  EXPECT_EQ(
+      FormatError("render", absl::NotFoundError("\x1b]0;mine\x07\x1b[2J\r\n\u009b31mhead\xff")),
+      "isoscope: NOT_FOUND: ?]0;mine??[2J; ?31mhead?");
+  EXPECT_EQ(FormatError("render", UsageError("'\x1b[1m' is one argument too many")),
+            "isoscope render: '?[1m' is one argument too many (see 'isoscope render --help')");
+}
+
 TEST(UsageTest, NearestNameFindsTyposOnly) {
   const std::vector<std::string> names = {"partition", "info", "serve", "render", "export"};
   EXPECT_EQ(NearestName("rendr", names), "render");
