@@ -75,7 +75,8 @@ def test_opacity_alone_keeps_the_default_colour(dataset):
 
 def test_a_frame_has_the_bytes_of_the_unary_call(client, dataset):
     frame = dataset.render(127.5, azimuth=20, **SIZE)
-    response = rpc.IsosurfaceServiceStub(make_channel(client._target)).RenderIsosurface(frame._request, timeout=60)
+    stub = rpc.IsosurfaceServiceStub(make_channel(client._target))
+    response = stub.RenderIsosurface(frame._request, timeout=60, metadata=client._target.call_metadata())
     assert frame.png == response.png
 
 
