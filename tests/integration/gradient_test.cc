@@ -250,5 +250,32 @@ TEST_F(GradientTest, TheCommandLineDrawsItOnBothBackEndsAndMakesItAgain) {
   EXPECT_THAT(info.out, HasSubstr("gradient      at most "));
 }
 
+// Symptom: agents with `egl` gave the caps of such frames the margin and the tie rule of OpenGL,
+// and the triangles those of the CPU. At some rims the caps were an eighth of a pixel too wide.
+TEST_F(GradientTest, CapsFollowTheBackEndThatDrawsTheFrame) {
+  ISOSCOPE_ASSERT_OK(
+      testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), folder_.Sub("caps"), 3, 8));
+  for (const std::string plane : {"1,0.3,0.2,-20", "0.2,-0.7,1,-3.3", "-1,0.4,-0.6,31.7"}) {
+    std::vector<std::string> files;
+    for (const std::string renderer : {"cpu", "egl"}) {
+      const std::string png = folder_.Sub(renderer + ".png");
+      const testing::CommandResult drawn =
+          testing::RunIsoscope({"render",       folder_.Sub("caps"),
+                                "--isovalue",   "128",
+                                "--renderer",   renderer,
+                                "--width",      "300",
+                                "--height",     "300",
+                                "--azimuth",    "37",
+                                "--color-by",   "gradient:turbo",
+                                "--clip-plane", plane,
+                                "--caps",       "--no-metadata",
+                                "--output",     png});
+      ASSERT_EQ(drawn.exit_code, 0) << drawn.err;
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(files.emplace_back(), io::ReadWholeFile(png, 1 << 20));
+    }
+    EXPECT_TRUE(files[0] == files[1]) << plane;
+  }
+}
+
 }  // namespace
 }  // namespace isoscope
