@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -50,13 +51,17 @@ class BlockCache {  // NOLINT(clang-analyzer-optin.performance.Padding): one an 
   // Takes memory for meshes from the kernel, so that the first frame need not. Blocks.
   void Populate(std::size_t bytes) { pool_->Populate(bytes); }
   // Takes a large page if less than `ahead_bytes` wait to be used, within the bound. Returns
-  // whether it has. Blocks for some milliseconds.
+  // whether it has: not if the kernel has no memory. Blocks for some milliseconds.
   bool PopulateAhead(std::size_t ahead_bytes) {
     const std::size_t waiting = pool_->touched_free_bytes();
     if (waiting >= ahead_bytes || meshes_.size_bytes() + waiting >= meshes_.max_bytes()) {
       return false;
     }
-    pool_->Populate(1);
+    try {
+      pool_->Populate(1);
+    } catch (const std::bad_alloc&) {  // frames report it
+      return false;
+    }
     return true;
   }
 

@@ -32,6 +32,7 @@
 #include <oneapi/tbb/partitioner.h>
 
 #include "core/base/check.h"
+#include "core/base/no_memory.h"
 #include "core/base/scoped_timer.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
@@ -366,16 +367,30 @@ absl::StatusOr<std::unique_ptr<FramePipeline>> FramePipeline::Make(
 FramePipeline::FramePipeline(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 FramePipeline::~FramePipeline() = default;
 
-absl::StatusOr<RaySelection> FramePipeline::SelectOccluders() { return impl_->SelectOccluders(); }
+namespace {
+
+// Runs a step. Its parallel loops pass std::bad_alloc on to here.
+template <typename Step>
+auto RunStep(const Step& step) {
+  return base::OrNoMemory("a step of the frame", step);
+}
+
+}  // namespace
+
+absl::StatusOr<RaySelection> FramePipeline::SelectOccluders() {
+  return RunStep([&] { return impl_->SelectOccluders(); });
+}
 absl::StatusOr<image::FrameImage> FramePipeline::RenderOccluders(
     const std::vector<volume::BlockId>& blocks) {
-  return impl_->RenderOccluders(blocks);
+  return RunStep([&] { return impl_->RenderOccluders(blocks); });
 }
 absl::StatusOr<image::FrameImage> FramePipeline::RenderVisible(
     const std::vector<volume::BlockId>& blocks, absl::string_view open_pixels) {
-  return impl_->RenderVisible(blocks, open_pixels);
+  return RunStep([&] { return impl_->RenderVisible(blocks, open_pixels); });
 }
-absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() { return impl_->RenderAll(); }
+absl::StatusOr<image::FrameImage> FramePipeline::RenderAll() {
+  return RunStep([&] { return impl_->RenderAll(); });
+}
 image::LayerStack FramePipeline::TakeLayers() { return impl_->TakeLayers(); }
 
 std::vector<std::string> FramePipeline::Encode(const image::FrameImage& image) {

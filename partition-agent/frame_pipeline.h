@@ -31,6 +31,7 @@ struct RaySelection {
 
 // Call the steps in order, each once, from one thread at a time. They block. A step out of order
 // ends the process. Call no step after an error. The cancellation must outlive the pipeline.
+// RESOURCE_EXHAUSTED if memory runs out in a step: the frame is lost, others go on.
 //
 //   kDepth, kMask: SelectOccluders, RenderOccluders, RenderVisible
 //   kNone:         RenderAll
@@ -58,7 +59,7 @@ class FramePipeline {
   // Draws every active block.
   absl::StatusOr<image::FrameImage> RenderAll();
   // Encodes the image of a step and its layers as bands (composite::EncodePixels, EncodeLayers).
-  // Call it after that step.
+  // Call it after that step. Throws std::bad_alloc if memory runs out; so may Make.
   std::vector<std::string> Encode(const image::FrameImage& image);
   // Returns the translucent fragments that the last step drew; without them nothing is left to
   // Encode.

@@ -38,6 +38,7 @@
 #include "core/base/memory_info.h"
 #include "core/base/metrics.h"
 #include "core/base/mutex.h"
+#include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
@@ -318,7 +319,9 @@ class PartitionAgentServiceImpl::RenderFrameCall final
             call->trace_->NameThisThread("frame");
             call->trace_->AddTo("queue", "queue", trace_scheduled, base::TraceClock::now());
           }
-          const absl::Status status = step();
+          // Begin and Encode may throw, and so may protobuf; a message of the step is only
+          // destroyed.
+          const absl::Status status = base::OrNoMemory("a step of the frame", step);
           if (!status.ok()) {
             call->Fail(status);
           }
@@ -615,7 +618,7 @@ class PartitionAgentServiceImpl::ExtractSurfaceCall final
 
   void Run() {
     const absl::Time start = absl::Now();
-    const absl::Status status = Extract();
+    const absl::Status status = base::OrNoMemory("the surface", [this] { return Extract(); });
     outgoing_.Finish(status);
     base::Log(status.ok() ? base::LogLevel::kInfo : base::LogLevel::kWarning,
               status.ok() ? "extraction_done" : "extraction_failed",

@@ -8,6 +8,7 @@
 #include "absl/time/clock.h"
 
 #include "core/base/log.h"
+#include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/picture/deferred_shading.h"
@@ -244,7 +245,8 @@ absl::Status FrameCall::Render(v1::RenderIsosurfaceResponse* response) {
   BeginWork();
   const base::TraceTime begin = trace_ != nullptr ? base::TraceClock::now() : base::TraceTime();
   const std::int64_t frame_number = runner_->NextFrameNumber();
-  const absl::Status status = turn_.ok() ? TryRender(frame_number, response) : turn_;
+  const absl::Status status = base::OrNoMemory(
+      "the frame", [&] { return turn_.ok() ? TryRender(frame_number, response) : turn_; });
   if (trace_ != nullptr && status.ok()) {
     AddTrace(frame_number, begin, response);
   }
@@ -272,7 +274,8 @@ void FrameCall::AddTrace(std::int64_t frame_number, base::TraceTime begin,
 absl::Status FrameCall::Pick(v1::PickSurfaceResponse* response) {
   BeginWork();
   const std::int64_t frame_number = runner_->NextFrameNumber();
-  const absl::Status status = turn_.ok() ? TryPick(frame_number, response) : turn_;
+  const absl::Status status = base::OrNoMemory(
+      "the pick", [&] { return turn_.ok() ? TryPick(frame_number, response) : turn_; });
   EndWork(frame_number, status, response->statistics());
   return status;
 }

@@ -47,6 +47,7 @@
 #include <oneapi/tbb/task_group.h>
 
 #include "core/base/mutex.h"
+#include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_recorder.h"
 #include "core/composite/depth_composite.h"
@@ -108,17 +109,22 @@ struct Event {
 // The events of the agents, in order of arrival. Thread-safe.
 class EventQueue {
  public:
-  void Push(Event event) ABSL_LOCKS_EXCLUDED(mutex_) {
+  // Agents' threads call it, which nobody could tell of an exception.
+  void Push(Event event) noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
     {
       const base::MutexLock lock(&mutex_);
-      events_.push_back(std::move(event));
+      try {
+        events_.push_back(std::move(event));
+      } catch (const std::bad_alloc&) {
+        has_lost_one_ = true;
+      }
     }
     // Without the mutex, which the woken thread needs at once. The queue outlives all pushes.
     arrived_.Signal();
   }
 
   // Waits for an event until `wake`, and returns all that have come; none may have. Returns the
-  // cancellation's error if it fires first.
+  // cancellation's error if it fires first. RESOURCE_EXHAUSTED if there was no memory for an event.
   absl::StatusOr<std::deque<Event>> PopAll(absl::Time wake, const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     std::deque<Event> events;
@@ -130,8 +136,11 @@ class EventQueue {
       const base::MutexLock lock(&mutex_);
       arrived_.AwaitUntil(&mutex_, std::min(wake, cancellation.deadline()),
                           [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-                            return !events_.empty() || cancellation.is_cancelled();
+                            return !events_.empty() || has_lost_one_ || cancellation.is_cancelled();
                           });
+      if (has_lost_one_) {
+        return base::NoMemory("an agent's message");
+      }
       events.swap(events_);
     }
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
@@ -142,6 +151,7 @@ class EventQueue {
   base::Mutex mutex_;
   base::CondVar arrived_;
   std::deque<Event> events_ ABSL_GUARDED_BY(mutex_);
+  bool has_lost_one_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 class QueueingListener final : public AgentListener {
@@ -191,14 +201,17 @@ class Frame {
   }
 
   FrameOutcome Run() {
-    absl::Status status = BeginAndDrive();
+    absl::Status status = base::OrNoMemory("the frame", [this] { return BeginAndDrive(); });
     if (!status.ok()) {
       for (Part& part : parts_) {
         for (Attempt& attempt : part.attempts) {
           attempt.link->Cancel();
         }
       }
-      setup_.arena->execute([&] { compositing_.wait(); });
+      base::OrNoMemory("the frame", [this] {
+        setup_.arena->execute([&] { compositing_.wait(); });
+        return absl::OkStatus();
+      }).IgnoreError();  // of a frame that has failed
     }
     for (Part& part : parts_) {
       if (status.ok()) {
@@ -850,16 +863,19 @@ class Frame {
 FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
                       const base::Cancellation& cancellation) {
   const view::Viewport size = setup.view->image_size();
-  image::FrameImage image;
   try {
-    const base::TraceScope trace(setup.trace, "take image");
-    image = setup.images->Take(size.width_px, size.height_px);
+    base::TraceScope trace(setup.trace, "take image");
+    image::FrameImage image = setup.images->Take(size.width_px, size.height_px);
+    trace.End();
+    return Frame(setup, begin, cancellation, std::move(image)).Run();
   } catch (const std::bad_alloc&) {
-    return {.status = absl::ResourceExhaustedError(
-                absl::StrFormat("the coordinator has no memory for a picture of %d x %d pixels",
-                                size.width_px, size.height_px))};
+    return {.status = base::OrNoMemory("a picture", [&] {
+              // Not StrFormat, which ends the process if memory runs out.
+              return absl::ResourceExhaustedError(
+                  absl::StrCat("the coordinator has no memory for a picture of ", size.width_px,
+                               " x ", size.height_px, " pixels"));
+            })};
   }
-  return Frame(setup, begin, cancellation, std::move(image)).Run();
 }
 
 }  // namespace isoscope::server

@@ -9,6 +9,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/coding.h"
+#include "core/base/no_memory.h"
 #include "core/image/jpeg_codec.h"
 #include "core/image/normal_code.h"
 #include "core/image/png_codec.h"
@@ -75,10 +76,8 @@ std::string RawRgba(const image::FrameImage& image, image::Rgba8 background) {
   return bytes;
 }
 
-}  // namespace
-
-absl::StatusOr<std::string> EncodePicture(const image::FrameImage& image,
-                                          const frame::FrameSpec& spec) {
+absl::StatusOr<std::string> TryEncodePicture(const image::FrameImage& image,
+                                             const frame::FrameSpec& spec) {
   switch (spec.output.image_format) {
     case frame::ImageFormat::kPng:
       return image::EncodePng(image.width, image.height, image.colors, spec.background_color);
@@ -91,6 +90,14 @@ absl::StatusOr<std::string> EncodePicture(const image::FrameImage& image,
       break;
   }
   return std::string();
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> EncodePicture(const image::FrameImage& image,
+                                          const frame::FrameSpec& spec) {
+  return base::OrNoMemory("the bytes of the picture",
+                          [&] { return TryEncodePicture(image, spec); });
 }
 
 void FillPlanes(const image::FrameImage& image, const frame::FrameSpec& spec,

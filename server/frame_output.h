@@ -40,7 +40,7 @@ absl::StatusOr<std::string> EncodePicture(const image::FrameImage& image,
                                           const frame::FrameSpec& spec);
 
 // Fills the planes that the spec asks for, except normals, from depths and owners. Works in
-// parallel, as EncodePicture.
+// parallel, as EncodePicture. Throws std::bad_alloc if memory runs out; so does NormalPlane.
 void FillPlanes(const image::FrameImage& image, const frame::FrameSpec& spec,
                 const view::View& view, const image::FragmentOrder& order, FrameOutput* output);
 

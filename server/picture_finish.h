@@ -39,7 +39,8 @@ struct FinishedPicture {
 //
 // Works in parallel, in the tbb::task_arena of the caller. Changes `drawn` and the layers, and
 // takes `drawn` if it is the picture. REQUIRES: `drawn` has the window's size; it and the layers
-// carry normals if picture::NeedsDeferredShading, else colours.
+// carry normals if picture::NeedsDeferredShading, else colours. Throws std::bad_alloc if memory
+// runs out.
 FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* drawn);
 
 }  // namespace isoscope::server

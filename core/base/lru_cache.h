@@ -10,10 +10,10 @@
 #include <iterator>
 #include <list>
 #include <memory>
+#include <unordered_map>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/container/flat_hash_map.h"
 #include "absl/hash/hash.h"
 
 #include "core/base/mutex.h"
@@ -58,12 +58,15 @@ class LruCache {
     return found->second->value;
   }
 
-  // Keeps `value` unless there is no room for it. A key that has a value keeps that value.
+  // Keeps `value` unless there is no room for it. A key that has a value keeps that value. Changes
+  // nothing if it throws std::bad_alloc, but for values that it has forgotten.
   void Insert(const Key& key, std::shared_ptr<const Value> value, std::size_t size_bytes) {
     const std::size_t size = size_bytes + kEntryBytes;
     const std::size_t max_bytes = max_part_bytes_.load(std::memory_order_relaxed);
     const std::uint64_t round = round_.load(std::memory_order_relaxed);
     std::list<Entry> forgotten;  // freed after the lock
+    std::list<Entry> added;
+    added.push_front({key, std::move(value), size, round});
     Part& part = PartOf(key);
     MutexLock lock(&part.mutex);
     if (size > max_bytes || part.places.contains(key)) {
@@ -78,9 +81,9 @@ class LruCache {
       part.places.erase(last->key);
       forgotten.splice(forgotten.begin(), part.entries, last);
     }
+    part.places.emplace(key, added.begin());
+    part.entries.splice(part.entries.begin(), added);
     part.size_bytes += size;
-    part.entries.push_front({key, std::move(value), size, round});
-    part.places.emplace(key, part.entries.begin());
   }
 
   [[nodiscard]] std::size_t size_bytes() const {
@@ -99,13 +102,15 @@ class LruCache {
     std::size_t size_bytes = 0;
     std::uint64_t round = 0;
   };
-  // The bytes of an entry beside its value: list node, map slot, control block.
+  // The bytes of an entry beside its value: list node, map node, control block.
   static constexpr std::size_t kEntryBytes = sizeof(Entry) + sizeof(Key) + 64;
 
   struct alignas(64) Part {
     mutable Mutex mutex;
     std::list<Entry> entries ABSL_GUARDED_BY(mutex);  // the last used first
-    absl::flat_hash_map<Key, typename std::list<Entry>::iterator> places ABSL_GUARDED_BY(mutex);
+    // Not abseil's, whose maps are broken once an allocation has thrown.
+    std::unordered_map<Key, typename std::list<Entry>::iterator, absl::Hash<Key>> places
+        ABSL_GUARDED_BY(mutex);
     std::size_t size_bytes ABSL_GUARDED_BY(mutex) = 0;
   };
 

@@ -1,5 +1,6 @@
 #include "core/base/memory_pool.h"
 
+#include <algorithm>
 #include <new>
 
 #include "core/base/large_pages.h"
@@ -9,6 +10,13 @@ namespace {
 
 constexpr std::size_t kPageBytes = 4096;
 static_assert(kLargePageBytes == 2 * MemoryPool::kChunkBytes, "a page is taken as two chunks");
+
+// Makes room for `count` elements. Grows by factors, as push_back does.
+void ReserveFor(std::size_t count, std::vector<char*>* pages) {
+  if (count > pages->capacity()) {
+    pages->reserve(std::max(count, 2 * pages->capacity()));
+  }
+}
 
 }  // namespace
 
@@ -24,6 +32,11 @@ MemoryPool::~MemoryPool() {
 
 char* MemoryPool::TakeFreshPage() {
   if (fresh_pages_.empty()) {
+    // Return may not throw. So there is room for all chunks before there is a region more.
+    const std::size_t region_count = regions_.size() + 1;
+    ReserveFor(region_count, &regions_);
+    ReserveFor(kRegionBytes / kLargePageBytes, &fresh_pages_);
+    ReserveFor(region_count * (kRegionBytes / kChunkBytes), &free_chunks_);
     char* const region = static_cast<char*>(MapLargePages(kRegionBytes));
     if (region == nullptr) {
       throw std::bad_alloc();
@@ -66,7 +79,7 @@ std::shared_ptr<char[]> MemoryPool::Take() {
     if (free_chunks_.empty()) {
       // Whoever fills the first chunk of a large page touches both.
       char* const page = TakeFreshPage();
-      free_chunks_ = {page + kChunkBytes, page};
+      free_chunks_.assign({page + kChunkBytes, page});
     }
     chunk = free_chunks_.back();
     free_chunks_.pop_back();

@@ -30,9 +30,9 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   // Returns the bytes of the free chunks whose pages have been touched. Take prefers those.
   [[nodiscard]] std::size_t touched_free_bytes() const;
 
-  // Returns a chunk, aligned to 64 bytes, with undefined content. The chunk goes back to the pool
-  // when its last reference is dropped, and keeps the pool alive until then. The pool returns no
-  // memory to the kernel before its own end.
+  // Returns a chunk, aligned to 64 bytes, with undefined content. May throw std::bad_alloc. The
+  // chunk goes back to the pool when its last reference is dropped, and keeps the pool alive until
+  // then. The pool returns no memory to the kernel before its own end.
   std::shared_ptr<char[]> Take();
 
  private:
@@ -42,12 +42,14 @@ class MemoryPool : public std::enable_shared_from_this<MemoryPool> {
   MemoryPool() = default;
   // Returns a large page that nobody has touched: two chunks.
   char* TakeFreshPage() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Allocates nothing: destructors call it.
   void Return(char* chunk);
 
   mutable Mutex mutex_;
   std::vector<char*> regions_ ABSL_GUARDED_BY(mutex_);
   std::vector<char*> fresh_pages_ ABSL_GUARDED_BY(mutex_);  // taken from the back
-  std::vector<char*> free_chunks_ ABSL_GUARDED_BY(mutex_);  // touched; taken from the back
+  // Touched; taken from the back. Its capacity is enough for all chunks.
+  std::vector<char*> free_chunks_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace isoscope::base

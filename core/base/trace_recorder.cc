@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <new>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -27,36 +28,51 @@ TraceRecorder::Track& TraceRecorder::ThreadTrack() {
   return tracks_.emplace_back(Track{.name = "worker", .thread_id = id, .spans = {}});
 }
 
+TraceRecorder::Track& TraceRecorder::QueueTrack(const char* name) {
+  for (Track& track : tracks_) {
+    if (track.thread_id == 0 && absl::string_view(track.name) == name) {
+      return track;
+    }
+  }
+  return tracks_.emplace_back(Track{.name = name, .thread_id = 0, .spans = {}});
+}
+
 void TraceRecorder::Append(Track* track, RecordedSpan span) {
   if (span_count_ >= max_spans_) {
     ++dropped_span_count_;
     return;
   }
-  ++span_count_;
   track->spans.push_back(span);
+  ++span_count_;
 }
 
+// Scopes add their spans in destructors, which may not throw.
 void TraceRecorder::Add(const char* name, TraceTime begin, TraceTime end) {
   const MutexLock lock(&mutex_);
-  Append(&ThreadTrack(), {name, begin, end});
+  try {
+    Append(&ThreadTrack(), {name, begin, end});
+  } catch (const std::bad_alloc&) {
+    ++dropped_span_count_;
+  }
 }
 
 void TraceRecorder::AddTo(const char* track_name, const char* name, TraceTime begin,
                           TraceTime end) {
   const MutexLock lock(&mutex_);
-  for (Track& track : tracks_) {
-    if (track.thread_id == 0 && absl::string_view(track.name) == track_name) {
-      Append(&track, {name, begin, end});
-      return;
-    }
+  try {
+    Append(&QueueTrack(track_name), {name, begin, end});
+  } catch (const std::bad_alloc&) {
+    ++dropped_span_count_;
   }
-  Append(&tracks_.emplace_back(Track{.name = track_name, .thread_id = 0, .spans = {}}),
-         {name, begin, end});
 }
 
 void TraceRecorder::NameThisThread(const char* name) {
   const MutexLock lock(&mutex_);
-  ThreadTrack().name = name;
+  try {
+    ThreadTrack().name = name;
+  } catch (const std::bad_alloc&) {
+    // The track keeps the name that it gets with its first span.
+  }
 }
 
 RecordedTrace TraceRecorder::Get() const {

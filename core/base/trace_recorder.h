@@ -54,7 +54,8 @@ class TraceRecorder {
   TraceRecorder(const TraceRecorder&) = delete;
   TraceRecorder& operator=(const TraceRecorder&) = delete;
 
-  // Adds a span to the track of the calling thread; drops and counts it if there are too many.
+  // Adds a span to the track of the calling thread; drops and counts it if there are too many, or
+  // no memory for it.
   // `name` lives as long as the process.
   void Add(const char* name, TraceTime begin, TraceTime end) ABSL_LOCKS_EXCLUDED(mutex_);
   // The same for a track that is no thread. `track` lives as long as the process; whoever adds to
@@ -75,7 +76,9 @@ class TraceRecorder {
     std::vector<RecordedSpan> spans;
   };
 
+  // These may throw std::bad_alloc, and change nothing then.
   Track& ThreadTrack() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  Track& QueueTrack(const char* name) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Append(Track* track, RecordedSpan span) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const std::size_t max_spans_;

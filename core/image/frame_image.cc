@@ -1,6 +1,7 @@
 #include "core/image/frame_image.h"
 
 #include <algorithm>
+#include <new>
 #include <utility>
 
 #include "core/base/check.h"
@@ -152,7 +153,7 @@ void FrameImagePool::Prepare(int width, int height) {
   TakeBack(FrameImage(width, height));
 }
 
-void FrameImagePool::TakeBack(FrameImage image) {
+void FrameImagePool::TakeBack(FrameImage image) noexcept {
   const std::size_t size = SizeBytes(image);
   if (size > max_bytes_) {
     return;
@@ -160,13 +161,18 @@ void FrameImagePool::TakeBack(FrameImage image) {
   Clear(&image);
   std::vector<FrameImage> dropped;  // freed after the lock
   base::MutexLock lock(&mutex_);
-  while (unused_bytes_ + size > max_bytes_) {
-    unused_bytes_ -= SizeBytes(unused_.front());
-    dropped.push_back(std::move(unused_.front()));
-    unused_.erase(unused_.begin());
+  try {
+    while (unused_bytes_ + size > max_bytes_) {
+      const std::size_t dropped_bytes = SizeBytes(unused_.front());
+      dropped.push_back(std::move(unused_.front()));
+      unused_.erase(unused_.begin());
+      unused_bytes_ -= dropped_bytes;
+    }
+    unused_.push_back(std::move(image));
+    unused_bytes_ += size;
+  } catch (const std::bad_alloc&) {
+    // There is no memory to note what is kept, so this image is freed.
   }
-  unused_bytes_ += size;
-  unused_.push_back(std::move(image));
 }
 
 }  // namespace isoscope::image

@@ -89,7 +89,8 @@ class FrameImagePool : public std::enable_shared_from_this<FrameImagePool> {
  private:
   friend class FrameImage;
   explicit FrameImagePool(std::size_t max_bytes) : max_bytes_(max_bytes) {}
-  void TakeBack(FrameImage image);
+  // Keeps the image if there is room and memory for it. Destructors call it.
+  void TakeBack(FrameImage image) noexcept;
 
   const std::size_t max_bytes_;
   base::Mutex mutex_;

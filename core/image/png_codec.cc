@@ -43,7 +43,6 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
-#include <new>
 #include <span>
 #include <utility>
 
@@ -424,17 +423,12 @@ std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
   ISOSCOPE_CHECK_GE(height, 1);
   ISOSCOPE_CHECK_EQ(pixels.size(),
                     static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  try {
-    const auto row_size = static_cast<std::size_t>(width);
-    const RowFormat format{
-        .width = row_size,
-        .channels = IsOpaque(row_size, pixels, background) ? PngChannels::kRgb : PngChannels::kRgba,
-        .background = background};
-    return Join(format, static_cast<std::size_t>(height), EncodeStripes(format, pixels, {}));
-  } catch (const std::bad_alloc&) {
-    base::CheckFailed(__FILE__, __LINE__,
-                      absl::StrCat("no memory left to encode a PNG of ", width, " x ", height));
-  }
+  const auto row_size = static_cast<std::size_t>(width);
+  const RowFormat format{
+      .width = row_size,
+      .channels = IsOpaque(row_size, pixels, background) ? PngChannels::kRgb : PngChannels::kRgba,
+      .background = background};
+  return Join(format, static_cast<std::size_t>(height), EncodeStripes(format, pixels, {}));
 }
 
 int PngRowWriter::RowsPerStripe(int width) {

@@ -32,15 +32,15 @@ struct RgbaImage {
 //
 // Works in parallel, in the tbb::task_arena of the caller. The same pixels give the same bytes for
 // any number of threads (checked on x86-64 from SSE4.2 to AVX-512; on processors without SSE4.2,
-// ISA-L 2.30 finds other matches). REQUIRES: 1 <= width < 2^28, height >= 1. Aborts when memory
-// runs out. Thread-safe.
+// ISA-L 2.30 finds other matches). REQUIRES: 1 <= width < 2^28, height >= 1. Throws std::bad_alloc
+// if memory runs out. Thread-safe.
 std::string EncodePng(int width, int height, std::span<const Rgba8> pixels,
                       const std::optional<Rgba8>& background = std::nullopt);
 
 // Encodes an image of which only some rows are in memory at a time. The caller writes the bytes
 // that the calls return, one after another: Begin, then Append until all rows are there, then End.
-// Works in parallel, in the tbb::task_arena of the caller. Aborts when memory runs out.
-// Thread-compatible.
+// Works in parallel, in the tbb::task_arena of the caller. Throws std::bad_alloc if memory runs
+// out. Thread-compatible.
 class PngRowWriter {
  public:
   // RGB if `is_opaque`, which leaves alpha out, else RGBA. REQUIRES: width and height as EncodePng.

@@ -250,14 +250,15 @@ absl::Status CheckRange(const RandomAccessFile& file, std::int64_t offset, std::
 
 absl::Status FileTooShort(const RandomAccessFile& file, std::int64_t offset, std::size_t size,
                           std::int64_t end) {
-  return absl::DataLossError(absl::StrFormat(
-      "%s: ends after %d bytes, expected %d bytes at offset %d", file.path(), end, size, offset));
+  // Not StrFormat, which ends the process if memory runs out: it writes in a destructor.
+  return absl::DataLossError(absl::StrCat(file.path(), ": ends after ", end, " bytes, expected ",
+                                          size, " bytes at offset ", offset));
 }
 
 absl::Status ReadFailed(int error_number, const RandomAccessFile& file, std::int64_t offset,
                         std::size_t size) {
-  return ErrnoToStatus(error_number, absl::StrFormat("read %d bytes at offset %d of", size, offset),
-                       file.path());
+  return ErrnoToStatus(
+      error_number, absl::StrCat("read ", size, " bytes at offset ", offset, " of"), file.path());
 }
 
 absl::StatusOr<std::unique_ptr<RandomAccessFile>> OpenRandomAccessFile(const std::string& path) {

@@ -19,6 +19,10 @@
 // until a quarter of those slots is free again (MayBegin). One hit ends this.
 //
 // mutex_ guards free_, started_ and arrived_. Nobody holds it while bytes are read.
+//
+// Memory may run out. Then TryTake throws, or goes on with the buffers and threads that there are.
+// Arrival's destructor and the threads of the queue allocate nothing: the lists have room for every
+// slot that Claim has made, and ReadRest turns an exception into the status of its read.
 
 #include "core/io/read_queue.h"
 
@@ -28,13 +32,16 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdlib>
-#include <system_error>
+#include <exception>
+#include <iterator>
+#include <new>
 #include <utility>
 
 #include "absl/strings/string_view.h"
 #include <sys/eventfd.h>
 
 #include "core/base/check.h"
+#include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
 
 namespace isoscope::io {
@@ -67,9 +74,25 @@ struct ReadQueue::Slot {
   std::size_t capacity = 0;
 };
 
+namespace {
+
+template <typename Slots>
+auto TakeFirst(Slots* slots) {
+  auto slot = std::move(slots->front());
+  slots->erase(slots->begin());
+  return slot;
+}
+
+}  // namespace
+
 // The io_uring of one queue, and the event that wakes its thread.
 class ReadQueue::Ring {
  public:
+  // The slots that the ring's thread holds. There is room for one of each request.
+  std::vector<std::unique_ptr<Slot>> fresh;      // to be queued
+  std::vector<std::unique_ptr<Slot>> under_way;  // queued
+  std::vector<std::unique_ptr<Slot>> ended;
+
   // Queues a read of the bytes of `slot` that are still missing, at most what one call moves.
   void QueueRest(const ReadQueue& queue, Slot* slot) {
     const Read& read = queue.reads_[slot->index];
@@ -84,14 +107,15 @@ class ReadQueue::Ring {
     const Read& read = queue.reads_[slot->index];
     if (result > 0) {
       slot->done += static_cast<std::size_t>(result);
-    } else if (result == 0) {
-      slot->status = FileTooShort(*read.file, read.offset, read.size,
-                                  read.offset + static_cast<std::int64_t>(slot->done));
     } else if (result == -EAGAIN && !is_stopping) {  // the kernel can't read without blocking
       queue.ReadRest(slot);
       return true;
     } else if (result != -EINTR || is_stopping) {
-      slot->status = ReadFailed(-result, *read.file, read.offset, read.size);
+      slot->status = base::OrNoMemory("the error of a read", [&] {
+        return result == 0 ? FileTooShort(*read.file, read.offset, read.size,
+                                          read.offset + static_cast<std::int64_t>(slot->done))
+                           : ReadFailed(-result, *read.file, read.offset, read.size);
+      });
     }
     if (!slot->status.ok() || slot->done == read.size) {
       return true;
@@ -103,6 +127,10 @@ class ReadQueue::Ring {
   // Returns null where the kernel, or a rule of the container, refuses io_uring.
   static std::unique_ptr<Ring> Make(std::size_t max_requests) {
     std::unique_ptr<Ring> ring(new Ring);
+    for (std::vector<std::unique_ptr<Slot>>* slots :
+         {&ring->fresh, &ring->under_way, &ring->ended}) {
+      slots->reserve(max_requests);
+    }
     // There is room for each request, a cancellation of each, and the event.
     const auto entries = static_cast<unsigned>(2 * max_requests + 1);
     if (ring->event_ < 0 || io_uring_queue_init(entries, &ring->uring_, 0) != 0) {
@@ -275,6 +303,7 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
     slot = std::make_unique<Slot>();
     slot->buffer = std::make_unique_for_overwrite<char[]>(capacity);
     slot->capacity = capacity;
+    ReserveLists();
     held_bytes_ += capacity;
     peak_bytes_ = std::max(peak_bytes_, held_bytes_);
   }
@@ -283,6 +312,15 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Claim(std::size_t size) {
   slot->done = 0;
   slot->status = absl::OkStatus();
   return slot;
+}
+
+void ReadQueue::ReserveLists() {
+  const std::size_t count = used_count_ + free_.size() + 1;
+  for (std::vector<std::unique_ptr<Slot>>* slots : {&free_, &started_, &arrived_}) {
+    if (slots->capacity() < count) {
+      slots->reserve(std::max(count, 2 * slots->capacity()));
+    }
+  }
 }
 
 void ReadQueue::Release(std::unique_ptr<Slot> slot) {
@@ -305,9 +343,7 @@ std::optional<ReadQueue::Arrival> ReadQueue::TryTake() {
         if (arrived_.empty()) {
           return std::nullopt;
         }
-        slot = std::move(arrived_.front());
-        arrived_.pop_front();
-        return Arrival(this, std::move(slot));
+        return Arrival(this, TakeFirst(&arrived_));
       }
       slot->index = next_++;
     }
@@ -366,7 +402,7 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
   if (wants_thread) {
     try {
       threads_.emplace_back(ring_ == nullptr ? &ReadQueue::RunThread : &ReadQueue::RunRing, this);
-    } catch (const std::system_error&) {  // too many threads in the system
+    } catch (const std::exception&) {  // too many threads in the system, or no memory for one
       if (threads_.empty()) {
         return slot;
       }
@@ -389,12 +425,18 @@ std::unique_ptr<ReadQueue::Slot> ReadQueue::Start(std::unique_ptr<Slot> slot) {
 void ReadQueue::FillRing() {
   while (next_ < reads_.size()) {
     const Read& read = reads_[next_];
-    std::unique_ptr<Slot> slot = Claim(read.size);
+    std::unique_ptr<Slot> slot;
+    try {
+      slot = Claim(read.size);
+    } catch (const std::bad_alloc&) {
+      break;  // the reads that have started give their buffers back
+    }
     if (slot == nullptr) {
       break;
     }
     slot->index = next_++;
-    slot->status = CheckRange(*read.file, read.offset, read.size);
+    slot->status = base::OrNoMemory("the error of a read",
+                                    [&] { return CheckRange(*read.file, read.offset, read.size); });
     if (slot->status.ok() && read.size > 0) {
       started_.push_back(std::move(slot));
     } else {
@@ -415,12 +457,15 @@ void ReadQueue::PrepareBackend() {
   }
 }
 
-void ReadQueue::ReadRest(Slot* slot) const {
+void ReadQueue::ReadRest(Slot* slot) const noexcept {
+  slot->status = base::OrNoMemory("a read", [&] { return TryReadRest(slot); });
+}
+
+absl::Status ReadQueue::TryReadRest(Slot* slot) const {
   const Read& read = reads_[slot->index];
   const int descriptor = read.file->descriptor();
   if (descriptor < 0) {
-    slot->status = read.file->ReadAt(read.offset, read.size, slot->buffer.get());
-    return;
+    return read.file->ReadAt(read.offset, read.size, slot->buffer.get());
   }
   while (slot->done < read.size) {
     const ssize_t count = pread(descriptor, slot->buffer.get() + slot->done,
@@ -428,78 +473,79 @@ void ReadQueue::ReadRest(Slot* slot) const {
                                 read.offset + static_cast<std::int64_t>(slot->done));
     if (count > 0) {
       slot->done += static_cast<std::size_t>(count);
-    } else if (count == 0 || errno != EINTR) {
-      slot->status = count == 0 ? FileTooShort(*read.file, read.offset, read.size,
-                                               read.offset + static_cast<std::int64_t>(slot->done))
-                                : ReadFailed(errno, *read.file, read.offset, read.size);
-      return;
+    } else if (count == 0) {
+      return FileTooShort(*read.file, read.offset, read.size,
+                          read.offset + static_cast<std::int64_t>(slot->done));
+    } else if (errno != EINTR) {
+      return ReadFailed(errno, *read.file, read.offset, read.size);
     }
   }
+  return absl::OkStatus();
 }
 
 void ReadQueue::RunThread() {
-  base::MutexLock lock(&mutex_);
   while (true) {
-    ++waiting_threads_;
-    has_work_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
-      return stopping_ || !started_.empty();
-    });
-    --waiting_threads_;
-    if (stopping_) {
-      return;
+    std::unique_ptr<Slot> slot;
+    {
+      const base::MutexLock lock(&mutex_);
+      ++waiting_threads_;
+      has_work_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+        return stopping_ || !started_.empty();
+      });
+      --waiting_threads_;
+      if (stopping_) {
+        return;
+      }
+      slot = TakeFirst(&started_);
     }
-    std::unique_ptr<Slot> slot = std::move(started_.front());
-    started_.pop_front();
-    mutex_.Unlock();
     ReadRest(slot.get());
-    mutex_.Lock();
+    const base::MutexLock lock(&mutex_);
     arrived_.push_back(std::move(slot));
     changed_.SignalAll();
   }
 }
 
 void ReadQueue::RunRing() {
-  std::vector<std::unique_ptr<Slot>> under_way;
-  std::deque<std::unique_ptr<Slot>> fresh;
-  std::deque<std::unique_ptr<Slot>> ended;
+  Ring& ring = *ring_;
   bool is_stopping = false;
-  ring_->QueueWait();
-  while (!is_stopping || !under_way.empty()) {
-    ring_->SubmitAndWait([&](void* data, int result) {
-      if (ring_->IsWait(data)) {
-        ring_->QueueWait();
+  ring.QueueWait();
+  while (!is_stopping || !ring.under_way.empty()) {
+    ring.SubmitAndWait([&](void* data, int result) {
+      if (ring.IsWait(data)) {
+        ring.QueueWait();
       } else if (data != nullptr &&
-                 ring_->TakeResult(*this, static_cast<Slot*>(data), result, is_stopping)) {
+                 ring.TakeResult(*this, static_cast<Slot*>(data), result, is_stopping)) {
         const auto found =
-            std::find_if(under_way.begin(), under_way.end(),
+            std::find_if(ring.under_way.begin(), ring.under_way.end(),
                          [&](const auto& candidate) { return candidate.get() == data; });
-        ended.push_back(std::move(*found));
-        under_way.erase(found);
+        ring.ended.push_back(std::move(*found));
+        ring.under_way.erase(found);
       }
     });
     bool stops_now = false;
     {
       base::MutexLock lock(&mutex_);
-      if (!ended.empty()) {
-        std::move(ended.begin(), ended.end(), std::back_inserter(arrived_));
-        ended.clear();
+      if (!ring.ended.empty()) {
+        std::move(ring.ended.begin(), ring.ended.end(), std::back_inserter(arrived_));
+        ring.ended.clear();
         changed_.SignalAll();
       }
       stops_now = stopping_ && !is_stopping;
       is_stopping = stopping_;
       if (!is_stopping) {
-        fresh.swap(started_);
+        std::move(started_.begin(), started_.end(), std::back_inserter(ring.fresh));
+        started_.clear();
       }
     }
     if (stops_now) {
-      for (const auto& slot : under_way) {
-        ring_->QueueCancel(slot.get());
+      for (const auto& slot : ring.under_way) {
+        ring.QueueCancel(slot.get());
       }
     }
-    for (auto& slot : fresh) {
+    for (auto& slot : ring.fresh) {
       if (reads_[slot->index].file->descriptor() >= 0) {
-        ring_->QueueRest(*this, slot.get());
-        under_way.push_back(std::move(slot));
+        ring.QueueRest(*this, slot.get());
+        ring.under_way.push_back(std::move(slot));
       } else {
         ReadRest(slot.get());
         base::MutexLock lock(&mutex_);
@@ -507,7 +553,7 @@ void ReadQueue::RunRing() {
         changed_.SignalAll();
       }
     }
-    fresh.clear();
+    ring.fresh.clear();
   }
 }
 

@@ -8,7 +8,6 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -90,7 +89,8 @@ class ReadQueue {
 
   // Starts reads while the bounds allow, and returns one that has ended, in any order; nothing if
   // none has. Never waits for a disk, unless no thread can be made. From cold files the next reads
-  // start together, a quarter of the bounds at a time.
+  // start together, a quarter of the bounds at a time. If it throws std::bad_alloc, a read may be
+  // lost: destroy the queue.
   std::optional<Arrival> TryTake();
 
   // Waits until TryTake may return a read again. True if there may be one, false if every read was
@@ -110,16 +110,21 @@ class ReadQueue {
   // Returns true if the next read may begin, if there is room. Reads of cold files wait for others.
   bool MayBegin() const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
   bool HasRoom(std::size_t size) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  // Takes a slot for a read of `size` bytes. Null if the bounds are reached.
+  // Takes a slot for a read of `size` bytes. Null if the bounds are reached. May throw
+  // std::bad_alloc, and changes nothing then.
   std::unique_ptr<Slot> Claim(std::size_t size) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Gives each list room for all slots and one more, so that nothing that moves a slot throws.
+  void ReserveLists() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Release(std::unique_ptr<Slot> slot);
   // Hands a slot to the ring or the threads, and of cold files as many others as there is room for.
   // Returns the slot if there is no thread and none can be made.
   std::unique_ptr<Slot> Start(std::unique_ptr<Slot> slot);
   void FillRing() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void PrepareBackend() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Reads the missing bytes of a slot with pread.
-  void ReadRest(Slot* slot) const;
+  // Reads the missing bytes of a slot with pread. Threads that nobody could tell of an exception
+  // call it.
+  void ReadRest(Slot* slot) const noexcept;
+  absl::Status TryReadRest(Slot* slot) const;
   void RunThread();
   void RunRing();
 
@@ -139,8 +144,9 @@ class ReadQueue {
   std::atomic<std::size_t> missed_{0};                 // reads since one was found in memory
   std::size_t waiting_threads_ ABSL_GUARDED_BY(mutex_) = 0;
   bool stopping_ ABSL_GUARDED_BY(mutex_) = false;
-  std::deque<std::unique_ptr<Slot>> started_ ABSL_GUARDED_BY(mutex_);  // ring or threads take them
-  std::deque<std::unique_ptr<Slot>> arrived_ ABSL_GUARDED_BY(mutex_);
+  // The oldest first. There are some hundred at most.
+  std::vector<std::unique_ptr<Slot>> started_ ABSL_GUARDED_BY(mutex_);  // ring or threads take them
+  std::vector<std::unique_ptr<Slot>> arrived_ ABSL_GUARDED_BY(mutex_);
   ReadBackend backend_ ABSL_GUARDED_BY(mutex_) = ReadBackend::kAutomatic;
   std::vector<std::thread> threads_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<Ring> ring_;  // made under the lock, before the only thread that uses it

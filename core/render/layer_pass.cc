@@ -12,7 +12,10 @@
 #include <new>
 #include <utility>
 
+#include "absl/base/thread_annotations.h"
+
 #include "core/base/check.h"
+#include "core/base/no_memory.h"
 #include "core/image/normal_and_step.h"
 #include "core/image/normal_code.h"
 #include "core/render/surface_point.h"
@@ -24,6 +27,32 @@ constexpr int kTilePx = image::TileSet::kTilePx;
 
 int XOf(std::uint32_t pixel) { return static_cast<int>(pixel & 0xffff); }
 int YOf(std::uint32_t pixel) { return static_cast<int>(pixel >> 16); }
+
+// Holds the locks of some rows of tiles. Threads take them row by row, so that none wait for each
+// other in a circle.
+class LockedRows {
+ public:
+  LockedRows(composite::RowLocks* locks, int first_row, int last_row) ABSL_NO_THREAD_SAFETY_ANALYSIS
+      : locks_(*locks),
+        first_row_(first_row),
+        last_row_(last_row) {
+    for (int row = first_row_; row <= last_row_; ++row) {
+      locks_.OfTileRow(row).Lock();
+    }
+  }
+  ~LockedRows() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    for (int row = first_row_; row <= last_row_; ++row) {
+      locks_.OfTileRow(row).Unlock();
+    }
+  }
+  LockedRows(const LockedRows&) = delete;
+  LockedRows& operator=(const LockedRows&) = delete;
+
+ private:
+  composite::RowLocks& locks_;
+  const int first_row_;
+  const int last_row_;
+};
 
 }  // namespace
 
@@ -46,8 +75,8 @@ LayerPass::LayerPass(const view::View& view, const volume::BlockLayout& layout,
 }
 
 absl::Status LayerPass::Add(std::span<const MeshToDraw> meshes) {
-  PassResources::Scratch& scratch = resources_.LocalScratch();
   try {
+    PassResources::Scratch& scratch = resources_.LocalScratch();
     for (const MeshToDraw& item : meshes) {
       ISOSCOPE_CHECK_LT(std::int64_t{item.mesh->block_id}, layout_.block_count());
       ISOSCOPE_CHECK_LT(item.surface_index, shade_tables_.size());
@@ -56,7 +85,7 @@ absl::Status LayerPass::Add(std::span<const MeshToDraw> meshes) {
       Draw(item, &scratch);
     }
   } catch (const std::bad_alloc&) {
-    return NoMemoryFor(view_.image_size());
+    return base::OrNoMemory("layers", [&] { return NoMemoryFor(view_.image_size()); });
   }
   return absl::OkStatus();
 }
@@ -78,7 +107,7 @@ void LayerPass::Draw(const MeshToDraw& item, PassResources::Scratch* scratch) {
                                 [&](const FragmentBatch& batch) { Insert(batch, item, scratch); });
 }
 
-// Threads take the locks row by row, so that none wait for each other in a circle.
+// The locks are given back even if there is no memory for another level.
 void LayerPass::Insert(const FragmentBatch& batch, const MeshToDraw& item,
                        PassResources::Scratch* scratch) {
   const std::uint64_t owner = layers_.order().OwnerOf(item.surface_index, item.mesh->block_id);
@@ -86,17 +115,11 @@ void LayerPass::Insert(const FragmentBatch& batch, const MeshToDraw& item,
     const std::size_t count = std::min(ShadeBatch::kCapacity, batch.pixels.size() - begin);
     const auto pixels = batch.pixels.subspan(begin, count);
     Shade(item, batch.triangles.subspan(begin, count), pixels, scratch);
-    const int first_row = batch.bounds.begin_y / kTilePx;
-    const int last_row = (batch.bounds.end_y - 1) / kTilePx;
-    for (int row = first_row; row <= last_row; ++row) {
-      row_locks_.OfTileRow(row).Lock();
-    }
+    const LockedRows locked(&row_locks_, batch.bounds.begin_y / kTilePx,
+                            (batch.bounds.end_y - 1) / kTilePx);
     for (std::size_t i = 0; i < count; ++i) {
       layers_.Insert(XOf(pixels[i]), YOf(pixels[i]),
                      std::uint64_t{batch.depths[begin + i]} << 32 | owner, scratch->colors[i]);
-    }
-    for (int row = first_row; row <= last_row; ++row) {
-      row_locks_.OfTileRow(row).Unlock();
     }
   }
 }

@@ -12,7 +12,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 
 #include "core/composite/pixel_codec.h"
@@ -51,8 +50,8 @@ class LayerPass {
   LayerPass(const view::View& view, const volume::BlockLayout& layout, const frame::FrameSpec& spec,
             LayerRenderer* renderer);
 
-  // Draws meshes of translucent surfaces, at once. RESOURCE_EXHAUSTED if memory runs out.
-  // Thread-safe.
+  // Draws meshes of translucent surfaces, at once. RESOURCE_EXHAUSTED if memory runs out: then some
+  // fragments may be missing, and the pass must be abandoned. Thread-safe.
   absl::Status Add(std::span<const MeshToDraw> meshes);
 
   // Returns the layers. Call it once, after every Add has returned.
@@ -60,8 +59,7 @@ class LayerPass {
 
  private:
   void Draw(const MeshToDraw& item, PassResources::Scratch* scratch);
-  void Insert(const FragmentBatch& batch, const MeshToDraw& item,
-              PassResources::Scratch* scratch) ABSL_NO_THREAD_SAFETY_ANALYSIS;
+  void Insert(const FragmentBatch& batch, const MeshToDraw& item, PassResources::Scratch* scratch);
   void Shade(const MeshToDraw& item, std::span<const std::uint32_t> triangles,
              std::span<const std::uint32_t> pixels, PassResources::Scratch* scratch) const;
   void AddMapSteps(const mesh::CompactMesh& mesh, std::span<const std::uint32_t> triangles,

@@ -18,6 +18,7 @@
 
 #include "core/base/cancellation.h"
 #include "core/base/executor.h"
+#include "core/base/no_memory.h"
 #include "core/base/retry_delay.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
@@ -60,7 +61,8 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
   // Refuses a request with a field that this program does not know; else lets `answer` fill the
   // response, and ends the call with its status. The cancellation fires when the caller cancels;
   // its deadline is the caller's, or `max_duration` from now if that is sooner.
-  // RESOURCE_EXHAUSTED if the executor's queue is full; try again after kBusyDelay.
+  // RESOURCE_EXHAUSTED if the executor's queue is full, try again after kBusyDelay; or if memory
+  // runs out.
   static grpc::ServerUnaryReactor* Start(grpc::CallbackServerContext* context,
                                          const google::protobuf::Message& request,
                                          base::Executor* executor, absl::Duration max_duration,
@@ -74,7 +76,9 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
       task->End(status);
     } else if (!executor->TrySchedule([task, answer = std::move(answer)] {
                  const absl::Status checked = task->cancellation_.Check();
-                 task->End(checked.ok() ? answer(task->cancellation_, task->identity_) : checked);
+                 task->End(base::OrNoMemory("the answer", [&] {
+                   return checked.ok() ? answer(task->cancellation_, task->identity_) : checked;
+                 }));
                })) {
       task->End(base::WithRetryDelay(
           absl::ResourceExhaustedError(
