@@ -114,7 +114,7 @@ class CapsTest : public ::testing::TestWithParam<render::RendererKind> {
 
   [[nodiscard]] static bool is_egl() { return GetParam() == render::RendererKind::kEgl; }
 
-  // Wakes the cluster, with threads and limits drawn anew. It sleeps at the next call.
+  // Wakes the cluster, with threads and limits at random. It sleeps at the next call.
   absl::StatusOr<LocalCluster*> Get(const Volume& volume, std::int64_t edge, int shard_count) {
     std::string& directory = directories_[{volume.name, edge, shard_count}];
     if (directory.empty()) {

@@ -152,7 +152,7 @@ class Datasets {
         directories_(directories),
         clusters_(renderer, testing::DrawSeed(volume.name)) {}
 
-  // Wakes the cluster, with threads and limits drawn anew. It sleeps at the next call.
+  // Wakes the cluster, with threads and limits at random. It sleeps at the next call.
   absl::StatusOr<LocalCluster*> Get(std::int64_t edge, int shard_count,
                                     store::Distribution distribution) {
     const absl::StatusOr<std::string> directory =

@@ -224,8 +224,16 @@ absl::StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::OpenAsleep(
 
 absl::Status LocalCluster::Wake(const Limits& limits) {
   Sleep();
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<tbb::task_arena> arena,
+                            MakeOnlyArena(limits.thread_count));
+  WakeIn(std::move(arena), limits);
+  return absl::OkStatus();
+}
+
+void LocalCluster::WakeIn(std::shared_ptr<tbb::task_arena> arena, const Limits& limits) {
+  Sleep();
+  arena_ = std::move(arena);
   limits_ = limits;
-  ISOSCOPE_ASSIGN_OR_RETURN(arena_, MakeOnlyArena(limits.thread_count));
   if (given_renderer_ == nullptr ||
       given_renderer_->picture_revision().back_end == frame::BackEnd::kEgl) {
     cpu_renderer_ = render::MakeCpuRenderer({.max_kept_bytes = limits.kept_mesh_bytes(),
@@ -235,7 +243,6 @@ absl::Status LocalCluster::Wake(const Limits& limits) {
   renderer_ = given_renderer_ != nullptr ? given_renderer_ : cpu_renderer_.get();
   layers_ = std::make_unique<render::LayerRenderer>(limits.unused_layer_bytes());
   images_ = image::FrameImagePool::Make(limits.unused_image_bytes());
-  return absl::OkStatus();
 }
 
 void LocalCluster::Sleep() {
@@ -324,7 +331,13 @@ absl::StatusOr<LocalCluster*> LocalClusters::Wake(const std::string& dataset_dir
   if (cluster == nullptr) {
     ISOSCOPE_ASSIGN_OR_RETURN(cluster, LocalCluster::OpenAsleep(dataset_directory, renderer_));
   }
-  ISOSCOPE_RETURN_IF_ERROR(cluster->Wake(DrawLimits(&dice_)));
+  Limits limits = DrawLimits(&dice_);
+  if (wake_count_++ % kWakesOfArena == 0) {
+    arena_.reset();
+    ISOSCOPE_ASSIGN_OR_RETURN(arena_, MakeOnlyArena(limits.thread_count));
+  }
+  limits.thread_count = arena_->max_concurrency();
+  cluster->WakeIn(arena_, limits);
   awake_ = cluster.get();
   return awake_;
 }

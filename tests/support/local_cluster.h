@@ -48,6 +48,8 @@ class LocalCluster {
 
   // Starts the threads. An error says that not all of them ran. REQUIRES: all clusters sleep.
   absl::Status Wake(const Limits& limits);
+  // The same, in an arena of MakeOnlyArena that has limits.thread_count threads.
+  void WakeIn(std::shared_ptr<tbb::task_arena> arena, const Limits& limits);
   // Gives the threads back. What the agents keep stays. REQUIRES: no frame is in work.
   void Sleep();
   [[nodiscard]] const Limits& limits() const { return limits_; }
@@ -102,12 +104,18 @@ class LocalClusters {
   LocalClusters(render::Renderer* renderer, std::uint64_t seed)
       : renderer_(renderer), dice_(seed) {}
 
-  // Wakes the cluster of a dataset, with new threads and limits. It sleeps at the next call.
+  // Wakes the cluster of a dataset, with a new limit, and now and then with a new count of threads.
+  // It sleeps at the next call.
   absl::StatusOr<LocalCluster*> Wake(const std::string& dataset_directory);
 
  private:
+  // On a busy machine it takes long until all threads of an arena have run.
+  static constexpr std::int64_t kWakesOfArena = 16;
+
   render::Renderer* const renderer_;
   Dice dice_;
+  std::int64_t wake_count_ = 0;
+  std::shared_ptr<tbb::task_arena> arena_;
   std::map<std::string, std::unique_ptr<LocalCluster>> clusters_;
   LocalCluster* awake_ = nullptr;
 };
