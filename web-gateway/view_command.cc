@@ -125,7 +125,7 @@ absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset&
   v1::GetHistogramRequest request;
   request.set_dataset(dataset.name());
   ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetHistogramResponse histogram,
-                            session->client().GetHistogram(request, session->timeout()));
+                            session->client().GetHistogram(request, session->question_timeout()));
   return FirstIsovalue(histogram, dataset);
 }
 
@@ -155,7 +155,7 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
                             cli::Session::Open(flags.session, view::kCommonViewport, context));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const v1::Dataset dataset,
-      session->client().GetDataset(session->dataset_name(), session->timeout()));
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
   ISOSCOPE_ASSIGN_OR_RETURN(const double isovalue,
                             ChooseIsovalue(flags, dataset, session.get(), context));
   if (flags.is_in_terminal) {
@@ -166,8 +166,8 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   options.channel = session->channel();
   options.coordinator_address = flags.session.server.value_or("");
   options.coordinator_token = session->token();
-  if (session->timeout() < absl::InfiniteDuration()) {
-    options.limits.max_picture_duration = session->timeout();
+  if (flags.session.timeout.has_value()) {
+    options.limits.max_picture_duration = *flags.session.timeout;
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<GatewayServer> server,
                             StartGateway(flags, &options));
