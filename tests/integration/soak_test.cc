@@ -42,6 +42,7 @@
 #include "tests/support/draws.h"
 #include "tests/support/local_cluster.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/only_arena.h"
 #include "tests/support/random_options.h"
 #include "tests/support/scenes.h"
 #include "tests/support/status_matchers.h"
@@ -57,7 +58,7 @@ using testing::LocalCluster;
 constexpr int kRoundCount = 40;  // of a bounded run
 constexpr int kViewCount = 4;    // of a round
 // Of a round of small frames: the frames, how often the volume is cut, and how often the cluster of
-// a cut gets other threads and limits.
+// a cut gets another limit.
 constexpr int kSmallFrameCount = 8;
 constexpr int kCutCount = 3;
 constexpr int kWakeCount = 2;
@@ -437,7 +438,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     tally_.Add(cluster->limits(), static_cast<std::int64_t>(frames.size()));
   }
 
-  // One small volume, cut several times, each cut with several counts of threads and limits.
+  // One small volume, cut several times, each cut with several limits.
   void RunSmallRound(std::uint64_t seed) {
     Dice dice(seed);
     const Volume volume = RandomVolume(&dice, 24);
@@ -448,6 +449,9 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, volume::BlockLayout::Make(dims, first_cells));
     std::vector<SmallFrame> frames;
     DrawReferences(volume, first, temp.Sub("one"), &dice, &frames);
+    // One arena for all cuts: on a busy machine it takes long until all of its threads have run.
+    const int thread_count = dice.OneOf(testing::kThreadCounts);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto arena, testing::MakeOnlyArena(thread_count));
     for (int cut = 0; cut < kCutCount && !HasFailure(); ++cut) {
       // OpenGL's pictures depend on how the volume is cut into blocks.
       const bool has_first_cells = cut == 0 || GetParam() == render::RendererKind::kEgl;
@@ -462,7 +466,8 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
         cluster->LoseAgents();
       }
       for (int wake = 0; wake < kWakeCount && !HasFailure(); ++wake) {
-        const testing::Limits limits = testing::DrawLimits(&dice);
+        testing::Limits limits = testing::DrawLimits(&dice);
+        limits.thread_count = thread_count;
         if (dice.OneIn(2)) {
           cluster->ForgetAll(RandomCacheBytes(&dice));
         }
@@ -472,7 +477,7 @@ class SoakTest : public ::testing::TestWithParam<render::RendererKind> {
                      << " of type " << static_cast<int>(volume.type) << ", blocks of " << cells.x
                      << " x " << cells.y << " x " << cells.z << ", " << shard_count << " shards, "
                      << limits << (side_by_side ? ", side by side" : ""));
-        ISOSCOPE_ASSERT_OK(cluster->Wake(limits));
+        cluster->WakeIn(arena, limits);
         CheckFrames(volume, layout, frames, side_by_side, cluster.get());
         cluster->Sleep();
       }
