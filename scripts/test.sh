@@ -68,8 +68,8 @@ build_and_test() {
 # base::Mutex: abseil's can't be seen either. There are no suppressions.
 tsan_programs=(
   access_control active_blocks admission admission_queue agent_registry cancellation executor file first_error
-  frame_board frame_coordinator frame_pipeline log lru_cache memory_budget memory_pool mesh_cache metrics mutex
-  page_file pixel_mailboxes queued_reads rate_control read_queue replica_board shard_reader shard_writer
+  frame_board frame_coordinator frame_pipeline log lru_cache memory_budget memory_pool mesh_cache mesh_supply metrics
+  mutex page_file pixel_mailboxes queued_reads rate_control read_queue replica_board shard_reader shard_writer
   tbb_contract trace_recorder write_queue
 )
 tsan_tests() {
