@@ -210,6 +210,11 @@ class Frame {
     }
   }
 
+  // An exception may have left tasks.
+  ~Frame() { AbandonCompositing(); }
+  Frame(const Frame&) = delete;
+  Frame& operator=(const Frame&) = delete;
+
   FrameOutcome Run() {
     absl::Status status = base::OrNoMemory("the frame", [this] { return BeginAndDrive(); });
     if (!status.ok()) {
@@ -218,11 +223,7 @@ class Frame {
           attempt.link->Cancel();
         }
       }
-      DropArrivals();
-      base::OrNoMemory("the frame", [this] {
-        setup_.arena->execute([&] { compositing_.wait(); });
-        return absl::OkStatus();
-      }).IgnoreError();  // of a frame that has failed
+      AbandonCompositing();
     }
     for (Part& part : parts_) {
       if (status.ok()) {
@@ -504,6 +505,7 @@ class Frame {
   // Lets the arena composite the pixels while others arrive.
   void Composite(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
     const std::size_t count = arrivals.size();
+    has_tasks_ = true;
     {
       const base::MutexLock lock(&arrivals_mutex_);
       std::move(arrivals.begin(), arrivals.end(), std::back_inserter(arrivals_));
@@ -529,17 +531,22 @@ class Frame {
     return !arrivals_.empty();
   }
 
-  // Composites what arrived first, unless another thread has taken it. The pixels and their memory
-  // are free when it returns.
+  // Takes what arrived first, unless another thread has.
+  std::optional<Arrival> TakeArrival() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const base::MutexLock lock(&arrivals_mutex_);
+    if (arrivals_.empty()) {
+      return std::nullopt;
+    }
+    std::optional<Arrival> arrival(std::move(arrivals_.front()));
+    arrivals_.pop_front();
+    return arrival;
+  }
+
+  // Composites what arrived first. The pixels and their memory are free when it returns.
   void CompositeNext() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
-    std::optional<Arrival> arrival;
-    {
-      const base::MutexLock lock(&arrivals_mutex_);
-      if (arrivals_.empty()) {
-        return;
-      }
-      arrival = std::move(arrivals_.front());
-      arrivals_.pop_front();
+    const std::optional<Arrival> arrival = TakeArrival();
+    if (!arrival.has_value()) {
+      return;
     }
     if (const auto* band = std::get_if<std::string>(&arrival->pixels)) {
       CompositeBand(arrival->from, *band);
@@ -548,11 +555,19 @@ class Frame {
     }
   }
 
-  // Drops the pixels that nobody has begun to composite.
-  void DropArrivals() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
-    std::deque<Arrival> dropped;  // destroyed without the lock
-    const base::MutexLock lock(&arrivals_mutex_);
-    dropped.swap(arrivals_);
+  // Drops the pixels that nobody has begun to composite, and waits for the rest. In the arena: one
+  // of one thread has nobody else to run the tasks. Allocates nothing.
+  void AbandonCompositing() noexcept ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    if (!std::exchange(has_tasks_, false)) {
+      return;
+    }
+    while (TakeArrival().has_value()) {
+    }
+    try {
+      setup_.arena->execute([&] { compositing_.wait(); });
+    } catch (const std::bad_alloc&) {
+      // A task has thrown it. All are done, and the frame has failed anyhow.
+    }
   }
 
   void CompositeDrawn(AttemptId id, const image::DrawnPixels& pixels) {
@@ -604,6 +619,7 @@ class Frame {
     {
       const base::TraceScope trace(setup_.trace, "finish compositing");
       setup_.arena->execute([&] { compositing_.wait(); });
+      has_tasks_ = false;
     }
     std::vector<std::pair<AttemptId, absl::Status>> damages;
     {
@@ -926,6 +942,7 @@ class Frame {
   mutable base::Mutex arrivals_mutex_;
   std::deque<Arrival> arrivals_ ABSL_GUARDED_BY(arrivals_mutex_);
   tbb::task_group compositing_;  // has a task for each arrival, which may come too late for it
+  bool has_tasks_ = false;       // since compositing_ was waited for; the frame's thread
   base::Mutex damage_mutex_;
   std::vector<std::pair<AttemptId, absl::Status>> damages_ ABSL_GUARDED_BY(damage_mutex_);
   std::vector<AgentFailure> failures_;

@@ -89,7 +89,8 @@ image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
       }
       const float depth =
           static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
-      const auto owner = static_cast<std::uint32_t>(1000 * base::RandomUnit(seed, 4 * i + 2));
+      const auto owner =
+          static_cast<std::uint32_t>(kBlockCount * base::RandomUnit(seed, 4 * i + 2));
       // A block has one fragment in a pixel: owner and depth decide the colour.
       const auto shade = static_cast<std::uint8_t>(owner % 251);
       image.Set(x, y, image::FragmentKey(depth, owner),
