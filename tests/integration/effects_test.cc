@@ -372,7 +372,8 @@ TEST_F(EffectsTest, NeitherThreadsNorTheLeastMemoryLimitShow) {
         }));
     std::set<std::string> workers;
     // A thread may come late. The number of frames has a bound.
-    for (int i = 0; i < 2 || (static_cast<int>(workers.size()) < thread_count - 1 && i < 30); ++i) {
+    for (int i = 0; i < 2 || (static_cast<int>(workers.size()) < thread_count - 1 && i < 300);
+         ++i) {
       ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::RenderIsosurfaceResponse response,
                                     Render(*cluster, request));
       if (expected.empty()) {
