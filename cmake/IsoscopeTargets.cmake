@@ -31,11 +31,18 @@ function(isoscope_executable)
     ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
 endfunction()
 
+# Makes the target LABEL_tests build NAME.
+function(isoscope_test_of_label label name)
+  if(NOT TARGET ${label}_tests)
+    add_custom_target(${label}_tests)
+  endif()
+  add_dependencies(${label}_tests ${name})
+endfunction()
+
 # isoscope_test(NAME foo_test SRCS foo_test.cc DEPS isoscope::store LABELS unit)
 #
 # Registers one CTest entry for the whole binary. Labels: unit, integration, golden, slow; and both, for a
-# test that scripts/test.sh runs in release and with AddressSanitizer. The target NAME of each label builds its tests:
-# unit_tests, integration_tests, both_tests.
+# test that scripts/test.sh runs in release and with AddressSanitizer. The target LABEL_tests builds those of a label.
 function(isoscope_test)
   cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "SRCS;DEPS;LABELS" ${ARGN})
   if(NOT ARG_LABELS)
@@ -56,10 +63,7 @@ function(isoscope_test)
     target_precompile_headers(${ARG_NAME} REUSE_FROM isoscope_test_headers)
   endif()
   foreach(label IN LISTS ARG_LABELS)
-    if(NOT TARGET ${label}_tests)
-      add_custom_target(${label}_tests)
-    endif()
-    add_dependencies(${label}_tests ${ARG_NAME})
+    isoscope_test_of_label(${label} ${ARG_NAME})
   endforeach()
   set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME})
@@ -89,6 +93,7 @@ function(isoscope_benchmark)
     RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/benchmarks")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --benchmark_min_time=0.01 "--benchmark_filter=${ARG_TESTED}")
   set_tests_properties(${ARG_NAME} PROPERTIES LABELS benchmark TIMEOUT 300)
+  isoscope_test_of_label(benchmark ${ARG_NAME})
 endfunction()
 
 # isoscope_fuzzer(NAME manifest_fuzz SRCS manifest_fuzz.cc DEPS isoscope::store
@@ -120,7 +125,7 @@ function(isoscope_fuzzer)
     set_property(GLOBAL APPEND PROPERTY ISOSCOPE_FUZZER_TARGETS ${ARG_NAME})
   else()
     set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
-    add_dependencies(unit_tests ${ARG_NAME})
+    isoscope_test_of_label(unit ${ARG_NAME})
     add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --mutations ${ARG_MUTATIONS})
     set_tests_properties(${ARG_NAME} PROPERTIES LABELS unit TIMEOUT 300)
   endif()
