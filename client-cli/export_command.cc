@@ -23,12 +23,14 @@
 #include "client-cli/mesh_store.h"
 #include "client-cli/mesh_writer.h"
 #include "client-cli/no_surface.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
 #include "core/frame/frame_spec.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -233,7 +235,7 @@ absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
 
 absl::Status Run(const ExportFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const MeshFileOptions file_options, FileOptions(flags));
-  ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.output));
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(

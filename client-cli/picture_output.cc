@@ -4,10 +4,11 @@
 #include <utility>
 
 #include "client-cli/frame_name.h"
-#include "client-cli/output.h"
+#include "client-cli/output_suffix.h"
 #include "client-cli/png_metadata.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
+#include "core/io/atomic_file.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 
@@ -106,7 +107,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   // was there: no record could make it again.
   if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK ||
       response.statistics().missing_shards_size() > 0) {
-    return WriteFileAtomically(path, png);
+    return io::WriteFileAtomically(path, png);
   }
   PictureRecord record{.picture_revision = options_.picture_revision,
                        .samples_digest = options_.samples_digest,
@@ -116,7 +117,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   *record.request.mutable_camera() = response.camera();
   record.request.clear_camera_fit();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string with_record, AddPictureRecord(png, record));
-  return WriteFileAtomically(path, with_record);
+  return io::WriteFileAtomically(path, with_record);
 }
 
 absl::Status PictureOutput::AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,

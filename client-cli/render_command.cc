@@ -26,7 +26,6 @@
 #include "client-cli/like_picture.h"
 #include "client-cli/look_flags.h"
 #include "client-cli/no_surface.h"
-#include "client-cli/output.h"
 #include "client-cli/picture_output.h"
 #include "client-cli/picture_scaling.h"
 #include "client-cli/plane_flags.h"
@@ -42,9 +41,12 @@
 #include "client-cli/waiting_line.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
 #include "core/frame/drawn_window.h"
 #include "core/image/jpeg_codec.h"
 #include "core/image/png_codec.h"
+#include "core/io/atomic_file.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 
@@ -204,16 +206,16 @@ absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app, const Con
 // Finds out before any work whether its result can be kept.
 absl::Status CheckOutputs(const RenderFlags& flags) {
   if (flags.output) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(FrameFileName(*flags.output, 0)));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(FrameFileName(*flags.output, 0)));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
   if (flags.view.save_camera_file) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
   }
   if (flags.trace) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.trace));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.trace));
   }
-  return flags.stats && *flags.stats != "-" ? CheckWritable(*flags.stats) : absl::OkStatus();
+  return flags.stats && *flags.stats != "-" ? io::CheckWritable(*flags.stats) : absl::OkStatus();
 }
 
 absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRecord>& frames,
@@ -226,7 +228,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
     *context.out << json;
     return absl::OkStatus();
   }
-  return WriteFileAtomically(*flags.stats, json);
+  return io::WriteFileAtomically(*flags.stats, json);
 }
 
 // The dataset, and what the record of its pictures says of it.
@@ -281,7 +283,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
                      .statistics = response.statistics()});
   if (trace_path) {
     ISOSCOPE_RETURN_IF_ERROR(
-        WriteFileAtomically(*trace_path, TraceToJson(response.trace(), absl::Now() - start)));
+        io::WriteFileAtomically(*trace_path, TraceToJson(response.trace(), absl::Now() - start)));
   }
   return response;
 }
@@ -400,7 +402,7 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   if (IsJpeg(flags)) {
     if (HasFrameNumber(*flags.output) || frame_index + 1 == flags.sweep.frame_count()) {
       ISOSCOPE_RETURN_IF_ERROR(
-          WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
+          io::WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
     }
   } else if (flags.output || !flags.planes.any_plane()) {
     ISOSCOPE_RETURN_IF_ERROR(output->Write(frame_index, request, response));
@@ -469,7 +471,7 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
                       /*says_waiting=*/frame_count == 1, context));
       if (i == 0 && flags.view.save_camera_file) {
         ISOSCOPE_RETURN_IF_ERROR(
-            WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
+            io::WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
       }
       ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
       progress.Update(i + 1);

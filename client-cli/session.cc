@@ -8,7 +8,6 @@
 
 #include "client-cli/dataset_cache.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/usage.h"

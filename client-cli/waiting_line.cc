@@ -5,7 +5,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
 
 namespace isoscope::cli {
 
