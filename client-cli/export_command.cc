@@ -24,6 +24,7 @@
 #include "client-cli/mesh_writer.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/parse_value.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"

@@ -18,6 +18,7 @@
 #include "client-cli/flags.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/render_request.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"

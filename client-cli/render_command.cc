@@ -32,6 +32,7 @@
 #include "client-cli/png_metadata.h"
 #include "client-cli/poster.h"
 #include "client-cli/render_request.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/show_picture.h"
 #include "client-cli/sweep.h"
