@@ -43,7 +43,7 @@ struct ExportFlags {
   ClipFlags clip;
   std::optional<std::string> output;
   std::optional<MeshFormat> format;
-  std::optional<Color> color;
+  std::optional<frame::Color> color;
   std::optional<std::int64_t> min_component;
   std::optional<double> simplify_share;
   std::optional<double> simplify_error;

@@ -73,13 +73,13 @@ bool MeshFileOptions::has_colors() const {
                      [](const MeshSurface& surface) { return surface.color.has_value(); });
 }
 
-Color MeshFileOptions::ColorOf(int surface_index) const {
+frame::Color MeshFileOptions::ColorOf(int surface_index) const {
   const image::Rgba8 clay = frame::Appearance().base_color;
   constexpr float kMax = 255;
   return surfaces[static_cast<std::size_t>(surface_index)].color.value_or(
-      Color{.red = static_cast<float>(clay.r) / kMax,
-            .green = static_cast<float>(clay.g) / kMax,
-            .blue = static_cast<float>(clay.b) / kMax});
+      frame::Color{.red = static_cast<float>(clay.r) / kMax,
+                   .green = static_cast<float>(clay.g) / kMax,
+                   .blue = static_cast<float>(clay.b) / kMax});
 }
 
 absl::Status CheckUsage(const MeshFileOptions& options) {
@@ -91,7 +91,7 @@ absl::Status CheckUsage(const MeshFileOptions& options) {
   return absl::OkStatus();
 }
 
-std::array<std::uint8_t, 3> ToBytes(const Color& color) {
+std::array<std::uint8_t, 3> ToBytes(const frame::Color& color) {
   const auto byte = [](float value) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0F, 1.0F) * 255));
   };

@@ -213,8 +213,8 @@ absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
 
 namespace {
 
-absl::StatusOr<Color> ParseChannels(absl::string_view text, std::size_t max_count,
-                                    absl::string_view expected) {
+absl::StatusOr<frame::Color> ParseChannels(absl::string_view text, std::size_t max_count,
+                                           absl::string_view expected) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values,
                             ParseList(text, 3, max_count, expected));
   for (const double value : values) {
@@ -223,19 +223,19 @@ absl::StatusOr<Color> ParseChannels(absl::string_view text, std::size_t max_coun
     }
   }
   const auto channel = [&](std::size_t i) { return static_cast<float>(values[i]); };
-  return Color{.red = channel(0),
-               .green = channel(1),
-               .blue = channel(2),
-               .alpha = values.size() > 3 ? channel(3) : 1.0F};
+  return frame::Color{.red = channel(0),
+                      .green = channel(1),
+                      .blue = channel(2),
+                      .alpha = values.size() > 3 ? channel(3) : 1.0F};
 }
 
 }  // namespace
 
-absl::StatusOr<Color> ParseColor(absl::string_view text) {
+absl::StatusOr<frame::Color> ParseColor(absl::string_view text) {
   return ParseChannels(text, 3, "R,G,B, three numbers from 0 to 1 between commas");
 }
 
-absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text) {
+absl::StatusOr<frame::Color> ParseColorWithAlpha(absl::string_view text) {
   return ParseChannels(text, 4, "R,G,B or R,G,B,A, numbers from 0 to 1 between commas");
 }
 
@@ -250,7 +250,7 @@ absl::StatusOr<SurfaceValue> ParseSurface(absl::string_view text) {
   }
   SurfaceValue surface{.isovalue = *isovalue, .color = std::nullopt};
   if (parts.size() > 1) {
-    const absl::StatusOr<Color> color = ParseColor(parts[1]);
+    const absl::StatusOr<frame::Color> color = ParseColor(parts[1]);
     if (!color.ok()) {
       return Malformed(text, kExpected);
     }

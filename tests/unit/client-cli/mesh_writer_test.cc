@@ -31,7 +31,7 @@ namespace {
 using ::isoscope::testing::TempDir;
 using ::testing::HasSubstr;
 
-constexpr Color kOrange{.red = 1, .green = 0.5F, .blue = 0};
+constexpr frame::Color kOrange{.red = 1, .green = 0.5F, .blue = 0};
 
 template <typename T>
 T Load(const std::string& bytes, std::size_t offset) {
@@ -373,7 +373,7 @@ TEST(MeshWriterTest, HeadersHaveRoomForAllSurfaces) {
     MeshFileOptions options{.path = folder.Sub("mesh"), .format = format};
     options.surfaces.resize(16, {.isovalue = -1.2345678901234567e-300});
     if (format != MeshFormat::kStl) {
-      options.surfaces[0].color = Color{.red = 0.123456F, .green = 0.0301F, .blue = 0.9F};
+      options.surfaces[0].color = frame::Color{.red = 0.123456F, .green = 0.0301F, .blue = 0.9F};
       options.surfaces.assign(16, options.surfaces[0]);
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, MeshWriter::Create(options));
