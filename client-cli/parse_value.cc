@@ -193,24 +193,6 @@ absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text) {
   return duration;
 }
 
-absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
-  constexpr absl::string_view kExpected =
-      "HOST:PORT with a port from 0 to 65535 (an IPv6 address in brackets: [::1]:50051)";
-  const std::size_t colon = text.rfind(':');
-  if (colon == absl::string_view::npos || colon == 0) {
-    return Malformed(text, kExpected);
-  }
-  const absl::string_view host = text.substr(0, colon);
-  const absl::string_view port = text.substr(colon + 1);
-  const bool is_bracketed = host.size() > 2 && host.front() == '[' && host.back() == ']';
-  std::int64_t port_value = 0;
-  if ((absl::StrContains(host, ':') && !is_bracketed) || absl::StrContains(text, ' ') ||
-      !absl::SimpleAtoi(port, &port_value) || port_value < 0 || port_value > 65535) {
-    return Malformed(text, kExpected);
-  }
-  return absl::StrCat(text);
-}
-
 namespace {
 
 absl::StatusOr<frame::Color> ParseChannels(absl::string_view text, std::size_t max_count,

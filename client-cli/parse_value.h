@@ -19,6 +19,7 @@
 #include "core/frame/color.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
+#include "core/rpc/host_port.h"
 #include "core/view/camera.h"
 
 namespace isoscope::cli {
@@ -45,8 +46,7 @@ absl::StatusOr<math::Index3> ParseBlockCells(absl::string_view text);
 absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text);
 // A number of seconds > 0, with s, ms, m or h if wanted: "30", "1.5s", "2m".
 absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text);
-// "HOST:PORT", port 0 to 65535; an IPv6 address in brackets. Returns the text.
-absl::StatusOr<std::string> ParseHostPort(absl::string_view text);
+using rpc::ParseHostPort;
 
 // "R,G,B": opaque.
 absl::StatusOr<frame::Color> ParseColor(absl::string_view text);

@@ -86,14 +86,6 @@ TEST(ParseValueTest, SecondsTakeUnits) {
   ExpectRefused(ParseSeconds, {"", "0", "-1", "inf", "nan", "soon", "-2s"});
 }
 
-TEST(ParseValueTest, AddressesHaveHostAndPort) {
-  for (const char* text : {"localhost:50051", "127.0.0.1:0", "[::1]:65535", "agents.svc:1"}) {
-    EXPECT_THAT(ParseHostPort(text), IsOk()) << text;
-  }
-  ExpectRefused(ParseHostPort, {"", "localhost", ":50051", "localhost:", "localhost:65536",
-                                "localhost:-1", "localhost:http", "::1:50051", "local host:1"});
-}
-
 TEST(ParseValueTest, ColorsStayBetweenZeroAndOne) {
   EXPECT_EQ(*ParseColor("1,0.5,0"), (frame::Color{1, 0.5F, 0, 1}));
   EXPECT_EQ(*ParseColorWithAlpha("1,0.5,0,0.25"), (frame::Color{1, 0.5F, 0, 0.25F}));
