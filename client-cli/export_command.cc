@@ -104,8 +104,10 @@ absl::Status CheckUsage(const ExportFlags& flags) {
 absl::StatusOr<MeshFileOptions> FileOptions(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   MeshFileOptions options{.path = *flags.output, .surfaces = flags.mesh_surfaces()};
-  ISOSCOPE_ASSIGN_OR_RETURN(options.format, MeshFormatOf(*flags.output, flags.format));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(options));
+  const absl::StatusOr<MeshFormat> format = MeshFormatOf(*flags.output, flags.format);
+  ISOSCOPE_RETURN_IF_ERROR(AsUsageError(format.status()));
+  options.format = *format;
+  ISOSCOPE_RETURN_IF_ERROR(AsUsageError(Validate(options)));
   return options;
 }
 

@@ -26,7 +26,7 @@ absl::StatusOr<MeshFormat> ParseMeshFormat(absl::string_view text);
 absl::string_view NameOf(MeshFormat format);
 
 // The format of a file: `format` if it is given, else that of the name's suffix; PLY for a name
-// without one. UsageError if the suffix is that of none, or contradicts `format`.
+// without one. INVALID_ARGUMENT if the suffix is that of none, or contradicts `format`.
 absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
                                         const std::optional<MeshFormat>& format);
 
@@ -49,8 +49,8 @@ struct MeshFileOptions {
   [[nodiscard]] frame::Color ColorOf(int surface_index) const;
 };
 
-// UsageError if the format can't hold what is asked for: STL has no colours.
-absl::Status CheckUsage(const MeshFileOptions& options);
+// INVALID_ARGUMENT if the format can't hold what is asked for: STL has no colours.
+absl::Status Validate(const MeshFileOptions& options);
 
 // Red, green and blue, rounded to 8 bits.
 std::array<std::uint8_t, 3> ToBytes(const frame::Color& color);
@@ -61,7 +61,7 @@ std::array<std::uint8_t, 3> ToBytes(const frame::Color& color);
 // written.
 class MeshWriter : public MeshSink {
  public:
-  // REQUIRES: CheckUsage is OK. Errors as io::CreateWritableFile.
+  // REQUIRES: Validate is OK. Errors as io::CreateWritableFile.
   static absl::StatusOr<std::unique_ptr<MeshWriter>> Create(const MeshFileOptions& options);
 
   // Errors of writing. OUT_OF_RANGE, and what to do, where the format can't hold as many.

@@ -6,6 +6,7 @@
 #include "client-cli/frame_name.h"
 #include "client-cli/output_suffix.h"
 #include "client-cli/png_metadata.h"
+#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
 #include "core/io/atomic_file.h"
@@ -73,7 +74,8 @@ absl::Status AnnotatePng(const AnnotationFlags& flags,
 absl::Status CheckPicturePath(const std::string& path, const view::Viewport& viewport) {
   const std::string first = FrameFileName(path, 0);
   if (IsAnimationName(first)) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckAnimationSize(path, viewport.width_px, viewport.height_px));
+    ISOSCOPE_RETURN_IF_ERROR(
+        AsUsageError(CheckAnimationSize(path, viewport.width_px, viewport.height_px)));
   } else {
     ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(first, ".png", "PNG"));
   }

@@ -18,7 +18,6 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/usage.h"
 #include "core/base/coding.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
@@ -319,8 +318,8 @@ TEST(MeshWriterTest, ColorsAreThereWhereTheFormatHasThem) {
                                                .format = MeshFormat::kObj,
                                                .surfaces = {{.color = kOrange}}}));
   EXPECT_THAT(obj, HasSubstr("v 1 0 0 1 0.5 0\n"));
-  EXPECT_TRUE(IsUsageError(
-      CheckUsage({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}})));
+  EXPECT_TRUE(absl::IsInvalidArgument(
+      Validate({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}})));
 }
 
 // Three surfaces; the middle one has no triangle, and the first no colour of its own.
@@ -432,8 +431,8 @@ TEST(MeshWriterTest, SuffixAndFlagDecideTheFormatTogether) {
   EXPECT_EQ(MeshFormatOf("a", MeshFormat::kVtp).value(), MeshFormat::kVtp);
   EXPECT_EQ(MeshFormatOf("a.mesh", MeshFormat::kVtp).value(), MeshFormat::kVtp);
   EXPECT_EQ(MeshFormatOf("a.stl", MeshFormat::kStl).value(), MeshFormat::kStl);
-  EXPECT_TRUE(IsUsageError(MeshFormatOf("a.mesh", std::nullopt).status()));
-  EXPECT_TRUE(IsUsageError(MeshFormatOf("a.stl", MeshFormat::kPly).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(MeshFormatOf("a.mesh", std::nullopt).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(MeshFormatOf("a.stl", MeshFormat::kPly).status()));
   EXPECT_THAT(std::string(ParseMeshFormat("fbx").status().message()), HasSubstr("ply, stl, obj"));
 }
 
