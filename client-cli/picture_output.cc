@@ -35,7 +35,7 @@ bool IsBackgroundLight(const isoscope::v1::RenderIsosurfaceRequest& request) {
 }
 
 // Draws the annotations of a frame over `*png`, and tells what the record says of that.
-absl::Status AnnotatePng(const AnnotationFlags& flags,
+absl::Status AnnotatePng(const Annotations& annotations,
                          const isoscope::v1::RenderIsosurfaceRequest& request,
                          const isoscope::v1::RenderIsosurfaceResponse& response,
                          const std::string& patient_frame, std::string* png,
@@ -62,7 +62,7 @@ absl::Status AnnotatePng(const AnnotationFlags& flags,
     scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by});
   }
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
-  ISOSCOPE_ASSIGN_OR_RETURN(Annotated drawn, Annotate(flags, scene, std::move(picture)));
+  ISOSCOPE_ASSIGN_OR_RETURN(Annotated drawn, Annotate(annotations, scene, std::move(picture)));
   annotated->plain_png_sha256 = PictureSha256(*png);
   annotated->boxes = std::move(drawn.boxes);
   *png = image::EncodePng(drawn.picture.width, drawn.picture.height, drawn.picture.pixels);

@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/annotation_flags.h"
 #include "client-cli/annotations.h"
 #include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
@@ -74,7 +75,7 @@ struct RenderFlags {
   std::optional<std::string> trace;
   bool has_no_metadata = false;
   bool allow_partial = false;
-  AnnotationFlags annotations;
+  Annotations annotations;
 };
 
 // Whether the picture is drawn region by region.
