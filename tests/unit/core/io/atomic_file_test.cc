@@ -64,9 +64,23 @@ TEST(AtomicFileTest, AnAtomicFileAppearsWhenItIsCommittedAndElseLeavesNothing) {
   EXPECT_EQ(EntryCount(folder.path()), 1U);
 }
 
+TEST(AtomicFileTest, AHeaderIsFilledInLast) {
+  const TempDir folder;
+  const std::string path = folder.Sub("a.ply");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto file, AtomicFile::Create(path));
+  ISOSCOPE_ASSERT_OK(file->Append("...., first"));
+  ISOSCOPE_ASSERT_OK(file->WriteAt(0, "head"));
+  EXPECT_EQ(file->size_bytes(), 11);
+  ISOSCOPE_ASSERT_OK(file->Append(", second"));
+  ISOSCOPE_ASSERT_OK(file->Commit());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, ReadWholeFile(path, 100));
+  EXPECT_EQ(content, "head, first, second");
+}
+
 TEST(AtomicFileTest, DevicesAreWrittenAsTheyAre) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto device, AtomicFile::Create("/dev/null"));
   ISOSCOPE_EXPECT_OK(device->Append("x"));
+  ISOSCOPE_EXPECT_OK(device->WriteAt(0, "y"));
   ISOSCOPE_EXPECT_OK(device->Commit());
   ISOSCOPE_EXPECT_OK(CheckWritable("/dev/null"));
   ISOSCOPE_EXPECT_OK(WriteFileAtomically("/dev/null", "x"));
