@@ -9,7 +9,8 @@
 #include "absl/strings/str_format.h"
 
 #include "bench/sample_statistics.h"
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::bench {
 namespace {

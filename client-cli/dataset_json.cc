@@ -15,8 +15,9 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 
-#include "client-cli/output.h"
 #include "core/base/printable.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {

@@ -7,7 +7,8 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::cli {
 namespace {

@@ -14,7 +14,8 @@
 #include "absl/strings/str_replace.h"
 #include <sys/ioctl.h>
 
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::cli {
 namespace {

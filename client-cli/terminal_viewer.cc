@@ -31,6 +31,7 @@
 
 #include "client-cli/picture_scaling.h"
 #include "client-cli/raw_terminal.h"
+#include "client-cli/service_client.h"
 #include "client-cli/terminal_keys.h"
 #include "client-cli/terminal_picture.h"
 #include "client-cli/view_controls.h"

@@ -23,9 +23,9 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/strand.hpp>
 
-#include "client-cli/parse_value.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/host_port.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/tls_context.h"
 #include "web-gateway/url.h"
@@ -86,7 +86,7 @@ class GatewayServerImpl final : public GatewayServer {
     }
     // The resolver would take 99999 for another port.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
-                              cli::ParseHostPort(options.listen_address));
+                              rpc::ParseHostPort(options.listen_address));
     const std::size_t colon = address.rfind(':');
     const auto failed = [&](absl::string_view step, const error_code& error) {
       return absl::UnavailableError(

@@ -26,6 +26,7 @@
 #include "client-cli/flags.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/parse_value.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/show_picture.h"
 #include "client-cli/terminal_viewer.h"
