@@ -4,8 +4,8 @@
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/apng_writer.h"
-#include "client-cli/usage.h"
 #include "client-cli/webp_writer.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {

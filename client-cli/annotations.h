@@ -14,15 +14,12 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"
 #include "core/view/view.h"
 #include "core/volume/patient_frame.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -38,7 +35,7 @@ struct AnnotationFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags);
+void AddAnnotationFlags(FlagSet* set, AnnotationFlags* flags);
 
 // How a surface was coloured: a part of the legend.
 struct SurfaceColoring {

@@ -42,10 +42,10 @@
 
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "client-cli/work_folder.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 
 namespace isoscope::cli {

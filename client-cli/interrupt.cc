@@ -7,8 +7,8 @@
 #include <thread>
 
 #include "client-cli/raw_terminal.h"
-#include "client-cli/usage.h"
 #include "core/base/mutex.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 

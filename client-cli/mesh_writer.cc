@@ -12,10 +12,10 @@
 #include "client-cli/obj_writer.h"
 #include "client-cli/ply_writer.h"
 #include "client-cli/stl_writer.h"
-#include "client-cli/usage.h"
 #include "client-cli/vtp_writer.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/cli/usage.h"
 #include "core/frame/appearance.h"
 
 namespace isoscope::cli {

@@ -16,11 +16,11 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/usage.h"
 #include "core/base/check.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 
 namespace isoscope::cli {

@@ -18,8 +18,8 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/usage.h"
 #include "core/base/coding.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
