@@ -12,10 +12,7 @@
 
 #include "client-cli/interrupt.h"
 #include "core/cli/command_description.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
+#include "core/cli/flag_set.h"
 
 namespace isoscope::cli {
 
@@ -42,8 +39,8 @@ struct Command {
   std::string summary;   // one line
   std::string usage;     // what follows "isoscope NAME" in the first line of --help
   std::string examples;  // the last lines of --help
-  // Adds the flags to `app`. The action owns the variables that they are read into.
-  Action (*register_flags)(CLI::App* app);
+  // Adds the flags to `set`. The action owns the variables that they are read into.
+  Action (*register_flags)(FlagSet* set);
 };
 
 Command PartitionCommand();

@@ -6,8 +6,8 @@
 
 #include <thread>
 
-#include "client-cli/usage.h"
 #include "core/base/mutex.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 

@@ -3,13 +3,14 @@
 
     tools/check_layers.py [ROOT]
 
-Four rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
+Five rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
 1. A module includes itself and modules on lower floors (MODULES), never higher ones; server and
    partition-agent, on the same floor, never include each other. A program's main.cc may include all.
 2. gRPC and protobuf appear only in the files of GRPC_FILES and PROTO_FILES.
 3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
-4. core, server and partition-agent call no elementary function of libm, whose bits depend on the
+4. CLI11 appears only in CLI11_FILE: its headers cost six seconds of compile time each time.
+5. core, server and partition-agent call no elementary function of libm, whose bits depend on the
    machine: core/math/elementary.h has them. LIBM_FILES lists the exceptions with their reasons.
 """
 
@@ -60,6 +61,9 @@ GRPC_FILES = re.compile(
 )
 # Who may name protobuf's headers and generated messages (*.pb.h).
 PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|(client-cli|bench|web-gateway)/.*")
+
+# Who may name CLI11's headers.
+CLI11_FILE = "core/cli/flag_set.cc"
 
 UNTESTED_HEADERS = {
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
@@ -152,6 +156,8 @@ def check_include(file, included):
         if not PROTO_FILES.fullmatch(file):
             return f"messages ({included}) are for core/rpc, servers, client-cli, bench and web-gateway"
         return None
+    if included.startswith("CLI/") and file != CLI11_FILE:
+        return f"CLI11 ({included}) is for {CLI11_FILE}: use core/cli/flag_set.h"
     of_file, of_included = module_of(file), module_of(included)
     if of_included is None or of_file == of_included:
         if included.startswith("tests/"):

@@ -25,6 +25,7 @@ class CheckIncludeTest(unittest.TestCase):
             ("bench/a.cc", "client-cli/command.h"),
             ("bench/a.cc", "isoscope/v1/frame.pb.h"),
             ("client-cli/main.cc", "bench/commands.h"),
+            ("core/cli/flag_set.cc", "CLI/CLI.hpp"),
         ]:
             self.assertIsNone(check_layers.check_include(file, included), (file, included))
 
@@ -39,6 +40,10 @@ class CheckIncludeTest(unittest.TestCase):
             ("core/base/a.cc", "tests/support/temp_dir.h"),
         ]:
             self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
+
+    def test_one_source_sees_cli11(self):
+        for file in ("core/cli/flag_set.h", "client-cli/command.cc", "server/main.cc"):
+            self.assertIsNotNone(check_layers.check_include(file, "CLI/CLI.hpp"), file)
 
     def test_grpc_and_messages_stay_at_the_edges(self):
         for file, included in [
