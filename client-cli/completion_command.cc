@@ -8,7 +8,7 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 #include "client-cli/terminal.h"
 #include "core/cli/flags.h"
 #include "core/cli/shell_completion.h"

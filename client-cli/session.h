@@ -12,9 +12,9 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
-#include "client-cli/command.h"
 #include "client-cli/connection_flags.h"
 #include "client-cli/source_flags.h"
+#include "core/cli/command.h"
 #include "core/cli/flag_set.h"
 #include "core/render/renderer_kind.h"
 #include "core/view/camera.h"

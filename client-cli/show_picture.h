@@ -8,9 +8,9 @@
 
 #include "absl/status/statusor.h"
 
-#include "client-cli/command.h"
 #include "client-cli/terminal.h"
 #include "client-cli/terminal_picture.h"
+#include "core/cli/command.h"
 #include "core/cli/flag_set.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"

@@ -5,7 +5,7 @@
 // 3. The action works. Its error is printed in one line, and decides the exit code: 2 for wrong
 //    usage, else 1.
 
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 
 #include <algorithm>
 #include <cstddef>

@@ -1,7 +1,7 @@
-// The commands of the command line: how they are described, found and run.
+// A command of a program, and its surroundings.
 
-#ifndef ISOSCOPE_CLIENT_CLI_COMMAND_H_
-#define ISOSCOPE_CLIENT_CLI_COMMAND_H_
+#ifndef ISOSCOPE_CORE_CLI_COMMAND_H_
+#define ISOSCOPE_CORE_CLI_COMMAND_H_
 
 #include <functional>
 #include <iosfwd>
@@ -10,9 +10,8 @@
 
 #include "absl/status/status.h"
 
-#include "client-cli/interrupt.h"
-#include "core/cli/command_description.h"
 #include "core/cli/flag_set.h"
+#include "core/cli/interrupt.h"
 
 namespace isoscope::cli {
 
@@ -43,29 +42,6 @@ struct Command {
   Action (*register_flags)(FlagSet* set);
 };
 
-Command PartitionCommand();
-Command InfoCommand();
-Command ServeCommand();
-Command RenderCommand();
-Command PickCommand();
-Command ExportCommand();
-Command GenerateCommand();
-Command CacheListCommand();
-Command CacheClearCommand();
-Command CompletionCommand();
-Command TopCommand();
-
-// All commands of this room, in the order of --help.
-std::vector<Command> Commands();
-
-// What completions and man pages are made of.
-ProgramDescription DescribeProgram(const std::vector<Command>& commands);
-
-// Runs the command line, given without the program's name, with one of `commands`; --help lists
-// them in their order. Returns the exit code.
-int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,
-                   const Context& context);
-
 }  // namespace isoscope::cli
 
-#endif  // ISOSCOPE_CLIENT_CLI_COMMAND_H_
+#endif  // ISOSCOPE_CORE_CLI_COMMAND_H_

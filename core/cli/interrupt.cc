@@ -1,4 +1,4 @@
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 
 #include <pthread.h>
 #include <signal.h>  // NOLINT(modernize-deprecated-headers): sigwait is POSIX, not <csignal>
