@@ -33,9 +33,9 @@
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
-#include "client-cli/interrupt.h"
 #include "client-cli/service_client.h"
 #include "core/base/status_macros.h"
+#include "core/cli/interrupt.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/table.h"
 #include "core/rpc/proto_convert.h"

@@ -17,9 +17,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
-#include "client-cli/command.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/render_request.h"
+#include "core/cli/command.h"
 
 namespace isoscope::bench {
 

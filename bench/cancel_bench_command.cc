@@ -14,15 +14,15 @@
 #include "bench/cancel_bench.h"
 #include "bench/commands.h"
 #include "bench/machine.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
-#include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
+#include "core/cli/flags.h"
 #include "core/cli/format.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 #include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
@@ -126,31 +126,31 @@ absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<CancelBenchFlags>();
-  cli::AddFlag(app, "input", "INPUT|DIR", &flags->input, cli::ParseText,
+  cli::AddFlag(set, "input", "INPUT|DIR", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it, or a dataset folder");
-  cli::AddFlag(app, "--shards", "P", &flags->shard_count, cli::ParseShardCount,
+  cli::AddFlag(set, "--shards", "P", &flags->shard_count, cli::ParseShardCount,
                "cut a volume into P shards, one agent each (default: 1)");
   cli::AddFlag(
-      app, "--cancels", "N", &flags->cancel_count,
+      set, "--cancels", "N", &flags->cancel_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCancelCount); },
       "frames to cancel (default: 500)");
   cli::AddFlag(
-      app, "--frames-per-start", "N", &flags->frames_per_start,
+      set, "--frames-per-start", "N", &flags->frames_per_start,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCancelCount); },
       "frames before the cluster is started anew; the first of them is cold (default: 5)");
-  cli::AddFlag(app, "--seed", "S", &flags->seed, cli::ParseUnsigned,
+  cli::AddFlag(set, "--seed", "S", &flags->seed, cli::ParseUnsigned,
                "of the moments at which frames are cancelled (default: 1)");
   cli::AddFlag(
-      app, "--threads", "T", &flags->thread_count,
+      set, "--threads", "T", &flags->thread_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxThreadCount); },
       "threads of the agents together (default: one for each core)");
-  cli::AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+  cli::AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
                "back end (default: auto, EGL on a GPU, else the CPU)");
-  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");
-  cli::AddRequestFlags(app, &flags->request);
-  cli::AddSourceFlags(app, &flags->source);
+  cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");
+  cli::AddRequestFlags(set, &flags->request);
+  cli::AddSourceFlags(set, &flags->source);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

@@ -8,7 +8,7 @@
 
 #include "absl/status/statusor.h"
 
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 
 namespace isoscope::bench {
 

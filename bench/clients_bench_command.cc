@@ -15,14 +15,14 @@
 #include "bench/clients_bench.h"
 #include "bench/commands.h"
 #include "bench/machine.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
-#include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
@@ -91,15 +91,15 @@ absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<ClientsBenchFlags>();
-  cli::AddSessionFlags(app, &flags->session);
-  cli::AddFlag(app, "--clients", "N,...", &flags->counts, ParseCounts,
+  cli::AddSessionFlags(set, &flags->session);
+  cli::AddFlag(set, "--clients", "N,...", &flags->counts, ParseCounts,
                "numbers of clients, a round for each (default: 4,16,64)");
-  cli::AddFlag(app, "--seconds", "T", &flags->seconds, ParseSeconds,
+  cli::AddFlag(set, "--seconds", "T", &flags->seconds, ParseSeconds,
                "duration of a round (default: 15)");
-  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
-  cli::AddRequestFlags(app, &flags->request);
+  cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
+  cli::AddRequestFlags(set, &flags->request);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

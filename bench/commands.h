@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "client-cli/command.h"
+#include "core/cli/command.h"
 
 namespace isoscope::bench {
 

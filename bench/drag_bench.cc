@@ -18,10 +18,10 @@
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
-#include "client-cli/interrupt.h"
 #include "client-cli/service_client.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
+#include "core/cli/interrupt.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/v1/interact_service.pb.h"
 

@@ -12,14 +12,14 @@
 #include "bench/commands.h"
 #include "bench/drag_bench.h"
 #include "bench/machine.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
-#include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
@@ -84,20 +84,20 @@ absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<DragBenchFlags>();
-  cli::AddSessionFlags(app, &flags->session);
-  cli::AddRendererFlag(app, &flags->session);
-  cli::AddFlag(app, "--seconds", "S", &flags->seconds, cli::ParseNumber,
+  cli::AddSessionFlags(set, &flags->session);
+  cli::AddRendererFlag(set, &flags->session);
+  cli::AddFlag(set, "--seconds", "S", &flags->seconds, cli::ParseNumber,
                "how long to drag (default: 10)");
-  cli::AddFlag(app, "--rate", "N", &flags->rate, cli::ParseNumber,
+  cli::AddFlag(set, "--rate", "N", &flags->rate, cli::ParseNumber,
                "frames a second that the server aims for; 1 keeps the full size (default: 30)");
-  cli::AddFlag(app, "--states", "N", &flags->states, cli::ParseNumber,
+  cli::AddFlag(set, "--states", "N", &flags->states, cli::ParseNumber,
                "views a second that the client sends (default: 60)");
-  cli::AddFlag(app, "--decode-ms", "T", &flags->decode_ms, cli::ParseNumber,
+  cli::AddFlag(set, "--decode-ms", "T", &flags->decode_ms, cli::ParseNumber,
                "time that the client takes to decode a frame (default: 0)");
-  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
-  cli::AddRequestFlags(app, &flags->request);
+  cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
+  cli::AddRequestFlags(set, &flags->request);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

@@ -16,7 +16,7 @@
 #include "absl/strings/string_view.h"
 
 #include "bench/peer.h"
-#include "client-cli/command.h"
+#include "core/cli/command.h"
 
 namespace isoscope::bench {
 

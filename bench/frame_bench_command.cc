@@ -23,14 +23,14 @@
 #include "bench/frame_bench_report.h"
 #include "bench/machine.h"
 #include "bench/peer.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/render_request.h"
 #include "client-cli/source_flags.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 #include "core/io/file.h"
 #include "core/io/temporary_folder.h"
@@ -216,48 +216,48 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<FrameBenchFlags>();
   const auto parse_side = [](absl::string_view text) {
     return cli::ParseInteger(text, 1, view::kMaxViewportPx);
   };
-  cli::AddFlag(app, "input", "INPUT|DIR", &flags->input, cli::ParseText,
+  cli::AddFlag(set, "input", "INPUT|DIR", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
                "dataset folder");
-  cli::AddListFlag(app, "--isovalue", "V", &flags->isovalues, cli::ParseNumber,
+  cli::AddListFlag(set, "--isovalue", "V", &flags->isovalues, cli::ParseNumber,
                    "one or more levels, in field units");
-  cli::AddListFlag(app, "--shards", "P", &flags->shard_counts, cli::ParseShardCount,
+  cli::AddListFlag(set, "--shards", "P", &flags->shard_counts, cli::ParseShardCount,
                    "numbers of shards, one agent each (default: 1; of a folder its own)");
-  cli::AddListFlag(app, "--culling", "depth|mask|none", &flags->cullings, ParseCullingName,
+  cli::AddListFlag(set, "--culling", "depth|mask|none", &flags->cullings, ParseCullingName,
                    "one or more ways of culling (default: depth)");
-  cli::AddListFlag(app, "--renderer", "auto|egl|cpu", &flags->renderers, ParseRendererName,
+  cli::AddListFlag(set, "--renderer", "auto|egl|cpu", &flags->renderers, ParseRendererName,
                    "one or more back ends (default: auto)");
   cli::AddFlag(
-      app, "--runs", "N", &flags->run_count,
+      set, "--runs", "N", &flags->run_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCount); },
       "fresh processes for each row; medians are printed (default: 3)");
   cli::AddFlag(
-      app, "--frames", "N", &flags->frame_count,
+      set, "--frames", "N", &flags->frame_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 2, kMaxCount); },
       "frames of a run: the first is the cold one, 2 or more (default: 6)");
-  cli::AddFlag(app, "--orbit", "DEG", &flags->orbit_degrees, cli::ParseNumber,
+  cli::AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, cli::ParseNumber,
                "turn the camera about up after each frame (default: 7)");
-  cli::AddFlag(app, "--azimuth", "DEG", &flags->azimuth_degrees, cli::ParseNumber,
+  cli::AddFlag(set, "--azimuth", "DEG", &flags->azimuth_degrees, cli::ParseNumber,
                "turn the default camera about up before the first frame (default: 30)");
-  cli::AddFlag(app, "--elevation", "DEG", &flags->elevation_degrees, cli::ParseNumber,
+  cli::AddFlag(set, "--elevation", "DEG", &flags->elevation_degrees, cli::ParseNumber,
                "then about its right axis (default: 20)");
-  cli::AddFlag(app, "--width", "W", &flags->width, parse_side, "pixels (default: 1024)");
-  cli::AddFlag(app, "--height", "H", &flags->height, parse_side, "pixels (default: 1024)");
+  cli::AddFlag(set, "--width", "W", &flags->width, parse_side, "pixels (default: 1024)");
+  cli::AddFlag(set, "--height", "H", &flags->height, parse_side, "pixels (default: 1024)");
   cli::AddFlag(
-      app, "--threads", "T", &flags->thread_count,
+      set, "--threads", "T", &flags->thread_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCount); },
       "threads of all agents together (default: one for each core)");
-  cli::AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
+  cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
                "cells of a block when partitioning (default: as 'isoscope partition')");
-  cli::AddFlag(app, "--peer", "SCRIPT", &flags->peer, cli::ParseText,
+  cli::AddFlag(set, "--peer", "SCRIPT", &flags->peer, cli::ParseText,
                "a yardstick to run in turns with ours: see below");
-  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");
-  cli::AddSourceFlags(app, &flags->source);
+  cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");
+  cli::AddSourceFlags(set, &flags->source);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

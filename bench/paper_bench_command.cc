@@ -26,15 +26,15 @@
 #include "bench/paper_bench_plots.h"
 #include "bench/paper_bench_report.h"
 #include "client-cli/camera_flags.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
+#include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 #include "core/io/file.h"
 #include "core/io/temporary_folder.h"
@@ -289,45 +289,45 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<PaperBenchFlags>();
   const auto parse_agent_count = [](absl::string_view text) {
     return cli::ParseInteger(text, 1, kMaxAgentCount);
   };
-  cli::AddFlag(app, "input", "INPUT", &flags->input, cli::ParseText,
+  cli::AddFlag(set, "input", "INPUT", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it: it is cut anew for each number of agents");
-  cli::AddFlag(app, "--output", "DIR", &flags->output, cli::ParseText,
+  cli::AddFlag(set, "--output", "DIR", &flags->output, cli::ParseText,
                "folder for tables, plots and report.md; must not exist yet");
-  cli::AddListFlag(app, "--isovalues", "V|auto", &flags->isovalues, ParseLevelOrAuto,
+  cli::AddListFlag(set, "--isovalues", "V|auto", &flags->isovalues, ParseLevelOrAuto,
                    "levels of figures 1 and 6 (default: auto, evenly spread over the values)");
   cli::AddFlag(
-      app, "--levels", "N", &flags->level_count,
+      set, "--levels", "N", &flags->level_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxLevelCount); },
       "how many of them with auto (default: 16)");
   cli::AddListFlag(
-      app, "--picture-isovalues", "V", &flags->picture_isovalues, cli::ParseNumber,
+      set, "--picture-isovalues", "V", &flags->picture_isovalues, cli::ParseNumber,
       "levels of figure 8; figures 7 and 9 take the first (default: the middle level)");
-  cli::AddListFlag(app, "--agents", "P", &flags->agent_counts, parse_agent_count,
+  cli::AddListFlag(set, "--agents", "P", &flags->agent_counts, parse_agent_count,
                    "numbers of agents of figure 7 (default: 2,4,8,16)");
-  cli::AddFlag(app, "--distribution", "random|greedy", &flags->distribution,
+  cli::AddFlag(set, "--distribution", "random|greedy", &flags->distribution,
                store::DistributionFromName,
                "how the blocks of figure 7 are dealt out (default: random); figure 1 has both");
-  cli::AddListFlag(app, "--balance-agents", "P", &flags->balance_counts, parse_agent_count,
+  cli::AddListFlag(set, "--balance-agents", "P", &flags->balance_counts, parse_agent_count,
                    "numbers of agents of figure 1 (default: 2,4,8,16,32,64)");
   cli::AddFlag(
-      app, "--size", "N", &flags->side_px,
+      set, "--size", "N", &flags->side_px,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, view::kMaxViewportPx); },
       "sides of the pictures, pixels (default: 1024)");
   cli::AddFlag(
-      app, "--runs", "N", &flags->run_count,
+      set, "--runs", "N", &flags->run_count,
       [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxRunCount); },
       "times each figure is measured; the least time is kept (default: 3)");
-  cli::AddFlag(app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
+  cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
                "cells of a block (default: as 'isoscope partition')");
-  cli::AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+  cli::AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
                "back end (default: cpu, which keeps to the one thread of an isolated agent)");
-  cli::AddCameraFlags(app, &flags->camera);
-  cli::AddSourceFlags(app, &flags->source);
+  cli::AddCameraFlags(set, &flags->camera);
+  cli::AddSourceFlags(set, &flags->source);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

@@ -9,7 +9,7 @@
 #include "absl/status/status.h"
 
 #include "bench/paper_bench_report.h"
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 
 namespace isoscope::bench {
 

@@ -11,8 +11,8 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-#include "client-cli/command.h"
-#include "client-cli/interrupt.h"
+#include "core/cli/command.h"
+#include "core/cli/interrupt.h"
 #include "core/source/volume_source.h"
 
 namespace isoscope::bench {

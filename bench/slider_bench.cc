@@ -15,11 +15,11 @@
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
-#include "client-cli/interrupt.h"
 #include "client-cli/service_client.h"
 #include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/interrupt.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::bench {

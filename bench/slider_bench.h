@@ -13,9 +13,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
-#include "client-cli/command.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
+#include "core/cli/command.h"
 
 namespace isoscope::bench {
 

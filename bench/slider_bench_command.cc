@@ -13,14 +13,14 @@
 #include "bench/commands.h"
 #include "bench/machine.h"
 #include "bench/slider_bench.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
-#include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
@@ -85,17 +85,17 @@ absl::Status Run(const SliderBenchFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<SliderBenchFlags>();
-  cli::AddSessionFlags(app, &flags->session);
-  cli::AddRendererFlag(app, &flags->session);
-  cli::AddFlag(app, "--to", "V", &flags->last_isovalue, cli::ParseNumber,
+  cli::AddSessionFlags(set, &flags->session);
+  cli::AddRendererFlag(set, &flags->session);
+  cli::AddFlag(set, "--to", "V", &flags->last_isovalue, cli::ParseNumber,
                "isovalue where the slider ends; --isovalue is where it begins");
-  cli::AddFlag(app, "--steps", "N", &flags->steps, ParseSteps, "number of isovalues (default: 20)");
-  cli::AddFlag(app, "--pause-ms", "T", &flags->pause_ms, cli::ParseNumber,
+  cli::AddFlag(set, "--steps", "N", &flags->steps, ParseSteps, "number of isovalues (default: 20)");
+  cli::AddFlag(set, "--pause-ms", "T", &flags->pause_ms, cli::ParseNumber,
                "pause between frames (default: 0)");
-  cli::AddFlag(app, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
-  cli::AddRequestFlags(app, &flags->request);
+  cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
+  cli::AddRequestFlags(set, &flags->request);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

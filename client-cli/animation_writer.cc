@@ -5,6 +5,7 @@
 
 #include "client-cli/apng_writer.h"
 #include "client-cli/webp_writer.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {

@@ -2,28 +2,26 @@
 
 #include <string>
 
-#include <CLI/CLI.hpp>
-
-#include "client-cli/flags.h"
+#include "core/cli/flag_set.h"
 
 namespace isoscope::cli {
 
-void AddAnnotationFlags(CLI::App* app, Annotations* flags) {
+void AddAnnotationFlags(FlagSet* set, Annotations* flags) {
   const std::string group = "Annotations (drawn over the picture)";
-  app->add_flag("--axes", flags->has_axes,
-                "orientation axes in the bottom left corner: X, Y, Z, or the sides of the patient "
-                "(L R A P S I) where it is known")
-      ->group(group);
-  app->add_flag("--scale-bar", flags->has_scale_bar,
-                "a bar of a round number of world units in the bottom right corner; of a "
-                "perspective camera it holds at the target's distance")
-      ->group(group);
-  app->add_flag("--legend", flags->has_legend,
-                "the colour map of --color-by with its range, at the right side")
-      ->group(group);
-  AddFlag(app, "--caption", "TEXT", &flags->caption, ParseText,
+  set->AddSwitch("--axes", &flags->has_axes,
+                 "orientation axes in the bottom left corner: X, Y, Z, or the sides of the patient "
+                 "(L R A P S I) where it is known")
+      .Group(group);
+  set->AddSwitch("--scale-bar", &flags->has_scale_bar,
+                 "a bar of a round number of world units in the bottom right corner; of a "
+                 "perspective camera it holds at the target's distance")
+      .Group(group);
+  set->AddSwitch("--legend", &flags->has_legend,
+                 "the colour map of --color-by with its range, at the right side")
+      .Group(group);
+  AddFlag(set, "--caption", "TEXT", &flags->caption, ParseText,
           "text in the top left corner; {isovalue} becomes the frame's, \\n begins a line")
-      ->group(group);
+      .Group(group);
 }
 
 }  // namespace isoscope::cli

@@ -5,14 +5,10 @@
 
 #include "client-cli/annotations.h"
 
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
-
 namespace isoscope::cli {
 
 // `flags` must outlive the parsing.
-void AddAnnotationFlags(CLI::App* app, Annotations* flags);
+void AddAnnotationFlags(FlagSet* set, Annotations* flags);
 
 }  // namespace isoscope::cli
 

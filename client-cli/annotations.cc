@@ -25,6 +25,7 @@
 #include "absl/strings/str_split.h"
 
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/picture/color_map.h"
 
 namespace isoscope::cli {

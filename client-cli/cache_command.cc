@@ -11,11 +11,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/time.h"
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "client-cli/cache_entry.h"
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 #include "client-cli/dataset_cache.h"
 #include "client-cli/json_text.h"
 #include "client-cli/session.h"
@@ -138,19 +137,18 @@ absl::Status RunClear(const std::vector<std::string>& names, const Context& cont
   return absl::OkStatus();
 }
 
-Action RegisterListFlags(CLI::App* app) {
+Action RegisterListFlags(FlagSet* set) {
   const auto flags = std::make_shared<ListFlags>();
-  AddCacheLimitFlag(app, &flags->limit_bytes);
-  app->add_flag("--json", flags->is_json, "print JSON instead of text");
+  AddCacheLimitFlag(set, &flags->limit_bytes);
+  set->AddSwitch("--json", &flags->is_json, "print JSON instead of text");
   return [flags](const Context& context) { return RunList(*flags, context); };
 }
 
-Action RegisterClearFlags(CLI::App* app) {
+Action RegisterClearFlags(FlagSet* set) {
   const auto names = std::make_shared<std::vector<std::string>>();
   // Not AddListFlag, which takes a comma for the end of a value: paths may have some.
-  app->add_option("name", *names,
-                  "names as 'isoscope cache list' has them, or paths of volumes (default: all)")
-      ->type_name("NAME");
+  set->AddTexts("name", "NAME", names.get(),
+                "names as 'isoscope cache list' has them, or paths of volumes (default: all)");
   return [names](const Context& context) { return RunClear(*names, context); };
 }
 

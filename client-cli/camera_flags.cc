@@ -5,10 +5,10 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {
@@ -26,20 +26,20 @@ absl::StatusOr<double> ParseFieldOfView(absl::string_view text) {
 
 }  // namespace
 
-void AddCameraFlags(CLI::App* app, CameraFlags* flags) {
+void AddCameraFlags(FlagSet* set, CameraFlags* flags) {
   const std::string group = "Camera (default: sees the whole volume along -z, +y up)";
-  const auto add = [&](CLI::Option* option) { option->group(group); };
-  add(AddFlag(app, "--eye", "X,Y,Z", &flags->eye, ParseVector, "position of the eye, world space"));
-  add(AddFlag(app, "--target", "X,Y,Z", &flags->target, ParseVector,
+  const auto add = [&](Flag option) { option.Group(group); };
+  add(AddFlag(set, "--eye", "X,Y,Z", &flags->eye, ParseVector, "position of the eye, world space"));
+  add(AddFlag(set, "--target", "X,Y,Z", &flags->target, ParseVector,
               "what it looks at (default: the volume's centre)"));
-  add(AddFlag(app, "--up", "X,Y,Z", &flags->up, ParseVector, "what is up (default: 0,1,0)"));
-  add(AddFlag(app, "--fov-y", "DEG", &flags->fov_y_degrees, ParseFieldOfView,
+  add(AddFlag(set, "--up", "X,Y,Z", &flags->up, ParseVector, "what is up (default: 0,1,0)"));
+  add(AddFlag(set, "--fov-y", "DEG", &flags->fov_y_degrees, ParseFieldOfView,
               "vertical angle of view (default: 30)"));
-  add(AddFlag(app, "--azimuth", "DEG", &flags->azimuth_degrees, ParseNumber,
+  add(AddFlag(set, "--azimuth", "DEG", &flags->azimuth_degrees, ParseNumber,
               "turn the default camera about up; not with the four above"));
-  add(AddFlag(app, "--elevation", "DEG", &flags->elevation_degrees, ParseNumber,
+  add(AddFlag(set, "--elevation", "DEG", &flags->elevation_degrees, ParseNumber,
               "then about its right axis"));
-  add(AddFlag(app, "--zoom", "F", &flags->zoom, ParsePositiveNumber,
+  add(AddFlag(set, "--zoom", "F", &flags->zoom, ParsePositiveNumber,
               "divide the angle of view by F"));
 }
 

@@ -8,13 +8,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/cli/flag_set.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
 #include "core/view/camera.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -31,7 +28,7 @@ struct CameraFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddCameraFlags(CLI::App* app, CameraFlags* flags);
+void AddCameraFlags(FlagSet* set, CameraFlags* flags);
 
 // UsageError if flags of both kinds are given, or the angle is out of (0, 180).
 absl::Status CheckUsage(const CameraFlags& flags);

@@ -2,17 +2,17 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/flags.h"
-#include "client-cli/usage.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/rpc/proto_convert.h"
 #include "core/view/clip_region.h"
 
 namespace isoscope::cli {
 
-void AddClipFlags(CLI::App* app, ClipFlags* flags, const std::string& verb) {
-  AddRepeatableFlag(app, "--clip-plane", "NX,NY,NZ,D", &flags->planes, ParsePlane,
+void AddClipFlags(FlagSet* set, ClipFlags* flags, const std::string& verb) {
+  AddRepeatableFlag(set, "--clip-plane", "NX,NY,NZ,D", &flags->planes, ParsePlane,
                     verb + " only the points p with N . p >= D, in world units; up to 6 times");
-  AddFlag(app, "--clip-box", "X0,X1,Y0,Y1,Z0,Z1", &flags->box, ParseBox,
+  AddFlag(set, "--clip-box", "X0,X1,Y0,Y1,Z0,Z1", &flags->box, ParseBox,
           verb + " only what is in this box, in world units");
 }
 

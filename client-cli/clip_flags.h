@@ -10,12 +10,9 @@
 #include "absl/status/status.h"
 
 #include "client-cli/parse_value.h"
+#include "core/cli/flag_set.h"
 #include "core/math/box.h"
 #include "isoscope/v1/isosurface_service.pb.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -27,7 +24,7 @@ struct ClipFlags {
 };
 
 // `flags` must outlive the parsing. verb: what is done with the part that is kept, for --help.
-void AddClipFlags(CLI::App* app, ClipFlags* flags, const std::string& verb = "show");
+void AddClipFlags(FlagSet* set, ClipFlags* flags, const std::string& verb = "show");
 
 // UsageError if there are too many planes.
 absl::Status CheckUsage(const ClipFlags& flags);

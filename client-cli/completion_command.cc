@@ -8,11 +8,11 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
+#include "client-cli/commands.h"
 #include "client-cli/terminal.h"
-#include "client-cli/usage.h"
+#include "core/cli/flags.h"
 #include "core/cli/shell_completion.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {
@@ -31,9 +31,9 @@ absl::Status Run(const std::optional<Shell>& given, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto shell = std::make_shared<std::optional<Shell>>();
-  AddFlag(app, "shell", "bash|zsh|fish", shell.get(), ShellFromName,
+  AddFlag(set, "shell", "bash|zsh|fish", shell.get(), ShellFromName,
           "which shell reads the script (default: that of $SHELL)");
   return [shell](const Context& context) { return Run(*shell, context); };
 }

@@ -5,8 +5,8 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/usage.h"
 #include "core/rpc/peer.h"
 
 namespace isoscope::cli {
@@ -16,28 +16,23 @@ constexpr char kTokenVariable[] = "ISOSCOPE_TOKEN";
 
 }  // namespace
 
-void AddConnectionFlags(CLI::App* app, ConnectionFlags* flags) {
+void AddConnectionFlags(FlagSet* set, ConnectionFlags* flags) {
   rpc::TransportFlags* const transport = &flags->transport;
-  app->add_option("--tls-ca", transport->ca_file,
-                  "the authority that must have signed the server's certificate, PEM: speak TLS")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_TLS_CA");
-  app->add_option("--tls-cert", transport->certificate_file, "own certificate, PEM")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_TLS_CERT");
-  app->add_option("--tls-key", transport->key_file, "its private key, PEM")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_TLS_KEY");
-  app->add_option("--tls-server-name", transport->server_name,
-                  "the name in the server's certificate, where it is not that of the address")
-      ->type_name("NAME")
-      ->envname("ISOSCOPE_TLS_SERVER_NAME");
-  app->add_option("--token-file", flags->token_file,
-                  "a file with the token to send to the server (default: $ISOSCOPE_TOKEN, the "
-                  "token itself)")
-      ->type_name("FILE");
-  app->add_flag("--insecure", transport->is_insecure,
-                "allow plaintext, and tokens in it, beyond this machine");
+  set->AddText("--tls-ca", "FILE", &transport->ca_file,
+               "the authority that must have signed the server's certificate, PEM: speak TLS")
+      .Environment("ISOSCOPE_TLS_CA");
+  set->AddText("--tls-cert", "FILE", &transport->certificate_file, "own certificate, PEM")
+      .Environment("ISOSCOPE_TLS_CERT");
+  set->AddText("--tls-key", "FILE", &transport->key_file, "its private key, PEM")
+      .Environment("ISOSCOPE_TLS_KEY");
+  set->AddText("--tls-server-name", "NAME", &transport->server_name,
+               "the name in the server's certificate, where it is not that of the address")
+      .Environment("ISOSCOPE_TLS_SERVER_NAME");
+  set->AddText("--token-file", "FILE", &flags->token_file,
+               "a file with the token to send to the server (default: $ISOSCOPE_TOKEN, the "
+               "token itself)");
+  set->AddSwitch("--insecure", &transport->is_insecure,
+                 "allow plaintext, and tokens in it, beyond this machine");
 }
 
 absl::Status CheckUsage(const ConnectionFlags& flags) {

@@ -9,8 +9,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include <CLI/CLI.hpp>
 
+#include "core/cli/flag_set.h"
 #include "core/rpc/transport.h"
 
 namespace isoscope::cli {
@@ -21,7 +21,7 @@ struct ConnectionFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddConnectionFlags(CLI::App* app, ConnectionFlags* flags);
+void AddConnectionFlags(FlagSet* set, ConnectionFlags* flags);
 
 // UsageError if flags do not fit together.
 absl::Status CheckUsage(const ConnectionFlags& flags);

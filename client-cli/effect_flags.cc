@@ -5,11 +5,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/flags.h"
 #include "client-cli/render_request.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/frame/drawn_window.h"
 
 namespace isoscope::cli {
@@ -70,20 +69,20 @@ int EffectFlags::max_region_side_px() const {
   return view::kMaxViewportPx / samples_per_side() - 2 * frame::kMaxMarginPx;
 }
 
-void AddEffectFlags(CLI::App* app, EffectFlags* flags) {
+void AddEffectFlags(FlagSet* set, EffectFlags* flags) {
   const std::string group = "Effects";
-  AddFlag(app, "--samples", "1|4|9|16", &flags->samples, ParseSamples,
+  AddFlag(set, "--samples", "1|4|9|16", &flags->samples, ParseSamples,
           "smooth edges: each pixel is the mean of this many samples (default: 1)")
-      ->group(group);
-  AddFlagWithDefault(app, "--ambient-occlusion", "[RADIUS[,STRENGTH]]", &flags->ambient_occlusion,
+      .Group(group);
+  AddFlagWithDefault(set, "--ambient-occlusion", "[RADIUS[,STRENGTH]]", &flags->ambient_occlusion,
                      ParseAmbientOcclusion,
                      "darken what lies in hollows: how far to look, 4 to 56 pixels (default: 32), "
                      "and how much, 0 to 1 (default: 1)")
-      ->group(group);
-  AddFlagWithDefault(app, "--silhouette", "[WIDTH[:R,G,B]]", &flags->silhouette, ParseSilhouette,
+      .Group(group);
+  AddFlagWithDefault(set, "--silhouette", "[WIDTH[:R,G,B]]", &flags->silhouette, ParseSilhouette,
                      "draw lines where surfaces end: 1 to 16 pixels wide (default: 2), and their "
                      "colour, 0 to 1 each (default: black)")
-      ->group(group);
+      .Group(group);
 }
 
 void SetEffects(const EffectFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request) {

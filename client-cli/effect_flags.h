@@ -10,12 +10,9 @@
 #include "absl/strings/string_view.h"
 
 #include "client-cli/parse_value.h"
+#include "core/cli/flag_set.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.pb.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -53,7 +50,7 @@ struct EffectFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddEffectFlags(CLI::App* app, EffectFlags* flags);
+void AddEffectFlags(FlagSet* set, EffectFlags* flags);
 
 // Writes what the flags ask for into the request.
 void SetEffects(const EffectFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);

@@ -15,8 +15,7 @@
 #include "absl/time/clock.h"
 
 #include "client-cli/clip_flags.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
+#include "client-cli/commands.h"
 #include "client-cli/mesh_components.h"
 #include "client-cli/mesh_piece.h"
 #include "client-cli/mesh_simplifier.h"
@@ -26,10 +25,11 @@
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
 #include "core/io/atomic_file.h"
 
@@ -267,32 +267,32 @@ absl::Status Run(const ExportFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<ExportFlags>();
-  AddSessionFlags(app, &flags->session);
-  AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
-  AddRepeatableFlag(app, "--surface", "V[:R,G,B]", &flags->surfaces, ParseSurface,
+  AddSessionFlags(set, &flags->session);
+  AddFlag(set, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  AddRepeatableFlag(set, "--surface", "V[:R,G,B]", &flags->surfaces, ParseSurface,
                     "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
                     "times. All go into one file: as primitives with materials in GLB, as objects "
                     "in OBJ, with a surface index of vertices in PLY and VTP");
-  AddClipFlags(app, &flags->clip, "export");
-  AddFlag(app, "--output", "FILE", &flags->output, ParseText,
+  AddClipFlags(set, &flags->clip, "export");
+  AddFlag(set, "--output", "FILE", &flags->output, ParseText,
           "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
           "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
           "whatever its size; a .stl, --min-component and --simplify use scratch files beside it, "
           "of which memory holds what the system leaves there, and --simplify some 200 MiB");
-  AddFlag(app, "--format", "ply|stl|obj|glb|vtp", &flags->format, ParseMeshFormat,
+  AddFlag(set, "--format", "ply|stl|obj|glb|vtp", &flags->format, ParseMeshFormat,
           "the format, for a name without a suffix (default: ply)");
-  AddFlag(app, "--color", "R,G,B", &flags->color, ParseColor,
+  AddFlag(set, "--color", "R,G,B", &flags->color, ParseColor,
           "colour of the surface, 0 to 1 each: of its vertices in PLY, OBJ and VTP, of its "
           "material in GLB (default: none)");
   AddFlag(
-      app, "--min-component", "N", &flags->min_component,
+      set, "--min-component", "N", &flags->min_component,
       [](absl::string_view text) { return ParseInteger(text, 1, INT64_MAX); },
       "leave out islands of fewer than N triangles, as they are once clipped");
-  AddFlag(app, "--simplify", "SHARE", &flags->simplify_share, ParseShare,
+  AddFlag(set, "--simplify", "SHARE", &flags->simplify_share, ParseShare,
           "keep this share of the triangles of each surface, above 0 and below 1, without cracks");
-  AddFlag(app, "--simplify-error", "E", &flags->simplify_error, ParsePositiveNumber,
+  AddFlag(set, "--simplify-error", "E", &flags->simplify_error, ParsePositiveNumber,
           "remove triangles while the surface moves by no more than E world units, as "
           "libmeshoptimizer estimates it; with --simplify, whichever is first");
   return [flags](const Context& context) { return Run(*flags, context); };

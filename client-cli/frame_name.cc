@@ -11,7 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {

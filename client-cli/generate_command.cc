@@ -18,13 +18,13 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
+#include "client-cli/commands.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
 #include "core/math/vec.h"
 #include "core/source/volume_file.h"
 #include "core/source/volume_generator.h"
@@ -191,38 +191,38 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<GenerateFlags>();
-  AddFlag(app, "field", "FIELD", &flags->field, ParseField,
+  AddFlag(set, "field", "FIELD", &flags->field, ParseField,
           "random, gyroid, marschner-lobb, shells or mixing; see below");
-  AddFlag(app, "--output", "FILE", &flags->output, ParseText,
+  AddFlag(set, "--output", "FILE", &flags->output, ParseText,
           "the volume: .nrrd, .mha, .nhdr with a .raw beside it, or .raw");
-  AddFlag(app, "--dims", "X,Y,Z", &flags->dims, ParseDims, "samples on each axis, x fastest");
-  AddFlag(app, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
+  AddFlag(set, "--dims", "X,Y,Z", &flags->dims, ParseDims, "samples on each axis, x fastest");
+  AddFlag(set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
           "uint8, int8, uint16, int16, uint32, int32, float32 or float64 (default: uint16)");
-  AddFlag(app, "--seed", "S", &flags->seed, ParseUnsigned,
+  AddFlag(set, "--seed", "S", &flags->seed, ParseUnsigned,
           "of the fields with chance in them: random, mixing (default: 1)");
-  AddFlag(app, "--spacing", "X,Y,Z", &flags->spacing, ParsePositiveVector,
+  AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, ParsePositiveVector,
           "world units between samples, for the header (default: 1,1,1)");
-  AddFlag(app, "--origin", "X,Y,Z", &flags->origin, ParseVector,
+  AddFlag(set, "--origin", "X,Y,Z", &flags->origin, ParseVector,
           "world position of the first sample, for the header (default: 0,0,0)");
-  const auto add = [](CLI::Option* option) { option->group("Fields"); };
-  add(AddFlag(app, "--waves", "N", &flags->wave_count, ParseWaveCount,
+  const auto add = [](Flag option) { option.Group("Fields"); };
+  add(AddFlag(set, "--waves", "N", &flags->wave_count, ParseWaveCount,
               "random, mixing: plane waves that are summed up (default: 64)"));
-  add(AddFlag(app, "--wave-number", "K", &flags->max_wave_number, ParsePositiveNumber,
+  add(AddFlag(set, "--wave-number", "K", &flags->max_wave_number, ParsePositiveNumber,
               "random, mixing: of the finest wave, half-periods over the longest axis, 2 or more "
               "(default: 24)"));
-  add(AddFlag(app, "--exponent", "P", &flags->spectrum_exponent, ParseNumber,
+  add(AddFlag(set, "--exponent", "P", &flags->spectrum_exponent, ParseNumber,
               "random, mixing: energy falls as wave number^-P (default: 3)"));
-  add(AddFlag(app, "--periods", "N", &flags->periods, ParsePositiveNumber,
+  add(AddFlag(set, "--periods", "N", &flags->periods, ParsePositiveNumber,
               "gyroid: over the longest axis (default: 8)"));
-  add(AddFlag(app, "--frequency", "F", &flags->frequency, ParsePositiveNumber,
+  add(AddFlag(set, "--frequency", "F", &flags->frequency, ParsePositiveNumber,
               "marschner-lobb (default: 6)"));
-  add(AddFlag(app, "--alpha", "A", &flags->alpha, ParsePositiveNumber,
+  add(AddFlag(set, "--alpha", "A", &flags->alpha, ParsePositiveNumber,
               "marschner-lobb: height of the ripples (default: 0.25)"));
-  add(AddFlag(app, "--shells", "N", &flags->shell_count, ParseShellsInBall,
+  add(AddFlag(set, "--shells", "N", &flags->shell_count, ParseShellsInBall,
               "shells: walls, of two spheres each (default: 8)"));
-  add(AddFlag(app, "--thickness", "H", &flags->thickness, ParsePositiveNumber,
+  add(AddFlag(set, "--thickness", "H", &flags->thickness, ParsePositiveNumber,
               "mixing: half the height of the stirred layer, 1 being half the longest axis "
               "(default: 0.4)"));
   return [flags](const Context& context) { return Run(*flags, context); };

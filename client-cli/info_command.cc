@@ -11,10 +11,9 @@
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 #include "client-cli/connection_flags.h"
 #include "client-cli/dataset_json.h"
-#include "client-cli/flags.h"
 #include "client-cli/histogram_plot.h"
 #include "client-cli/json_text.h"
 #include "client-cli/output_suffix.h"
@@ -22,10 +21,11 @@
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/source_flags.h"
-#include "client-cli/usage.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
 #include "core/io/atomic_file.h"
 #include "core/render/renderer_factory.h"
@@ -262,30 +262,31 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<InfoFlags>();
-  AddFlag(app, "input", "INPUT|DIR", &flags->input, ParseText,
+  AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
           "a volume, as 'partition' takes it, or a dataset folder");
-  AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
-  AddConnectionFlags(app, &flags->connection);
-  AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddConnectionFlags(set, &flags->connection);
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "how long to wait for the server (default: 10)");
-  app->add_flag("--json", flags->is_json, "print JSON instead of text");
-  app->add_flag("--histogram", flags->draws_histogram,
-                "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
-                "partitioned into the cache first)");
-  AddFlag(app, "--histogram-svg", "FILE.svg", &flags->histogram_svg, ParseText,
+  set->AddSwitch("--json", &flags->is_json, "print JSON instead of text");
+  set->AddSwitch(
+      "--histogram", &flags->draws_histogram,
+      "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
+      "partitioned into the cache first)");
+  AddFlag(set, "--histogram-svg", "FILE.svg", &flags->histogram_svg, ParseText,
           "write the histogram as SVG");
   AddFlag(
-      app, "--bins", "N", &flags->bin_count,
+      set, "--bins", "N", &flags->bin_count,
       [](absl::string_view text) { return ParseInteger(text, 1, volume::kMaxHistogramBins); },
       "bins of the histogram at most (default: 256)");
-  AddFlag(app, "--range", "MIN,MAX", &flags->value_range, ParseRange,
+  AddFlag(set, "--range", "MIN,MAX", &flags->value_range, ParseRange,
           "the values that the histogram looks at (default: all)");
-  app->add_flag("--log", flags->is_logarithmic, "heights by the logarithm of the counts");
-  AddFlag(app, "--dataset", "NAME", &flags->dataset, ParseText,
+  set->AddSwitch("--log", &flags->is_logarithmic, "heights by the logarithm of the counts");
+  AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
           "whose histogram, of the datasets of the server (default: its only one)");
-  AddSourceFlags(app, &flags->source);
+  AddSourceFlags(set, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 

@@ -6,12 +6,11 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/format.h"
+#include "core/cli/usage.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 
@@ -65,11 +64,10 @@ absl::StatusOr<RecordedPng> ReadRecordedPng(const std::string& path) {
   return recorded.ok() ? std::move(recorded) : WithPath(path, recorded.status());
 }
 
-absl::Status CheckOnlyFlagsBesideLike(const CLI::App& app) {
-  for (const CLI::Option* option : app.get_options()) {
-    const std::string name = option->get_single_name();
-    if (option->count() > 0 && std::find(kFlagsBesideLike.begin(), kFlagsBesideLike.end(), name) ==
-                                   kFlagsBesideLike.end()) {
+absl::Status CheckOnlyFlagsBesideLike(const FlagSet& set) {
+  for (const std::string& name : set.GivenNames()) {
+    if (std::find(kFlagsBesideLike.begin(), kFlagsBesideLike.end(), name) ==
+        kFlagsBesideLike.end()) {
       return UsageError(
           absl::StrCat("--", name, " can't be used with --like, whose picture decides it"));
     }

@@ -11,12 +11,9 @@
 #include "absl/strings/string_view.h"
 
 #include "client-cli/png_metadata.h"
+#include "core/cli/flag_set.h"
 #include "isoscope/v1/cluster_service.pb.h"
 #include "isoscope/v1/dataset.pb.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -24,9 +21,9 @@ namespace isoscope::cli {
 // io::ReadWholeFile.
 absl::StatusOr<RecordedPng> ReadRecordedPng(const std::string& path);
 
-// UsageError if a flag is given that the record decides: every flag of `app` but those that say
+// UsageError if a flag is given that the record decides: every flag of `set` but those that say
 // where the samples are, where the result goes, and how the work is done.
-absl::Status CheckOnlyFlagsBesideLike(const CLI::App& app);
+absl::Status CheckOnlyFlagsBesideLike(const FlagSet& set);
 
 // FAILED_PRECONDITION unless the samples and the grid of `dataset` are those of the record.
 absl::Status CheckSameSamples(const PictureRecord& record, const isoscope::v1::Dataset& dataset);

@@ -7,12 +7,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/rpc/frame_convert.h"
 
 namespace isoscope::cli {
@@ -163,24 +162,24 @@ bool LookFlags::colors_by_position() const {
   });
 }
 
-void AddLookFlags(CLI::App* app, LookFlags* flags) {
+void AddLookFlags(FlagSet* set, LookFlags* flags) {
   const std::string group = "Lights and colours";
-  AddRepeatableFlag(app, "--light", "X,Y,Z[:INTENSITY[:R,G,B]]", &flags->lights, ParseLight,
+  AddRepeatableFlag(set, "--light", "X,Y,Z[:INTENSITY[:R,G,B]]", &flags->lights, ParseLight,
                     "a light from this direction, in place of the head light; up to 4 times; "
                     "intensity 0 to 10 (default: 1)")
-      ->group(group);
-  AddFlag(app, "--light-space", "view|world", &flags->light_space, ParseSpace,
+      .Group(group);
+  AddFlag(set, "--light-space", "view|world", &flags->light_space, ParseSpace,
           "the space of all lights: view (default; x right, y up, z to the eye) or world")
-      ->group(group);
+      .Group(group);
   AddRepeatableFlag(
-      app, "--color-by", "x|y|z|gradient|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
+      set, "--color-by", "x|y|z|gradient|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
       &flags->color_by, ParseColorBy,
       "colour surfaces by a world coordinate, by the length of the gradient or by their normal; "
       "once for all of them, or once for each --surface; maps: viridis (default), magma, cividis, "
       "turbo, cool-warm, grey; the range is the volume's box by default, of the gradient 0 to its "
       "bound (isoscope info), as if it were left empty (z:grey::0.2,1); opacities are those at MIN "
       "and MAX, and below 1 the surface is translucent")
-      ->group(group);
+      .Group(group);
 }
 
 absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count) {

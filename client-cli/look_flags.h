@@ -12,12 +12,9 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
 #include "isoscope/v1/isosurface_service.pb.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -46,7 +43,7 @@ struct LookFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddLookFlags(CLI::App* app, LookFlags* flags);
+void AddLookFlags(FlagSet* set, LookFlags* flags);
 
 // UsageError.
 absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count);

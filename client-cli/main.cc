@@ -10,11 +10,11 @@
 #include <vector>
 
 #include "bench/commands.h"
-#include "client-cli/command.h"
-#include "client-cli/interrupt.h"
+#include "client-cli/commands.h"
 #include "client-cli/raw_terminal.h"
 #include "client-cli/terminal.h"
 #include "core/base/process_setup.h"
+#include "core/cli/interrupt.h"
 #include "web-gateway/view_command.h"
 
 #ifdef __SANITIZE_ADDRESS__

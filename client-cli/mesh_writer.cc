@@ -15,6 +15,7 @@
 #include "client-cli/vtp_writer.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/cli/usage.h"
 #include "core/frame/appearance.h"
 
 namespace isoscope::cli {

@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include "client-cli/command.h"
+#include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
 
 namespace isoscope::cli {

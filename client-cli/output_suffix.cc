@@ -5,7 +5,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 
 namespace isoscope::cli {

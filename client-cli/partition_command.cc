@@ -9,14 +9,14 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
+#include "client-cli/commands.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/cli/format.h"
+#include "core/cli/usage.h"
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
 #include "core/store/block_codec.h"
@@ -89,29 +89,29 @@ absl::Status Run(const PartitionFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<PartitionFlags>();
-  AddFlag(app, "input", "INPUT", &flags->input, ParseText,
+  AddFlag(set, "input", "INPUT", &flags->input, ParseText,
           "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
           "several), file.vti[:array[:component]], file.h5:/dataset, a folder or a file of a DICOM "
           "series, a folder or 'pattern*.tif' of slices, or a raw file");
-  AddFlag(app, "--output", "DIR", &flags->output, ParseText,
+  AddFlag(set, "--output", "DIR", &flags->output, ParseText,
           "the dataset folder; must not exist yet");
-  AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
+  AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "shards to make, one for each agent (default: 1)");
   AddFlag(
-      app, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
+      set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, ParseBlockCells,
       "cells of a block (default: 16 from about 512 x 512 x 512 samples on, 12 from 384 x 384 x "
       "384 on, 8 below)");
-  AddFlag(app, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
+  AddFlag(set, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
           "how blocks are dealt out (default: random)");
-  AddFlag(app, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,
+  AddFlag(set, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,
           "how blocks are stored: smaller, but slower to draw (default: none)");
-  AddFlag(app, "--seed", "S", &flags->seed, ParseUnsigned,
+  AddFlag(set, "--seed", "S", &flags->seed, ParseUnsigned,
           "seed of the random distribution (default: 1)");
-  AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseByteSize,
+  AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseByteSize,
           "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
-  AddSourceFlags(app, &flags->source);
+  AddSourceFlags(set, &flags->source);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 

@@ -9,8 +9,8 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
-#include "client-cli/command.h"
 #include "client-cli/source_flags.h"
+#include "core/cli/command.h"
 #include "core/partition/partitioner.h"
 #include "core/store/manifest.h"
 

@@ -10,20 +10,19 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "client-cli/camera_file.h"
-#include "client-cli/command.h"
-#include "client-cli/flags.h"
+#include "client-cli/commands.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/render_request.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
-#include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/cli/table.h"
+#include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
 #include "core/io/atomic_file.h"
 #include "core/rpc/pick_convert.h"
@@ -176,16 +175,15 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<PickFlags>();
-  AddSessionFlags(app, &flags->session);
-  AddRendererFlag(app, &flags->session);
-  app->add_option("--pixel", flags->pixels,
-                  "a pixel of the picture: column and row from the top left; repeatable")
-      ->type_name("X,Y");
-  app->add_flag("--json", flags->is_json, "print JSON");
-  AddRequestFlags(app, &flags->request);
-  AddViewFlags(app, &flags->view);
+  AddSessionFlags(set, &flags->session);
+  AddRendererFlag(set, &flags->session);
+  set->AddTexts("--pixel", "X,Y", &flags->pixels,
+                "a pixel of the picture: column and row from the top left; repeatable");
+  set->AddSwitch("--json", &flags->is_json, "print JSON");
+  AddRequestFlags(set, &flags->request);
+  AddViewFlags(set, &flags->view);
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 

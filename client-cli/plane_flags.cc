@@ -4,11 +4,11 @@
 
 #include "absl/strings/match.h"
 
-#include "client-cli/flags.h"
 #include "client-cli/npy_writer.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/frame/output_spec.h"
 #include "core/io/atomic_file.h"
 
@@ -31,17 +31,17 @@ std::size_t PlaneFlags::bytes_per_pixel() const {
                                   .normal = normal.has_value()});
 }
 
-void AddPlaneFlags(CLI::App* app, PlaneFlags* flags) {
-  AddFlag(app, "--quality", "N", &flags->jpeg_quality, ParseQuality,
+void AddPlaneFlags(FlagSet* set, PlaneFlags* flags) {
+  AddFlag(set, "--quality", "N", &flags->jpeg_quality, ParseQuality,
           "of a JPEG, 1 to 100 (default: 90)");
-  AddFlag(app, "--depth", "FILE.npy", &flags->depth, ParseText,
+  AddFlag(set, "--depth", "FILE.npy", &flags->depth, ParseText,
           "write each pixel's distance from the eye along the view axis, in world units; "
           "infinity for the background");
-  AddFlag(app, "--surface-index", "FILE.npy", &flags->surface_index, ParseText,
+  AddFlag(set, "--surface-index", "FILE.npy", &flags->surface_index, ParseText,
           "write which surface each pixel shows, from 0; 255 for the background");
-  AddFlag(app, "--position", "FILE.npy", &flags->position, ParseText,
+  AddFlag(set, "--position", "FILE.npy", &flags->position, ParseText,
           "write each pixel's point in world space; NaN for the background");
-  AddFlag(app, "--normal", "FILE.npy", &flags->normal, ParseText,
+  AddFlag(set, "--normal", "FILE.npy", &flags->normal, ParseText,
           "write each pixel's unit normal in world space; NaN for the background");
 }
 

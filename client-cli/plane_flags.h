@@ -10,11 +10,8 @@
 
 #include "absl/status/status.h"
 
+#include "core/cli/flag_set.h"
 #include "isoscope/v1/isosurface_service.pb.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -32,7 +29,7 @@ struct PlaneFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddPlaneFlags(CLI::App* app, PlaneFlags* flags);
+void AddPlaneFlags(FlagSet* set, PlaneFlags* flags);
 
 // Whether the suffix of the picture's name is that of a JPEG: .jpg or .jpeg, in letters of any
 // case.

@@ -18,9 +18,8 @@
 #include "client-cli/annotations.h"
 #include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 #include "client-cli/effect_flags.h"
-#include "client-cli/flags.h"
 #include "client-cli/frame_name.h"
 #include "client-cli/frame_statistics.h"
 #include "client-cli/json_text.h"
@@ -38,12 +37,13 @@
 #include "client-cli/show_picture.h"
 #include "client-cli/sweep.h"
 #include "client-cli/trace_file.h"
-#include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 #include "core/cli/format.h"
 #include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
 #include "core/frame/drawn_window.h"
 #include "core/image/jpeg_codec.h"
@@ -173,7 +173,7 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app, const Context& context) {
+absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.like) {
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
@@ -202,7 +202,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app, const Con
   if (IsAnimationName(*flags.output) || IsJpeg(flags)) {
     return UsageError("--like makes one picture again: --output must end in .png");
   }
-  return CheckOnlyFlagsBesideLike(app);
+  return CheckOnlyFlagsBesideLike(set);
 }
 
 // Finds out before any work whether its result can be kept.
@@ -530,8 +530,8 @@ view::Viewport ExpectedSize(const RenderFlags& flags) {
                                                   : flags.request.image_size());
 }
 
-absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, app, context));
+absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, set, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
   const PictureDisplay display = PictureDisplay::ForStandardOutput(ShowModeOf(flags), context);
   if (!flags.output && !flags.planes.any_plane() && !display.is_on()) {
@@ -552,38 +552,38 @@ absl::Status Run(const RenderFlags& flags, const CLI::App& app, const Context& c
   return RunFrames(flags, display, session.get(), context);
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<RenderFlags>();
-  AddSessionFlags(app, &flags->session);
-  AddRendererFlag(app, &flags->session);
+  AddSessionFlags(set, &flags->session);
+  AddRendererFlag(set, &flags->session);
   AddFlag(
-      app, "--output", "FILE.png", &flags->output, ParseText,
+      set, "--output", "FILE.png", &flags->output, ParseText,
       "the picture: a PNG, or a JPEG if it ends in .jpg; with %d, %03d or {} in its name one for "
       "each frame, numbered from 0, else the last one; all "
       "frames as one animation if it ends in .apng or .webp");
-  AddRequestFlags(app, &flags->request);
-  AddSweepFlags(app, &flags->sweep, &flags->request);
-  AddPlaneFlags(app, &flags->planes);
-  AddEffectFlags(app, &flags->effects);
-  AddViewFlags(app, &flags->view);
-  AddLookFlags(app, &flags->look);
-  AddShowFlag(app, &flags->show,
+  AddRequestFlags(set, &flags->request);
+  AddSweepFlags(set, &flags->sweep, &flags->request);
+  AddPlaneFlags(set, &flags->planes);
+  AddEffectFlags(set, &flags->effects);
+  AddViewFlags(set, &flags->view);
+  AddLookFlags(set, &flags->look);
+  AddShowFlag(set, &flags->show,
               "show the picture in the terminal: auto (default) where standard output is one that "
               "can, or in a format whatever it is; --output may then be left out");
-  AddFlag(app, "--stats", "FILE|-", &flags->stats, ParseText,
+  AddFlag(set, "--stats", "FILE|-", &flags->stats, ParseText,
           "write statistics as JSON (- is standard output)");
-  AddFlag(app, "--trace", "FILE.json", &flags->trace, ParseText,
+  AddFlag(set, "--trace", "FILE.json", &flags->trace, ParseText,
           "write the times of the frame in coordinator and agents, for ui.perfetto.dev");
-  AddFlag(app, "--like", "FILE.png", &flags->like, ParseText,
+  AddFlag(set, "--like", "FILE.png", &flags->like, ParseText,
           "make the picture in FILE.png again, from the record that render keeps in its pictures, "
           "and compare; takes no flag that decides a pixel");
-  app->add_flag("--no-metadata", flags->has_no_metadata,
-                "write pictures without a record of how they were made");
-  app->add_flag("--allow-partial", flags->allow_partial,
-                "draw what there is if some shards are not served, and say what is missing; else "
-                "that is an error");
-  AddAnnotationFlags(app, &flags->annotations);
-  return [flags, app](const Context& context) { return Run(*flags, *app, context); };
+  set->AddSwitch("--no-metadata", &flags->has_no_metadata,
+                 "write pictures without a record of how they were made");
+  set->AddSwitch("--allow-partial", &flags->allow_partial,
+                 "draw what there is if some shards are not served, and say what is missing; else "
+                 "that is an error");
+  AddAnnotationFlags(set, &flags->annotations);
+  return [flags, set](const Context& context) { return Run(*flags, *set, context); };
 }
 
 }  // namespace

@@ -5,10 +5,10 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/flags.h"
 #include "client-cli/look_flags.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -42,30 +42,30 @@ isoscope::v1::Color ToProto(const frame::Color& color) {
   return proto;
 }
 
-void AddRequestFlags(CLI::App* app, RequestFlags* flags) {
-  AddFlag(app, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
-  AddRepeatableFlag(app, "--surface", "V[:R,G,B[:OPACITY]]", &flags->surfaces, ParseSurface,
+void AddRequestFlags(FlagSet* set, RequestFlags* flags) {
+  AddFlag(set, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  AddRepeatableFlag(set, "--surface", "V[:R,G,B[:OPACITY]]", &flags->surfaces, ParseSurface,
                     "a surface: its level, colour and opacity (below 1: translucent); instead of "
                     "--isovalue and --color, up to 16 times");
-  AddFlag(app, "--max-layers", "N", &flags->max_layers, ParseLayers,
+  AddFlag(set, "--max-layers", "N", &flags->max_layers, ParseLayers,
           "translucent fragments that show in a pixel, the nearest ones, 1 to 16 (default: 8)");
-  AddFlag(app, "--width", "W", &flags->width, ParseSide, "pixels, up to 65536 (default: 1024)");
-  AddFlag(app, "--height", "H", &flags->height, ParseSide, "pixels, up to 65536 (default: 1024)");
-  AddFlag(app, "--region", "X,Y,W,H", &flags->region, ParseRegion,
+  AddFlag(set, "--width", "W", &flags->width, ParseSide, "pixels, up to 65536 (default: 1024)");
+  AddFlag(set, "--height", "H", &flags->height, ParseSide, "pixels, up to 65536 (default: 1024)");
+  AddFlag(set, "--region", "X,Y,W,H", &flags->region, ParseRegion,
           "only this window of the picture, in its pixels, with exactly its pixels");
-  AddFlag(app, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
+  AddFlag(set, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
           "how hidden blocks are left out: depth (default) keeps the picture exact, mask is "
           "approximate, none draws all");
-  AddFlag(app, "--color", "R,G,B", &flags->base_color, ParseColor,
+  AddFlag(set, "--color", "R,G,B", &flags->base_color, ParseColor,
           "colour of the surface, 0 to 1 each (default: a light clay)");
-  AddFlag(app, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
+  AddFlag(set, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
           "colour behind it, 0 to 1 each (default: 0,0,0,1)");
-  AddClipFlags(app, &flags->clip);
-  AddFlagWithDefault(app, "--caps", "[MAP[:MIN,MAX]]", &flags->caps, ParseCaps,
+  AddClipFlags(set, &flags->clip);
+  AddFlagWithDefault(set, "--caps", "[MAP[:MIN,MAX]]", &flags->caps, ParseCaps,
                      "fill the cuts of --clip-plane and --clip-box through opaque surfaces, with "
                      "their colour, or with the samples through a map of --color-by (default "
                      "range: all samples)");
-  AddCameraFlags(app, &flags->camera);
+  AddCameraFlags(set, &flags->camera);
 }
 
 std::vector<double> RequestFlags::isovalues() const {

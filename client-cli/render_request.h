@@ -14,6 +14,7 @@
 #include "client-cli/camera_flags.h"
 #include "client-cli/clip_flags.h"
 #include "client-cli/parse_value.h"
+#include "core/cli/flag_set.h"
 #include "core/frame/appearance.h"
 #include "core/frame/culling.h"
 #include "core/view/camera.h"
@@ -47,7 +48,7 @@ struct RequestFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddRequestFlags(CLI::App* app, RequestFlags* flags);
+void AddRequestFlags(FlagSet* set, RequestFlags* flags);
 
 // UsageError.
 absl::Status CheckUsage(const RequestFlags& flags);

@@ -9,13 +9,13 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 #include "client-cli/embedded_cluster.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/render/renderer_kind.h"
 #include "core/rpc/server_flags.h"
 
@@ -77,22 +77,21 @@ absl::Status Run(const ServeFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<ServeFlags>();
-  AddFlag(app, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
+  AddFlag(set, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
   AddFlag(
-      app, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
+      set, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
       absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
-  rpc::AddTransportFlags(app, &flags->transport, /*has_server_name=*/false);
-  app->add_option("--tokens", flags->token_file,
-                  "clients' tokens and what they may see (docs/security.md), JSON")
-      ->type_name("FILE");
-  AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+  rpc::AddTransportFlags(set, &flags->transport, /*has_server_name=*/false);
+  set->AddText("--tokens", "FILE", &flags->token_file,
+               "clients' tokens and what they may see (docs/security.md), JSON");
+  AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
           "back end (default: auto, EGL on a GPU, else the CPU)");
-  AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
+  AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of all agents together (default: one for each core)");
   AddFlag(
-      app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
+      set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
       "memory of all agents together, as in 512MiB or 2G (default: a quarter of the machine's)");
   return [flags](const Context& context) { return Run(*flags, context); };
 }

@@ -14,8 +14,8 @@
 #include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
-#include "client-cli/interrupt.h"
 #include "core/base/mutex.h"
+#include "core/cli/interrupt.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"

@@ -9,13 +9,13 @@
 #include "client-cli/cache_entry.h"
 #include "client-cli/dataset_cache.h"
 #include "client-cli/embedded_cluster.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/service_client.h"
-#include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/cli/waiting_line.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
@@ -123,38 +123,38 @@ absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Cont
 
 }  // namespace
 
-void AddSessionFlags(CLI::App* app, SessionFlags* flags) {
+void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
   AddFlag(
-      app, "input", "INPUT|DIR", &flags->input, ParseText,
+      set, "input", "INPUT|DIR", &flags->input, ParseText,
       "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
-  AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort,
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort,
           "ask a coordinator instead of starting everything here");
-  AddFlag(app, "--dataset", "NAME", &flags->dataset, ParseText,
+  AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
           "which dataset of the server (default: its only one)");
-  AddConnectionFlags(app, &flags->connection);
-  AddFlag(app, "--shards", "P", &flags->shard_count, ParseShardCount,
+  AddConnectionFlags(set, &flags->connection);
+  AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
           "cut a volume into P shards, one agent each (default: 1)");
-  AddFlag(app, "--threads", "T", &flags->thread_count, ParseThreadCount,
+  AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
           "threads of the embedded agents together (default: one for each core)");
-  AddFlag(app, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
+  AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
           "memory of the embedded agents together, as in 512MiB or 2G (default: a quarter of the "
           "machine's)");
-  AddCacheLimitFlag(app, &flags->cache_limit_bytes);
-  AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
+  AddCacheLimitFlag(set, &flags->cache_limit_bytes);
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "give up a request after this time (default: the server's limit, an hour at most; of a "
           "frame without --server 5 minutes)");
-  app->add_flag("--verbose", flags->is_verbose, "log lines of the embedded servers");
-  AddSourceFlags(app, &flags->source);
+  set->AddSwitch("--verbose", &flags->is_verbose, "log lines of the embedded servers");
+  AddSourceFlags(set, &flags->source);
 }
 
-void AddCacheLimitFlag(CLI::App* app, std::optional<std::int64_t>* limit_bytes) {
-  AddFlag(app, "--cache-limit", "BYTES", limit_bytes, ParseByteSize,
+void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes) {
+  AddFlag(set, "--cache-limit", "BYTES", limit_bytes, ParseByteSize,
           "size of the cache of partitioned volumes, as in 4GiB (default: $ISOSCOPE_CACHE_LIMIT, "
           "else 20GiB or a tenth of the free space, whichever is less)");
 }
 
-void AddRendererFlag(CLI::App* app, SessionFlags* flags) {
-  AddFlag(app, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+void AddRendererFlag(FlagSet* set, SessionFlags* flags) {
+  AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
           "back end of the embedded agents (default: auto, EGL on a GPU, else the CPU)");
 }
 

@@ -12,9 +12,10 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
-#include "client-cli/command.h"
 #include "client-cli/connection_flags.h"
 #include "client-cli/source_flags.h"
+#include "core/cli/command.h"
+#include "core/cli/flag_set.h"
 #include "core/render/renderer_kind.h"
 #include "core/view/camera.h"
 
@@ -42,11 +43,11 @@ struct SessionFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddSessionFlags(CLI::App* app, SessionFlags* flags);
+void AddSessionFlags(FlagSet* set, SessionFlags* flags);
 // Registers --cache-limit.
-void AddCacheLimitFlag(CLI::App* app, std::optional<std::int64_t>* limit_bytes);
+void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes);
 // Registers --renderer, which only `render` has.
-void AddRendererFlag(CLI::App* app, SessionFlags* flags);
+void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
 absl::Status CheckUsage(const SessionFlags& flags);

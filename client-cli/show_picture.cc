@@ -7,10 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/picture_scaling.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
 
 namespace isoscope::cli {
 namespace {
@@ -35,8 +35,8 @@ int PictureRows(const TerminalSize& terminal) { return std::max(1, terminal.rows
 
 }  // namespace
 
-void AddShowFlag(CLI::App* app, std::optional<ShowMode>* mode, const std::string& help) {
-  AddFlag(app, "--show", "auto|never|kitty|iterm2|sixel|blocks", mode, ParseShowMode, help);
+void AddShowFlag(FlagSet* set, std::optional<ShowMode>* mode, const std::string& help) {
+  AddFlag(set, "--show", "auto|never|kitty|iterm2|sixel|blocks", mode, ParseShowMode, help);
 }
 
 bool IsFormat(ShowMode mode) { return mode != ShowMode::kAuto && mode != ShowMode::kNever; }

@@ -8,22 +8,19 @@
 
 #include "absl/status/statusor.h"
 
-#include "client-cli/command.h"
 #include "client-cli/terminal.h"
 #include "client-cli/terminal_picture.h"
+#include "core/cli/command.h"
+#include "core/cli/flag_set.h"
 #include "core/image/png_codec.h"
 #include "core/view/camera.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
 enum class ShowMode { kAuto, kNever, kKitty, kITerm2, kSixel, kBlocks };
 
 // Registers --show; `mode` must outlive the parsing.
-void AddShowFlag(CLI::App* app, std::optional<ShowMode>* mode, const std::string& help);
+void AddShowFlag(FlagSet* set, std::optional<ShowMode>* mode, const std::string& help);
 // True for the formats, which are shown whatever standard output is.
 bool IsFormat(ShowMode mode);
 // The format that was asked for; blocks in the colours of the environment. Unset for kAuto and

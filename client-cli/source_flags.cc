@@ -7,9 +7,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 #include "core/source/hdf5_source.h"
 #include "core/source/vti_source.h"
@@ -38,18 +38,18 @@ const char* SourceFlags::FirstGiven() const {
                          : nullptr;
 }
 
-void AddSourceFlags(CLI::App* app, SourceFlags* flags) {
-  const auto add = [](CLI::Option* option) { option->group("Raw files"); };
-  add(AddFlag(app, "--dims", "X,Y,Z", &flags->dims, ParseDims, "samples on each axis, x fastest"));
-  add(AddFlag(app, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
+void AddSourceFlags(FlagSet* set, SourceFlags* flags) {
+  const auto add = [](Flag option) { option.Group("Raw files"); };
+  add(AddFlag(set, "--dims", "X,Y,Z", &flags->dims, ParseDims, "samples on each axis, x fastest"));
+  add(AddFlag(set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
               "uint8, int8, uint16, int16, uint32, int32, float32 or float64"));
-  add(AddFlag(app, "--spacing", "X,Y,Z", &flags->spacing, ParsePositiveVector,
+  add(AddFlag(set, "--spacing", "X,Y,Z", &flags->spacing, ParsePositiveVector,
               "world units between samples (default: 1,1,1)"));
-  add(AddFlag(app, "--origin", "X,Y,Z", &flags->origin, ParseVector,
+  add(AddFlag(set, "--origin", "X,Y,Z", &flags->origin, ParseVector,
               "world position of the first sample (default: 0,0,0)"));
-  add(AddFlag(app, "--endian", "little|big", &flags->is_big_endian, ParseIsBigEndian,
+  add(AddFlag(set, "--endian", "little|big", &flags->is_big_endian, ParseIsBigEndian,
               "byte order (default: little)"));
-  add(AddFlag(app, "--header-bytes", "N", &flags->header_bytes, ParseHeaderBytes,
+  add(AddFlag(set, "--header-bytes", "N", &flags->header_bytes, ParseHeaderBytes,
               "bytes before the first sample (default: 0)"));
 }
 

@@ -12,13 +12,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
+#include "core/cli/flag_set.h"
 #include "core/math/vec.h"
 #include "core/source/volume_source.h"
 #include "core/volume/scalar_type.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -36,7 +33,7 @@ struct SourceFlags {
 };
 
 // `flags` must outlive the parsing.
-void AddSourceFlags(CLI::App* app, SourceFlags* flags);
+void AddSourceFlags(FlagSet* set, SourceFlags* flags);
 
 // True if the name's ending is that of a format that carries dimensions and type itself.
 bool HasSelfDescribingName(const std::string& path);

@@ -10,11 +10,11 @@
 #include "absl/time/clock.h"
 
 #include "client-cli/animation_writer.h"
-#include "client-cli/flags.h"
 #include "client-cli/frame_name.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {
@@ -80,24 +80,20 @@ int SweepFlags::frame_count() const {
   return is_isovalue_sweep() ? isovalues->count : static_cast<int>(repeat_count.value_or(1));
 }
 
-void AddSweepFlags(CLI::App* app, SweepFlags* flags, RequestFlags* request) {
-  app->remove_option(app->get_option("--isovalue"));
-  app->add_option_function<std::string>(
-         "--isovalue",
-         [flags, request](const std::string& text) {
-           flags->isovalues = *ParseIsovalues(text);
-           request->isovalue = flags->isovalues->first;
-         },
-         "the level, in field units; START:STOP:STEP renders a frame for each level")
-      ->check([](const std::string& text) {
-        return absl::StrCat(ParseIsovalues(text).status().message());
-      })
-      ->type_name("V|A:B:STEP");
-  AddFlag(app, "--repeat", "N", &flags->repeat_count, ParseFrameCount,
+void AddSweepFlags(FlagSet* set, SweepFlags* flags, RequestFlags* request) {
+  set->Remove("--isovalue");
+  const auto parse_isovalues = [flags, request](absl::string_view text) -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(flags->isovalues, ParseIsovalues(text));
+    request->isovalue = flags->isovalues->first;
+    return absl::OkStatus();
+  };
+  set->Add("--isovalue", "V|A:B:STEP", parse_isovalues,
+           "the level, in field units; START:STOP:STEP renders a frame for each level");
+  AddFlag(set, "--repeat", "N", &flags->repeat_count, ParseFrameCount,
           "frames to render, one request each (default: 1)");
-  AddFlag(app, "--orbit", "DEG", &flags->orbit_degrees, ParseNumber,
+  AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, ParseNumber,
           "turn the camera about up after each frame (default: 0)");
-  AddFlag(app, "--fps", "N", &flags->frames_per_second, ParseFps,
+  AddFlag(set, "--fps", "N", &flags->frames_per_second, ParseFps,
           "frames a second of an animation, 0.1 to 120 (default: 12)");
 }
 

@@ -15,6 +15,7 @@
 #include "absl/time/time.h"
 
 #include "client-cli/render_request.h"
+#include "core/cli/flag_set.h"
 #include "core/cli/progress_line.h"
 
 namespace isoscope::cli {
@@ -52,7 +53,7 @@ struct SweepFlags {
 
 // Registers the flags. Takes over --isovalue, which AddRequestFlags has registered: its first value
 // goes to `request`, so that the checks of a request hold. Both must outlive the parsing.
-void AddSweepFlags(CLI::App* app, SweepFlags* flags, RequestFlags* request);
+void AddSweepFlags(FlagSet* set, SweepFlags* flags, RequestFlags* request);
 
 // UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
 // of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.

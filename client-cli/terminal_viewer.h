@@ -8,10 +8,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "client-cli/command.h"
 #include "client-cli/session.h"
 #include "client-cli/show_picture.h"
 #include "client-cli/terminal.h"
+#include "core/cli/command.h"
 #include "core/view/camera.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/interact_service.pb.h"

@@ -23,18 +23,18 @@
 #include "absl/time/time.h"
 #include <sys/eventfd.h>
 
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 #include "client-cli/connection_flags.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/raw_terminal.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/terminal.h"
 #include "client-cli/top_screen.h"
-#include "client-cli/usage.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 namespace {
@@ -218,16 +218,16 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
   return Top(flags, context).Run();
 }
 
-Action RegisterFlags(CLI::App* app) {
+Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<TopFlags>();
-  AddFlag(app, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
-  AddConnectionFlags(app, &flags->connection);
-  AddFlag(app, "--interval", "SECONDS", &flags->interval, ParseSeconds,
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddConnectionFlags(set, &flags->connection);
+  AddFlag(set, "--interval", "SECONDS", &flags->interval, ParseSeconds,
           "time between two looks, at least 0.1 (default: 2); agents tell their load every 2 "
           "seconds");
-  app->add_flag("--once", flags->is_once,
-                "print one table and end; its rates are those since each process began");
-  AddFlag(app, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
+  set->AddSwitch("--once", &flags->is_once,
+                 "print one table and end; its rates are those since each process began");
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, ParseSeconds,
           "how long to wait for the server (default: 10)");
   return [flags](const Context& context) { return Run(*flags, context); };
 }

@@ -3,10 +3,10 @@
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/camera_file.h"
-#include "client-cli/flags.h"
 #include "client-cli/parse_value.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/rpc/proto_convert.h"
 #include "core/volume/patient_frame.h"
 
@@ -53,24 +53,24 @@ const char* FirstTurned(const CameraFlags& camera) {
 
 }  // namespace
 
-void AddNamedViewFlags(CLI::App* app, ViewFlags* flags) {
-  const auto add = [&](CLI::Option* option) { option->group(kGroup); };
-  add(AddFlag(app, "--view", "NAME", &flags->view, ParseView,
+void AddNamedViewFlags(FlagSet* set, ViewFlags* flags) {
+  const auto add = [&](Flag option) { option.Group(kGroup); };
+  add(AddFlag(set, "--view", "NAME", &flags->view, ParseView,
               "look from a side: front (the default: from +z, +y up), back, left (-x), right (+x), "
               "top (+y), bottom; where the patient is known (NIfTI, DICOM, NRRD with a space): "
               "anterior, posterior, superior, inferior, and left and right are the patient's; "
               "--azimuth, --elevation, --zoom turn on from there"));
-  add(AddFlag(app, "--fit", "volume|surface", &flags->fit, ParseFit,
+  add(AddFlag(set, "--fit", "volume|surface", &flags->fit, ParseFit,
               "what the picture frames: the whole volume (default), or the blocks that the surface "
               "meets, where nothing clips them"));
 }
 
-void AddViewFlags(CLI::App* app, ViewFlags* flags) {
-  const auto add = [&](CLI::Option* option) { option->group(kGroup); };
-  AddNamedViewFlags(app, flags);
-  add(AddFlag(app, "--camera", "FILE.json", &flags->camera_file, ParseText,
+void AddViewFlags(FlagSet* set, ViewFlags* flags) {
+  const auto add = [&](Flag option) { option.Group(kGroup); };
+  AddNamedViewFlags(set, flags);
+  add(AddFlag(set, "--camera", "FILE.json", &flags->camera_file, ParseText,
               "the camera that --save-camera wrote; not with other flags of the camera"));
-  add(AddFlag(app, "--save-camera", "FILE.json", &flags->save_camera_file, ParseText,
+  add(AddFlag(set, "--save-camera", "FILE.json", &flags->save_camera_file, ParseText,
               "write the camera of the first frame"));
 }
 

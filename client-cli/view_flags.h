@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 
 #include "client-cli/camera_flags.h"
+#include "core/cli/flag_set.h"
 #include "core/view/camera_fit.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
@@ -26,9 +27,9 @@ struct ViewFlags {
 };
 
 // `flags` must outlive the parsing. Those that name no file alone: --view and --fit.
-void AddNamedViewFlags(CLI::App* app, ViewFlags* flags);
+void AddNamedViewFlags(FlagSet* set, ViewFlags* flags);
 // All of them.
-void AddViewFlags(CLI::App* app, ViewFlags* flags);
+void AddViewFlags(FlagSet* set, ViewFlags* flags);
 
 // UsageError if the flags do not fit each other.
 absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera);

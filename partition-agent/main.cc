@@ -1,6 +1,7 @@
 // isoscope-agent: serves shards to a coordinator.
 
 #include <cstddef>
+#include <cstdint>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -9,12 +10,12 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include <CLI/CLI.hpp>
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
+#include "core/cli/flag_set.h"
 #include "core/render/egl_context.h"
 #include "core/render/renderer_factory.h"
 #include "core/rpc/metrics_server.h"
@@ -31,7 +32,7 @@ struct Flags {
   int egl_device = -1;
   bool list_egl_devices = false;
   int threads = 0;
-  std::size_t memory_limit_bytes = AgentMemory::DefaultLimitBytes();
+  std::int64_t memory_limit_bytes = static_cast<std::int64_t>(AgentMemory::DefaultLimitBytes());
 };
 
 constexpr char kExamples[] =
@@ -41,32 +42,25 @@ constexpr char kExamples[] =
   ISOSCOPE_SHARD=/shard isoscope-agent --renderer cpu --threads 8      one directory
 )";
 
-void AddFlags(CLI::App* app, Flags* flags) {
-  app->add_option("directories", flags->positional_shards, "Shard or dataset directories")
-      ->type_name("DIR");
-  app->add_option("--shard", flags->shards, "A shard or dataset directory to serve; repeatable")
-      ->type_name("DIR")
-      ->envname("ISOSCOPE_SHARD");
-  app->add_option("--renderer", flags->renderer, "auto is egl on real hardware, else cpu")
-      ->check(CLI::IsMember({"auto", "egl", "cpu"}))
-      ->envname("ISOSCOPE_RENDERER")
-      ->capture_default_str();
-  app->add_option("--egl-device", flags->egl_device, "Which EGL device; -1: the first that works")
-      ->check(CLI::Range(-1, 1024))
-      ->envname("ISOSCOPE_EGL_DEVICE")
-      ->capture_default_str();
-  app->add_flag("--list-egl-devices", flags->list_egl_devices, "Print the EGL devices and exit");
-  app->add_option("--threads", flags->threads, "Threads that extract and draw; 0: all cores")
-      ->check(CLI::Range(0, 4096))
-      ->envname("ISOSCOPE_THREADS")
-      ->capture_default_str();
-  app->add_option("--memory-limit", flags->memory_limit_bytes,
-                  "Memory for everything: caches, frames, shard tables; e.g. 256MiB, 4GiB")
-      ->type_name("BYTES")
-      ->transform(CLI::AsSizeValue(false))
-      ->check(CLI::Range(static_cast<double>(AgentMemory::kMinLimitBytes), 1e18))
-      ->envname("ISOSCOPE_MEMORY_LIMIT")
-      ->capture_default_str();
+void AddFlags(cli::FlagSet* set, Flags* flags) {
+  set->AddTexts("directories", "DIR", &flags->positional_shards, "Shard or dataset directories");
+  set->AddTexts("--shard", "DIR", &flags->shards,
+                "A shard or dataset directory to serve; repeatable")
+      .Environment("ISOSCOPE_SHARD");
+  set->AddChoice("--renderer", &flags->renderer, {"auto", "egl", "cpu"},
+                 "auto is egl on real hardware, else cpu")
+      .Environment("ISOSCOPE_RENDERER");
+  set->AddInteger("--egl-device", &flags->egl_device, -1, 1024,
+                  "Which EGL device; -1: the first that works")
+      .Environment("ISOSCOPE_EGL_DEVICE");
+  set->AddSwitch("--list-egl-devices", &flags->list_egl_devices, "Print the EGL devices and exit");
+  set->AddInteger("--threads", &flags->threads, 0, 4096,
+                  "Threads that extract and draw; 0: all cores")
+      .Environment("ISOSCOPE_THREADS");
+  set->AddByteSize("--memory-limit", &flags->memory_limit_bytes,
+                   static_cast<double>(AgentMemory::kMinLimitBytes), 1e18,
+                   "Memory for everything: caches, frames, shard tables; e.g. 256MiB, 4GiB")
+      .Environment("ISOSCOPE_MEMORY_LIMIT");
 }
 
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
@@ -103,7 +97,8 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   ISOSCOPE_ASSIGN_OR_RETURN(const render::RendererKind kind,
                             render::RendererKindFromName(flags.renderer));
   options.arena = base::MakeTaskArena(flags.threads);
-  options.memory = std::make_shared<AgentMemory>(flags.memory_limit_bytes);
+  options.memory =
+      std::make_shared<AgentMemory>(static_cast<std::size_t>(flags.memory_limit_bytes));
   ISOSCOPE_ASSIGN_OR_RETURN(
       options.renderer,
       render::MakeRenderer({.kind = kind,
@@ -137,7 +132,7 @@ int Main(int argc, char** argv) {
       .summary = "Serves the shards of isosurface datasets to a coordinator.",
       .examples = kExamples,
       .defaults = {.listen_address = "127.0.0.1:50052", .max_queued_frames = 64},
-      .add_flags = [&](CLI::App* app) { AddFlags(app, &flags); },
+      .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =
           [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
       .start = [&](const rpc::ServerFlags& server_flags) { return Start(flags, server_flags); }};

@@ -1,22 +1,24 @@
 // isoscope-coordinator: the public service in front of the agents.
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/time.h"
-#include <CLI/CLI.hpp>
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/cli/flag_set.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
 #include "server/agent_list.h"
@@ -32,7 +34,8 @@ struct Flags {
   double poll_seconds = 2;
   std::string gateway_address;
   std::string token_file;
-  std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
+  std::int64_t memory_limit_bytes =
+      static_cast<std::int64_t>(CoordinatorMemory::DefaultLimitBytes());
 };
 
 constexpr char kExamples[] =
@@ -44,50 +47,45 @@ constexpr char kExamples[] =
   isoscope-coordinator --probe                 whether the one on this machine serves
 )";
 
-// The complaint of CLI11 about an address that no browser opens; empty if it is one.
-std::string CheckGatewayAddress(const std::string& address) {
+// An error for an address that no browser opens.
+absl::Status CheckGatewayAddress(absl::string_view address) {
   const bool is_web_address =
       absl::StartsWith(address, "http://") || absl::StartsWith(address, "https://");
-  return is_web_address ? ""
-                        : absl::StrCat("'", address, "' is not http://HOST:PORT/ or https://...");
+  return is_web_address ? absl::OkStatus()
+                        : absl::InvalidArgumentError(absl::StrCat(
+                              "'", address, "' is not http://HOST:PORT/ or https://..."));
 }
 
-void AddFlags(CLI::App* app, Flags* flags) {
+void AddFlags(cli::FlagSet* set, Flags* flags) {
   constexpr double kMaxSeconds = 86400;
   constexpr double kMinSeconds = 0.01;
-  app->add_option("--agent", flags->agents,
-                  "An agent, HOST:PORT or any gRPC target; dns:///NAME:PORT: all behind the name; "
-                  "file:PATH: those in a list, one a line, which is read again; repeatable")
-      ->type_name("TARGET")
-      ->delimiter(' ')  // several in the environment variable
-      ->envname("ISOSCOPE_AGENT");
-  app->add_option("--max-frame-seconds", flags->max_frame_seconds,
-                  "How long a frame may take, whatever its client's deadline")
-      ->check(CLI::Range(kMinSeconds, kMaxSeconds))
-      ->envname("ISOSCOPE_MAX_FRAME_SECONDS")
-      ->capture_default_str();
-  app->add_option("--memory-limit", flags->memory_limit_bytes,
-                  "Memory for everything: pictures, planes, lists of blocks; e.g. 256MiB, 4GiB")
-      ->type_name("BYTES")
-      ->transform(CLI::AsSizeValue(false))
-      ->check(CLI::Range(static_cast<double>(CoordinatorMemory::kMinLimitBytes), 1e18))
-      ->envname("ISOSCOPE_MEMORY_LIMIT")
-      ->capture_default_str();
-  app->add_option("--poll-seconds", flags->poll_seconds,
-                  "How often agents are asked what they hold")
-      ->check(CLI::Range(kMinSeconds, kMaxSeconds))
-      ->envname("ISOSCOPE_POLL_SECONDS")
-      ->capture_default_str();
-  app->add_option("--gateway-address", flags->gateway_address,
-                  "Where people find the web gateway, as in https://host:8080/; clients ask for it")
-      ->type_name("URL")
-      ->check(CheckGatewayAddress)
-      ->envname("ISOSCOPE_GATEWAY_ADDRESS");
-  app->add_option("--tokens", flags->token_file,
-                  "Clients' tokens and what they may see (docs/security.md), JSON; read again when "
-                  "it changes")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_TOKENS");
+  set->AddTexts("--agent", "TARGET", &flags->agents,
+                "An agent, HOST:PORT or any gRPC target; dns:///NAME:PORT: all behind the name; "
+                "file:PATH: those in a list, one a line, which is read again; repeatable",
+                /*splits_at_spaces=*/true)
+      .Environment("ISOSCOPE_AGENT");
+  set->AddNumber("--max-frame-seconds", &flags->max_frame_seconds, kMinSeconds, kMaxSeconds,
+                 "How long a frame may take, whatever its client's deadline")
+      .Environment("ISOSCOPE_MAX_FRAME_SECONDS");
+  set->AddByteSize("--memory-limit", &flags->memory_limit_bytes,
+                   static_cast<double>(CoordinatorMemory::kMinLimitBytes), 1e18,
+                   "Memory for everything: pictures, planes, lists of blocks; e.g. 256MiB, 4GiB")
+      .Environment("ISOSCOPE_MEMORY_LIMIT");
+  set->AddNumber("--poll-seconds", &flags->poll_seconds, kMinSeconds, kMaxSeconds,
+                 "How often agents are asked what they hold")
+      .Environment("ISOSCOPE_POLL_SECONDS");
+  set->Add(
+         "--gateway-address", "URL",
+         [flags](absl::string_view address) {
+           flags->gateway_address = std::string(address);
+           return CheckGatewayAddress(address);
+         },
+         "Where people find the web gateway, as in https://host:8080/; clients ask for it")
+      .Environment("ISOSCOPE_GATEWAY_ADDRESS");
+  set->AddText("--tokens", "FILE", &flags->token_file,
+               "Clients' tokens and what they may see (docs/security.md), JSON; read again when "
+               "it changes")
+      .Environment("ISOSCOPE_TOKENS");
 }
 
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
@@ -119,7 +117,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.max_queued_frames = server_flags.max_queued_frames;
   options.expected_viewport = view::kCommonViewport;
   options.max_frame_duration = absl::Seconds(flags.max_frame_seconds);
-  options.memory_limit_bytes = flags.memory_limit_bytes;
+  options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes);
   options.poll_interval = absl::Seconds(flags.poll_seconds);
   options.gateway_address = flags.gateway_address;
   options.transport = server_flags.transport;
@@ -149,7 +147,7 @@ int Main(int argc, char** argv) {
       .examples = kExamples,
       .defaults = {.listen_address = "127.0.0.1:50051", .max_queued_frames = 32},
       .dials = true,
-      .add_flags = [&](CLI::App* app) { AddFlags(app, &flags); },
+      .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =
           [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
       .start = [&](const rpc::ServerFlags& server_flags) { return Start(flags, server_flags); }};

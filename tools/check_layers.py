@@ -3,13 +3,14 @@
 
     tools/check_layers.py [ROOT]
 
-Four rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
+Five rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
 1. A module includes itself and modules on lower floors (MODULES), never higher ones; server and
    partition-agent, on the same floor, never include each other. A program's main.cc may include all.
 2. gRPC and protobuf appear only in the files of GRPC_FILES and PROTO_FILES.
 3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
-4. core, server and partition-agent call no elementary function of libm, whose bits depend on the
+4. CLI11 appears only in CLI11_FILE: its headers cost six seconds of compile time each time.
+5. core, server and partition-agent call no elementary function of libm, whose bits depend on the
    machine: core/math/elementary.h has them. LIBM_FILES lists the exceptions with their reasons.
 """
 
@@ -61,6 +62,9 @@ GRPC_FILES = re.compile(
 # Who may name protobuf's headers and generated messages (*.pb.h).
 PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|(client-cli|bench|web-gateway)/.*")
 
+# Who may name CLI11's headers.
+CLI11_FILE = "core/cli/flag_set.cc"
+
 UNTESTED_HEADERS = {
     "core/base/shutdown_signal.h": "signals of real processes: tests/integration/fault_test.cc",
     "core/volume/scalar_span.h": "with every type and tie: tests/unit/core/volume/range_table_test.cc",
@@ -72,7 +76,7 @@ UNTESTED_HEADERS = {
     "core/base/scoped_timer.h": "the times of frame_pipeline_test",
     "core/base/status_macros.h": "used by every test",
     "core/base/units.h": "constants",
-    "core/base/version.h": "one constant; tests/unit/client-cli/command_test.cc",
+    "core/base/version.h": "one constant; tests/unit/client-cli/commands_test.cc",
     "core/composite/band_decoder.h": "every damage: tests/unit/core/composite/pixel_codec_test.cc",
     "core/composite/band_encoder.h": "inside of pixel_codec_test",
     "core/extract/bit_row.h": "inside of block_extractor_test",
@@ -90,6 +94,8 @@ UNTESTED_HEADERS = {
     "core/source/itk_header.h": "inside of volume_source_test",
     "core/source/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
+    "core/cli/command.h": "plain data; tests/unit/client-cli/commands_test.cc",
+    "core/cli/interrupt.h": "signals of real processes: tests/integration/cli_test.cc",
     "core/frame/appearance.h": "plain data",
     "core/frame/color.h": "plain data",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
@@ -152,6 +158,8 @@ def check_include(file, included):
         if not PROTO_FILES.fullmatch(file):
             return f"messages ({included}) are for core/rpc, servers, client-cli, bench and web-gateway"
         return None
+    if included.startswith("CLI/") and file != CLI11_FILE:
+        return f"CLI11 ({included}) is for {CLI11_FILE}: use core/cli/flag_set.h"
     of_file, of_included = module_of(file), module_of(included)
     if of_included is None or of_file == of_included:
         if included.startswith("tests/"):

@@ -13,11 +13,11 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include <CLI/CLI.hpp>
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/cli/flag_set.h"
 #include "core/rpc/channel.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/peer.h"
@@ -55,91 +55,74 @@ constexpr char kExamples[] =
   isoscope-gateway --allow-origin https://hub.example.org      pages of a notebook hub may ask, too
 )";
 
-void AddFlags(CLI::App* app, Flags* flags) {
+void AddFlags(cli::FlagSet* set, Flags* flags) {
   constexpr double kMaxSeconds = 86400;
   constexpr double kMinSeconds = 0.01;
   constexpr int kMaxConnections = 65536;
   constexpr double kMinMeshBytes = 1 << 20;
   constexpr double kMaxMeshBytes = 1e15;
-  app->add_option("--server", flags->server, "The coordinator, HOST:PORT or any gRPC target")
-      ->type_name("TARGET")
-      ->envname("ISOSCOPE_SERVER")
-      ->capture_default_str();
-  CLI::Option* const gateway_token =
-      app->add_option("--gateway-token-file", flags->gateway_token_file,
-                      "A file with the token that every request for data must show (default: "
-                      "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one, in the "
-                      "address that is logged)")
-          ->type_name("FILE")
-          ->envname("ISOSCOPE_GATEWAY_TOKEN_FILE");
-  CLI::Option* const token =
-      app->add_option("--token", flags->old_token,
-                      "The old way to give that token, which shows it to every user of this "
-                      "machine; it goes with the next version")
-          ->type_name("TEXT")
-          ->excludes(gateway_token);
-  app->add_flag("--no-token", flags->has_no_token,
-                "Ask for none anywhere: where a proxy in front knows who asks")
-      ->envname("ISOSCOPE_NO_TOKEN")
-      ->excludes(gateway_token)
-      ->excludes(token);
-  CLI::Option* const user_tokens =
-      app->add_flag(
-             "--user-tokens", flags->has_user_tokens,
+  set->AddText("--server", "TARGET", &flags->server,
+               "The coordinator, HOST:PORT or any gRPC target")
+      .DefaultText(flags->server)
+      .Environment("ISOSCOPE_SERVER");
+  const cli::Flag gateway_token =
+      set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
+                   "A file with the token that every request for data must show (default: "
+                   "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one, in the "
+                   "address that is logged)")
+          .Environment("ISOSCOPE_GATEWAY_TOKEN_FILE");
+  const cli::Flag token =
+      set->AddText("--token", "TEXT", &flags->old_token,
+                   "The old way to give that token, which shows it to every user of this "
+                   "machine; it goes with the next version")
+          .Excludes(gateway_token);
+  set->AddSwitch("--no-token", &flags->has_no_token,
+                 "Ask for none anywhere: where a proxy in front knows who asks")
+      .Environment("ISOSCOPE_NO_TOKEN")
+      .Excludes(gateway_token)
+      .Excludes(token);
+  const cli::Flag user_tokens =
+      set->AddSwitch(
+             "--user-tokens", &flags->has_user_tokens,
              "Each user shows a token that the coordinator knows (its --tokens); it is passed on")
-          ->envname("ISOSCOPE_USER_TOKENS")
-          ->excludes(gateway_token)
-          ->excludes(token);
-  app->add_option("--token-file", flags->token_file,
-                  "A file with the token that the coordinator gets where the user shows none of "
-                  "its own (default: $ISOSCOPE_TOKEN, the token itself)")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_TOKEN_FILE")
-      ->excludes(user_tokens);
-  app->add_option("--https-cert", flags->https_certificate_file,
-                  "The certificate for browsers, PEM, where it is not --tls-cert: one that they "
-                  "know")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_HTTPS_CERT");
-  app->add_option("--https-key", flags->https_key_file, "Its private key, PEM")
-      ->type_name("FILE")
-      ->envname("ISOSCOPE_HTTPS_KEY");
-  app->add_flag(
-         "--http", flags->serves_http,
+          .Environment("ISOSCOPE_USER_TOKENS")
+          .Excludes(gateway_token)
+          .Excludes(token);
+  set->AddText("--token-file", "FILE", &flags->token_file,
+               "A file with the token that the coordinator gets where the user shows none of "
+               "its own (default: $ISOSCOPE_TOKEN, the token itself)")
+      .Environment("ISOSCOPE_TOKEN_FILE")
+      .Excludes(user_tokens);
+  set->AddText("--https-cert", "FILE", &flags->https_certificate_file,
+               "The certificate for browsers, PEM, where it is not --tls-cert: one that they "
+               "know")
+      .Environment("ISOSCOPE_HTTPS_CERT");
+  set->AddText("--https-key", "FILE", &flags->https_key_file, "Its private key, PEM")
+      .Environment("ISOSCOPE_HTTPS_KEY");
+  set->AddSwitch(
+         "--http", &flags->serves_http,
          "Plain HTTP for browsers, even with --tls-cert: where a proxy in front has the TLS; "
          "beyond this machine with --insecure only")
-      ->envname("ISOSCOPE_HTTP");
-  app->add_option("--allow-origin", flags->allowed_origins,
-                  "Pages of this origin may ask too, as https://HOST[:PORT]; repeatable")
-      ->type_name("ORIGIN")
-      ->delimiter(' ')
-      ->envname("ISOSCOPE_ALLOW_ORIGIN");
-  app->add_option("--max-connections", flags->max_connections, "Connections at a time")
-      ->check(CLI::Range(1, kMaxConnections))
-      ->envname("ISOSCOPE_MAX_CONNECTIONS")
-      ->capture_default_str();
-  app->add_option("--max-pictures", flags->max_pictures,
+      .Environment("ISOSCOPE_HTTP");
+  set->AddTexts("--allow-origin", "ORIGIN", &flags->allowed_origins,
+                "Pages of this origin may ask too, as https://HOST[:PORT]; repeatable",
+                /*splits_at_spaces=*/true)
+      .Environment("ISOSCOPE_ALLOW_ORIGIN");
+  set->AddInteger("--max-connections", &flags->max_connections, 1, kMaxConnections,
+                  "Connections at a time")
+      .Environment("ISOSCOPE_MAX_CONNECTIONS");
+  set->AddInteger("--max-pictures", &flags->max_pictures, 1, kMaxConnections,
                   "Pictures and meshes in work at a time, viewers apart; more are refused")
-      ->check(CLI::Range(1, kMaxConnections))
-      ->envname("ISOSCOPE_MAX_PICTURES")
-      ->capture_default_str();
-  app->add_option("--max-caller-meshes", flags->max_caller_meshes,
+      .Environment("ISOSCOPE_MAX_PICTURES");
+  set->AddInteger("--max-caller-meshes", &flags->max_caller_meshes, 1, kMaxConnections,
                   "Meshes in work for one caller, by token, else by address; more are refused")
-      ->check(CLI::Range(1, kMaxConnections))
-      ->envname("ISOSCOPE_MAX_CALLER_MESHES")
-      ->capture_default_str();
-  app->add_option("--max-mesh-bytes", flags->max_mesh_bytes,
-                  "Disk space of the meshes in work (TMPDIR); those that need more are refused")
-      ->type_name("BYTES")
-      ->transform(CLI::AsSizeValue(false))
-      ->check(CLI::Range(kMinMeshBytes, kMaxMeshBytes))
-      ->envname("ISOSCOPE_MAX_MESH_BYTES")
-      ->capture_default_str();
-  app->add_option("--max-picture-seconds", flags->max_picture_seconds,
-                  "How long a picture or a mesh may take")
-      ->check(CLI::Range(kMinSeconds, kMaxSeconds))
-      ->envname("ISOSCOPE_MAX_PICTURE_SECONDS")
-      ->capture_default_str();
+      .Environment("ISOSCOPE_MAX_CALLER_MESHES");
+  set->AddByteSize("--max-mesh-bytes", &flags->max_mesh_bytes, kMinMeshBytes, kMaxMeshBytes,
+                   "Disk space of the meshes in work (TMPDIR); those that need more are refused")
+      .Environment("ISOSCOPE_MAX_MESH_BYTES");
+  set->AddNumber("--max-picture-seconds", &flags->max_picture_seconds, kMinSeconds, kMaxSeconds,
+                 "How long a picture or a mesh may take")
+      .Environment("ISOSCOPE_MAX_PICTURE_SECONDS");
 }
 
 // The certificate for browsers and its key; empty: plain HTTP.
@@ -284,7 +267,7 @@ int Main(int argc, char** argv) {
       .defaults = {.listen_address = "127.0.0.1:8080"},
       .is_grpc_server = false,
       .dials = true,
-      .add_flags = [&](CLI::App* app) { AddFlags(app, &flags); },
+      .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =
           [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
       .probe = [&](const rpc::ServerFlags& server_flags,

@@ -11,18 +11,21 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
-#include <CLI/CLI.hpp>
+#include "absl/strings/strip.h"
 
 #include "client-cli/clip_flags.h"
 #include "client-cli/effect_flags.h"
-#include "client-cli/flags.h"
 #include "client-cli/look_flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
-#include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
 #include "core/base/status_macros.h"
+#include "core/cli/command_description.h"
+#include "core/cli/flag_set.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
 #include "core/rpc/proto_convert.h"
 
@@ -63,67 +66,51 @@ absl::Status ParameterError(const absl::Status& status) {
   return status.ok() ? status : absl::InvalidArgumentError(WithoutDashes(status.message()));
 }
 
-// The names of all options, without dashes.
-std::vector<std::string> NamesOf(const CLI::App& app) {
+absl::Status UnknownParameter(const std::string& name,
+                              const std::vector<cli::FlagDescription>& parameters) {
+  constexpr std::size_t kMaxQuotedBytes = 64;
   std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames()) {
-      names.push_back(name);
-    }
+  for (const cli::FlagDescription& parameter : parameters) {
+    names.push_back(std::string(absl::StripPrefix(parameter.names[0], "--")));
   }
   std::sort(names.begin(), names.end());
-  return names;
-}
-
-absl::Status UnknownParameter(const std::string& name, const CLI::App& app) {
-  constexpr std::size_t kMaxQuotedBytes = 64;
-  const std::vector<std::string> names = NamesOf(app);
   const std::string nearest = cli::NearestName(name, names);
-  std::string all;
-  for (const std::string& known : names) {
-    absl::StrAppend(&all, all.empty() ? "" : ", ", known);
-  }
   return absl::InvalidArgumentError(
       absl::StrCat("there is no parameter '",
                    absl::CHexEscape(absl::string_view(name).substr(0, kMaxQuotedBytes)), "'",
                    nearest.empty() ? ";" : absl::StrCat(", did you mean '", nearest, "'?"),
-                   " there are: ", all));
+                   " there are: ", absl::StrJoin(names, ", ")));
 }
 
-// Lets `app` read the parameters as flags.
-absl::Status Parse(const QueryParameters& query, CLI::App* app) {
-  app->set_help_flag("");
+// Lets `set` read the parameters as flags. REQUIRES: each flag has one name, and a value.
+absl::Status Parse(const QueryParameters& query, cli::FlagSet* set) {
+  const std::vector<cli::FlagDescription> parameters = set->Describe();
   std::vector<std::string> arguments;
   for (const auto& [key, value] : query) {
-    std::string name = absl::StrReplaceAll(key, {{"_", "-"}});
-    const CLI::Option* const option = app->get_option_no_throw(absl::StrCat("--", name));
-    if (option == nullptr || name.empty()) {
-      return UnknownParameter(name, *app);
+    const std::string name = absl::StrReplaceAll(key, {{"_", "-"}});
+    const auto parameter =
+        std::find_if(parameters.begin(), parameters.end(),
+                     [flag = absl::StrCat("--", name)](const cli::FlagDescription& known) {
+                       return known.names[0] == flag;
+                     });
+    if (parameter == parameters.end()) {
+      return UnknownParameter(name, parameters);
     }
     const auto is_same = [&](const auto& other) {
       return absl::StrReplaceAll(other.first, {{"_", "-"}}) == name;
     };
     const auto times = std::count_if(query.begin(), query.end(), is_same);
-    if (times > 1 && option->get_expected_max() <= 1) {
+    if (times > 1 && !parameter->is_repeatable) {
       return absl::InvalidArgumentError(
           absl::StrCat("the parameter ", name, " is given ", times, " times: it may come once"));
     }
-    // A flag whose value may be left out has "true" then, as CLI11 itself says it.
-    const bool may_be_empty = option->get_items_expected_min() == 0;
-    arguments.push_back(
-        absl::StrCat("--", name, "=", value.empty() && may_be_empty ? "true" : value));
-    if (value.empty() && !may_be_empty) {
+    if (value.empty() && !parameter->has_optional_value) {
       return absl::InvalidArgumentError(absl::StrCat("the parameter ", name, " has no value"));
     }
+    // "--name=" would take the next argument for the value.
+    arguments.push_back(absl::StrCat("--", name, "=", value.empty() ? "true" : value));
   }
-  // CLI11 takes the last argument first.
-  std::reverse(arguments.begin(), arguments.end());
-  try {
-    app->parse(arguments);
-  } catch (const CLI::ParseError& error) {
-    return ParameterError(absl::InvalidArgumentError(error.what()));
-  }
-  return absl::OkStatus();
+  return ParameterError(set->Parse(arguments));
 }
 
 OutputOptions OutputOf(Format format, const std::optional<std::int64_t>& quality) {
@@ -153,14 +140,14 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   cli::EffectFlags effects;
   std::optional<Format> format;
   std::optional<std::int64_t> quality;
-  CLI::App app;
-  cli::AddRequestFlags(&app, &flags);
-  cli::AddNamedViewFlags(&app, &view);
-  cli::AddLookFlags(&app, &look);
-  cli::AddEffectFlags(&app, &effects);
-  cli::AddFlag(&app, "--format", "png|jpeg|depth", &format, ParseFormat, "");
-  cli::AddFlag(&app, "--quality", "N", &quality, ParseQuality, "");
-  ISOSCOPE_RETURN_IF_ERROR(Parse(query, &app));
+  cli::FlagSet set({.has_help = false});
+  cli::AddRequestFlags(&set, &flags);
+  cli::AddNamedViewFlags(&set, &view);
+  cli::AddLookFlags(&set, &look);
+  cli::AddEffectFlags(&set, &effects);
+  cli::AddFlag(&set, "--format", "png|jpeg|depth", &format, ParseFormat, "");
+  cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
+  ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(flags)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(view, flags.camera)));
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(look, flags.isovalues().size())));
@@ -190,12 +177,12 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
   std::optional<frame::Color> color;
   std::vector<cli::SurfaceValue> surfaces;
   cli::ClipFlags clip;
-  CLI::App app;
-  cli::AddFlag(&app, "--isovalue", "V", &isovalue, cli::ParseNumber, "");
-  cli::AddFlag(&app, "--color", "R,G,B", &color, cli::ParseColor, "");
-  cli::AddRepeatableFlag(&app, "--surface", "V[:R,G,B]", &surfaces, cli::ParseSurface, "");
-  cli::AddClipFlags(&app, &clip);
-  ISOSCOPE_RETURN_IF_ERROR(Parse(query, &app));
+  cli::FlagSet set({.has_help = false});
+  cli::AddFlag(&set, "--isovalue", "V", &isovalue, cli::ParseNumber, "");
+  cli::AddFlag(&set, "--color", "R,G,B", &color, cli::ParseColor, "");
+  cli::AddRepeatableFlag(&set, "--surface", "V[:R,G,B]", &surfaces, cli::ParseSurface, "");
+  cli::AddClipFlags(&set, &clip);
+  ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   if (isovalue.has_value() != surfaces.empty()) {
     return absl::InvalidArgumentError("give isovalue=V, or surface=V:R,G,B for each surface");
   }

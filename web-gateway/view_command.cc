@@ -23,15 +23,15 @@
 #include "absl/time/time.h"
 #include <sys/wait.h>
 
-#include "client-cli/flags.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/show_picture.h"
 #include "client-cli/terminal_viewer.h"
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "core/rpc/transport.h"
 #include "web-gateway/gateway_server.h"
 #include "web-gateway/redirect_file.h"
@@ -199,25 +199,24 @@ absl::Status Run(const ViewFlags& flags, const cli::Context& context) {
   return absl::OkStatus();
 }
 
-cli::Action RegisterFlags(CLI::App* app) {
+cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<ViewFlags>();
-  cli::AddSessionFlags(app, &flags->session);
-  cli::AddRendererFlag(app, &flags->session);
-  cli::AddFlag(app, "--isovalue", "V", &flags->isovalue, cli::ParseNumber,
+  cli::AddSessionFlags(set, &flags->session);
+  cli::AddRendererFlag(set, &flags->session);
+  cli::AddFlag(set, "--isovalue", "V", &flags->isovalue, cli::ParseNumber,
                "the level to begin with, in field units (default: one that the samples suggest)");
-  cli::AddFlag(app, "--listen", "HOST:PORT", &flags->listen_address, cli::ParseHostPort,
+  cli::AddFlag(set, "--listen", "HOST:PORT", &flags->listen_address, cli::ParseHostPort,
                absl::StrCat("where the page is; port 0 takes a free one (default: ", kFirstAddress,
                             ", or another port if that is taken)"));
-  app->add_option("--gateway-token-file", flags->gateway_token_file,
-                  "a file with the token that the page asks for, which its address has (default: "
-                  "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one)")
-      ->type_name("FILE");
-  app->add_flag("--no-open", flags->has_no_open,
-                "do not open a browser; it is opened on a desktop only");
-  app->add_flag("--terminal", flags->is_in_terminal,
-                "show it in this terminal instead, turned with the keys: arrows, + - to zoom, [ ] "
-                "for the isovalue, ? for all");
-  cli::AddShowFlag(app, &flags->show, "how --terminal draws (default: auto, the best it can)");
+  set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
+               "a file with the token that the page asks for, which its address has (default: "
+               "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one)");
+  set->AddSwitch("--no-open", &flags->has_no_open,
+                 "do not open a browser; it is opened on a desktop only");
+  set->AddSwitch("--terminal", &flags->is_in_terminal,
+                 "show it in this terminal instead, turned with the keys: arrows, + - to zoom, [ ] "
+                 "for the isovalue, ? for all");
+  cli::AddShowFlag(set, &flags->show, "how --terminal draws (default: auto, the best it can)");
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

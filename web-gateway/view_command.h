@@ -8,7 +8,7 @@
 
 #include "absl/strings/string_view.h"
 
-#include "client-cli/command.h"
+#include "core/cli/command.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
 

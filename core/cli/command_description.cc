@@ -5,9 +5,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include <CLI/CLI.hpp>
 
 namespace isoscope::cli {
 namespace {
@@ -18,32 +16,6 @@ bool IsWord(absl::string_view text) {
     const auto byte = static_cast<unsigned char>(c);
     return absl::ascii_islower(byte) || absl::ascii_isdigit(byte) || c == '-' || c == '.';
   });
-}
-
-FlagDescription Describe(const CLI::Option& option) {
-  FlagDescription flag;
-  for (const std::string& name : option.get_lnames()) {
-    flag.names.push_back(absl::StrCat("--", name));
-  }
-  for (const std::string& name : option.get_snames()) {
-    flag.names.push_back(absl::StrCat("-", name));
-  }
-  flag.help = option.get_description();
-  flag.group = option.get_group();
-  flag.environment = option.get_envname();
-  flag.default_value = option.get_default_str();
-  flag.is_repeatable = option.get_items_expected_max() > 1;
-  if (option.get_type_size_max() == 0) {
-    return flag;  // a switch
-  }
-  flag.has_optional_value = option.get_expected_min() == 0;
-  flag.value_name = option.get_type_name();
-  flag.choices = ChoicesOf(flag.value_name);
-  flag.takes_files = absl::StrContains(flag.value_name, "FILE") ||
-                     absl::StrContains(flag.value_name, "INPUT") ||
-                     absl::StrContains(flag.value_name, "SCRIPT");
-  flag.takes_folders = absl::StrContains(flag.value_name, "DIR");
-  return flag;
 }
 
 }  // namespace
@@ -64,14 +36,13 @@ std::vector<std::string> ChoicesOf(absl::string_view value_name) {
   return absl::StrContains(value_name, "|") ? words : std::vector<std::string>();
 }
 
-std::vector<FlagDescription> DescribeFlags(const CLI::App& app) {
-  std::vector<FlagDescription> flags;
-  for (const CLI::Option* const option : app.get_options()) {
-    if (!option->get_group().empty()) {
-      flags.push_back(Describe(*option));
-    }
-  }
-  return flags;
+void SetValueName(const std::string& value_name, FlagDescription* flag) {
+  flag->value_name = value_name;
+  flag->choices = ChoicesOf(value_name);
+  flag->takes_files = absl::StrContains(value_name, "FILE") ||
+                      absl::StrContains(value_name, "INPUT") ||
+                      absl::StrContains(value_name, "SCRIPT");
+  flag->takes_folders = absl::StrContains(value_name, "DIR");
 }
 
 }  // namespace isoscope::cli

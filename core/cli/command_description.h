@@ -1,5 +1,5 @@
-// A command and its flags as plain data, read from the definitions that --help is made of: shell
-// completions and man pages are made from it. All functions of this folder are thread-safe.
+// A command and its flags as plain data, which FlagSet::Describe reads from the declarations of
+// --help. Shell completions and man pages are made from it. All functions are thread-safe.
 
 #ifndef ISOSCOPE_CORE_CLI_COMMAND_DESCRIPTION_H_
 #define ISOSCOPE_CORE_CLI_COMMAND_DESCRIPTION_H_
@@ -8,10 +8,6 @@
 #include <vector>
 
 #include "absl/strings/string_view.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
 
 namespace isoscope::cli {
 
@@ -46,8 +42,8 @@ struct ProgramDescription {
   std::vector<CommandDescription> commands = {};
 };
 
-// The flags of `app`, in the order of --help, but without those that it hides.
-std::vector<FlagDescription> DescribeFlags(const CLI::App& app);
+// Sets the name of the flag's value, and all that it tells: words, files, folders.
+void SetValueName(const std::string& value_name, FlagDescription* flag);
 
 // The words of a value's name that mean themselves: of "depth|mask|none" all three, of "FILE|-"
 // none, of "{a,b}" both.

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "absl/strings/string_view.h"
-#include <CLI/CLI.hpp>
 
+#include "core/cli/flag_set.h"
 #include "core/rpc/transport.h"
 
 namespace isoscope::rpc {
@@ -28,11 +28,11 @@ struct ServerFlags {
 // Adds the flags, each with its environment variable. `flags` holds the defaults and must outlive
 // the parsing. is_grpc_server: whether the program has the two limits of frames, and reflection.
 // dials: whether it is a client of other servers.
-void AddServerFlags(CLI::App* app, ServerFlags* flags, bool is_grpc_server, bool dials);
+void AddServerFlags(cli::FlagSet* set, ServerFlags* flags, bool is_grpc_server, bool dials);
 
 // Adds --tls-cert, --tls-key, --tls-ca and --insecure, for commands that are servers, too.
 // `has_server_name`: and --tls-server-name, for those that dial others.
-void AddTransportFlags(CLI::App* app, TransportFlags* flags, bool has_server_name);
+void AddTransportFlags(cli::FlagSet* set, TransportFlags* flags, bool has_server_name);
 
 // Returns `listen_address` with the bound port instead of its own, for a log line.
 std::string BoundAddress(absl::string_view listen_address, int port);

@@ -4,6 +4,8 @@
 #include <exception>
 #include <iostream>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
@@ -17,6 +19,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/command_description.h"
+#include "core/cli/flag_set.h"
 #include "core/cli/man_page.h"
 #include "core/cli/shell_completion.h"
 #include "core/rpc/health_probe.h"
@@ -99,7 +102,7 @@ constexpr char kEnvironmentNote[] =
 
 // Answers what builds and shells ask: --man-page, --completion SHELL. Unset if something else is
 // asked.
-std::optional<int> DescribeItself(const ServerProgram& program, const CLI::App& app, int argc,
+std::optional<int> DescribeItself(const ServerProgram& program, const cli::FlagSet& set, int argc,
                                   char** argv) {
   const absl::string_view asked = argc >= 2 ? argv[1] : "";
   const bool is_page = asked == "--man-page" && argc == 2;
@@ -114,7 +117,7 @@ std::optional<int> DescribeItself(const ServerProgram& program, const CLI::App& 
                     .summary = program.summary,
                     .usage = "[OPTIONS]",
                     .examples = absl::StrCat(program.examples, "\n", kEnvironmentNote),
-                    .flags = cli::DescribeFlags(app)}}};
+                    .flags = set.Describe()}}};
   if (is_page) {
     std::cout << cli::CommandManPage(description, description.commands[0]);
     return kDone;
@@ -132,19 +135,24 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
   base::SetUpProcess();
   SilenceGrpcLog();
   base::ShutdownSignal shutdown_signal;
-  CLI::App app(program.summary, program.name);
-  app.set_version_flag("--version", absl::StrCat(program.name, " ", base::Version()));
-  app.footer(absl::StrCat("Examples:\n", program.examples, "\n", kEnvironmentNote));
+  cli::FlagSet set({.name = program.name,
+                    .summary = program.summary,
+                    .notes = absl::StrCat("Examples:\n", program.examples, "\n", kEnvironmentNote),
+                    .version = absl::StrCat(program.name, " ", base::Version())});
   ServerFlags flags = program.defaults;
-  program.add_flags(&app);
-  AddServerFlags(&app, &flags, program.is_grpc_server, program.dials);
-  if (const std::optional<int> code = DescribeItself(program, app, argc, argv)) {
+  program.add_flags(&set);
+  AddServerFlags(&set, &flags, program.is_grpc_server, program.dials);
+  if (const std::optional<int> code = DescribeItself(program, set, argc, argv)) {
     return *code;
   }
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? kDone : kWrongUsage;
+  const absl::Status parsed = set.Parse(std::vector<std::string>(argv + 1, argv + argc));
+  if (!parsed.ok()) {
+    std::cerr << parsed.message() << "\nRun with --help for more information.\n";
+    return kWrongUsage;
+  }
+  if (!set.requested_text().empty()) {
+    std::cout << set.requested_text();
+    return kDone;
   }
   base::SetLogLevel(LogLevelFromName(flags.log_level));
   if (flags.is_probe) {

@@ -17,8 +17,8 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include <CLI/CLI.hpp>
 
+#include "core/cli/flag_set.h"
 #include "core/rpc/server_flags.h"
 
 namespace isoscope::rpc {
@@ -35,8 +35,8 @@ struct ServerProgram {
   ServerFlags defaults;
   bool is_grpc_server = true;  // has --max-concurrent-frames, --max-queued-frames, --reflection
   bool dials = false;          // has --tls-server-name
-  // Adds the program's own flags. A callback of CLI11 that throws CLI::ParseError is wrong usage.
-  std::function<void(CLI::App* app)> add_flags;
+  // Adds the program's own flags.
+  std::function<void(cli::FlagSet* set)> add_flags;
   // Returns an error for wrong usage that no single flag shows; it calls CheckListen, as null does.
   std::function<absl::Status(const ServerFlags& flags)> check = nullptr;
   // Returns OK if the server at `address` serves; null: ProbeHealth with the program's own flags.

@@ -9,7 +9,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

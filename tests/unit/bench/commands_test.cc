@@ -7,7 +7,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 
 namespace isoscope::bench {
 namespace {

@@ -13,7 +13,7 @@
 
 #include "bench/frame_bench_report.h"
 #include "bench/peer.h"
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

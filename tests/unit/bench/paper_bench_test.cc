@@ -14,7 +14,7 @@
 
 #include "bench/paper_bench_plots.h"
 #include "bench/paper_bench_report.h"
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"

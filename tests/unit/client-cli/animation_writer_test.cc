@@ -16,6 +16,7 @@
 #include "client-cli/apng_writer.h"
 #include "client-cli/png_chunks.h"
 #include "client-cli/webp_writer.h"
+#include "core/cli/usage.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"

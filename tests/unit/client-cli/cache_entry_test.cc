@@ -12,8 +12,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/command.h"
-#include "client-cli/interrupt.h"
+#include "client-cli/commands.h"
+#include "core/cli/interrupt.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 

@@ -1,26 +1,24 @@
 #include "client-cli/clip_flags.h"
 
-#include <algorithm>
 #include <string>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
+#include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {
 namespace {
 
 using ::testing::HasSubstr;
 
-ClipFlags Parse(std::vector<std::string> arguments) {
-  CLI::App app;
+ClipFlags Parse(const std::vector<std::string>& arguments) {
+  FlagSet set;
   ClipFlags flags;
-  AddClipFlags(&app, &flags);
-  std::reverse(arguments.begin(), arguments.end());
-  app.parse(arguments);
+  AddClipFlags(&set, &flags);
+  ISOSCOPE_EXPECT_OK(set.Parse(arguments));
   return flags;
 }
 
@@ -50,10 +48,10 @@ TEST(ClipFlagsTest, SevenPlanesAreTooMany) {
 }
 
 TEST(ClipFlagsTest, HelpSaysWhatIsDone) {
-  CLI::App app;
+  FlagSet set;
   ClipFlags flags;
-  AddClipFlags(&app, &flags, "export");
-  EXPECT_THAT(app.help(), HasSubstr("export only the points p"));
+  AddClipFlags(&set, &flags, "export");
+  EXPECT_THAT(set.Help(), HasSubstr("export only the points p"));
 }
 
 }  // namespace

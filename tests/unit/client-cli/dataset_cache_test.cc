@@ -23,8 +23,8 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "client-cli/usage.h"
 #include "core/base/units.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

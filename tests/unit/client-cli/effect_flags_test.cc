@@ -1,13 +1,12 @@
 #include "client-cli/effect_flags.h"
 
-#include <algorithm>
 #include <string>
 #include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <CLI/CLI.hpp>
 
+#include "core/base/status_macros.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {
@@ -16,15 +15,20 @@ namespace {
 using isoscope::testing::StatusIs;
 using ::testing::HasSubstr;
 
-EffectFlags Parse(std::vector<std::string> arguments) {
-  CLI::App app;
+absl::StatusOr<EffectFlags> TryParse(const std::vector<std::string>& arguments) {
+  FlagSet set;
   EffectFlags flags;
   bool has_other_flag = false;
-  AddEffectFlags(&app, &flags);
-  app.add_flag("--other", has_other_flag);
-  std::reverse(arguments.begin(), arguments.end());
-  app.parse(arguments);
+  AddEffectFlags(&set, &flags);
+  set.AddSwitch("--other", &has_other_flag, "");
+  ISOSCOPE_RETURN_IF_ERROR(set.Parse(arguments));
   return flags;
+}
+
+EffectFlags Parse(const std::vector<std::string>& arguments) {
+  const absl::StatusOr<EffectFlags> flags = TryParse(arguments);
+  ISOSCOPE_EXPECT_OK(flags);
+  return flags.value_or(EffectFlags());
 }
 
 TEST(EffectFlagsTest, WithoutFlagsTheRequestStaysAsItWas) {
@@ -76,7 +80,8 @@ TEST(EffectFlagsTest, WrongValuesAreNamedWithWhatIsAllowed) {
     EXPECT_THAT(ParseSilhouette(text), StatusIs(absl::StatusCode::kInvalidArgument)) << text;
   }
   for (const char* text : {"0", "2", "3", "25", "-4", "4x"}) {
-    EXPECT_THROW(Parse({"--samples", text}), CLI::ParseError) << text;
+    EXPECT_THAT(TryParse({"--samples", text}), StatusIs(absl::StatusCode::kInvalidArgument))
+        << text;
   }
 }
 

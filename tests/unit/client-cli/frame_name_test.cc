@@ -6,7 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {

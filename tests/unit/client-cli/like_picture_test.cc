@@ -6,10 +6,9 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/command.h"
-#include "client-cli/usage.h"
+#include "client-cli/commands.h"
+#include "core/cli/usage.h"
 #include "core/image/png_codec.h"
 #include "tests/support/status_matchers.h"
 
@@ -127,12 +126,11 @@ TEST(LikePictureTest, RevisionIsThatOfAReachableAgentOfTheDataset) {
 
 // A flag of `render` that nobody has thought of is refused beside --like, not ignored.
 TEST(LikePictureTest, FlagsThatDecideAPixelAreRefused) {
-  const auto check = [](std::vector<std::string> arguments) {
-    CLI::App app;
-    const Action owner_of_values = RenderCommand().register_flags(&app);
-    std::reverse(arguments.begin(), arguments.end());
-    app.parse(arguments);
-    return CheckOnlyFlagsBesideLike(app);
+  const auto check = [](const std::vector<std::string>& arguments) {
+    FlagSet set;
+    const Action owner_of_values = RenderCommand().register_flags(&set);
+    ISOSCOPE_EXPECT_OK(set.Parse(arguments));
+    return CheckOnlyFlagsBesideLike(set);
   };
   ISOSCOPE_EXPECT_OK(check({"v.nrrd", "--like", "a.png", "--output", "b.png", "--shards", "3",
                             "--culling", "none", "--renderer", "cpu", "--no-metadata"}));

@@ -19,6 +19,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/coding.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

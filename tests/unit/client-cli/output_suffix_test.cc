@@ -2,7 +2,7 @@
 
 #include "gtest/gtest.h"
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {

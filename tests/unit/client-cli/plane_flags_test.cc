@@ -2,7 +2,7 @@
 
 #include "gtest/gtest.h"
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

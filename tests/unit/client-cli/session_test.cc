@@ -9,9 +9,9 @@
 #include "gtest/gtest.h"
 
 #include "client-cli/embedded_cluster.h"
-#include "client-cli/interrupt.h"
 #include "client-cli/service_client.h"
 #include "core/base/cancellation.h"
+#include "core/cli/interrupt.h"
 #include "core/partition/partitioner.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/status_matchers.h"

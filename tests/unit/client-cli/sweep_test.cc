@@ -7,8 +7,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/flags.h"
-#include "client-cli/usage.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {
@@ -60,15 +60,10 @@ struct Parsed {
   RequestFlags request;
 };
 absl::Status Parse(const std::vector<std::string>& arguments, Parsed* parsed) {
-  CLI::App app;
-  AddRequestFlags(&app, &parsed->request);
-  AddSweepFlags(&app, &parsed->sweep, &parsed->request);
-  try {
-    app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
-  } catch (const CLI::ParseError& error) {
-    return UsageError(error.what());
-  }
-  return absl::OkStatus();
+  FlagSet set;
+  AddRequestFlags(&set, &parsed->request);
+  AddSweepFlags(&set, &parsed->sweep, &parsed->request);
+  return set.Parse(arguments);
 }
 
 TEST(SweepTest, SweepSetsTheIsovalueOfEachFrameAndOrbitTurnsBetween) {

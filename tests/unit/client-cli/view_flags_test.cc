@@ -7,7 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "client-cli/camera_file.h"
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 #include "core/io/file.h"
 #include "core/rpc/proto_convert.h"
 #include "tests/support/status_matchers.h"

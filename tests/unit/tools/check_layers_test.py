@@ -22,9 +22,10 @@ class CheckIncludeTest(unittest.TestCase):
             ("core/base/a.cc", "vector"),
             ("core/rpc/channel.h", "grpcpp/channel.h"),
             ("client-cli/render_request.h", "isoscope/v1/frame.pb.h"),
-            ("bench/a.cc", "client-cli/command.h"),
+            ("bench/a.cc", "client-cli/commands.h"),
             ("bench/a.cc", "isoscope/v1/frame.pb.h"),
             ("client-cli/main.cc", "bench/commands.h"),
+            ("core/cli/flag_set.cc", "CLI/CLI.hpp"),
         ]:
             self.assertIsNone(check_layers.check_include(file, included), (file, included))
 
@@ -35,10 +36,14 @@ class CheckIncludeTest(unittest.TestCase):
             ("server/a.cc", "partition-agent/shard.h"),
             ("partition-agent/a.cc", "server/agent_link.h"),
             ("core/rpc/a.cc", "server/agent_link.h"),
-            ("client-cli/command.cc", "bench/commands.h"),
+            ("client-cli/commands.cc", "bench/commands.h"),
             ("core/base/a.cc", "tests/support/temp_dir.h"),
         ]:
             self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
+
+    def test_one_source_sees_cli11(self):
+        for file in ("core/cli/flag_set.h", "client-cli/commands.cc", "server/main.cc"):
+            self.assertIsNotNone(check_layers.check_include(file, "CLI/CLI.hpp"), file)
 
     def test_grpc_and_messages_stay_at_the_edges(self):
         for file, included in [

@@ -8,7 +8,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/usage.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::gateway {
 namespace {

@@ -1,7 +1,6 @@
 #include "core/rpc/server_program.h"
 
 #include <csignal>
-#include <cstdint>
 #include <cstdlib>
 #include <functional>
 #include <iostream>
@@ -30,15 +29,17 @@ using ::testing::ExitedWithCode;
     argv.push_back(argument.data());
   }
   argv.push_back(nullptr);
-  const ServerProgram program{
-      .name = "isoscope-test",
-      .log_name = "test",
-      .summary = "Serves nothing.",
-      .examples = "  isoscope-test --listen h:1\n",
-      .defaults = {.listen_address = "127.0.0.1:7", .max_queued_frames = 9},
-      .add_flags =
-          [](CLI::App* app) { app->add_flag_function("--own", [](std::int64_t /*count*/) {}); },
-      .start = std::move(start)};
+  const ServerProgram program{.name = "isoscope-test",
+                              .log_name = "test",
+                              .summary = "Serves nothing.",
+                              .examples = "  isoscope-test --listen h:1\n",
+                              .defaults = {.listen_address = "127.0.0.1:7", .max_queued_frames = 9},
+                              .add_flags =
+                                  [](cli::FlagSet* set) {
+                                    static bool own = false;
+                                    set->AddSwitch("--own", &own, "");
+                                  },
+                              .start = std::move(start)};
   std::exit(RunServerProgram(program, static_cast<int>(arguments.size()), argv.data()));
 }
 

@@ -1,7 +1,7 @@
 // SIGINT and SIGTERM as a Cancellation, so that an interrupted command cleans up.
 
-#ifndef ISOSCOPE_CLIENT_CLI_INTERRUPT_H_
-#define ISOSCOPE_CLIENT_CLI_INTERRUPT_H_
+#ifndef ISOSCOPE_CORE_CLI_INTERRUPT_H_
+#define ISOSCOPE_CORE_CLI_INTERRUPT_H_
 
 #include "core/base/cancellation.h"
 
@@ -33,4 +33,4 @@ class Interrupt {
 
 }  // namespace isoscope::cli
 
-#endif  // ISOSCOPE_CLIENT_CLI_INTERRUPT_H_
+#endif  // ISOSCOPE_CORE_CLI_INTERRUPT_H_

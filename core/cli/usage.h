@@ -1,7 +1,7 @@
 // Exit codes, and the difference between wrong usage and a request that failed.
 
-#ifndef ISOSCOPE_CLIENT_CLI_USAGE_H_
-#define ISOSCOPE_CLIENT_CLI_USAGE_H_
+#ifndef ISOSCOPE_CORE_CLI_USAGE_H_
+#define ISOSCOPE_CORE_CLI_USAGE_H_
 
 #include <string>
 #include <vector>
@@ -36,4 +36,4 @@ std::string NearestName(absl::string_view typed, const std::vector<std::string>&
 
 }  // namespace isoscope::cli
 
-#endif  // ISOSCOPE_CLIENT_CLI_USAGE_H_
+#endif  // ISOSCOPE_CORE_CLI_USAGE_H_

@@ -1,17 +1,15 @@
 // From the arguments to an exit code:
 //
 // 1. Dispatch finds the command: one word or two ("bench frame"); `help X` is `X --help`.
-// 2. Run reads its flags with CLI11. What is left over is an error, which names the nearest flag.
+// 2. Run reads its flags. An unknown one is an error, which names the nearest flag.
 // 3. The action works. Its error is printed in one line, and decides the exit code: 2 for wrong
 //    usage, else 1.
-//
-// Only CLI11 throws, and only from parse; it is caught there.
 
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 
 #include <algorithm>
 #include <cstddef>
-#include <memory>
+#include <iterator>
 #include <ostream>
 
 #include "absl/strings/ascii.h"
@@ -19,12 +17,11 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/man_page.h"
+#include "core/cli/usage.h"
 #include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
@@ -35,7 +32,7 @@ constexpr char kExample[] = "  isoscope render head.nii.gz --isovalue 60 --outpu
 
 bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
 
-// CLI11 takes "-.5" for flags of one letter; "-0.5" it knows.
+// FlagSet takes "-.5" for flags of one letter; "-0.5" it knows.
 std::string ReadableNumber(const std::string& argument) {
   if (argument.size() > 2 && absl::StartsWith(argument, "-.") &&
       absl::ascii_isdigit(static_cast<unsigned char>(argument[2]))) {
@@ -44,62 +41,22 @@ std::string ReadableNumber(const std::string& argument) {
   return argument;
 }
 
-absl::Status UnknownArgument(const CLI::App& app, const std::string& argument) {
-  if (!absl::StartsWith(argument, "-")) {
-    return UsageError(absl::StrCat("'", argument, "' is one argument too many"));
-  }
-  std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames()) {
-      names.push_back(absl::StrCat("--", name));
-    }
-  }
-  const std::string typed = argument.substr(0, argument.find('='));
-  const std::string nearest = NearestName(typed, names);
-  return UsageError(absl::StrCat("unknown flag ", typed,
-                                 nearest.empty() ? "" : "; did you mean " + nearest + "?"));
-}
-
-// The help of a command, with our own first line.
-class CommandFormatter : public CLI::Formatter {
- public:
-  explicit CommandFormatter(const Command& command)
-      : usage_(absl::StrCat("\nUsage: isoscope ", command.name, " ", command.usage, "\n")) {
-    column_width(34);
-  }
-
-  std::string make_usage(const CLI::App* /*app*/, std::string /*name*/) const override {
-    return usage_;
-  }
-
- private:
-  const std::string usage_;
-};
-
 // Reads `arguments`, those behind the command's name, and runs the command.
 absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
                  const Context& context) {
-  CLI::App app(command.summary);
-  app.name(absl::StrCat("isoscope ", command.name));
-  app.allow_extras();
-  app.footer(absl::StrCat("\nExamples:\n", command.examples));
-  app.formatter(std::make_shared<CommandFormatter>(command));
-  const Action action = command.register_flags(&app);
+  FlagSet set({.name = absl::StrCat("isoscope ", command.name),
+               .summary = command.summary,
+               .usage = absl::StrCat("isoscope ", command.name, " ", command.usage),
+               .notes = absl::StrCat("\nExamples:\n", command.examples),
+               .names_nearest_flag = true});
+  const Action action = command.register_flags(&set);
 
-  std::vector<std::string> reversed;  // as CLI11 wants them
-  std::transform(arguments.rbegin(), arguments.rend(), std::back_inserter(reversed),
-                 ReadableNumber);
-  try {
-    app.parse(reversed);
-  } catch (const CLI::CallForHelp&) {
-    *context.out << app.help();
+  std::vector<std::string> readable;
+  std::transform(arguments.begin(), arguments.end(), std::back_inserter(readable), ReadableNumber);
+  ISOSCOPE_RETURN_IF_ERROR(set.Parse(readable));
+  if (!set.requested_text().empty()) {
+    *context.out << set.requested_text();
     return absl::OkStatus();
-  } catch (const CLI::ParseError& error) {
-    return UsageError(error.what());
-  }
-  const std::vector<std::string> extras = app.remaining();
-  if (!extras.empty()) {
-    return UnknownArgument(app, extras.front());
   }
   return action(context);
 }
@@ -245,13 +202,13 @@ ProgramDescription DescribeProgram(const std::vector<Command>& commands) {
                              .version = std::string(base::Version()),
                              .commands = {}};
   for (const Command& command : commands) {
-    CLI::App app(command.summary);
-    const Action action = command.register_flags(&app);
+    FlagSet set;
+    const Action action = command.register_flags(&set);
     program.commands.push_back({.name = command.name,
                                 .summary = command.summary,
                                 .usage = command.usage,
                                 .examples = command.examples,
-                                .flags = DescribeFlags(app)});
+                                .flags = set.Describe()});
   }
   return program;
 }

@@ -1,4 +1,4 @@
-#include "client-cli/command.h"
+#include "client-cli/commands.h"
 
 #include <fstream>
 #include <ostream>
@@ -14,10 +14,10 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/interrupt.h"
 #include "client-cli/source_flags.h"
 #include "core/base/units.h"
 #include "core/base/version.h"
+#include "core/cli/interrupt.h"
 #include "core/io/file.h"
 #include "core/math/vec.h"
 #include "core/store/shard_reader.h"

@@ -1,4 +1,4 @@
-#include "client-cli/interrupt.h"
+#include "core/cli/interrupt.h"
 
 #include <pthread.h>
 #include <signal.h>  // NOLINT(modernize-deprecated-headers): sigwait is POSIX, not <csignal>
@@ -6,8 +6,8 @@
 
 #include <thread>
 
-#include "client-cli/usage.h"
 #include "core/base/mutex.h"
+#include "core/cli/usage.h"
 
 namespace isoscope::cli {
 
