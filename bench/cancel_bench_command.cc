@@ -1,4 +1,4 @@
-// isoscope bench cancel INPUT | DIR --isovalue V
+// isoscope-bench cancel INPUT | DIR --isovalue V
 
 #include <cstdint>
 #include <filesystem>
@@ -12,7 +12,7 @@
 #include "absl/time/time.h"
 
 #include "bench/cancel_bench.h"
-#include "bench/commands.h"
+#include "bench/program.h"
 #include "bench/machine.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
@@ -158,12 +158,12 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
 
 cli::Command CancelBenchCommand() {
   return {
-      .name = "bench cancel",
+      .name = "cancel",
       .summary = "Cancels frames at random moments: how long until all agents are idle",
       .usage = "INPUT | DIR --isovalue V [OPTIONS]",
       .examples =
-          "  isoscope bench cancel head.nii.gz --isovalue 60 --shards 4\n"
-          "  isoscope bench cancel head --isovalue 60 --cancels 100 --json cancel.json\n"
+          "  isoscope-bench cancel head.nii.gz --isovalue 60 --shards 4\n"
+          "  isoscope-bench cancel head --isovalue 60 --cancels 100 --json cancel.json\n"
           "\nCoordinator and agents run in this process. Median and p99 of the time from the\n"
           "client's cancel until its call has returned, and until all agents are idle.\n"
           "Without camera flags the default camera turns by --azimuth 30 --elevation 20, and by\n"

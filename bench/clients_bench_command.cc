@@ -1,4 +1,4 @@
-// isoscope bench clients --server HOST:PORT --isovalue V
+// isoscope-bench clients --server HOST:PORT --isovalue V
 
 #include <cstdint>
 #include <memory>
@@ -13,7 +13,7 @@
 #include "absl/time/time.h"
 
 #include "bench/clients_bench.h"
-#include "bench/commands.h"
+#include "bench/program.h"
 #include "bench/machine.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
@@ -106,12 +106,12 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
 }  // namespace
 
 cli::Command ClientsBenchCommand() {
-  return {.name = "bench clients",
+  return {.name = "clients",
           .summary = "Lets many clients ask a server at once: frames a second, waiting, refusals",
           .usage = "--server HOST:PORT --isovalue V [OPTIONS]",
           .examples =
-              "  isoscope bench clients --server localhost:50051 --isovalue 60\n"
-              "  isoscope bench clients --server localhost:50051 --isovalue 60 --clients 4,64 "
+              "  isoscope-bench clients --server localhost:50051 --isovalue 60\n"
+              "  isoscope-bench clients --server localhost:50051 --isovalue 60 --clients 4,64 "
               "--seconds 30\n"
               "\nEach client has a connection of its own, and comes again as told when it is "
               "refused. Fails if a\nframe fails or a picture has other bytes than the first one.\n",

@@ -1,4 +1,4 @@
-// isoscope bench drag INPUT | DIR | --server HOST:PORT --isovalue V
+// isoscope-bench drag INPUT | DIR | --server HOST:PORT --isovalue V
 
 #include <filesystem>
 #include <memory>
@@ -9,7 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "bench/commands.h"
+#include "bench/program.h"
 #include "bench/drag_bench.h"
 #include "bench/machine.h"
 #include "client-cli/parse_value.h"
@@ -104,12 +104,12 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
 }  // namespace
 
 cli::Command DragBenchCommand() {
-  return {.name = "bench drag",
+  return {.name = "drag",
           .summary = "Drags a view: frames a second, latency, time until it is exact",
           .usage = "INPUT | DIR | --server HOST:PORT --isovalue V [OPTIONS]",
           .examples =
-              "  isoscope bench drag head --isovalue 60 --width 1024 --height 1024\n"
-              "  isoscope bench drag --server localhost:50051 --isovalue 60 --rate 1 "
+              "  isoscope-bench drag head --isovalue 60 --width 1024 --height 1024\n"
+              "  isoscope-bench drag --server localhost:50051 --isovalue 60 --rate 1 "
               "--json drag.json\n"
               "\nWithout --server, coordinator and agents run in this process. The client sends 60 "
               "views a second,\n"

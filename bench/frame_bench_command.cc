@@ -1,4 +1,4 @@
-// isoscope bench frame INPUT | DIR --isovalue V...
+// isoscope-bench frame INPUT | DIR --isovalue V...
 //
 // Flags become a FrameBenchPlan: a volume is partitioned once for each number of shards, into a
 // folder that goes away at the end; a dataset folder is taken as it is, and then flags that cut
@@ -18,7 +18,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "bench/commands.h"
+#include "bench/program.h"
 #include "bench/frame_bench.h"
 #include "bench/frame_bench_report.h"
 #include "bench/machine.h"
@@ -265,12 +265,12 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
 
 cli::Command FrameBenchCommand() {
   return {
-      .name = "bench frame",
+      .name = "frame",
       .summary = "Times whole frames as a client sees them, beside another program",
       .usage = "INPUT | DIR --isovalue V... [OPTIONS]",
       .examples =
-          "  isoscope bench frame head.nii.gz --isovalue 60 --shards 1 4 --culling depth none\n"
-          "  isoscope bench frame ct.nrrd --isovalue 30,60 --peer yardstick.py --json ct.json\n"
+          "  isoscope-bench frame head.nii.gz --isovalue 60 --shards 1 4 --culling depth none\n"
+          "  isoscope-bench frame ct.nrrd --isovalue 30,60 --peer yardstick.py --json ct.json\n"
           "\nCold is the first frame of a fresh process with the files in the page cache;\n"
           "following is the median of the others, from new places of the camera. A time is the\n"
           "client's clock around one request, PNG included.\n"

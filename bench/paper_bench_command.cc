@@ -1,4 +1,4 @@
-// isoscope bench paper INPUT --output DIR
+// isoscope-bench paper INPUT --output DIR
 //
 // Tables, plots, pictures and report.md are written to a folder beside the output, which is renamed
 // when all is there. Datasets lie in a temporary folder: that of one shard stays to the end, any
@@ -20,7 +20,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 
-#include "bench/commands.h"
+#include "bench/program.h"
 #include "bench/machine.h"
 #include "bench/paper_bench.h"
 #include "bench/paper_bench_plots.h"
@@ -156,7 +156,7 @@ std::string CommandOf(const PaperBenchFlags& flags, const PaperBenchPlan& plan,
     absl::StrAppendFormat(out, "%.9g", value);
   };
   return absl::StrFormat(
-      "isoscope bench paper %s --output %s --isovalues %s --picture-isovalues %s --agents %s "
+      "isoscope-bench paper %s --output %s --isovalues %s --picture-isovalues %s --agents %s "
       "--distribution %s --balance-agents %s --size %d --runs %d%s --block-cells %dx%dx%d "
       "--renderer %s",
       *flags.input, *flags.output, absl::StrJoin(result.isovalues, ",", append_number),
@@ -335,12 +335,12 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
 
 cli::Command PaperBenchCommand() {
   return {
-      .name = "bench paper",
+      .name = "paper",
       .summary = "Repeats the evaluation of the paper on a volume: tables, plots, a report",
       .usage = "INPUT --output DIR [OPTIONS]",
       .examples =
-          "  isoscope bench paper head.nii.gz --output head-paper\n"
-          "  isoscope bench paper ct.nrrd --output ct-paper --isovalues 20,40,60,80 --runs 1\n"
+          "  isoscope-bench paper head.nii.gz --output head-paper\n"
+          "  isoscope-bench paper ct.nrrd --output ct-paper --isovalues 20,40,60,80 --runs 1\n"
           "\nFigures 1 (balance of random and greedy distributions, theorem 2.2), 6 (with and\n"
           "without culling), 7 (speed-up), 8 (stages of the picture) and 9 (the culled surface\n"
           "from the side), each as CSV, and through gnuplot as SVG and PNG. Agents are measured\n"

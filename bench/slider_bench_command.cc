@@ -1,4 +1,4 @@
-// isoscope bench slider INPUT | DIR | --server HOST:PORT --isovalue V
+// isoscope-bench slider INPUT | DIR | --server HOST:PORT --isovalue V
 
 #include <cstdint>
 #include <filesystem>
@@ -10,7 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "bench/commands.h"
+#include "bench/program.h"
 #include "bench/machine.h"
 #include "bench/slider_bench.h"
 #include "client-cli/parse_value.h"
@@ -102,12 +102,12 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
 }  // namespace
 
 cli::Command SliderBenchCommand() {
-  return {.name = "bench slider",
+  return {.name = "slider",
           .summary = "Moves an isovalue twice over the same range: times and new memory of a frame",
           .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --to V [OPTIONS]",
           .examples =
-              "  isoscope bench slider head --isovalue 50 --to 70\n"
-              "  isoscope bench slider --server localhost:50051 --isovalue 50 --to 70 "
+              "  isoscope-bench slider head --isovalue 50 --to 70\n"
+              "  isoscope-bench slider --server localhost:50051 --isovalue 50 --to 70 "
               "--json slider.json\n"
               "\nWithout --server, coordinator and agents run in this process.\n",
           .register_flags = RegisterFlags};

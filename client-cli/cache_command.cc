@@ -14,7 +14,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client-cli/cache_entry.h"
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/dataset_cache.h"
 #include "client-cli/json_text.h"
 #include "client-cli/session.h"

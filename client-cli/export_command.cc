@@ -15,7 +15,7 @@
 #include "absl/time/clock.h"
 
 #include "client-cli/clip_flags.h"
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/mesh_components.h"
 #include "client-cli/mesh_piece.h"
 #include "client-cli/mesh_simplifier.h"

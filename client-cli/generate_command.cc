@@ -18,7 +18,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/parse_value.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"

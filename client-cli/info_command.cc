@@ -11,7 +11,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
 
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/connection_flags.h"
 #include "client-cli/dataset_json.h"
 #include "client-cli/histogram_plot.h"

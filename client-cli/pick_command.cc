@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client-cli/camera_file.h"
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/no_surface.h"
 #include "client-cli/render_request.h"
 #include "client-cli/service_client.h"

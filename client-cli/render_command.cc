@@ -18,7 +18,7 @@
 #include "client-cli/annotations.h"
 #include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/effect_flags.h"
 #include "client-cli/frame_name.h"
 #include "client-cli/frame_statistics.h"

@@ -9,7 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/embedded_cluster.h"
 #include "client-cli/parse_value.h"
 #include "core/base/log.h"

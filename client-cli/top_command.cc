@@ -23,7 +23,7 @@
 #include "absl/time/time.h"
 #include <sys/eventfd.h>
 
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "client-cli/connection_flags.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/raw_terminal.h"

@@ -6,7 +6,6 @@
 #include <functional>
 #include <iosfwd>
 #include <string>
-#include <vector>
 
 #include "absl/status/status.h"
 
@@ -15,7 +14,7 @@
 
 namespace isoscope::cli {
 
-struct Command;
+struct Program;
 
 // The surroundings of a command. Nothing is owned.
 struct Context {
@@ -25,8 +24,7 @@ struct Context {
   Interrupt* interrupt = nullptr;
   // Characters of a line of standard output if that is a terminal, else 0.
   int out_columns = 0;
-  // Those that the program has; set by RunCommandLine.
-  const std::vector<Command>* commands = nullptr;
+  const Program* program = nullptr;  // set by RunProgram
 };
 
 // The work of a command, once its flags are read. A UsageError ends the process with 2, any other
@@ -34,9 +32,9 @@ struct Context {
 using Action = std::function<absl::Status(const Context&)>;
 
 struct Command {
-  std::string name;      // one word, or two: "bench frame"
+  std::string name;      // one word, or two: "cache list"
   std::string summary;   // one line
-  std::string usage;     // what follows "isoscope NAME" in the first line of --help
+  std::string usage;     // what follows the names of program and command in the first line of --help
   std::string examples;  // the last lines of --help
   // Adds the flags to `set`. The action owns the variables that they are read into.
   Action (*register_flags)(FlagSet* set);

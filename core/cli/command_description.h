@@ -28,7 +28,7 @@ struct FlagDescription {
 };
 
 struct CommandDescription {
-  std::string name = {};      // "render", "bench frame"; empty if the program is its only command
+  std::string name = {};      // "render", "cache list"; empty if the program is its only command
   std::string summary = {};   // one line
   std::string usage = {};     // what follows the program and the name
   std::string examples = {};  // lines

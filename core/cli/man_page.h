@@ -9,7 +9,7 @@
 
 namespace isoscope::cli {
 
-// The name of a page without its section: "isoscope-bench-frame", or the program's for "".
+// The name of a page without its section: "isoscope-cache-list", or the program's for "".
 std::string ManPageName(const ProgramDescription& program, const std::string& command);
 
 // The page of one command; of the program itself if the name of the command is empty. The same

@@ -55,15 +55,16 @@ ExitCode ExitCodeOf(const absl::Status& status) {
   return IsUsageError(status) ? kExitWrongUsage : kExitFailed;
 }
 
-std::string FormatError(absl::string_view command, const absl::Status& status) {
+std::string FormatError(absl::string_view program, absl::string_view command,
+                        const absl::Status& status) {
   // One line, whatever the message of a library or a server looks like.
   const std::string message =
       base::Printable(absl::StrReplaceAll(status.message(), {{"\r\n", "; "}, {"\n", "; "}}));
   if (IsUsageError(status)) {
-    const std::string program = command.empty() ? "isoscope" : absl::StrCat("isoscope ", command);
-    return absl::StrCat(program, ": ", message, " (see '", program, " --help')");
+    const std::string typed = absl::StrCat(program, command.empty() ? "" : " ", command);
+    return absl::StrCat(typed, ": ", message, " (see '", typed, " --help')");
   }
-  return absl::StrCat("isoscope: ", absl::StatusCodeToString(status.code()), ": ", message);
+  return absl::StrCat(program, ": ", absl::StatusCodeToString(status.code()), ": ", message);
 }
 
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known) {

@@ -29,7 +29,8 @@ bool IsUsageError(const absl::Status& status);
 ExitCode ExitCodeOf(const absl::Status& status);
 // The one line that goes to standard error, without its end: "isoscope render: what (see 'isoscope
 // render --help')" for wrong usage, else "isoscope: NOT_FOUND: what". REQUIRES: !status.ok().
-std::string FormatError(absl::string_view command, const absl::Status& status);
+std::string FormatError(absl::string_view program, absl::string_view command,
+                        const absl::Status& status);
 
 // The element of `known` that `typed` was probably meant to be, or "" if none is near.
 std::string NearestName(absl::string_view typed, const std::vector<std::string>& known);

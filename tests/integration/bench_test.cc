@@ -1,4 +1,4 @@
-// `isoscope bench` as users run it, with programs of other people played by scripts.
+// `isoscope-bench` as users run it, with programs of other people played by scripts.
 
 #include <csignal>
 #include <filesystem>
@@ -27,7 +27,7 @@ namespace {
 using nlohmann::json;
 using testing::CommandResult;
 using ::testing::HasSubstr;
-using testing::RunIsoscope;
+using testing::RunIsoscopeBench;
 
 constexpr std::int64_t kMaxFileBytes = 64 * base::kMiB;
 
@@ -81,7 +81,7 @@ TEST_F(BenchTest, FramesAreTimedForEveryCaseBesideThePeer) {
                                        "\"triangles\": 7}'\n"));
   std::ofstream(folder_.Sub("yard.py")) << "# not run: xvfb-run is ours\n";
   const CommandResult result =
-      RunIsoscope(Arguments({"bench", "frame"}, {"--isovalue",
+      RunIsoscopeBench(Arguments({"frame"}, {"--isovalue",
                                                  "128",
                                                  "--shards",
                                                  "1,2",
@@ -132,12 +132,12 @@ TEST_F(BenchTest, FramesAreTimedForEveryCaseBesideThePeer) {
 TEST_F(BenchTest, AFolderIsTimedAsItIsAndAPeerNeedsTheVolume) {
   ASSERT_THAT(testing::MakeDataset(volume_, folder_.Sub("dataset"), 2, 8), testing::IsOk());
   const CommandResult result =
-      RunIsoscope({"bench", "frame", folder_.Sub("dataset"), "--isovalue", "128", "--runs", "1",
+      RunIsoscopeBench({"frame", folder_.Sub("dataset"), "--isovalue", "128", "--runs", "1",
                    "--frames", "2", "--width", "64", "--height", "64", "--renderer", "cpu"},
                   Options(kSystemPath));
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(result.out.find("peer"), std::string::npos);
-  const CommandResult refused = RunIsoscope({"bench", "frame", folder_.Sub("dataset"), "--isovalue",
+  const CommandResult refused = RunIsoscopeBench({"frame", folder_.Sub("dataset"), "--isovalue",
                                              "128", "--peer", folder_.Sub("yard.py")},
                                             Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
@@ -147,8 +147,8 @@ TEST_F(BenchTest, AFolderIsTimedAsItIsAndAPeerNeedsTheVolume) {
 TEST_F(BenchTest, APeerThatFailsIsQuotedAndNothingIsLeft) {
   MakeProgram("xvfb-run", "echo 'ModuleNotFoundError: no vtk' >&2\nexit 1\n");
   std::ofstream(folder_.Sub("yard.py")) << "";
-  const CommandResult result = RunIsoscope(
-      Arguments({"bench", "frame"}, {"--isovalue", "128", "--runs", "1", "--width", "64",
+  const CommandResult result = RunIsoscopeBench(
+      Arguments({"frame"}, {"--isovalue", "128", "--runs", "1", "--width", "64",
                                      "--height", "64", "--peer", folder_.Sub("yard.py")}),
       Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath)));
   EXPECT_EQ(result.exit_code, 1);
@@ -163,7 +163,7 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const std::unique_ptr<testing::Process> process,
       testing::StartIsoscope(
-          Arguments({"bench", "frame"}, {"--isovalue", "128", "--width", "64", "--height", "64",
+          Arguments({"frame"}, {"--isovalue", "128", "--width", "64", "--height", "64",
                                          "--peer", folder_.Sub("yard.py")}),
           Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath))));
   while (!io::PathExists(folder_.Sub("started")) &&
@@ -178,7 +178,7 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
 
 TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
   const CommandResult result =
-      RunIsoscope(Arguments({"bench", "cancel"},
+      RunIsoscopeBench(Arguments({"cancel"},
                             {"--isovalue", "128", "--shards", "2", "--cancels", "7",
                              "--frames-per-start", "3", "--width", "256", "--height", "256",
                              "--renderer", "cpu", "--json", folder_.Sub("cancel.json")}),
@@ -196,7 +196,7 @@ TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
     EXPECT_GE(frame["answer_ms"], 0.0);
   }
   const CommandResult refused =
-      RunIsoscope(Arguments({"bench", "cancel"}, {"--cancels", "7"}), Options(kSystemPath));
+      RunIsoscopeBench(Arguments({"cancel"}, {"--cancels", "7"}), Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--isovalue V is missing"));
 }
@@ -204,8 +204,8 @@ TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
 TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
   const std::string dataset = folder_.Sub("dataset");
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));
-  const CommandResult result = RunIsoscope(
-      {"bench", "drag", dataset, "--isovalue", "128", "--seconds", "1", "--width", "128",
+  const CommandResult result = RunIsoscopeBench(
+      {"drag", dataset, "--isovalue", "128", "--seconds", "1", "--width", "128",
        "--height", "128", "--renderer", "cpu", "--json", folder_.Sub("drag.json")},
       Options(kSystemPath));
   ASSERT_EQ(result.exit_code, 0) << result.err;
@@ -215,8 +215,8 @@ TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
   EXPECT_GT(bench["frames_per_second"], 0.0);
   EXPECT_EQ(bench["agents"], 2);
 
-  const CommandResult refused = RunIsoscope(
-      {"bench", "drag", dataset, "--isovalue", "128", "--rate", "0"}, Options(kSystemPath));
+  const CommandResult refused = RunIsoscopeBench(
+      {"drag", dataset, "--isovalue", "128", "--rate", "0"}, Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--rate is 0: must lie in [1, 120]"));
 }
@@ -230,7 +230,7 @@ TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
       testing::ProcessCluster::Start(dataset, 2,
                                      {"--max-concurrent-frames", "1", "--max-queued-frames", "2"}));
   const CommandResult result =
-      RunIsoscope({"bench", "clients", "--server", cluster->address(), "--isovalue", "128",
+      RunIsoscopeBench({"clients", "--server", cluster->address(), "--isovalue", "128",
                    "--clients", "2,12", "--seconds", "3", "--width", "256", "--height", "256",
                    "--json", folder_.Sub("clients.json")},
                   Options(kSystemPath));
@@ -249,7 +249,7 @@ TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
   EXPECT_GT(bench["rounds"][1]["refusals"], 0);
 
   const CommandResult refused =
-      RunIsoscope({"bench", "clients", dataset, "--isovalue", "128"}, Options(kSystemPath));
+      RunIsoscopeBench({"clients", dataset, "--isovalue", "128"}, Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--server is missing"));
 }
@@ -264,7 +264,7 @@ TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {
                                          "--balance-agents", "2,3"};
   // bin/ is empty: there is no gnuplot.
   const CommandResult result =
-      RunIsoscope(Arguments({"bench", "paper"}, tail), Options(folder_.Sub("bin")));
+      RunIsoscopeBench(Arguments({"paper"}, tail), Options(folder_.Sub("bin")));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.err, HasSubstr("no plots: gnuplot is not installed"));
   EXPECT_TRUE(NothingIsLeftBehind());
@@ -275,7 +275,7 @@ TEST_F(BenchTest, ThePaperIsRepeatedWithoutGnuplotToo) {
   }
   EXPECT_THAT(ReadFile("paper/report.md"), HasSubstr("one at a time"));
   const CommandResult again =
-      RunIsoscope(Arguments({"bench", "paper"}, tail), Options(folder_.Sub("bin")));
+      RunIsoscopeBench(Arguments({"paper"}, tail), Options(folder_.Sub("bin")));
   EXPECT_EQ(again.exit_code, 1);
   EXPECT_THAT(again.err, HasSubstr("ALREADY_EXISTS"));
 }

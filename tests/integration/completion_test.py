@@ -43,17 +43,17 @@ class WithFolder(unittest.TestCase):
 # A line that is being typed, and what must be offered, and what must not.
 LINES = [
     ("isoscope ren", ["render"], ["partition"]),
-    ("isoscope ", ["render", "cache", "bench", "completion", "help"], ["--culling"]),
+    ("isoscope ", ["render", "cache", "completion", "help"], ["--culling"]),
     ("isoscope cache ", ["list", "clear"], ["render"]),
-    ("isoscope bench fr", ["frame"], ["paper"]),
+    ("isoscope-bench fr", ["frame"], ["paper"]),
     ("isoscope render --cull", ["--culling"], ["--color"]),
     ("isoscope render --culling ", ["depth", "mask", "none"], ["head.nii.gz"]),
     ("isoscope render --show si", ["sixel"], ["kitty"]),
     ("isoscope render he", ["head.nii.gz"], []),
     ("isoscope render --like he", ["head.nii.gz"], []),
     ("isoscope render --culling mask --bac", ["--background"], []),
-    ("isoscope bench frame --rend", ["--renderer"], []),
-    ("isoscope bench frame --renderer e", ["egl"], ["cpu"]),
+    ("isoscope-bench frame --rend", ["--renderer"], []),
+    ("isoscope-bench frame --renderer e", ["egl"], ["cpu"]),
     ("isoscope partition v.nrrd --distribution g", ["greedy"], ["random"]),
     ("isoscope completion ", ["bash", "zsh", "fish"], []),
     ("isoscope help exp", ["export"], ["render"]),
@@ -171,11 +171,11 @@ class Zsh(WithFolder):
     def test_lines(self):
         self.check("isoscope ren", "isoscope render")
         self.check("isoscope cache l", "isoscope cache list")
-        self.check("isoscope bench pap", "isoscope bench paper")
+        self.check("isoscope-bench pap", "isoscope-bench paper")
         self.check("isoscope render --cull", "isoscope render --culling")
         self.check("isoscope render --culling m", "isoscope render --culling mask")
         self.check("isoscope render head.n", "isoscope render head.nii.gz")
-        self.check("isoscope bench frame --renderer e", "isoscope bench frame --renderer egl")
+        self.check("isoscope-bench frame --renderer e", "isoscope-bench frame --renderer egl")
         self.check("isoscope render --culling ", "depth")
         self.check("isoscope-agent --renderer c", "isoscope-agent --renderer cpu")
 
@@ -204,7 +204,7 @@ class ManPages(unittest.TestCase):
             self.assertEqual((result.returncode, result.stdout), (0, ""), page)
 
     def test_every_flag_of_help_is_in_the_page(self):
-        for command in ["render", "partition", "bench frame", "view"]:
+        for command in ["render", "partition", "view"]:
             page = (FOLDER / "man" / "man1" / f"isoscope-{command.replace(' ', '-')}.1").read_text()
             flags = re.findall(r"^  (--[a-z-]+)", run([str(PROGRAM), *command.split(), "--help"]).stdout, re.M)
             self.assertGreater(len(flags), 5)

@@ -12,7 +12,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 #include "core/cli/interrupt.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

@@ -21,19 +21,19 @@ TEST(UsageTest, RefusalsOfLibrariesBecomeWrongUsage) {
 }
 
 TEST(UsageTest, ErrorsAreOneLineThatNamesTheCode) {
-  EXPECT_EQ(FormatError("render", absl::DataLossError("block 7\nof shard 1")),
+  EXPECT_EQ(FormatError("isoscope", "render", absl::DataLossError("block 7\nof shard 1")),
             "isoscope: DATA_LOSS: block 7; of shard 1");
-  EXPECT_EQ(FormatError("render", UsageError("--zoom: 'a' is bad")),
+  EXPECT_EQ(FormatError("isoscope", "render", UsageError("--zoom: 'a' is bad")),
             "isoscope render: --zoom: 'a' is bad (see 'isoscope render --help')");
-  EXPECT_EQ(FormatError("", UsageError("a command is missing")),
+  EXPECT_EQ(FormatError("isoscope", "", UsageError("a command is missing")),
             "isoscope: a command is missing (see 'isoscope --help')");
 }
 
 TEST(UsageTest, ErrorsOfServersDoNotSteerTheTerminal) {
   EXPECT_EQ(
-      FormatError("render", absl::NotFoundError("\x1b]0;mine\x07\x1b[2J\r\n\u009b31mhead\xff")),
+      FormatError("isoscope", "render", absl::NotFoundError("\x1b]0;mine\x07\x1b[2J\r\n\u009b31mhead\xff")),
       "isoscope: NOT_FOUND: ?]0;mine??[2J; ?31mhead?");
-  EXPECT_EQ(FormatError("render", UsageError("'\x1b[1m' is one argument too many")),
+  EXPECT_EQ(FormatError("isoscope", "render", UsageError("'\x1b[1m' is one argument too many")),
             "isoscope render: '?[1m' is one argument too many (see 'isoscope render --help')");
 }
 

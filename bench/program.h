@@ -1,11 +1,10 @@
-// `isoscope bench ...`: the commands that measure.
+// `isoscope-bench`: the commands that measure.
 
-#ifndef ISOSCOPE_BENCH_COMMANDS_H_
-#define ISOSCOPE_BENCH_COMMANDS_H_
-
-#include <vector>
+#ifndef ISOSCOPE_BENCH_PROGRAM_H_
+#define ISOSCOPE_BENCH_PROGRAM_H_
 
 #include "core/cli/command.h"
+#include "core/cli/program.h"
 
 namespace isoscope::bench {
 
@@ -16,9 +15,8 @@ cli::Command DragBenchCommand();
 cli::Command SliderBenchCommand();
 cli::Command ClientsBenchCommand();
 
-// All of them, in the order of --help.
-std::vector<cli::Command> Commands();
+cli::Program BenchProgram();
 
 }  // namespace isoscope::bench
 
-#endif  // ISOSCOPE_BENCH_COMMANDS_H_
+#endif  // ISOSCOPE_BENCH_PROGRAM_H_

@@ -1,5 +1,6 @@
-// isoscope completion bash|zsh|fish
+// The command `completion bash|zsh|fish` of a program.
 
+#include <cstdlib>
 #include <memory>
 #include <optional>
 #include <ostream>
@@ -8,9 +9,8 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/commands.h"
-#include "client-cli/terminal.h"
 #include "core/cli/flags.h"
+#include "core/cli/program.h"
 #include "core/cli/shell_completion.h"
 #include "core/cli/usage.h"
 
@@ -20,14 +20,15 @@ namespace {
 absl::Status Run(const std::optional<Shell>& given, const Context& context) {
   std::optional<Shell> shell = given;
   if (!shell) {
-    const std::string path = ProcessEnvironment("SHELL");
+    const char* const variable = std::getenv("SHELL");
+    const std::string path = variable == nullptr ? "" : variable;
     const absl::StatusOr<Shell> own = ShellFromName(path.substr(path.rfind('/') + 1));
     if (!own.ok()) {
       return UsageError(absl::StrCat("which shell: bash, zsh or fish? $SHELL is '", path, "'"));
     }
     shell = *own;
   }
-  *context.out << CompletionScript(*shell, DescribeProgram(*context.commands));
+  *context.out << CompletionScript(*shell, DescribeProgram(*context.program));
   return absl::OkStatus();
 }
 
@@ -40,14 +41,15 @@ Action RegisterFlags(FlagSet* set) {
 
 }  // namespace
 
-Command CompletionCommand() {
+Command CompletionCommand(const std::string& program) {
   return {.name = "completion",
           .summary = "Prints the script that completes commands, flags and values in a shell",
           .usage = "bash|zsh|fish",
-          .examples =
-              "  isoscope completion fish > ~/.config/fish/completions/isoscope.fish\n"
-              "  source <(isoscope completion bash)                 in ~/.bashrc\n"
-              "  source <(isoscope completion zsh)                  in ~/.zshrc, behind compinit\n",
+          .examples = absl::StrCat(
+              "  ", program, " completion fish > ~/.config/fish/completions/", program, ".fish\n",
+              "  source <(", program, " completion bash)                 in ~/.bashrc\n",
+              "  source <(", program,
+              " completion zsh)                  in ~/.zshrc, behind compinit\n"),
           .register_flags = RegisterFlags};
 }
 

@@ -1,4 +1,4 @@
-#include "client-cli/commands.h"
+#include "client-cli/program.h"
 
 #include <fstream>
 #include <ostream>
@@ -42,7 +42,7 @@ Outcome RunCli(const std::vector<std::string>& arguments) {
   std::ostringstream out;
   std::ostringstream err;
   const int exit_code =
-      RunCommandLine(arguments, Commands(), {.out = &out, .err = &err, .interrupt = &interrupt});
+      RunProgram(IsoscopeProgram(), arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
   return {exit_code, out.str(), err.str()};
 }
 

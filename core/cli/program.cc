@@ -1,14 +1,15 @@
 // From the arguments to an exit code:
 //
-// 1. Dispatch finds the command: one word or two ("bench frame"); `help X` is `X --help`.
+// 1. Dispatch finds the command: one word or two ("cache list"); `help X` is `X --help`.
 // 2. Run reads its flags. An unknown one is an error, which names the nearest flag.
 // 3. The action works. Its error is printed in one line, and decides the exit code: 2 for wrong
 //    usage, else 1.
 
-#include "client-cli/commands.h"
+#include "core/cli/program.h"
 
 #include <algorithm>
 #include <cstddef>
+#include <fstream>
 #include <iterator>
 #include <ostream>
 
@@ -22,13 +23,9 @@
 #include "core/base/version.h"
 #include "core/cli/man_page.h"
 #include "core/cli/usage.h"
-#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
-
-constexpr char kSummary[] = "isosurfaces of volumes too large for one machine";
-constexpr char kExample[] = "  isoscope render head.nii.gz --isovalue 60 --output head.png\n";
 
 bool IsHelp(const std::string& argument) { return argument == "--help" || argument == "-h"; }
 
@@ -44,9 +41,10 @@ std::string ReadableNumber(const std::string& argument) {
 // Reads `arguments`, those behind the command's name, and runs the command.
 absl::Status Run(const Command& command, const std::vector<std::string>& arguments,
                  const Context& context) {
-  FlagSet set({.name = absl::StrCat("isoscope ", command.name),
+  const std::string name = absl::StrCat(context.program->name, " ", command.name);
+  FlagSet set({.name = name,
                .summary = command.summary,
-               .usage = absl::StrCat("isoscope ", command.name, " ", command.usage),
+               .usage = absl::StrCat(name, " ", command.usage),
                .notes = absl::StrCat("\nExamples:\n", command.examples),
                .names_nearest_flag = true});
   const Action action = command.register_flags(&set);
@@ -61,16 +59,25 @@ absl::Status Run(const Command& command, const std::vector<std::string>& argumen
   return action(context);
 }
 
+// To a new file; the build knows no other use.
+absl::Status WriteText(const std::string& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text;
+  file.close();
+  return file ? absl::OkStatus()
+              : absl::UnavailableError(absl::StrCat("writing ", path, " failed"));
+}
+
 // Writes a man page for the program, and one for each command, into `directory`: for the build.
-absl::Status WriteManPages(const std::vector<Command>& commands, const std::string& directory) {
-  const ProgramDescription program = DescribeProgram(commands);
+absl::Status WriteManPages(const Program& program, const std::string& directory) {
+  const ProgramDescription description = DescribeProgram(program);
   const auto path = [&](const std::string& command) {
-    return absl::StrCat(directory, "/", ManPageName(program, command), ".1");
+    return absl::StrCat(directory, "/", ManPageName(description, command), ".1");
   };
-  ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(path(""), ProgramManPage(program, kExample)));
-  for (const CommandDescription& command : program.commands) {
-    ISOSCOPE_RETURN_IF_ERROR(
-        io::WriteFileAtomically(path(command.name), CommandManPage(program, command)));
+  ISOSCOPE_RETURN_IF_ERROR(
+      WriteText(path(""), ProgramManPage(description, program.example)));
+  for (const CommandDescription& command : description.commands) {
+    ISOSCOPE_RETURN_IF_ERROR(WriteText(path(command.name), CommandManPage(description, command)));
   }
   return absl::OkStatus();
 }
@@ -78,7 +85,8 @@ absl::Status WriteManPages(const std::vector<Command>& commands, const std::stri
 // The commands of the program, found by name.
 class CommandTable {
  public:
-  explicit CommandTable(const std::vector<Command>& commands) : commands_(commands) {}
+  explicit CommandTable(const Program& program)
+      : program_(program), commands_(program.commands) {}
 
   // Null if there is none.
   [[nodiscard]] const Command* Find(const std::string& name) const {
@@ -101,18 +109,18 @@ class CommandTable {
   // "partition, info, ...".
   [[nodiscard]] std::string JoinedNames() const { return absl::StrJoin(Names(), ", "); }
 
-  // The text of `isoscope --help`.
+  // The text of --help.
   [[nodiscard]] std::string Overview() const {
-    return absl::StrCat("isoscope: ", kSummary,
-                        "\n\n"
-                        "Usage: isoscope COMMAND ...\n\nCommands:\n",
-                        List(""),
+    return absl::StrCat(program_.name, ": ", program_.summary, "\n\nUsage: ", program_.name,
+                        " COMMAND ...\n\nCommands:\n", List(""),
                         "\nOptions:\n"
-                        "  -h, --help  this text; 'isoscope COMMAND --help' tells about a command\n"
+                        "  -h, --help  this text; '",
+                        program_.name,
+                        " COMMAND --help' tells about a command\n"
                         "  --version   print the version\n"
                         "\nExit codes: 0 done, 1 the request failed, 2 wrong usage\n"
                         "\nExample:\n",
-                        kExample);
+                        program_.example);
   }
 
   // The error for a `name` that Find doesn't know: names the commands that may have been meant.
@@ -120,6 +128,9 @@ class CommandTable {
     if (absl::StartsWith(name, "-")) {
       return UsageError(
           absl::StrCat("unknown flag ", name, "; a command comes first: ", JoinedNames()));
+    }
+    if (const auto moved = program_.moved.find(name); moved != program_.moved.end()) {
+      return UsageError(absl::StrCat("'", name, "' is no command; ", moved->second));
     }
     std::vector<std::string> longer;  // where `name` is the first of two words
     for (const std::string& known : Names()) {
@@ -147,6 +158,7 @@ class CommandTable {
     return names;
   }
 
+  const Program& program_;
   const std::vector<Command>& commands_;
 };
 
@@ -160,11 +172,11 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
     return absl::OkStatus();
   }
   if (arguments[0] == "--version") {
-    *context.out << "isoscope " << base::Version() << "\n";
+    *context.out << context.program->name << " " << base::Version() << "\n";
     return absl::OkStatus();
   }
   if (arguments[0] == "--man-pages" && arguments.size() == 2) {
-    return WriteManPages(*context.commands, arguments[1]);
+    return WriteManPages(*context.program, arguments[1]);
   }
   std::vector<std::string> rest(arguments.begin() + 1, arguments.end());
   std::string name = arguments[0];
@@ -190,40 +202,34 @@ absl::Status Dispatch(const CommandTable& commands, const std::vector<std::strin
 
 }  // namespace
 
-std::vector<Command> Commands() {
-  return {PartitionCommand(), InfoCommand(),       ServeCommand(),     RenderCommand(),
-          PickCommand(),      ExportCommand(),     GenerateCommand(),  TopCommand(),
-          CacheListCommand(), CacheClearCommand(), CompletionCommand()};
-}
-
-ProgramDescription DescribeProgram(const std::vector<Command>& commands) {
-  ProgramDescription program{.name = "isoscope",
-                             .summary = kSummary,
-                             .version = std::string(base::Version()),
-                             .commands = {}};
-  for (const Command& command : commands) {
+ProgramDescription DescribeProgram(const Program& program) {
+  ProgramDescription description{.name = program.name,
+                                 .summary = program.summary,
+                                 .version = std::string(base::Version()),
+                                 .commands = {}};
+  for (const Command& command : program.commands) {
     FlagSet set;
     const Action action = command.register_flags(&set);
-    program.commands.push_back({.name = command.name,
+    description.commands.push_back({.name = command.name,
                                 .summary = command.summary,
                                 .usage = command.usage,
                                 .examples = command.examples,
                                 .flags = set.Describe()});
   }
-  return program;
+  return description;
 }
 
-int RunCommandLine(const std::vector<std::string>& arguments, const std::vector<Command>& commands,
-                   const Context& context) {
+int RunProgram(const Program& program, const std::vector<std::string>& arguments,
+               const Context& context) {
   std::string command;
   Context of_command = context;
-  of_command.commands = &commands;
-  const absl::Status status = Dispatch(CommandTable(commands), arguments, &command, of_command);
+  of_command.program = &program;
+  const absl::Status status = Dispatch(CommandTable(program), arguments, &command, of_command);
   context.out->flush();
   if (!status.ok()) {
-    *context.err << FormatError(command, status) << std::endl;
+    *context.err << FormatError(program.name, command, status) << std::endl;
   } else if (!context.out->good()) {
-    *context.err << "isoscope: DATA_LOSS: standard output could not be written" << std::endl;
+    *context.err << program.name << ": DATA_LOSS: standard output could not be written" << std::endl;
     return kExitFailed;
   }
   return ExitCodeOf(status);

@@ -1,0 +1,14 @@
+// The program `isoscope-bench`.
+
+#include "bench/program.h"
+#include "client-cli/terminal_program.h"
+
+#ifdef __SANITIZE_ADDRESS__
+// Fontconfig keeps what it has found until the process ends.
+// NOLINTNEXTLINE(bugprone-reserved-identifier, readability-identifier-naming): LeakSanitizer's name
+extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
+#endif
+
+int main(int argc, char** argv) {
+  return isoscope::cli::RunOnTerminal(isoscope::bench::BenchProgram(), argc, argv);
+}

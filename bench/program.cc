@@ -1,0 +1,14 @@
+#include "bench/program.h"
+
+namespace isoscope::bench {
+
+cli::Program BenchProgram() {
+  return {.name = "isoscope-bench",
+          .summary = "measures Isoscope: frames, its algorithm, clients, sliders, cancelling",
+          .example = "  isoscope-bench frame head.nii.gz --isovalue 60 --runs 5\n",
+          .commands = {FrameBenchCommand(), PaperBenchCommand(), CancelBenchCommand(),
+                       DragBenchCommand(), SliderBenchCommand(), ClientsBenchCommand(),
+                       cli::CompletionCommand("isoscope-bench")}};
+}
+
+}  // namespace isoscope::bench
