@@ -15,6 +15,7 @@
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
 
 namespace isoscope::cli {
 namespace {
