@@ -7,6 +7,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/commands.h"
 #include "core/cli/interrupt.h"
 
 namespace isoscope::bench {
