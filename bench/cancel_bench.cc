@@ -30,10 +30,12 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/interrupt.h"
+#include "client-cli/json_text.h"
 #include "client-cli/output.h"
 #include "client-cli/service_client.h"
 #include "core/base/status_macros.h"
@@ -241,9 +243,9 @@ std::string DescribeCancelBench(const CancelBenchResult& result) {
   return table.ToString();
 }
 
-nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelBenchPlan& plan,
-                                         const CancelBenchResult& result, const Machine& machine,
-                                         absl::string_view timestamp) {
+std::string CancelBenchJson(absl::string_view volume, const CancelBenchPlan& plan,
+                            const CancelBenchResult& result, const Machine& machine,
+                            absl::string_view timestamp) {
   const std::vector<double> idle_ms =
       Select(result.frames, &CancelledFrame::idle_ms, [](const CancelledFrame&) { return true; });
   Json json;
@@ -269,7 +271,7 @@ nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelB
                               {"answer_ms", Rounded(frame.answer_ms)},
                               {"idle_ms", Rounded(frame.idle_ms)}});
   }
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

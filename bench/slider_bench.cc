@@ -11,11 +11,13 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include <nlohmann/json.hpp>
 #include <sys/resource.h>
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/interrupt.h"
+#include "client-cli/json_text.h"
 #include "client-cli/service_client.h"
 #include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
@@ -156,9 +158,9 @@ std::string DescribeSliderBench(const SliderBenchResult& result) {
   return text;
 }
 
-nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderBenchPlan& plan,
-                                         const SliderBenchResult& result, const Machine& machine,
-                                         absl::string_view timestamp) {
+std::string SliderBenchJson(absl::string_view volume, const SliderBenchPlan& plan,
+                            const SliderBenchResult& result, const Machine& machine,
+                            absl::string_view timestamp) {
   nlohmann::ordered_json json;
   json["machine"] = ToString(machine);
   json["date"] = std::string(timestamp);
@@ -170,7 +172,7 @@ nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderB
   json["renderer"] = result.renderer;
   json["new"] = ToJson(Summarize(result.first));
   json["again"] = ToJson(Summarize(result.second));
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
+#include <nlohmann/json.hpp>
 
 #include "client-cli/command.h"
 #include "client-cli/connection_flags.h"

@@ -22,7 +22,6 @@
 #include "client-cli/flags.h"
 #include "client-cli/frame_name.h"
 #include "client-cli/frame_statistics.h"
-#include "client-cli/json_text.h"
 #include "client-cli/like_picture.h"
 #include "client-cli/look_flags.h"
 #include "client-cli/no_surface.h"
@@ -221,7 +220,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
   if (!flags.stats) {
     return absl::OkStatus();
   }
-  const std::string json = JsonText(StatisticsToJson(frames));
+  const std::string json = StatisticsJson(frames);
   if (*flags.stats == "-") {
     *context.out << json;
     return absl::OkStatus();
