@@ -40,6 +40,8 @@
 #include "client-cli/service_client.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {

@@ -27,6 +27,8 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/transport.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {

@@ -25,7 +25,10 @@
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {

@@ -23,6 +23,9 @@
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {

@@ -25,10 +25,13 @@
 #include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/parse_value.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/frame/frame_spec.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

@@ -32,6 +32,9 @@
 #include "core/store/shard_reader.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

@@ -19,6 +19,7 @@
 #include "client-cli/no_surface.h"
 #include "client-cli/output.h"
 #include "client-cli/render_request.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
@@ -26,6 +27,8 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

@@ -32,6 +32,7 @@
 #include "client-cli/png_metadata.h"
 #include "client-cli/poster.h"
 #include "client-cli/render_request.h"
+#include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/show_picture.h"
 #include "client-cli/sweep.h"
@@ -46,6 +47,9 @@
 #include "core/image/png_codec.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

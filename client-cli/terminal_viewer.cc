@@ -31,6 +31,7 @@
 
 #include "client-cli/picture_scaling.h"
 #include "client-cli/raw_terminal.h"
+#include "client-cli/service_client.h"
 #include "client-cli/terminal_keys.h"
 #include "client-cli/terminal_picture.h"
 #include "client-cli/view_controls.h"
@@ -40,6 +41,8 @@
 #include "core/base/status_macros.h"
 #include "core/image/jpeg_codec.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

@@ -35,6 +35,7 @@
 #include "client-cli/usage.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "isoscope/v1/cluster_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

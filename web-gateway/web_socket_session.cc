@@ -22,6 +22,7 @@
 #include "absl/time/time.h"
 
 #include "core/base/log.h"
+#include "isoscope/v1/interact_service.pb.h"
 #include "web-gateway/frame_message.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/interact_stream.h"
