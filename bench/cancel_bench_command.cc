@@ -14,16 +14,17 @@
 #include "bench/cancel_bench.h"
 #include "bench/commands.h"
 #include "bench/machine.h"
-#include "bench/temporary_folder.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/io/atomic_file.h"
+#include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
 
@@ -66,7 +67,7 @@ absl::Status CheckUsage(const CancelBenchFlags& flags) {
 
 // The dataset folder: the input itself, or one made of it in `folder`.
 absl::StatusOr<std::string> PrepareDataset(const CancelBenchFlags& flags,
-                                           const TemporaryFolder& folder,
+                                           const io::TemporaryFolder& folder,
                                            const cli::Context& context) {
   if (store::IsDatasetDirectory(*flags.input)) {
     return *flags.input;
@@ -100,10 +101,10 @@ CancelBenchPlan PlanOf(const CancelBenchFlags& flags) {
 absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
   }
   base::SetLogLevel(base::LogLevel::kOff);
-  ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
   CancelBenchPlan plan = PlanOf(flags);
   ISOSCOPE_ASSIGN_OR_RETURN(plan.cluster.dataset_directory, PrepareDataset(flags, folder, context));
   const Machine machine = DescribeMachine();
@@ -111,7 +112,7 @@ absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const CancelBenchResult result, RunCancelBench(plan, context));
   if (flags.json) {
     const std::string volume = std::filesystem::path(*flags.input).filename().string();
-    ISOSCOPE_RETURN_IF_ERROR(cli::WriteFileAtomically(
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
         *flags.json, CancelBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"

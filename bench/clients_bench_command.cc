@@ -17,13 +17,13 @@
 #include "bench/machine.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
 namespace {
@@ -60,7 +60,7 @@ absl::Status CheckUsage(const ClientsBenchFlags& flags) {
 absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
   }
   base::SetLogLevel(base::LogLevel::kOff);
   ClientsBenchPlan plan;
@@ -75,7 +75,7 @@ absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<ClientsRound> rounds, RunClientsBench(plan, context));
   if (flags.json) {
     ISOSCOPE_RETURN_IF_ERROR(
-        cli::WriteFileAtomically(*flags.json, ClientsBenchJson(plan, rounds, machine, timestamp)));
+        io::WriteFileAtomically(*flags.json, ClientsBenchJson(plan, rounds, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"
                << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px

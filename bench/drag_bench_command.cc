@@ -14,13 +14,13 @@
 #include "bench/machine.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/render_request.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::bench {
 namespace {
@@ -55,7 +55,7 @@ absl::Status CheckUsage(const DragBenchFlags& flags) {
 absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
   }
   base::SetLogLevel(base::LogLevel::kOff);
   DragBenchPlan plan;
@@ -73,7 +73,7 @@ absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
         std::filesystem::path(flags.session.input.value_or(flags.session.dataset.value_or("")))
             .filename()
             .string();
-    ISOSCOPE_RETURN_IF_ERROR(cli::WriteFileAtomically(
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
         *flags.json, DragBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"

@@ -23,9 +23,9 @@
 
 #include "bench/child_process.h"
 #include "bench/sample_statistics.h"
-#include "client-cli/output.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
+#include "core/cli/progress_line.h"
 
 namespace isoscope::bench {
 namespace {

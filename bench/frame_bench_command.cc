@@ -23,17 +23,17 @@
 #include "bench/frame_bench_report.h"
 #include "bench/machine.h"
 #include "bench/peer.h"
-#include "bench/temporary_folder.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/render_request.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/io/atomic_file.h"
 #include "core/io/file.h"
+#include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
 
@@ -119,7 +119,7 @@ absl::StatusOr<std::vector<BenchDataset>> UseFolder(const FrameBenchFlags& flags
 }
 
 absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const FrameBenchFlags& flags,
-                                                        const TemporaryFolder& folder,
+                                                        const io::TemporaryFolder& folder,
                                                         const cli::Context& context) {
   std::vector<std::int64_t> shard_counts = flags.shard_counts;
   if (shard_counts.empty()) {
@@ -141,7 +141,8 @@ absl::StatusOr<std::vector<BenchDataset>> PartitionEach(const FrameBenchFlags& f
 }
 
 absl::StatusOr<PeerCall> PreparePeer(const FrameBenchFlags& flags, const FrameBenchPlan& plan,
-                                     const TemporaryFolder& folder, const cli::Context& context) {
+                                     const io::TemporaryFolder& folder,
+                                     const cli::Context& context) {
   if (!io::PathExists(*flags.peer)) {
     return absl::NotFoundError(
         absl::StrCat("'", *flags.peer, "' does not exist; --peer takes a Python script"));
@@ -175,7 +176,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
     ISOSCOPE_RETURN_IF_ERROR(cli::SourceFiles(flags.source, *flags.input).status());
   }
   if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::CheckWritable(*flags.json));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
   }
   FrameBenchPlan plan;
   plan.program = "/proc/self/exe";
@@ -191,7 +192,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   plan.height_px = flags.height_px();
   plan.thread_count = flags.thread_count;
 
-  ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
   ISOSCOPE_ASSIGN_OR_RETURN(plan.datasets,
                             is_dataset ? UseFolder(flags) : PartitionEach(flags, folder, context));
   if (flags.peer) {
@@ -203,7 +204,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
 
   const std::string volume = std::filesystem::path(*flags.input).filename().string();
   if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(cli::WriteFileAtomically(
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
         *flags.json, FrameBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"

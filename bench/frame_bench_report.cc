@@ -11,7 +11,8 @@
 
 #include "bench/sample_statistics.h"
 #include "client-cli/json_text.h"
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::bench {
 namespace {

@@ -25,17 +25,19 @@
 #include "bench/paper_bench.h"
 #include "bench/paper_bench_plots.h"
 #include "bench/paper_bench_report.h"
-#include "bench/temporary_folder.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
+#include "core/io/atomic_file.h"
 #include "core/io/file.h"
+#include "core/io/temporary_folder.h"
 #include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
 
@@ -172,7 +174,8 @@ std::string CommandOf(const PaperBenchFlags& flags, const PaperBenchPlan& plan,
 // The datasets that the measurements ask for, in a temporary folder.
 class Datasets {
  public:
-  Datasets(const PaperBenchFlags& flags, const TemporaryFolder& folder, const cli::Context& context)
+  Datasets(const PaperBenchFlags& flags, const io::TemporaryFolder& folder,
+           const cli::Context& context)
       : flags_(flags), folder_(folder), context_(context) {}
 
   absl::StatusOr<std::string> Make(store::Distribution distribution, int shard_count) {
@@ -196,7 +199,7 @@ class Datasets {
 
  private:
   const PaperBenchFlags& flags_;
-  const TemporaryFolder& folder_;
+  const io::TemporaryFolder& folder_;
   const cli::Context& context_;
   std::string last_;  // to be removed when the next one is made
 };
@@ -245,12 +248,12 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
         absl::StrCat("'", output, "' exists; --output names a new folder"));
   }
   // Appears whole or not at all.
-  const std::string partial = cli::PartialName(output);
+  const std::string partial = io::PartialName(output);
   ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial));
   ISOSCOPE_RETURN_IF_ERROR(io::CreateDirectory(partial));
   const absl::Cleanup remove_partial = [&] { io::RemoveRecursively(partial).IgnoreError(); };
 
-  ISOSCOPE_ASSIGN_OR_RETURN(const TemporaryFolder folder, TemporaryFolder::Make());
+  ISOSCOPE_ASSIGN_OR_RETURN(const io::TemporaryFolder folder, io::TemporaryFolder::Make());
   ISOSCOPE_ASSIGN_OR_RETURN(
       const std::unique_ptr<render::Renderer> renderer,
       render::MakeRenderer({.kind = flags.renderer.value_or(render::RendererKind::kCpu)}));

@@ -15,7 +15,7 @@
 
 #include "bench/csv.h"
 #include "bench/sample_statistics.h"
-#include "client-cli/output.h"
+#include "core/cli/format.h"
 
 namespace isoscope::bench {
 namespace {

@@ -9,9 +9,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/child_process.h"
-#include "client-cli/output.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/progress_line.h"
 #include "core/io/file.h"
 
 namespace isoscope::bench {

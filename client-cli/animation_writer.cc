@@ -4,7 +4,6 @@
 #include "absl/strings/str_cat.h"
 
 #include "client-cli/apng_writer.h"
-#include "client-cli/usage.h"
 #include "client-cli/webp_writer.h"
 
 namespace isoscope::cli {
@@ -20,9 +19,9 @@ bool IsAnimationName(const std::string& path) {
 
 absl::Status CheckAnimationSize(const std::string& path, int width_px, int height_px) {
   if (IsWebp(path) && (width_px > kMaxWebpSidePx || height_px > kMaxWebpSidePx)) {
-    return UsageError(absl::StrCat("--output '", path, "': ", width_px, " x ", height_px,
-                                   " pixels; a WebP has at most ", kMaxWebpSidePx,
-                                   " a side: write an .apng, or a smaller picture"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        "--output '", path, "': ", width_px, " x ", height_px, " pixels; a WebP has at most ",
+        kMaxWebpSidePx, " a side: write an .apng, or a smaller picture"));
   }
   return absl::OkStatus();
 }

@@ -36,7 +36,7 @@ class AnimationWriter {
 bool IsAnimationName(const std::string& path);
 
 // OK if an animation of this size can be written: WebP has at most 16383 pixels a side.
-// UsageError else.
+// INVALID_ARGUMENT else.
 absl::Status CheckAnimationSize(const std::string& path, int width_px, int height_px);
 
 // REQUIRES: IsAnimationName(path), and CheckAnimationSize is OK. Errors as io::CreateWritableFile.

@@ -23,9 +23,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
-#include <CLI/CLI.hpp>
 
-#include "client-cli/flags.h"
 #include "core/base/status_macros.h"
 #include "core/picture/color_map.h"
 
@@ -452,24 +450,6 @@ absl::Status CheckFont() {
 
 }  // namespace
 
-void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags) {
-  const std::string group = "Annotations (drawn over the picture)";
-  app->add_flag("--axes", flags->has_axes,
-                "orientation axes in the bottom left corner: X, Y, Z, or the sides of the patient "
-                "(L R A P S I) where it is known")
-      ->group(group);
-  app->add_flag("--scale-bar", flags->has_scale_bar,
-                "a bar of a round number of world units in the bottom right corner; of a "
-                "perspective camera it holds at the target's distance")
-      ->group(group);
-  app->add_flag("--legend", flags->has_legend,
-                "the colour map of --color-by with its range, at the right side")
-      ->group(group);
-  AddFlag(app, "--caption", "TEXT", &flags->caption, ParseText,
-          "text in the top left corner; {isovalue} becomes the frame's, \\n begins a line")
-      ->group(group);
-}
-
 ScaleBar MakeScaleBar(const AnnotationScene& scene, double max_px) {
   const view::Camera& camera = scene.camera;
   const bool is_perspective = camera.projection == view::Projection::kPerspective;
@@ -532,21 +512,21 @@ std::array<math::Vec3d, 3> AxisDirections(const view::Camera& camera) {
           math::Vec3d{right.z, up.z, forward.z}};
 }
 
-absl::StatusOr<Annotated> Annotate(const AnnotationFlags& flags, const AnnotationScene& scene,
+absl::StatusOr<Annotated> Annotate(const Annotations& annotations, const AnnotationScene& scene,
                                    image::RgbaImage picture) {
   Annotated annotated{.picture = std::move(picture), .boxes = {}};
   ISOSCOPE_RETURN_IF_ERROR(CheckFont());
-  if (flags.has_axes) {
+  if (annotations.has_axes) {
     ISOSCOPE_RETURN_IF_ERROR(DrawAxes(scene, &annotated));
   }
-  if (flags.has_scale_bar) {
+  if (annotations.has_scale_bar) {
     ISOSCOPE_RETURN_IF_ERROR(DrawScaleBar(scene, &annotated));
   }
-  if (flags.has_legend) {
+  if (annotations.has_legend) {
     ISOSCOPE_RETURN_IF_ERROR(DrawLegend(scene, &annotated));
   }
-  if (flags.caption) {
-    ISOSCOPE_RETURN_IF_ERROR(DrawCaption(*flags.caption, scene, &annotated));
+  if (annotations.caption) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawCaption(*annotations.caption, scene, &annotated));
   }
   return annotated;
 }

@@ -20,13 +20,10 @@
 #include "core/view/view.h"
 #include "core/volume/patient_frame.h"
 
-namespace CLI {  // NOLINT(readability-identifier-naming): theirs
-class App;
-}  // namespace CLI
-
 namespace isoscope::cli {
 
-struct AnnotationFlags {
+// Those that are asked for.
+struct Annotations {
   bool has_axes = false;
   bool has_scale_bar = false;
   bool has_legend = false;
@@ -36,9 +33,6 @@ struct AnnotationFlags {
 
   [[nodiscard]] bool any() const { return has_axes || has_scale_bar || has_legend || caption; }
 };
-
-// `flags` must outlive the parsing.
-void AddAnnotationFlags(CLI::App* app, AnnotationFlags* flags);
 
 // How a surface was coloured: a part of the legend.
 struct SurfaceColoring {
@@ -91,7 +85,7 @@ struct Annotated {
 // INVALID_ARGUMENT if the caption is not UTF-8, or if a legend is asked for and no surface shows a
 // quantity; FAILED_PRECONDITION if there is no font.
 // Thread-safe.
-absl::StatusOr<Annotated> Annotate(const AnnotationFlags& flags, const AnnotationScene& scene,
+absl::StatusOr<Annotated> Annotate(const Annotations& annotations, const AnnotationScene& scene,
                                    image::RgbaImage picture);
 
 }  // namespace isoscope::cli

@@ -23,11 +23,10 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/output.h"
 #include "client-cli/png_chunks.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
-#include "core/io/file.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -64,20 +63,8 @@ absl::StatusOr<std::string> EncodeRgba(absl::string_view png) {
 
 class ApngWriter : public AnimationWriter {
  public:
-  ApngWriter(std::string path, const AnimationOptions& options)
-      : path_(std::move(path)), partial_path_(PartialName(path_)), options_(options) {}
-  ~ApngWriter() override {
-    // After Finish nothing is left under this name; before it, an error is on its way.
-    io::RemoveRecursively(partial_path_).IgnoreError();
-  }
-  ApngWriter(const ApngWriter&) = delete;
-  ApngWriter& operator=(const ApngWriter&) = delete;
-
-  absl::Status Open() {
-    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial_path_));
-    ISOSCOPE_ASSIGN_OR_RETURN(file_, io::CreateWritableFile(partial_path_));
-    return absl::OkStatus();
-  }
+  ApngWriter(std::unique_ptr<io::AtomicFile> file, const AnimationOptions& options)
+      : options_(options), file_(std::move(file)) {}
 
   absl::Status AddFrame(absl::string_view png) override {
     ISOSCOPE_ASSIGN_OR_RETURN(std::vector<PngChunk> chunks, ParsePngChunks(png));
@@ -111,8 +98,7 @@ class ApngWriter : public AnimationWriter {
                                                         " frames was given ", added_count_));
     }
     ISOSCOPE_RETURN_IF_ERROR(file_->Append(MakePngChunk("IEND", "")));
-    ISOSCOPE_RETURN_IF_ERROR(file_->Close());
-    return io::RenamePath(partial_path_, path_);
+    return file_->Commit();
   }
 
  private:
@@ -163,10 +149,8 @@ class ApngWriter : public AnimationWriter {
                      absl::string_view(no_dispose_no_blend.data(), 2)));
   }
 
-  const std::string path_;
-  const std::string partial_path_;
   const AnimationOptions options_;
-  std::unique_ptr<io::WritableFile> file_;
+  const std::unique_ptr<io::AtomicFile> file_;  // gone unless Finish was reached
   int added_count_ = 0;
   std::uint32_t sequence_ = 0;
 };
@@ -175,9 +159,8 @@ class ApngWriter : public AnimationWriter {
 
 absl::StatusOr<std::unique_ptr<AnimationWriter>> CreateApng(const std::string& path,
                                                             const AnimationOptions& options) {
-  auto writer = std::make_unique<ApngWriter>(path, options);
-  ISOSCOPE_RETURN_IF_ERROR(writer->Open());
-  return writer;
+  ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<io::AtomicFile> file, io::AtomicFile::Create(path));
+  return std::make_unique<ApngWriter>(std::move(file), options);
 }
 
 }  // namespace isoscope::cli

@@ -18,10 +18,11 @@
 #include "client-cli/command.h"
 #include "client-cli/dataset_cache.h"
 #include "client-cli/json_text.h"
-#include "client-cli/output.h"
 #include "client-cli/session.h"
 #include "client-cli/work_folder.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::cli {
 namespace {

@@ -21,11 +21,11 @@
 #include "absl/strings/str_join.h"
 #include <CLI/CLI.hpp>
 
-#include "client-cli/output.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/cli/man_page.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -110,10 +110,10 @@ absl::Status WriteManPages(const std::vector<Command>& commands, const std::stri
   const auto path = [&](const std::string& command) {
     return absl::StrCat(directory, "/", ManPageName(program, command), ".1");
   };
-  ISOSCOPE_RETURN_IF_ERROR(WriteFileAtomically(path(""), ProgramManPage(program, kExample)));
+  ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(path(""), ProgramManPage(program, kExample)));
   for (const CommandDescription& command : program.commands) {
     ISOSCOPE_RETURN_IF_ERROR(
-        WriteFileAtomically(path(command.name), CommandManPage(program, command)));
+        io::WriteFileAtomically(path(command.name), CommandManPage(program, command)));
   }
   return absl::OkStatus();
 }

@@ -40,12 +40,12 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 #include "client-cli/work_folder.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/format.h"
 #include "core/io/file.h"
 
 namespace isoscope::cli {

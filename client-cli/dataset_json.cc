@@ -16,8 +16,9 @@
 #include "absl/strings/strip.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/output.h"
 #include "core/base/printable.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {

@@ -31,7 +31,7 @@ absl::StatusOr<AmbientOcclusionValue> ParseAmbientOcclusion(absl::string_view te
 
 struct SilhouetteValue {
   std::optional<std::int64_t> width_px;
-  std::optional<Color> color;
+  std::optional<frame::Color> color;
 
   friend bool operator==(const SilhouetteValue&, const SilhouetteValue&) = default;
 };

@@ -12,7 +12,11 @@
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/units.h"
+#include "core/render/renderer_factory.h"
 #include "core/store/shard_reader.h"
+#include "partition-agent/agent_memory.h"
+#include "partition-agent/agent_server.h"
+#include "server/coordinator_server.h"
 
 namespace isoscope::cli {
 namespace {
@@ -102,11 +106,25 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
   return cluster;
 }
 
+EmbeddedCluster::EmbeddedCluster() = default;
+
 EmbeddedCluster::~EmbeddedCluster() {
   // The coordinator calls the agents: it goes first.
   coordinator_.reset();
   agents_.clear();
 }
+
+std::shared_ptr<grpc::Channel> EmbeddedCluster::Channel() {
+  return coordinator_->InProcessChannel();
+}
+
+void EmbeddedCluster::SetGatewayAddress(const std::string& address) {
+  coordinator_->SetGatewayAddress(address);
+}
+
+int EmbeddedCluster::port() const { return coordinator_->port(); }
+
+std::string EmbeddedCluster::renderer_description() const { return renderer_->description(); }
 
 int EmbeddedCluster::frames_in_work() const {
   int sum = 0;

@@ -14,13 +14,26 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include <grpcpp/channel.h>
 
-#include "core/render/renderer_factory.h"
+#include "core/render/renderer_kind.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
-#include "partition-agent/agent_server.h"
-#include "server/coordinator_server.h"
+
+namespace grpc {  // NOLINT(readability-identifier-naming): theirs
+class Channel;
+}  // namespace grpc
+
+namespace isoscope::agent {
+class AgentServer;
+}  // namespace isoscope::agent
+
+namespace isoscope::render {
+class Renderer;
+}  // namespace isoscope::render
+
+namespace isoscope::server {
+class CoordinatorServer;
+}  // namespace isoscope::server
 
 namespace isoscope::cli {
 
@@ -54,22 +67,24 @@ class EmbeddedCluster {
   static absl::StatusOr<std::unique_ptr<EmbeddedCluster>> Start(
       const EmbeddedClusterOptions& options);
   ~EmbeddedCluster();
+  EmbeddedCluster(const EmbeddedCluster&) = delete;
+  EmbeddedCluster& operator=(const EmbeddedCluster&) = delete;
 
-  std::shared_ptr<grpc::Channel> Channel() { return coordinator_->InProcessChannel(); }
+  std::shared_ptr<grpc::Channel> Channel();
   // As CoordinatorServer::SetGatewayAddress.
-  void SetGatewayAddress(const std::string& address) { coordinator_->SetGatewayAddress(address); }
+  void SetGatewayAddress(const std::string& address);
   // The bound port, or 0 without one.
-  [[nodiscard]] int port() const { return coordinator_->port(); }
+  [[nodiscard]] int port() const;
   [[nodiscard]] int shard_count() const { return static_cast<int>(agents_.size()); }
   // Of all agents together, as AgentServer::frames_in_work.
   [[nodiscard]] int frames_in_work() const;
   // Names the back end and its device, for people.
-  [[nodiscard]] std::string renderer_description() const { return renderer_->description(); }
+  [[nodiscard]] std::string renderer_description() const;
   // Lets frames in work finish for at most `grace`. Blocks.
   void Shutdown(absl::Duration grace);
 
  private:
-  EmbeddedCluster() = default;
+  EmbeddedCluster();
 
   std::shared_ptr<render::Renderer> renderer_;
   std::vector<std::unique_ptr<agent::AgentServer>> agents_;

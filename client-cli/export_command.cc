@@ -23,13 +23,15 @@
 #include "client-cli/mesh_store.h"
 #include "client-cli/mesh_writer.h"
 #include "client-cli/no_surface.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
 #include "core/frame/frame_spec.h"
+#include "core/io/atomic_file.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -43,7 +45,7 @@ struct ExportFlags {
   ClipFlags clip;
   std::optional<std::string> output;
   std::optional<MeshFormat> format;
-  std::optional<Color> color;
+  std::optional<frame::Color> color;
   std::optional<std::int64_t> min_component;
   std::optional<double> simplify_share;
   std::optional<double> simplify_error;
@@ -104,8 +106,10 @@ absl::Status CheckUsage(const ExportFlags& flags) {
 absl::StatusOr<MeshFileOptions> FileOptions(const ExportFlags& flags) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   MeshFileOptions options{.path = *flags.output, .surfaces = flags.mesh_surfaces()};
-  ISOSCOPE_ASSIGN_OR_RETURN(options.format, MeshFormatOf(*flags.output, flags.format));
-  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(options));
+  const absl::StatusOr<MeshFormat> format = MeshFormatOf(*flags.output, flags.format);
+  ISOSCOPE_RETURN_IF_ERROR(AsUsageError(format.status()));
+  options.format = *format;
+  ISOSCOPE_RETURN_IF_ERROR(AsUsageError(Validate(options)));
   return options;
 }
 
@@ -236,7 +240,7 @@ absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
 
 absl::Status Run(const ExportFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const MeshFileOptions file_options, FileOptions(flags));
-  ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.output));
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, std::nullopt, context));
   ISOSCOPE_ASSIGN_OR_RETURN(

@@ -9,7 +9,8 @@
 #include <nlohmann/json.hpp>
 
 #include "client-cli/json_text.h"
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::cli {
 namespace {

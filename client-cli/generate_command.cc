@@ -20,10 +20,11 @@
 
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
 #include "core/math/vec.h"
 #include "core/source/volume_file.h"
 #include "core/source/volume_generator.h"

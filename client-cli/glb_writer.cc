@@ -217,7 +217,7 @@ class GlbWriter : public MeshWriter {
   }
 
   [[nodiscard]] Json MakeMaterial(int surface_index) const {
-    const Color color = options_.ColorOf(surface_index);
+    const frame::Color color = options_.ColorOf(surface_index);
     Json material;
     if (parts_.size() > 1) {
       material["name"] =

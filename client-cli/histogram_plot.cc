@@ -15,7 +15,8 @@
 #include <nlohmann/json.hpp>
 #include <sys/ioctl.h>
 
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
 
 namespace isoscope::cli {
 namespace {

@@ -18,15 +18,17 @@
 #include "client-cli/flags.h"
 #include "client-cli/histogram_plot.h"
 #include "client-cli/json_text.h"
-#include "client-cli/output.h"
+#include "client-cli/output_suffix.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
-#include "client-cli/waiting_line.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/progress_line.h"
+#include "core/cli/waiting_line.h"
+#include "core/io/atomic_file.h"
 #include "core/render/renderer_factory.h"
 #include "core/source/value_range.h"
 #include "core/store/shard_reader.h"
@@ -180,7 +182,7 @@ absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& 
   }
   (*json)["histogram"] = HistogramToJson(found.histogram);
   if (flags.histogram_svg) {
-    ISOSCOPE_RETURN_IF_ERROR(WriteFileAtomically(
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
         *flags.histogram_svg,
         HistogramToSvg(found.histogram,
                        absl::StrCat(found.dataset.name(), " (", found.dataset.source(), ")"),
@@ -203,7 +205,7 @@ absl::Status CheckHistogramUsage(const InfoFlags& flags) {
   }
   if (flags.histogram_svg) {
     ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(*flags.histogram_svg, ".svg", "SVG"));
-    return CheckWritable(*flags.histogram_svg);
+    return io::CheckWritable(*flags.histogram_svg);
   }
   return absl::OkStatus();
 }

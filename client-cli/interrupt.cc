@@ -6,24 +6,25 @@
 
 #include <thread>
 
-#include "client-cli/raw_terminal.h"
 #include "client-cli/usage.h"
 #include "core/base/mutex.h"
 
 namespace isoscope::cli {
 
-void Interrupt::InstallForProcess() {
+void Interrupt::InstallForProcess(void (*before_exit)()) {
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  std::thread([this, signals] {
+  std::thread([this, signals, before_exit] {
     int signal_number = 0;
     sigwait(&signals, &signal_number);
     Trigger();
     sigwait(&signals, &signal_number);
-    RestoreTerminal();
+    if (before_exit != nullptr) {
+      before_exit();
+    }
     _exit(kExitFailed);
   }).detach();
 }

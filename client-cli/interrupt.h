@@ -15,9 +15,10 @@ class Interrupt {
   Interrupt& operator=(const Interrupt&) = delete;
 
   // Blocks the two signals in this thread and those it starts, and starts a thread that waits for
-  // them: the first triggers, a second ends the process at once. Call first in main, at most once;
-  // the interrupt must live as long as the process.
-  void InstallForProcess();
+  // them: the first triggers, a second ends the process at once, after `before_exit` (null: nothing
+  // to do). That thread calls it. Call this first in main, at most once; the interrupt must live as
+  // long as the process.
+  void InstallForProcess(void (*before_exit)() = nullptr);
 
   // Does as the first signal does.
   void Trigger() { cancellation_.Cancel(); }

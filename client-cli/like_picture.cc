@@ -8,10 +8,10 @@
 #include "absl/strings/str_cat.h"
 #include <CLI/CLI.hpp>
 
-#include "client-cli/output.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/format.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
 

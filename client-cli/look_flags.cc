@@ -101,7 +101,7 @@ absl::StatusOr<Light> ParseLight(absl::string_view text) {
     light.intensity = static_cast<float>(intensity);
   }
   if (parts.size() > 2) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const Color color, ParseColor(parts[2]));
+    ISOSCOPE_ASSIGN_OR_RETURN(const frame::Color color, ParseColor(parts[2]));
     const auto channel = [](float value) {
       return static_cast<std::uint8_t>(std::lround(value * 255));
     };

@@ -12,6 +12,7 @@
 #include "bench/commands.h"
 #include "client-cli/command.h"
 #include "client-cli/interrupt.h"
+#include "client-cli/raw_terminal.h"
 #include "client-cli/terminal.h"
 #include "core/base/process_setup.h"
 #include "web-gateway/view_command.h"
@@ -26,7 +27,7 @@ int main(int argc, char** argv) {
   isoscope::base::SetUpProcess();
   // Never destroyed: its thread waits until the process ends.
   auto* const interrupt = new isoscope::cli::Interrupt();
-  interrupt->InstallForProcess();
+  interrupt->InstallForProcess(&isoscope::cli::RestoreTerminal);
   const std::optional<isoscope::cli::TerminalSize> terminal =
       isoscope::cli::SizeOfTerminal(STDOUT_FILENO);
   const isoscope::cli::Context context{.out = &std::cout,

@@ -32,8 +32,8 @@ void Join(std::uint32_t a, std::uint32_t b, std::uint32_t* parents) {
 absl::StatusOr<DroppedComponents> DropSmallComponents(std::int64_t min_triangles, MeshStore* mesh) {
   const auto vertex_count = static_cast<std::size_t>(mesh->vertex_count());
   const std::span<std::uint32_t> triangles = mesh->triangles().values();
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> parents,
-                            FileArray<std::uint32_t>::Create(mesh->directory()));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> parents,
+                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
   ISOSCOPE_RETURN_IF_ERROR(parents.Resize(vertex_count));
   for (std::size_t i = 0; i < vertex_count; ++i) {
     parents.data()[i] = static_cast<std::uint32_t>(i);
@@ -43,8 +43,8 @@ absl::StatusOr<DroppedComponents> DropSmallComponents(std::int64_t min_triangles
     Join(triangles[i], triangles[i + 2], parents.data());
   }
   // Triangles of each root; a component of more than 2^32 - 1 counts as so large.
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> counts,
-                            FileArray<std::uint32_t>::Create(mesh->directory()));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> counts,
+                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
   ISOSCOPE_RETURN_IF_ERROR(counts.Resize(vertex_count));
   for (std::size_t i = 0; i < triangles.size(); i += 3) {
     std::uint32_t& count = counts.data()[RootOf(triangles[i], parents.data())];

@@ -5,9 +5,9 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/output.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
 
 namespace isoscope::cli {
 namespace {

@@ -38,11 +38,11 @@ absl::Status WeldEqualPositions(MeshStore* mesh) {
   const float* const positions = mesh->positions().data();
   // An open hash table of 1 + vertex.
   const std::size_t table_size = std::bit_ceil(2 * vertex_count + 1);
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> table,
-                            FileArray<std::uint32_t>::Create(mesh->directory()));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> table,
+                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
   ISOSCOPE_RETURN_IF_ERROR(table.Resize(table_size));
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> first,
-                            FileArray<std::uint32_t>::Create(mesh->directory()));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> first,
+                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
   ISOSCOPE_RETURN_IF_ERROR(first.Resize(vertex_count));
   for (std::size_t i = 0; i < vertex_count; ++i) {
     const std::array<std::uint32_t, 3> key = KeyOf(positions + 3 * i);
@@ -78,7 +78,7 @@ absl::Status WeldEqualPositions(MeshStore* mesh) {
 
 class Simplifier {
  public:
-  Simplifier(const SimplifyOptions& options, MeshStore* mesh, FileArray<std::uint32_t> local)
+  Simplifier(const SimplifyOptions& options, MeshStore* mesh, io::FileArray<std::uint32_t> local)
       : options_(options), mesh_(*mesh), local_plus_one_(std::move(local)) {}
 
   absl::StatusOr<SimplifyResult> Run() {
@@ -185,7 +185,7 @@ class Simplifier {
 
   const SimplifyOptions& options_;
   MeshStore& mesh_;
-  FileArray<std::uint32_t> local_plus_one_;  // by vertex of the mesh; 0: not in this part
+  io::FileArray<std::uint32_t> local_plus_one_;  // by vertex of the mesh; 0: not in this part
   // Of the part in work.
   std::vector<std::uint32_t> vertices_;  // of the mesh, by index in the part
   std::vector<float> positions_;
@@ -196,8 +196,8 @@ class Simplifier {
 }  // namespace
 
 absl::StatusOr<SimplifyResult> SimplifyMesh(const SimplifyOptions& options, MeshStore* mesh) {
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> local,
-                            FileArray<std::uint32_t>::Create(mesh->directory()));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> local,
+                            io::FileArray<std::uint32_t>::Create(mesh->directory()));
   ISOSCOPE_RETURN_IF_ERROR(local.Resize(static_cast<std::size_t>(mesh->vertex_count())));
   return Simplifier(options, mesh, std::move(local)).Run();
 }

@@ -20,10 +20,11 @@ void AppendVector(std::span<const float> vectors, std::size_t i, std::vector<flo
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<MeshStore>> MeshStore::Create(const std::string& directory) {
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<float> positions, FileArray<float>::Create(directory));
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<float> normals, FileArray<float>::Create(directory));
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> triangles,
-                            FileArray<std::uint32_t>::Create(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<float> positions,
+                            io::FileArray<float>::Create(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<float> normals, io::FileArray<float>::Create(directory));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> triangles,
+                            io::FileArray<std::uint32_t>::Create(directory));
   return std::unique_ptr<MeshStore>(
       new MeshStore(directory, std::move(positions), std::move(normals), std::move(triangles)));
 }
@@ -40,8 +41,8 @@ absl::Status MeshStore::Emit(MeshSink* sink, std::int64_t first_vertex, int surf
   const std::span<const std::uint32_t> triangles = triangles_.values();
   const std::size_t vertex_count = positions.size() / 3;
   // First 1 for each vertex in use, then 1 + its new index.
-  ISOSCOPE_ASSIGN_OR_RETURN(FileArray<std::uint32_t> new_index,
-                            FileArray<std::uint32_t>::Create(directory_));
+  ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<std::uint32_t> new_index,
+                            io::FileArray<std::uint32_t>::Create(directory_));
   ISOSCOPE_RETURN_IF_ERROR(new_index.Resize(vertex_count));
   for (const std::uint32_t vertex : triangles) {
     new_index.data()[vertex] = 1;

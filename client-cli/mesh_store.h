@@ -11,8 +11,8 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 
-#include "client-cli/file_array.h"
 #include "client-cli/mesh_piece.h"
+#include "core/io/file_array.h"
 
 namespace isoscope::cli {
 
@@ -33,8 +33,8 @@ class MeshStore : public MeshSink {
   absl::Status Emit(MeshSink* sink, std::int64_t first_vertex = 0, int surface_index = 0) const;
 
   [[nodiscard]] const std::string& directory() const { return directory_; }
-  [[nodiscard]] FileArray<float>& positions() { return positions_; }
-  [[nodiscard]] FileArray<std::uint32_t>& triangles() { return triangles_; }
+  [[nodiscard]] io::FileArray<float>& positions() { return positions_; }
+  [[nodiscard]] io::FileArray<std::uint32_t>& triangles() { return triangles_; }
   [[nodiscard]] std::int64_t vertex_count() const {
     return static_cast<std::int64_t>(positions_.size() / 3);
   }
@@ -43,17 +43,17 @@ class MeshStore : public MeshSink {
   }
 
  private:
-  MeshStore(std::string directory, FileArray<float> positions, FileArray<float> normals,
-            FileArray<std::uint32_t> triangles)
+  MeshStore(std::string directory, io::FileArray<float> positions, io::FileArray<float> normals,
+            io::FileArray<std::uint32_t> triangles)
       : directory_(std::move(directory)),
         positions_(std::move(positions)),
         normals_(std::move(normals)),
         triangles_(std::move(triangles)) {}
 
   const std::string directory_;
-  FileArray<float> positions_;
-  FileArray<float> normals_;
-  FileArray<std::uint32_t> triangles_;
+  io::FileArray<float> positions_;
+  io::FileArray<float> normals_;
+  io::FileArray<std::uint32_t> triangles_;
 };
 
 }  // namespace isoscope::cli

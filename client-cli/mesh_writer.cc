@@ -12,7 +12,6 @@
 #include "client-cli/obj_writer.h"
 #include "client-cli/ply_writer.h"
 #include "client-cli/stl_writer.h"
-#include "client-cli/usage.h"
 #include "client-cli/vtp_writer.h"
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
@@ -57,13 +56,14 @@ absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
   }
   const absl::StatusOr<MeshFormat> of_name = ParseMeshFormat(suffix.substr(1));
   if (!of_name.ok() && !format) {
-    return UsageError(absl::StrCat("--output '", path, "': the suffix '", suffix,
-                                   "' is that of no format of meshes: .ply, .stl, .obj, .glb, "
-                                   ".vtp; or give --format"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("--output '", path, "': the suffix '", suffix,
+                     "' is that of no format of meshes: .ply, .stl, .obj, .glb, "
+                     ".vtp; or give --format"));
   }
   if (of_name.ok() && format && *of_name != *format) {
-    return UsageError(absl::StrCat("--output '", path, "': the suffix '", suffix,
-                                   "' is not that of --format ", NameOf(*format)));
+    return absl::InvalidArgumentError(absl::StrCat("--output '", path, "': the suffix '", suffix,
+                                                   "' is not that of --format ", NameOf(*format)));
   }
   return format ? *format : *of_name;
 }
@@ -73,25 +73,25 @@ bool MeshFileOptions::has_colors() const {
                      [](const MeshSurface& surface) { return surface.color.has_value(); });
 }
 
-Color MeshFileOptions::ColorOf(int surface_index) const {
+frame::Color MeshFileOptions::ColorOf(int surface_index) const {
   const image::Rgba8 clay = frame::Appearance().base_color;
   constexpr float kMax = 255;
   return surfaces[static_cast<std::size_t>(surface_index)].color.value_or(
-      Color{.red = static_cast<float>(clay.r) / kMax,
-            .green = static_cast<float>(clay.g) / kMax,
-            .blue = static_cast<float>(clay.b) / kMax});
+      frame::Color{.red = static_cast<float>(clay.r) / kMax,
+                   .green = static_cast<float>(clay.g) / kMax,
+                   .blue = static_cast<float>(clay.b) / kMax});
 }
 
-absl::Status CheckUsage(const MeshFileOptions& options) {
+absl::Status Validate(const MeshFileOptions& options) {
   if (options.format == MeshFormat::kStl && options.has_colors()) {
-    return UsageError(
+    return absl::InvalidArgumentError(
         "colours can't be written to STL, which has none: leave out --color, and the "
         "R,G,B of --surface");
   }
   return absl::OkStatus();
 }
 
-std::array<std::uint8_t, 3> ToBytes(const Color& color) {
+std::array<std::uint8_t, 3> ToBytes(const frame::Color& color) {
   const auto byte = [](float value) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0F, 1.0F) * 255));
   };

@@ -15,7 +15,7 @@
 #include "absl/strings/string_view.h"
 
 #include "client-cli/mesh_piece.h"
-#include "client-cli/parse_value.h"
+#include "core/frame/color.h"
 
 namespace isoscope::cli {
 
@@ -26,14 +26,14 @@ absl::StatusOr<MeshFormat> ParseMeshFormat(absl::string_view text);
 absl::string_view NameOf(MeshFormat format);
 
 // The format of a file: `format` if it is given, else that of the name's suffix; PLY for a name
-// without one. UsageError if the suffix is that of none, or contradicts `format`.
+// without one. INVALID_ARGUMENT if the suffix is that of none, or contradicts `format`.
 absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
                                         const std::optional<MeshFormat>& format);
 
 // A surface of a mesh file.
 struct MeshSurface {
   double isovalue = 0;
-  std::optional<Color> color = std::nullopt;
+  std::optional<frame::Color> color = std::nullopt;
 };
 
 struct MeshFileOptions {
@@ -46,14 +46,14 @@ struct MeshFileOptions {
   // If no surface has a colour, the file has none.
   [[nodiscard]] bool has_colors() const;
   // The colour of a surface in a file with colours: its own, or the default one of frames.
-  [[nodiscard]] Color ColorOf(int surface_index) const;
+  [[nodiscard]] frame::Color ColorOf(int surface_index) const;
 };
 
-// UsageError if the format can't hold what is asked for: STL has no colours.
-absl::Status CheckUsage(const MeshFileOptions& options);
+// INVALID_ARGUMENT if the format can't hold what is asked for: STL has no colours.
+absl::Status Validate(const MeshFileOptions& options);
 
 // Red, green and blue, rounded to 8 bits.
-std::array<std::uint8_t, 3> ToBytes(const Color& color);
+std::array<std::uint8_t, 3> ToBytes(const frame::Color& color);
 
 // A MeshSink that is a file. Pieces go to disk as they come, so memory holds one at a time; but
 // STL, whose triangles repeat their corners, keeps all positions in a file that is mapped into
@@ -61,7 +61,7 @@ std::array<std::uint8_t, 3> ToBytes(const Color& color);
 // written.
 class MeshWriter : public MeshSink {
  public:
-  // REQUIRES: CheckUsage is OK. Errors as io::CreateWritableFile.
+  // REQUIRES: Validate is OK. Errors as io::CreateWritableFile.
   static absl::StatusOr<std::unique_ptr<MeshWriter>> Create(const MeshFileOptions& options);
 
   // Errors of writing. OUT_OF_RANGE, and what to do, where the format can't hold as many.

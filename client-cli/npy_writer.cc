@@ -7,9 +7,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 
-#include "client-cli/output.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 
@@ -39,7 +39,8 @@ absl::Status WriteNpy(const std::string& path, absl::string_view type, int eleme
         "the server sent ", elements.size(), " bytes for the plane '", path, "', expected ",
         expected, ": it may be older than this program, and not know planes"));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AtomicFile> file, AtomicFile::Create(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::AtomicFile> file,
+                            io::AtomicFile::Create(path));
   ISOSCOPE_RETURN_IF_ERROR(file->Append(MakeNpyHeader(type, shape)));
   ISOSCOPE_RETURN_IF_ERROR(file->Append(elements));
   return file->Commit();

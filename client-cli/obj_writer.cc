@@ -76,7 +76,7 @@ class ObjWriter : public MeshWriter {
     surface_index_ = surface_index;
     line_end_.clear();
     if (options_.has_colors()) {
-      const Color color = options_.ColorOf(surface_index);
+      const frame::Color color = options_.ColorOf(surface_index);
       const std::array<float, 3> rgb{color.red, color.green, color.blue};
       AppendVector("", rgb.data(), "", &line_end_);
     }

@@ -193,28 +193,10 @@ absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text) {
   return duration;
 }
 
-absl::StatusOr<std::string> ParseHostPort(absl::string_view text) {
-  constexpr absl::string_view kExpected =
-      "HOST:PORT with a port from 0 to 65535 (an IPv6 address in brackets: [::1]:50051)";
-  const std::size_t colon = text.rfind(':');
-  if (colon == absl::string_view::npos || colon == 0) {
-    return Malformed(text, kExpected);
-  }
-  const absl::string_view host = text.substr(0, colon);
-  const absl::string_view port = text.substr(colon + 1);
-  const bool is_bracketed = host.size() > 2 && host.front() == '[' && host.back() == ']';
-  std::int64_t port_value = 0;
-  if ((absl::StrContains(host, ':') && !is_bracketed) || absl::StrContains(text, ' ') ||
-      !absl::SimpleAtoi(port, &port_value) || port_value < 0 || port_value > 65535) {
-    return Malformed(text, kExpected);
-  }
-  return absl::StrCat(text);
-}
-
 namespace {
 
-absl::StatusOr<Color> ParseChannels(absl::string_view text, std::size_t max_count,
-                                    absl::string_view expected) {
+absl::StatusOr<frame::Color> ParseChannels(absl::string_view text, std::size_t max_count,
+                                           absl::string_view expected) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<double> values,
                             ParseList(text, 3, max_count, expected));
   for (const double value : values) {
@@ -223,19 +205,19 @@ absl::StatusOr<Color> ParseChannels(absl::string_view text, std::size_t max_coun
     }
   }
   const auto channel = [&](std::size_t i) { return static_cast<float>(values[i]); };
-  return Color{.red = channel(0),
-               .green = channel(1),
-               .blue = channel(2),
-               .alpha = values.size() > 3 ? channel(3) : 1.0F};
+  return frame::Color{.red = channel(0),
+                      .green = channel(1),
+                      .blue = channel(2),
+                      .alpha = values.size() > 3 ? channel(3) : 1.0F};
 }
 
 }  // namespace
 
-absl::StatusOr<Color> ParseColor(absl::string_view text) {
+absl::StatusOr<frame::Color> ParseColor(absl::string_view text) {
   return ParseChannels(text, 3, "R,G,B, three numbers from 0 to 1 between commas");
 }
 
-absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text) {
+absl::StatusOr<frame::Color> ParseColorWithAlpha(absl::string_view text) {
   return ParseChannels(text, 4, "R,G,B or R,G,B,A, numbers from 0 to 1 between commas");
 }
 
@@ -250,7 +232,7 @@ absl::StatusOr<SurfaceValue> ParseSurface(absl::string_view text) {
   }
   SurfaceValue surface{.isovalue = *isovalue, .color = std::nullopt};
   if (parts.size() > 1) {
-    const absl::StatusOr<Color> color = ParseColor(parts[1]);
+    const absl::StatusOr<frame::Color> color = ParseColor(parts[1]);
     if (!color.ok()) {
       return Malformed(text, kExpected);
     }

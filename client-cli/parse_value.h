@@ -16,8 +16,10 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
+#include "core/frame/color.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
+#include "core/rpc/host_port.h"
 #include "core/view/camera.h"
 
 namespace isoscope::cli {
@@ -44,28 +46,18 @@ absl::StatusOr<math::Index3> ParseBlockCells(absl::string_view text);
 absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text);
 // A number of seconds > 0, with s, ms, m or h if wanted: "30", "1.5s", "2m".
 absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text);
-// "HOST:PORT", port 0 to 65535; an IPv6 address in brackets. Returns the text.
-absl::StatusOr<std::string> ParseHostPort(absl::string_view text);
+using rpc::ParseHostPort;
 
-// sRGB values with straight alpha, each in [0, 1].
-struct Color {
-  float red = 0;
-  float green = 0;
-  float blue = 0;
-  float alpha = 1;
-
-  friend bool operator==(const Color&, const Color&) = default;
-};
 // "R,G,B": opaque.
-absl::StatusOr<Color> ParseColor(absl::string_view text);
+absl::StatusOr<frame::Color> ParseColor(absl::string_view text);
 // "R,G,B" or "R,G,B,A".
-absl::StatusOr<Color> ParseColorWithAlpha(absl::string_view text);
+absl::StatusOr<frame::Color> ParseColorWithAlpha(absl::string_view text);
 
 // "V", "V:R,G,B" or "V:R,G,B:OPACITY": a level, in field units, and its colour if it is given; the
 // opacity, in (0, 1], is the colour's alpha.
 struct SurfaceValue {
   double isovalue = 0;
-  std::optional<Color> color;
+  std::optional<frame::Color> color;
 
   friend bool operator==(const SurfaceValue&, const SurfaceValue&) = default;
 };

@@ -11,12 +11,12 @@
 
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
 #include "client-cli/source_flags.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
 #include "core/math/vec.h"
 #include "core/partition/partitioner.h"
 #include "core/store/block_codec.h"

@@ -2,10 +2,10 @@
 
 #include <memory>
 
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/cli/progress_line.h"
 #include "core/store/shard_format.h"
 
 namespace isoscope::cli {

@@ -17,14 +17,15 @@
 #include "client-cli/command.h"
 #include "client-cli/flags.h"
 #include "client-cli/no_surface.h"
-#include "client-cli/output.h"
 #include "client-cli/render_request.h"
 #include "client-cli/service_client.h"
 #include "client-cli/session.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
-#include "client-cli/waiting_line.h"
 #include "core/base/status_macros.h"
+#include "core/cli/table.h"
+#include "core/cli/waiting_line.h"
+#include "core/io/atomic_file.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/v1/dataset.pb.h"
@@ -133,7 +134,7 @@ std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
 absl::Status Run(const PickFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.view.save_camera_file) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
                             Session::Open(flags.session, std::nullopt, context));
@@ -170,7 +171,7 @@ absl::Status Run(const PickFlags& flags, const Context& context) {
   }
   if (flags.view.save_camera_file) {
     ISOSCOPE_RETURN_IF_ERROR(
-        WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
+        io::WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
   }
   *context.out << (flags.is_json ? DescribeAsJson(request, response)
                                  : DescribeAsTable(request, response, context.out_columns));

@@ -4,10 +4,12 @@
 #include <utility>
 
 #include "client-cli/frame_name.h"
-#include "client-cli/output.h"
+#include "client-cli/output_suffix.h"
 #include "client-cli/png_metadata.h"
+#include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
+#include "core/io/atomic_file.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 
@@ -33,7 +35,7 @@ bool IsBackgroundLight(const isoscope::v1::RenderIsosurfaceRequest& request) {
 }
 
 // Draws the annotations of a frame over `*png`, and tells what the record says of that.
-absl::Status AnnotatePng(const AnnotationFlags& flags,
+absl::Status AnnotatePng(const Annotations& annotations,
                          const isoscope::v1::RenderIsosurfaceRequest& request,
                          const isoscope::v1::RenderIsosurfaceResponse& response,
                          const std::string& patient_frame, std::string* png,
@@ -60,7 +62,7 @@ absl::Status AnnotatePng(const AnnotationFlags& flags,
     scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by});
   }
   ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
-  ISOSCOPE_ASSIGN_OR_RETURN(Annotated drawn, Annotate(flags, scene, std::move(picture)));
+  ISOSCOPE_ASSIGN_OR_RETURN(Annotated drawn, Annotate(annotations, scene, std::move(picture)));
   annotated->plain_png_sha256 = PictureSha256(*png);
   annotated->boxes = std::move(drawn.boxes);
   *png = image::EncodePng(drawn.picture.width, drawn.picture.height, drawn.picture.pixels);
@@ -72,7 +74,8 @@ absl::Status AnnotatePng(const AnnotationFlags& flags,
 absl::Status CheckPicturePath(const std::string& path, const view::Viewport& viewport) {
   const std::string first = FrameFileName(path, 0);
   if (IsAnimationName(first)) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckAnimationSize(path, viewport.width_px, viewport.height_px));
+    ISOSCOPE_RETURN_IF_ERROR(
+        AsUsageError(CheckAnimationSize(path, viewport.width_px, viewport.height_px)));
   } else {
     ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(first, ".png", "PNG"));
   }
@@ -106,7 +109,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   // was there: no record could make it again.
   if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK ||
       response.statistics().missing_shards_size() > 0) {
-    return WriteFileAtomically(path, png);
+    return io::WriteFileAtomically(path, png);
   }
   PictureRecord record{.picture_revision = options_.picture_revision,
                        .samples_digest = options_.samples_digest,
@@ -116,7 +119,7 @@ absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfac
   *record.request.mutable_camera() = response.camera();
   record.request.clear_camera_fit();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string with_record, AddPictureRecord(png, record));
-  return WriteFileAtomically(path, with_record);
+  return io::WriteFileAtomically(path, with_record);
 }
 
 absl::Status PictureOutput::AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,

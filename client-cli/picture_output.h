@@ -24,7 +24,7 @@ struct PictureOutputOptions {
   int frame_count = 1;
   double fps = 12;  // of an animation
   bool has_metadata = true;
-  AnnotationFlags annotations = {};
+  Annotations annotations = {};
   std::string patient_frame = {};  // of the dataset; empty if it is not known
   // For the record of each picture.
   std::string picture_revision;

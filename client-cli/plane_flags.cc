@@ -6,11 +6,11 @@
 
 #include "client-cli/flags.h"
 #include "client-cli/npy_writer.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/usage.h"
 #include "core/base/status_macros.h"
 #include "core/frame/output_spec.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -61,7 +61,7 @@ absl::Status CheckWritable(const PlaneFlags& flags) {
   for (const std::optional<std::string>& path :
        {flags.depth, flags.surface_index, flags.position, flags.normal}) {
     if (path) {
-      ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*path));
+      ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*path));
     }
   }
   return absl::OkStatus();

@@ -9,8 +9,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/output.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -61,7 +62,8 @@ absl::StatusOr<std::int64_t> WritePoster(
   std::int64_t done_count = 0;
   const auto width = static_cast<std::size_t>(viewport.width_px);
   image::PngRowWriter writer(viewport.width_px, viewport.height_px, is_opaque);
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AtomicFile> file, AtomicFile::Create(path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::AtomicFile> file,
+                            io::AtomicFile::Create(path));
   ISOSCOPE_RETURN_IF_ERROR(file->Append(writer.Begin()));
   std::vector<image::Rgba8> strip;
   for (int y = 0; y < viewport.height_px; y += region_size.height_px) {

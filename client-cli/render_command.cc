@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/annotation_flags.h"
 #include "client-cli/annotations.h"
 #include "client-cli/camera_file.h"
 #include "client-cli/camera_flags.h"
@@ -25,7 +26,6 @@
 #include "client-cli/like_picture.h"
 #include "client-cli/look_flags.h"
 #include "client-cli/no_surface.h"
-#include "client-cli/output.h"
 #include "client-cli/picture_output.h"
 #include "client-cli/picture_scaling.h"
 #include "client-cli/plane_flags.h"
@@ -39,12 +39,15 @@
 #include "client-cli/trace_file.h"
 #include "client-cli/usage.h"
 #include "client-cli/view_flags.h"
-#include "client-cli/waiting_line.h"
 #include "core/base/printable.h"
 #include "core/base/status_macros.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
+#include "core/cli/waiting_line.h"
 #include "core/frame/drawn_window.h"
 #include "core/image/jpeg_codec.h"
 #include "core/image/png_codec.h"
+#include "core/io/atomic_file.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
 #include "isoscope/v1/cluster_service.pb.h"
@@ -74,7 +77,7 @@ struct RenderFlags {
   std::optional<std::string> trace;
   bool has_no_metadata = false;
   bool allow_partial = false;
-  AnnotationFlags annotations;
+  Annotations annotations;
 };
 
 // Whether the picture is drawn region by region.
@@ -207,16 +210,16 @@ absl::Status CheckUsage(const RenderFlags& flags, const CLI::App& app, const Con
 // Finds out before any work whether its result can be kept.
 absl::Status CheckOutputs(const RenderFlags& flags) {
   if (flags.output) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(FrameFileName(*flags.output, 0)));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(FrameFileName(*flags.output, 0)));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckWritable(flags.planes));
   if (flags.view.save_camera_file) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.view.save_camera_file));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
   }
   if (flags.trace) {
-    ISOSCOPE_RETURN_IF_ERROR(CheckWritable(*flags.trace));
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.trace));
   }
-  return flags.stats && *flags.stats != "-" ? CheckWritable(*flags.stats) : absl::OkStatus();
+  return flags.stats && *flags.stats != "-" ? io::CheckWritable(*flags.stats) : absl::OkStatus();
 }
 
 absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRecord>& frames,
@@ -229,7 +232,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
     *context.out << json;
     return absl::OkStatus();
   }
-  return WriteFileAtomically(*flags.stats, json);
+  return io::WriteFileAtomically(*flags.stats, json);
 }
 
 // The dataset, and what the record of its pictures says of it.
@@ -284,7 +287,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
                      .statistics = response.statistics()});
   if (trace_path) {
     ISOSCOPE_RETURN_IF_ERROR(
-        WriteFileAtomically(*trace_path, TraceToJson(response.trace(), absl::Now() - start)));
+        io::WriteFileAtomically(*trace_path, TraceToJson(response.trace(), absl::Now() - start)));
   }
   return response;
 }
@@ -403,7 +406,7 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
   if (IsJpeg(flags)) {
     if (HasFrameNumber(*flags.output) || frame_index + 1 == flags.sweep.frame_count()) {
       ISOSCOPE_RETURN_IF_ERROR(
-          WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
+          io::WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
     }
   } else if (flags.output || !flags.planes.any_plane()) {
     ISOSCOPE_RETURN_IF_ERROR(output->Write(frame_index, request, response));
@@ -472,7 +475,7 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
                       /*says_waiting=*/frame_count == 1, context));
       if (i == 0 && flags.view.save_camera_file) {
         ISOSCOPE_RETURN_IF_ERROR(
-            WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
+            io::WriteFileAtomically(*flags.view.save_camera_file, CameraToJson(response.camera())));
       }
       ISOSCOPE_RETURN_IF_ERROR(WriteFrame(flags, i, request, response, &output));
       progress.Update(i + 1);

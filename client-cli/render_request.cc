@@ -33,7 +33,7 @@ absl::StatusOr<std::int64_t> ParseLayers(absl::string_view text) {
 
 }  // namespace
 
-isoscope::v1::Color ToProto(const Color& color) {
+isoscope::v1::Color ToProto(const frame::Color& color) {
   isoscope::v1::Color proto;
   proto.set_red(color.red);
   proto.set_green(color.green);

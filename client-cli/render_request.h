@@ -28,8 +28,8 @@ struct RequestFlags {
   std::optional<view::Region> region = std::nullopt;  // of the viewport
   CameraFlags camera = {};
   std::optional<frame::Culling> culling = std::nullopt;
-  std::optional<Color> base_color = std::nullopt;
-  std::optional<Color> background_color = std::nullopt;
+  std::optional<frame::Color> base_color = std::nullopt;
+  std::optional<frame::Color> background_color = std::nullopt;
   std::vector<SurfaceValue> surfaces = {};
   std::optional<std::int64_t> max_layers = std::nullopt;
   ClipFlags clip = {};
@@ -57,7 +57,7 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
 
-isoscope::v1::Color ToProto(const Color& color);
+isoscope::v1::Color ToProto(const frame::Color& color);
 
 }  // namespace isoscope::cli
 

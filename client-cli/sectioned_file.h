@@ -7,12 +7,14 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
+#include "core/io/atomic_file.h"
 #include "core/io/file.h"
 
 namespace isoscope::cli {
@@ -22,7 +24,7 @@ namespace isoscope::cli {
 // Without Finish the destructor removes what was written. Thread-compatible.
 class SectionedFile {
  public:
-  // `path` appears at Finish, in one step. section_count >= 1. Errors as io::CreateWritableFile.
+  // `path` appears at Finish, in one step. section_count >= 1. Errors as io::AtomicFile.
   static absl::StatusOr<std::unique_ptr<SectionedFile>> Create(const std::string& path,
                                                                std::size_t header_bytes,
                                                                std::size_t section_count);
@@ -39,17 +41,23 @@ class SectionedFile {
   absl::Status Finish(absl::string_view header, const std::vector<std::string>& between = {},
                       absl::string_view tail = "");
   // Of the whole file, once finished.
-  [[nodiscard]] std::int64_t size_bytes() const { return files_[0]->size_bytes(); }
+  [[nodiscard]] std::int64_t size_bytes() const { return file_->size_bytes(); }
 
  private:
-  SectionedFile(const std::string& path, std::size_t header_bytes, std::size_t section_count);
+  // A section that waits in a file of its own.
+  struct Section {
+    std::string path;
+    std::unique_ptr<io::WritableFile> file;
+  };
 
-  absl::Status AppendSection(std::size_t section);
+  SectionedFile(std::size_t header_bytes, std::unique_ptr<io::AtomicFile> file)
+      : header_bytes_(header_bytes), file_(std::move(file)) {}
 
-  const std::string path_;
+  absl::Status AppendSection(const Section& section);
+
   const std::size_t header_bytes_;
-  std::vector<std::string> partial_paths_;  // the first becomes the file
-  std::vector<std::unique_ptr<io::WritableFile>> files_;
+  const std::unique_ptr<io::AtomicFile> file_;  // the header and the first section
+  std::vector<Section> later_sections_;
 };
 
 }  // namespace isoscope::cli

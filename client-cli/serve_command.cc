@@ -16,7 +16,7 @@
 #include "client-cli/usage.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
-#include "core/render/renderer_factory.h"
+#include "core/render/renderer_kind.h"
 #include "core/rpc/server_flags.h"
 
 namespace isoscope::cli {

@@ -6,15 +6,17 @@
 
 #include "absl/strings/str_cat.h"
 
+#include "client-cli/cache_entry.h"
 #include "client-cli/dataset_cache.h"
+#include "client-cli/embedded_cluster.h"
 #include "client-cli/flags.h"
-#include "client-cli/output.h"
 #include "client-cli/parse_value.h"
 #include "client-cli/partition_volume.h"
+#include "client-cli/service_client.h"
 #include "client-cli/usage.h"
-#include "client-cli/waiting_line.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
+#include "core/cli/waiting_line.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/channel.h"
@@ -181,24 +183,39 @@ absl::Status CheckUsage(const SessionFlags& flags) {
   return CheckUsage(flags.source, *flags.input);
 }
 
+struct Session::Parts {
+  EntryLock dataset_lock;                    // of a cached dataset; outlives the cluster
+  std::unique_ptr<EmbeddedCluster> cluster;  // null with a server
+  std::shared_ptr<grpc::Channel> channel;
+  std::unique_ptr<ServiceClient> client;
+  std::string token;
+  std::string dataset_name;
+  std::optional<absl::Duration> timeout;
+  absl::Duration frame_timeout = kAnswerTimeout;
+};
+
+Session::Session(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+
+Session::~Session() = default;
+
 absl::StatusOr<std::unique_ptr<Session>> Session::Open(
     const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
     const Context& context) {
   base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
-  std::unique_ptr<Session> session(new Session());
-  session->timeout_ = flags.timeout;
+  auto parts = std::make_unique<Parts>();
+  parts->timeout = flags.timeout;
   if (flags.server) {
-    session->dataset_name_ = flags.dataset.value_or("");
-    ISOSCOPE_ASSIGN_OR_RETURN(session->token_, ReadToken(flags.connection, *flags.server));
+    parts->dataset_name = flags.dataset.value_or("");
+    ISOSCOPE_ASSIGN_OR_RETURN(parts->token, ReadToken(flags.connection, *flags.server));
     ISOSCOPE_ASSIGN_OR_RETURN(const rpc::Dialing dialing,
                               rpc::MakeDialing(flags.connection.transport, /*own_role=*/""));
-    session->channel_ = rpc::MakeChannel(*flags.server, dialing);
-    session->client_ = std::make_unique<ServiceClient>(session->channel_, *flags.server,
-                                                       context.interrupt, session->token_);
-    return session;
+    parts->channel = rpc::MakeChannel(*flags.server, dialing);
+    parts->client = std::make_unique<ServiceClient>(parts->channel, *flags.server,
+                                                    context.interrupt, parts->token);
+    return std::unique_ptr<Session>(new Session(std::move(parts)));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
-  session->dataset_lock_ = std::move(dataset.lock);
+  parts->dataset_lock = std::move(dataset.lock);
   EmbeddedClusterOptions options;
   options.dataset_directory = dataset.directory;
   options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
@@ -206,14 +223,40 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
   // Nobody else waits for this process: --timeout alone decides, if it is given.
   options.max_frame_duration = flags.timeout.value_or(options.max_frame_duration);
-  session->frame_timeout_ = options.max_frame_duration;
+  parts->frame_timeout = options.max_frame_duration;
   options.expected_viewport = expected_viewport;
   // Log lines of --verbose would stand in the middle of it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
-  ISOSCOPE_ASSIGN_OR_RETURN(session->cluster_, EmbeddedCluster::Start(options));
-  session->channel_ = session->cluster_->Channel();
-  session->client_ = std::make_unique<ServiceClient>(session->channel_, "", context.interrupt, "");
-  return session;
+  ISOSCOPE_ASSIGN_OR_RETURN(parts->cluster, EmbeddedCluster::Start(options));
+  parts->channel = parts->cluster->Channel();
+  parts->client = std::make_unique<ServiceClient>(parts->channel, "", context.interrupt, "");
+  return std::unique_ptr<Session>(new Session(std::move(parts)));
+}
+
+ServiceClient& Session::client() { return *parts_->client; }
+
+const std::shared_ptr<grpc::Channel>& Session::channel() const { return parts_->channel; }
+
+const std::string& Session::token() const { return parts_->token; }
+
+const std::string& Session::dataset_name() const { return parts_->dataset_name; }
+
+void Session::SetGatewayAddress(const std::string& address) {
+  if (parts_->cluster != nullptr) {
+    parts_->cluster->SetGatewayAddress(address);
+  }
+}
+
+absl::Duration Session::question_timeout() const {
+  return parts_->timeout.value_or(kQuestionTimeout);
+}
+
+absl::Duration Session::frame_timeout() const {
+  return parts_->timeout.value_or(parts_->frame_timeout);
+}
+
+absl::Duration Session::export_timeout() const {
+  return parts_->timeout.value_or(absl::InfiniteDuration());
 }
 
 }  // namespace isoscope::cli

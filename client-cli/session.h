@@ -12,16 +12,19 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
-#include "client-cli/cache_entry.h"
 #include "client-cli/command.h"
 #include "client-cli/connection_flags.h"
-#include "client-cli/embedded_cluster.h"
-#include "client-cli/service_client.h"
 #include "client-cli/source_flags.h"
-#include "core/render/renderer_factory.h"
+#include "core/render/renderer_kind.h"
 #include "core/view/camera.h"
 
+namespace grpc {  // NOLINT(readability-identifier-naming): theirs
+class Channel;
+}  // namespace grpc
+
 namespace isoscope::cli {
+
+class ServiceClient;
 
 struct SessionFlags {
   std::optional<std::string> input;   // source volume or dataset directory
@@ -60,43 +63,35 @@ class Session {
       const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
       const Context& context);
 
-  ServiceClient& client() { return *client_; }
+  ~Session();
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+
+  // Lives as long as the session.
+  ServiceClient& client();
   // The channel of the client, for others that speak with the same coordinator.
-  [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }
+  [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
   // What the client sends to a server that asks who calls; empty: nothing.
-  [[nodiscard]] const std::string& token() const { return token_; }
+  [[nodiscard]] const std::string& token() const;
   // Name of the dataset in requests; "" is the only one of the cluster.
-  [[nodiscard]] const std::string& dataset_name() const { return dataset_name_; }
+  [[nodiscard]] const std::string& dataset_name() const;
   // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is
   // its operator's affair.
-  void SetGatewayAddress(const std::string& address) {
-    if (cluster_ != nullptr) {
-      cluster_->SetGatewayAddress(address);
-    }
-  }
+  void SetGatewayAddress(const std::string& address);
   // The times of requests: --timeout for each of them. Without it, of a question kQuestionTimeout;
-  [[nodiscard]] absl::Duration question_timeout() const {
-    return timeout_.value_or(kQuestionTimeout);
-  }
+  [[nodiscard]] absl::Duration question_timeout() const;
   // of a frame or a pick the limit of the coordinator in this process, or kAnswerTimeout: then the
   // server's own limit holds, too;
-  [[nodiscard]] absl::Duration frame_timeout() const { return timeout_.value_or(frame_timeout_); }
+  [[nodiscard]] absl::Duration frame_timeout() const;
   // of an export none, because a mesh may take any time. ServiceClient ends it if nothing comes.
-  [[nodiscard]] absl::Duration export_timeout() const {
-    return timeout_.value_or(absl::InfiniteDuration());
-  }
+  [[nodiscard]] absl::Duration export_timeout() const;
 
  private:
-  Session() = default;
+  struct Parts;
 
-  EntryLock dataset_lock_;                    // of a cached dataset; outlives the cluster
-  std::unique_ptr<EmbeddedCluster> cluster_;  // null with a server
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<ServiceClient> client_;
-  std::string token_;
-  std::string dataset_name_;
-  std::optional<absl::Duration> timeout_;
-  absl::Duration frame_timeout_ = kAnswerTimeout;
+  explicit Session(std::unique_ptr<Parts> parts);
+
+  const std::unique_ptr<Parts> parts_;
 };
 
 }  // namespace isoscope::cli

@@ -10,10 +10,10 @@
 
 #include "absl/strings/str_cat.h"
 
-#include "client-cli/file_array.h"
 #include "client-cli/sectioned_file.h"
 #include "core/base/coding.h"
 #include "core/base/status_macros.h"
+#include "core/io/file_array.h"
 #include "core/math/vec.h"
 
 namespace isoscope::cli {
@@ -56,8 +56,8 @@ class StlWriter : public MeshWriter {
  public:
   absl::Status Open(const std::string& path) {
     std::string folder = std::filesystem::path(path).parent_path().string();
-    ISOSCOPE_ASSIGN_OR_RETURN(FileArray<float> positions,
-                              FileArray<float>::Create(folder.empty() ? "." : folder));
+    ISOSCOPE_ASSIGN_OR_RETURN(io::FileArray<float> positions,
+                              io::FileArray<float>::Create(folder.empty() ? "." : folder));
     positions_ = std::move(positions);
     ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(path, MakeHeader(0).size(), 1));
     return absl::OkStatus();
@@ -84,7 +84,7 @@ class StlWriter : public MeshWriter {
   [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
 
  private:
-  std::optional<FileArray<float>> positions_;  // of all vertices so far
+  std::optional<io::FileArray<float>> positions_;  // of all vertices so far
   std::unique_ptr<SectionedFile> file_;
 };
 

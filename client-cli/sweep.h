@@ -14,8 +14,8 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
-#include "client-cli/output.h"
 #include "client-cli/render_request.h"
+#include "core/cli/progress_line.h"
 
 namespace isoscope::cli {
 

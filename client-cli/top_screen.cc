@@ -9,9 +9,9 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 
-#include "client-cli/output.h"
 #include "core/base/printable.h"
 #include "core/base/units.h"
+#include "core/cli/format.h"
 #include "core/rpc/proto_convert.h"
 
 namespace isoscope::cli {

@@ -40,6 +40,10 @@ absl::Status UsageError(absl::string_view message) {
   return status;
 }
 
+absl::Status AsUsageError(const absl::Status& status) {
+  return absl::IsInvalidArgument(status) ? UsageError(status.message()) : status;
+}
+
 bool IsUsageError(const absl::Status& status) {
   return status.GetPayload(kUsagePayload).has_value();
 }

@@ -21,6 +21,9 @@ enum ExitCode : int {
 // An INVALID_ARGUMENT that is the fault of the command line itself, not of the request.
 // `message`: what was wrong and what is allowed.
 absl::Status UsageError(absl::string_view message);
+// A refusal of a library, as wrong usage: INVALID_ARGUMENT becomes a UsageError of the same
+// sentence; OK and other errors stay as they are.
+absl::Status AsUsageError(const absl::Status& status);
 bool IsUsageError(const absl::Status& status);
 
 ExitCode ExitCodeOf(const absl::Status& status);

@@ -8,9 +8,9 @@
 #include <webp/encode.h>
 #include <webp/mux.h>
 
-#include "client-cli/output.h"
 #include "core/base/status_macros.h"
 #include "core/image/png_codec.h"
+#include "core/io/atomic_file.h"
 
 namespace isoscope::cli {
 namespace {
@@ -101,7 +101,7 @@ class WebpWriter : public AnimationWriter {
         WebPAnimEncoderAssemble(encoder_.get(), &data) == 0) {
       return Failed();
     }
-    return WriteFileAtomically(
+    return io::WriteFileAtomically(
         path_, absl::string_view(reinterpret_cast<const char*>(data.bytes), data.size));
   }
 

@@ -10,9 +10,12 @@ if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
 endif()
 
+option(ISOSCOPE_PRECOMPILED_HEADERS "Compile what most tests include once" ON)
+
 find_program(ISOSCOPE_CCACHE ccache)
 if(ISOSCOPE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  set(CMAKE_CXX_COMPILER_LAUNCHER "${ISOSCOPE_CCACHE}")
+  # The sloppiness that ccache asks for with precompiled headers.
+  set(CMAKE_CXX_COMPILER_LAUNCHER env CCACHE_SLOPPINESS=pch_defines,time_macros "${ISOSCOPE_CCACHE}")
 endif()
 
 add_library(isoscope_warnings INTERFACE)

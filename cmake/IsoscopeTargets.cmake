@@ -31,9 +31,18 @@ function(isoscope_executable)
     ${ARG_DEPS} isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
 endfunction()
 
+# Makes the target LABEL_tests build NAME.
+function(isoscope_test_of_label label name)
+  if(NOT TARGET ${label}_tests)
+    add_custom_target(${label}_tests)
+  endif()
+  add_dependencies(${label}_tests ${name})
+endfunction()
+
 # isoscope_test(NAME foo_test SRCS foo_test.cc DEPS isoscope::store LABELS unit)
 #
-# Registers one CTest entry for the whole binary. Labels: unit, integration, golden, gpu, slow.
+# Registers one CTest entry for the whole binary. Labels: unit, integration, golden, slow; and both, for a
+# test that scripts/test.sh runs in release and with AddressSanitizer. The target LABEL_tests builds those of a label.
 function(isoscope_test)
   cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "SRCS;DEPS;LABELS" ${ARGN})
   if(NOT ARG_LABELS)
@@ -50,6 +59,12 @@ function(isoscope_test)
   target_link_libraries(${ARG_NAME} PRIVATE
     ${ARG_DEPS} isoscope::test_support GTest::gmock GTest::gtest_main
     isoscope::warnings isoscope::fp_strict isoscope::test_sanitizers)
+  if(ISOSCOPE_PRECOMPILED_HEADERS)
+    target_precompile_headers(${ARG_NAME} REUSE_FROM isoscope_test_headers)
+  endif()
+  foreach(label IN LISTS ARG_LABELS)
+    isoscope_test_of_label(${label} ${ARG_NAME})
+  endforeach()
   set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME})
   set_tests_properties(${ARG_NAME} PROPERTIES LABELS "${ARG_LABELS}" TIMEOUT ${ARG_TIMEOUT})
@@ -61,11 +76,14 @@ function(isoscope_test)
   endif()
 endfunction()
 
-# isoscope_benchmark(NAME extract_benchmark SRCS extract_benchmark.cc DEPS isoscope::extract)
+# isoscope_benchmark(NAME extract_benchmark SRCS extract_benchmark.cc DEPS isoscope::extract [TESTED REGEX])
 #
-# CTest runs one short iteration of it, so that it never rots.
+# CTest runs one short iteration of it, so that it never rots; of those named by REGEX, if it is given.
 function(isoscope_benchmark)
-  cmake_parse_arguments(ARG "" "NAME" "SRCS;DEPS" ${ARGN})
+  cmake_parse_arguments(ARG "" "NAME;TESTED" "SRCS;DEPS" ${ARGN})
+  if(NOT ARG_TESTED)
+    set(ARG_TESTED ".")
+  endif()
   add_executable(${ARG_NAME} ${ARG_SRCS})
   target_include_directories(${ARG_NAME} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${ARG_NAME} PRIVATE
@@ -73,8 +91,9 @@ function(isoscope_benchmark)
     isoscope::warnings isoscope::fp_strict isoscope::sanitizers)
   set_target_properties(${ARG_NAME} PROPERTIES
     RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/benchmarks")
-  add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --benchmark_min_time=0.01)
+  add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --benchmark_min_time=0.01 "--benchmark_filter=${ARG_TESTED}")
   set_tests_properties(${ARG_NAME} PROPERTIES LABELS benchmark TIMEOUT 300)
+  isoscope_test_of_label(benchmark ${ARG_NAME})
 endfunction()
 
 # isoscope_fuzzer(NAME manifest_fuzz SRCS manifest_fuzz.cc DEPS isoscope::store
@@ -106,6 +125,7 @@ function(isoscope_fuzzer)
     set_property(GLOBAL APPEND PROPERTY ISOSCOPE_FUZZER_TARGETS ${ARG_NAME})
   else()
     set_target_properties(${ARG_NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
+    isoscope_test_of_label(unit ${ARG_NAME})
     add_test(NAME ${ARG_NAME} COMMAND ${ARG_NAME} --mutations ${ARG_MUTATIONS})
     set_tests_properties(${ARG_NAME} PROPERTIES LABELS unit TIMEOUT 300)
   endif()

@@ -5,9 +5,10 @@ set -euo pipefail
 
 usage() {
   cat <<'USAGE'
-Usage: scripts/build.sh [--with-tests] [--jobs N]
+Usage: scripts/build.sh [--with-tests] [--target T] [--jobs N]
 
-  --with-tests  build the tests and benchmarks too (scripts/test.sh does, and runs them)
+  --with-tests  build the tests and benchmarks too
+  --target T    build only this of it: release_tests is the part that scripts/test.sh runs
   --jobs N      compile N files at a time (default: one for each core)
   -h, --help    this text
 
@@ -19,12 +20,17 @@ USAGE
 }
 
 with_tests=OFF
+target=all
 jobs="$(nproc)"
 while [ "$#" -gt 0 ]; do
   case "$1" in
     --with-tests) with_tests=ON ;;
     --jobs)
       jobs="${2:-}"
+      shift
+      ;;
+    --target)
+      target="${2:-}"
       shift
       ;;
     -h | --help)
@@ -38,6 +44,10 @@ while [ "$#" -gt 0 ]; do
   esac
   shift
 done
+if [ -z "$target" ]; then
+  echo "build.sh: --target needs a name" >&2
+  exit 2
+fi
 case "$jobs" in
   '' | *[!0-9]* | 0)
     echo "build.sh: --jobs needs a number of at least 1" >&2
@@ -63,5 +73,5 @@ install_packages "${packages[@]}"
 # Debian's GDCM tells at length about programs of its own that are not installed: warnings only.
 cmake --preset release --log-level=WARNING \
   -DISOSCOPE_BUILD_TESTS="$with_tests" -DISOSCOPE_BUILD_BENCHMARKS="$with_tests"
-cmake --build --preset release --parallel "$jobs"
+cmake --build --preset release --parallel "$jobs" --target "$target"
 echo "built: $PWD/build/release/bin/isoscope, isoscope-agent, isoscope-coordinator, isoscope-gateway"

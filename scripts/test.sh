@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds everything and runs every test; then the unit and integration
-# tests under AddressSanitizer and UndefinedBehaviorSanitizer, and under ThreadSanitizer what shares data
+# Installs what is missing, builds the programs and runs every test: programs, pictures, clients and benchmarks
+# as they are installed; unit tests under AddressSanitizer and UndefinedBehaviorSanitizer; both ways the tests that
+# are labelled `both` (other kernels, another malloc, hostile bytes); under ThreadSanitizer those that share data
 # between threads without gRPC. The last line says how it went.
 set -euo pipefail
 
@@ -8,7 +9,7 @@ usage() {
   cat <<'USAGE'
 Usage: scripts/test.sh [--quick]
 
-  --quick     leave the sanitizers out
+  --quick     without sanitizers: every test once, in release
   -h, --help  this text
 
 ISOSCOPE_DATA_DIR       folder of real volumes that some tests use, if it is there
@@ -56,10 +57,14 @@ run_ctest() {
   ctest --test-dir "$1" -j2 --output-on-failure --no-tests=error "${@:2}"
 }
 
-# build_and_test PRESET CTEST-ARGUMENTS...
-build_and_test() {
-  cmake --preset "$1" --log-level=WARNING && cmake --build --preset "$1" --parallel "$jobs" &&
-    run_ctest "build/$1" "${@:2}"
+release_tests() {
+  run_ctest build/release -LE '^unit$' && run_ctest build/release -L '^unit$' -L '^both$'
+}
+
+asan_tests() {
+  cmake --preset asan --log-level=WARNING || return
+  cmake --build --preset asan --parallel "$jobs" --target unit_tests both_tests &&
+    run_ctest build/asan -L '^(unit|both)$'
 }
 
 # What shares data between threads, and starts none of gRPC's: its library is not built for
@@ -79,14 +84,16 @@ tsan_tests() {
     TSAN_OPTIONS=halt_on_error=1 run_ctest build/tsan -R "^($(IFS='|' && echo "${targets[*]}"))\$"
 }
 
-run_stage build bash scripts/build.sh --with-tests
-if [ "$status" -eq 0 ]; then
-  run_stage tests run_ctest build/release
-  if [ "$quick" = false ]; then
+if [ "$quick" = true ]; then
+  run_stage build bash scripts/build.sh --with-tests
+  [ "$status" -ne 0 ] || run_stage tests run_ctest build/release
+else
+  run_stage build bash scripts/build.sh --with-tests --target release_tests
+  if [ "$status" -eq 0 ]; then
+    run_stage tests release_tests
     export ASAN_OPTIONS="${ASAN_OPTIONS:-detect_stack_use_after_return=1}"
     export UBSAN_OPTIONS="${UBSAN_OPTIONS:-print_stacktrace=1}"
-    # Without the test that draws thousands of pictures: its parts are tested by the others.
-    run_stage asan+ubsan build_and_test asan -L 'unit|integration' -LE slow
+    run_stage asan+ubsan asan_tests
     run_stage tsan tsan_tests
   fi
 fi

@@ -29,8 +29,8 @@
 #include "core/base/mutex.h"
 #include "core/rpc/transport.h"
 #include "server/access_control.h"
+#include "server/agent_endpoint.h"
 #include "server/agent_prober.h"
-#include "server/coordinator_server.h"
 #include "server/dataset_catalog.h"
 #include "server/dns_target.h"
 

@@ -20,17 +20,9 @@
 #include "core/image/pixel_mailboxes.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
+#include "server/agent_endpoint.h"
 
 namespace isoscope::server {
-
-// The address of an agent, or a channel to it.
-struct AgentEndpoint {
-  // Any gRPC target. "dns:///NAME:PORT" stands for every address of the name. It is resolved at
-  // each poll, because agents come and go.
-  std::string target;
-  // If set, it is used instead of the target: an embedded agent's in-process channel.
-  std::shared_ptr<grpc::Channel> channel;
-};
 
 struct CoordinatorServerOptions {
   std::vector<AgentEndpoint> agents;

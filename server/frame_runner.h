@@ -21,6 +21,7 @@
 #include "core/base/trace_recorder.h"
 #include "core/frame/frame_spec.h"
 #include "core/image/frame_image.h"
+#include "core/image/pixel_mailboxes.h"
 #include "core/view/camera.h"
 #include "core/view/view.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"

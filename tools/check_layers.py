@@ -91,6 +91,7 @@ UNTESTED_HEADERS = {
     "core/source/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
     "core/frame/appearance.h": "plain data",
+    "core/frame/color.h": "plain data",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
     "core/render/gl_objects.h": "inside of renderer_test",
     "core/render/gl_thread.h": "inside of renderer_test",

@@ -514,7 +514,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     mesh_path_ = folder + "/mesh.glb";
     const cli::MeshFileOptions file{
         .path = mesh_path_, .format = cli::MeshFormat::kGlb, .surfaces = query.surfaces};
-    ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(file));
+    ISOSCOPE_RETURN_IF_ERROR(cli::Validate(file));
     decoder_.emplace(static_cast<int>(query.surfaces.size()));
     absl::StatusOr<std::unique_ptr<cli::MeshWriter>> writer = cli::MeshWriter::Create(file);
     if (!writer.ok()) {

@@ -15,8 +15,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/parse_value.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/host_port.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/peer_stream.h"
 #include "web-gateway/tls_context.h"
@@ -66,7 +66,7 @@ class GatewayServerImpl final : public GatewayServer {
     }
     // The resolver would take 99999 for another port.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
-                              cli::ParseHostPort(options.listen_address));
+                              rpc::ParseHostPort(options.listen_address));
     const std::size_t colon = address.rfind(':');
     std::string host = address.substr(0, colon);
     if (host.size() > 2 && host.front() == '[') {

@@ -187,7 +187,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
 absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
                                              const v1::Dataset& dataset) {
   std::optional<double> isovalue;
-  std::optional<cli::Color> color;
+  std::optional<frame::Color> color;
   std::vector<cli::SurfaceValue> surfaces;
   cli::ClipFlags clip;
   CLI::App app;

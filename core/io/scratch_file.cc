@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
+#include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/io/file.h"
 
@@ -20,17 +21,23 @@ constexpr auto kMaxTransferBytes = static_cast<std::size_t>(base::kGiB);
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<ScratchFile>> ScratchFile::Create(const std::string& directory) {
-  std::string path = absl::StrCat(directory, "/scratch-XXXXXX");
-  const int fd = mkostemp(path.data(), O_CLOEXEC);
-  if (fd < 0) {
-    return ErrnoToStatus(errno, "create", path);
+absl::StatusOr<UnnamedFile> CreateUnnamedFile(const std::string& directory) {
+  UnnamedFile file{.path = absl::StrCat(directory, "/scratch-XXXXXX")};
+  file.descriptor = mkostemp(file.path.data(), O_CLOEXEC);
+  if (file.descriptor < 0) {
+    return ErrnoToStatus(errno, "create", file.path);
   }
-  auto file = std::unique_ptr<ScratchFile>(new ScratchFile(fd, path));
-  if (unlink(path.c_str()) != 0) {
-    return ErrnoToStatus(errno, "unlink", path);
+  if (unlink(file.path.c_str()) != 0) {
+    const absl::Status status = ErrnoToStatus(errno, "unlink", file.path);
+    close(file.descriptor);
+    return status;
   }
   return file;
+}
+
+absl::StatusOr<std::unique_ptr<ScratchFile>> ScratchFile::Create(const std::string& directory) {
+  ISOSCOPE_ASSIGN_OR_RETURN(UnnamedFile file, CreateUnnamedFile(directory));
+  return std::unique_ptr<ScratchFile>(new ScratchFile(file.descriptor, std::move(file.path)));
 }
 
 ScratchFile::~ScratchFile() { close(fd_); }

@@ -15,6 +15,15 @@
 
 namespace isoscope::io {
 
+struct UnnamedFile {
+  int descriptor = -1;
+  std::string path = {};  // the name when it was made, for messages
+};
+
+// Creates a file without a name on the file system of `directory`, which exists. The caller closes
+// the descriptor. Errors as in file.h.
+absl::StatusOr<UnnamedFile> CreateUnnamedFile(const std::string& directory);
+
 // Stretches that do not overlap may be written and read at the same time. Errors as in file.h.
 class ScratchFile {
  public:

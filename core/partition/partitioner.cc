@@ -35,8 +35,6 @@
 
 #include "core/partition/partitioner.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -63,6 +61,7 @@
 #include "core/base/units.h"
 #include "core/extract/gradient_bound.h"
 #include "core/index/interval_tree_builder.h"
+#include "core/io/atomic_file.h"
 #include "core/io/external_sorter.h"
 #include "core/io/file.h"
 #include "core/partition/block_cutter.h"
@@ -692,7 +691,7 @@ absl::StatusOr<store::Manifest> Partition(source::VolumeSource& source,
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
 
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<PartialDirectory> partial,
-                            PartialDirectory::Create(absl::StrCat(output, ".partial-", getpid())));
+                            PartialDirectory::Create(io::PartialName(output)));
   // Declared after `partial`, so that its files are closed before `partial` is removed.
   Partitioner partitioner(&source, options, layout, plan, cancellation);
   ISOSCOPE_ASSIGN_OR_RETURN(store::Manifest manifest,

@@ -2,8 +2,6 @@
 
 #include <utility>
 
-#include "absl/strings/str_cat.h"
-
 #include "core/base/status_macros.h"
 #include "core/render/cpu_renderer.h"
 #include "core/render/egl_renderer.h"
@@ -36,20 +34,6 @@ absl::StatusOr<std::unique_ptr<Renderer>> MakeAutoRenderer(const RendererOptions
 }
 
 }  // namespace
-
-absl::StatusOr<RendererKind> RendererKindFromName(absl::string_view name) {
-  if (name == "auto") {
-    return RendererKind::kAuto;
-  }
-  if (name == "egl") {
-    return RendererKind::kEgl;
-  }
-  if (name == "cpu") {
-    return RendererKind::kCpu;
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat("there is no renderer \"", name, "\"; expected auto, egl or cpu"));
-}
 
 absl::StatusOr<std::unique_ptr<Renderer>> MakeRenderer(const RendererOptions& options) {
   switch (options.kind) {

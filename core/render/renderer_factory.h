@@ -1,25 +1,18 @@
-// Chooses a back end by name.
+// Makes the back end that is asked for.
 
 #ifndef ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
 #define ISOSCOPE_CORE_RENDER_RENDERER_FACTORY_H_
 
 #include <cstddef>
 #include <memory>
-#include <string>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 #include <oneapi/tbb/task_arena.h>
 
 #include "core/render/renderer.h"
+#include "core/render/renderer_kind.h"
 
 namespace isoscope::render {
-
-enum class RendererKind {
-  kAuto,  // EGL if it is real hardware, else CPU
-  kEgl,
-  kCpu,
-};
 
 struct RendererOptions {
   RendererKind kind = RendererKind::kAuto;
@@ -33,9 +26,6 @@ struct RendererOptions {
   // The CPU back end shades in it. Null: in the arena of the caller.
   std::shared_ptr<tbb::task_arena> arena = nullptr;
 };
-
-// "auto", "egl", "cpu"; INVALID_ARGUMENT otherwise.
-absl::StatusOr<RendererKind> RendererKindFromName(absl::string_view name);
 
 // FAILED_PRECONDITION if EGL can't start. The message names the platforms and devices that were
 // tried, their answers, and the packages to install.

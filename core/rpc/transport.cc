@@ -15,6 +15,8 @@
 #include "absl/time/time.h"
 #include <arpa/inet.h>
 #include <grpcpp/security/auth_metadata_processor.h>
+#include <grpcpp/security/credentials.h>
+#include <grpcpp/security/server_credentials.h>
 #include <grpcpp/security/tls_certificate_provider.h>
 #include <grpcpp/security/tls_credentials_options.h>
 #include <netinet/in.h>

@@ -18,8 +18,11 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include <grpcpp/security/credentials.h>
-#include <grpcpp/security/server_credentials.h>
+
+namespace grpc {  // NOLINT(readability-identifier-naming): theirs
+class ChannelCredentials;
+class ServerCredentials;
+}  // namespace grpc
 
 namespace isoscope::rpc {
 

@@ -1,7 +1,5 @@
 #include "core/source/volume_file.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -19,6 +17,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
+#include "core/io/atomic_file.h"
 #include "core/io/file.h"
 #include "core/volume/grid_geometry.h"
 
@@ -98,47 +97,13 @@ std::string MetaImageHeader(const VolumeGenerator& generator, const VolumeFileOp
       o.x, o.y, o.z, s.x, s.y, s.z, dims.x, dims.y, dims.z, MetaImageTypeOf(generator.type()));
 }
 
-// A file that is written under another name, and removed unless it was kept.
-class PartialFile {
- public:
-  static absl::StatusOr<std::unique_ptr<PartialFile>> Create(const std::string& path) {
-    auto partial = std::unique_ptr<PartialFile>(new PartialFile(path));
-    if (io::IsDirectory(path)) {
-      return absl::FailedPreconditionError(
-          absl::StrCat(path, ": is a folder; expected the name of a file"));
-    }
-    // Left by a killed process that had our number (numbers repeat in containers).
-    ISOSCOPE_RETURN_IF_ERROR(io::RemoveRecursively(partial->partial_path_));
-    ISOSCOPE_ASSIGN_OR_RETURN(partial->file_, io::CreateWritableFile(partial->partial_path_));
-    return partial;
+absl::StatusOr<std::unique_ptr<io::AtomicFile>> CreateVolumeFile(const std::string& path) {
+  if (io::IsDirectory(path)) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": is a folder; expected the name of a file"));
   }
-  ~PartialFile() {
-    if (!is_kept_) {
-      file_.reset();
-      // The first error is the one that counts.
-      io::RemoveRecursively(partial_path_).IgnoreError();
-    }
-  }
-  PartialFile(const PartialFile&) = delete;
-  PartialFile& operator=(const PartialFile&) = delete;
-
-  io::WritableFile& file() { return *file_; }
-  absl::Status Keep() {
-    ISOSCOPE_RETURN_IF_ERROR(file_->Close());
-    ISOSCOPE_RETURN_IF_ERROR(io::RenamePath(partial_path_, path_));
-    is_kept_ = true;
-    return absl::OkStatus();
-  }
-
- private:
-  explicit PartialFile(const std::string& path)
-      : path_(path), partial_path_(absl::StrCat(path, ".partial-", getpid())) {}
-
-  const std::string path_;
-  const std::string partial_path_;
-  std::unique_ptr<io::WritableFile> file_;
-  bool is_kept_ = false;
-};
+  return io::AtomicFile::Create(path);
+}
 
 absl::Status CheckFreeSpace(const std::string& path, std::int64_t bytes) {
   std::filesystem::path parent = std::filesystem::path(path).parent_path();
@@ -156,7 +121,7 @@ absl::Status CheckFreeSpace(const std::string& path, std::int64_t bytes) {
 
 // Rows in parallel, to the file in order.
 absl::Status WriteSamples(const VolumeGenerator& generator, const VolumeFileOptions& options,
-                          const base::Cancellation& cancellation, io::WritableFile* file) {
+                          const base::Cancellation& cancellation, io::AtomicFile* file) {
   const std::int64_t row_bytes =
       generator.dims().x * static_cast<std::int64_t>(volume::SizeOf(generator.type()));
   const std::int64_t total_bytes = row_bytes * generator.row_count();
@@ -239,24 +204,23 @@ absl::StatusOr<std::int64_t> WriteVolumeFile(const VolumeGenerator& generator,
   ISOSCOPE_RETURN_IF_ERROR(CheckFreeSpace(options.path, sample_bytes));
 
   std::string data_path = options.path;
-  std::unique_ptr<PartialFile> header;
+  std::unique_ptr<io::AtomicFile> header;
   if (kind == VolumeFileKind::kDetachedNrrd) {
     data_path = options.path.substr(0, options.path.size() - 5) + ".raw";
-    ISOSCOPE_ASSIGN_OR_RETURN(header, PartialFile::Create(options.path));
-    ISOSCOPE_RETURN_IF_ERROR(
-        header->file().Append(NrrdHeader(generator, options, BaseName(data_path))));
+    ISOSCOPE_ASSIGN_OR_RETURN(header, CreateVolumeFile(options.path));
+    ISOSCOPE_RETURN_IF_ERROR(header->Append(NrrdHeader(generator, options, BaseName(data_path))));
   }
-  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<PartialFile> data,
-                            PartialFile::Create(data_path));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<io::AtomicFile> data,
+                            CreateVolumeFile(data_path));
   if (kind == VolumeFileKind::kNrrd) {
-    ISOSCOPE_RETURN_IF_ERROR(data->file().Append(NrrdHeader(generator, options, "")));
+    ISOSCOPE_RETURN_IF_ERROR(data->Append(NrrdHeader(generator, options, "")));
   } else if (kind == VolumeFileKind::kMetaImage) {
-    ISOSCOPE_RETURN_IF_ERROR(data->file().Append(MetaImageHeader(generator, options)));
+    ISOSCOPE_RETURN_IF_ERROR(data->Append(MetaImageHeader(generator, options)));
   }
-  ISOSCOPE_RETURN_IF_ERROR(WriteSamples(generator, options, cancellation, &data->file()));
-  ISOSCOPE_RETURN_IF_ERROR(data->Keep());
+  ISOSCOPE_RETURN_IF_ERROR(WriteSamples(generator, options, cancellation, data.get()));
+  ISOSCOPE_RETURN_IF_ERROR(data->Commit());
   if (header != nullptr) {
-    ISOSCOPE_RETURN_IF_ERROR(header->Keep());
+    ISOSCOPE_RETURN_IF_ERROR(header->Commit());
   }
   return sample_bytes;
 }

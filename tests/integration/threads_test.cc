@@ -17,6 +17,7 @@
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gtest/gtest.h"
+#include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
 #include "client-cli/embedded_cluster.h"

@@ -15,7 +15,6 @@
 
 #include "client-cli/apng_writer.h"
 #include "client-cli/png_chunks.h"
-#include "client-cli/usage.h"
 #include "client-cli/webp_writer.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
@@ -199,7 +198,7 @@ TEST(AnimationWriterTest, NamesAndSizesDecideTheFormat) {
   EXPECT_FALSE(IsAnimationName("a.png"));
   EXPECT_FALSE(IsAnimationName("apng"));
   ISOSCOPE_EXPECT_OK(CheckAnimationSize("a.webp", kMaxWebpSidePx, 1));
-  EXPECT_TRUE(IsUsageError(CheckAnimationSize("a.webp", 1, kMaxWebpSidePx + 1)));
+  EXPECT_TRUE(absl::IsInvalidArgument(CheckAnimationSize("a.webp", 1, kMaxWebpSidePx + 1)));
   ISOSCOPE_EXPECT_OK(CheckAnimationSize("a.apng", 1, kMaxWebpSidePx + 1));
 }
 

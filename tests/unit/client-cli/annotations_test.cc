@@ -132,7 +132,7 @@ TEST(AnnotationsTest, PixelsOutsideTheBoxesKeepTheirBitsAlsoTranslucentOnes) {
     picture.pixels[i] = {static_cast<std::uint8_t>(i), static_cast<std::uint8_t>(i / 7),
                          static_cast<std::uint8_t>(i / 99), static_cast<std::uint8_t>(i / 13)};
   }
-  AnnotationFlags flags{.has_axes = true, .has_scale_bar = true, .caption = "Two\\nlines"};
+  Annotations flags{.has_axes = true, .has_scale_bar = true, .caption = "Two\\nlines"};
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated,
                                 Annotate(flags, Orthographic(100, 240), picture));
   EXPECT_EQ(annotated.boxes.size(), 3U);
@@ -152,7 +152,7 @@ TEST(AnnotationsTest, PixelsOutsideTheBoxesKeepTheirBitsAlsoTranslucentOnes) {
 }
 
 TEST(AnnotationsTest, SameCallsGiveTheSamePixelsAndTheIsovalueShows) {
-  const AnnotationFlags flags{.has_axes = true, .caption = "at {isovalue}"};
+  const Annotations flags{.has_axes = true, .caption = "at {isovalue}"};
   AnnotationScene scene = Orthographic(100, 240);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated a, Annotate(flags, scene, Plain(320, 240)));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated b, Annotate(flags, scene, Plain(320, 240)));
@@ -168,7 +168,7 @@ TEST(AnnotationsTest, SameCallsGiveTheSamePixelsAndTheIsovalueShows) {
 }
 
 TEST(AnnotationsTest, InkIsDarkOnALightBackground) {
-  const AnnotationFlags flags{.has_scale_bar = true};
+  const Annotations flags{.has_scale_bar = true};
   AnnotationScene scene = Orthographic(100, 240);
   scene.is_background_light = true;
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Annotated annotated,
@@ -190,7 +190,7 @@ TEST(AnnotationsTest, TransparentBackgroundShowsThroughBesideTheInk) {
 }
 
 TEST(AnnotationsTest, SmallestAndOddestPicturesAreNoCrash) {
-  const AnnotationFlags flags{
+  const Annotations flags{
       .has_axes = true, .has_scale_bar = true, .caption = std::string(3000, 'x')};
   for (const auto& [width, height] :
        std::vector<std::pair<int, int>>{{1, 1}, {2, 300}, {300, 2}, {64, 64}}) {

@@ -18,7 +18,6 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/usage.h"
 #include "core/base/coding.h"
 #include "core/io/file.h"
 #include "tests/support/status_matchers.h"
@@ -31,7 +30,7 @@ namespace {
 using ::isoscope::testing::TempDir;
 using ::testing::HasSubstr;
 
-constexpr Color kOrange{.red = 1, .green = 0.5F, .blue = 0};
+constexpr frame::Color kOrange{.red = 1, .green = 0.5F, .blue = 0};
 
 template <typename T>
 T Load(const std::string& bytes, std::size_t offset) {
@@ -319,8 +318,8 @@ TEST(MeshWriterTest, ColorsAreThereWhereTheFormatHasThem) {
                                                .format = MeshFormat::kObj,
                                                .surfaces = {{.color = kOrange}}}));
   EXPECT_THAT(obj, HasSubstr("v 1 0 0 1 0.5 0\n"));
-  EXPECT_TRUE(IsUsageError(
-      CheckUsage({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}})));
+  EXPECT_TRUE(absl::IsInvalidArgument(
+      Validate({.path = "a.stl", .format = MeshFormat::kStl, .surfaces = {{.color = kOrange}}})));
 }
 
 // Three surfaces; the middle one has no triangle, and the first no colour of its own.
@@ -373,7 +372,7 @@ TEST(MeshWriterTest, HeadersHaveRoomForAllSurfaces) {
     MeshFileOptions options{.path = folder.Sub("mesh"), .format = format};
     options.surfaces.resize(16, {.isovalue = -1.2345678901234567e-300});
     if (format != MeshFormat::kStl) {
-      options.surfaces[0].color = Color{.red = 0.123456F, .green = 0.0301F, .blue = 0.9F};
+      options.surfaces[0].color = frame::Color{.red = 0.123456F, .green = 0.0301F, .blue = 0.9F};
       options.surfaces.assign(16, options.surfaces[0]);
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto writer, MeshWriter::Create(options));
@@ -432,8 +431,8 @@ TEST(MeshWriterTest, SuffixAndFlagDecideTheFormatTogether) {
   EXPECT_EQ(MeshFormatOf("a", MeshFormat::kVtp).value(), MeshFormat::kVtp);
   EXPECT_EQ(MeshFormatOf("a.mesh", MeshFormat::kVtp).value(), MeshFormat::kVtp);
   EXPECT_EQ(MeshFormatOf("a.stl", MeshFormat::kStl).value(), MeshFormat::kStl);
-  EXPECT_TRUE(IsUsageError(MeshFormatOf("a.mesh", std::nullopt).status()));
-  EXPECT_TRUE(IsUsageError(MeshFormatOf("a.stl", MeshFormat::kPly).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(MeshFormatOf("a.mesh", std::nullopt).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(MeshFormatOf("a.stl", MeshFormat::kPly).status()));
   EXPECT_THAT(std::string(ParseMeshFormat("fbx").status().message()), HasSubstr("ply, stl, obj"));
 }
 

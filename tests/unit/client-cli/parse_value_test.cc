@@ -86,18 +86,10 @@ TEST(ParseValueTest, SecondsTakeUnits) {
   ExpectRefused(ParseSeconds, {"", "0", "-1", "inf", "nan", "soon", "-2s"});
 }
 
-TEST(ParseValueTest, AddressesHaveHostAndPort) {
-  for (const char* text : {"localhost:50051", "127.0.0.1:0", "[::1]:65535", "agents.svc:1"}) {
-    EXPECT_THAT(ParseHostPort(text), IsOk()) << text;
-  }
-  ExpectRefused(ParseHostPort, {"", "localhost", ":50051", "localhost:", "localhost:65536",
-                                "localhost:-1", "localhost:http", "::1:50051", "local host:1"});
-}
-
 TEST(ParseValueTest, ColorsStayBetweenZeroAndOne) {
-  EXPECT_EQ(*ParseColor("1,0.5,0"), (Color{1, 0.5F, 0, 1}));
-  EXPECT_EQ(*ParseColorWithAlpha("1,0.5,0,0.25"), (Color{1, 0.5F, 0, 0.25F}));
-  EXPECT_EQ(*ParseColorWithAlpha("0,0,0"), (Color{0, 0, 0, 1}));
+  EXPECT_EQ(*ParseColor("1,0.5,0"), (frame::Color{1, 0.5F, 0, 1}));
+  EXPECT_EQ(*ParseColorWithAlpha("1,0.5,0,0.25"), (frame::Color{1, 0.5F, 0, 0.25F}));
+  EXPECT_EQ(*ParseColorWithAlpha("0,0,0"), (frame::Color{0, 0, 0, 1}));
   ExpectRefused(ParseColor, {"1,1,1,1", "1,1", "1.1,0,0", "-0.1,0,0", "red"});
   ExpectRefused(ParseColorWithAlpha, {"1,1,1,2", "1,1,1,1,1"});
 }
@@ -105,9 +97,9 @@ TEST(ParseValueTest, ColorsStayBetweenZeroAndOne) {
 TEST(ParseValueTest, SurfacesHaveALevelAndPerhapsAColour) {
   EXPECT_EQ(*ParseSurface("-7.5"), (SurfaceValue{.isovalue = -7.5, .color = {}}));
   EXPECT_EQ(*ParseSurface("30:1,0.5,0"),
-            (SurfaceValue{.isovalue = 30, .color = Color{1, 0.5F, 0, 1}}));
+            (SurfaceValue{.isovalue = 30, .color = frame::Color{1, 0.5F, 0, 1}}));
   EXPECT_EQ(*ParseSurface("30:1,0.5,0:0.25"),
-            (SurfaceValue{.isovalue = 30, .color = Color{1, 0.5F, 0, 0.25F}}));
+            (SurfaceValue{.isovalue = 30, .color = frame::Color{1, 0.5F, 0, 0.25F}}));
   ExpectRefused(ParseSurface, {"", ":1,0,0", "30:", "30:red", "30:1,0", "x:1,0,0", "nan",
                                "30:1,1,1:0", "30:1,1,1:1.5", "30:1,1,1:-1", "30:1,1,1:nan",
                                "30:1,1,1:", "30:1,1,1:0.5:1", "30:0.5"});

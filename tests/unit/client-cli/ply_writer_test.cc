@@ -75,7 +75,7 @@ TEST(PlyWriterTest, ColorsFollowEachNormal) {
   const TempDir folder;
   const std::string path = folder.Sub("mesh.ply");
   ISOSCOPE_ASSERT_OK(WriteTwoPieces(
-      {.path = path, .surfaces = {{.color = Color{.red = 1, .green = 0.5F, .blue = 0}}}}));
+      {.path = path, .surfaces = {{.color = frame::Color{.red = 1, .green = 0.5F, .blue = 0}}}}));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string content, io::ReadWholeFile(path, 10'000));
   const std::string header = MakePlyHeader(4, 2, /*has_colors=*/true);
   EXPECT_NE(header.find("property uchar red\nproperty uchar green\nproperty uchar blue\n"),

@@ -34,8 +34,8 @@ TEST(RenderRequestTest, EveryFlagReachesItsField) {
                    .width = 640,
                    .height = 480,
                    .culling = frame::Culling::kMask,
-                   .base_color = Color{.red = 0.25F, .green = 0.5F, .blue = 1},
-                   .background_color = Color{.red = 1, .alpha = 0.5F}},
+                   .base_color = frame::Color{.red = 0.25F, .green = 0.5F, .blue = 1},
+                   .background_color = frame::Color{.red = 1, .alpha = 0.5F}},
                   "", SampleCamera());
   EXPECT_EQ(request.viewport().width_px(), 640);
   EXPECT_EQ(request.viewport().height_px(), 480);
@@ -71,7 +71,8 @@ TEST(RenderRequestTest, IsovalueIsRequired) {
 
 TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
   RequestFlags flags;
-  flags.surfaces = {{.isovalue = 75, .color = {}}, {.isovalue = 30, .color = Color{1, 0, 0, 1}}};
+  flags.surfaces = {{.isovalue = 75, .color = {}},
+                    {.isovalue = 30, .color = frame::Color{1, 0, 0, 1}}};
   flags.clip.planes = {{.normal = {1, 0, 0}, .offset = 12}};
   flags.clip.box = math::Box3d{{0, 1, 2}, {3, 4, 5}};
   flags.caps = frame::ClipCaps{.map = frame::ColorMap::kGrey};
@@ -92,8 +93,8 @@ TEST(RenderRequestTest, SurfacesAndClippingComeFromTheirFlags) {
 TEST(RenderRequestTest, SurfacesExcludeTheFlagsOfASingleOne) {
   EXPECT_TRUE(IsUsageError(
       CheckUsage(RequestFlags{.isovalue = 3, .surfaces = {{.isovalue = 1, .color = {}}}})));
-  EXPECT_TRUE(IsUsageError(
-      CheckUsage(RequestFlags{.base_color = Color(), .surfaces = {{.isovalue = 1, .color = {}}}})));
+  EXPECT_TRUE(IsUsageError(CheckUsage(
+      RequestFlags{.base_color = frame::Color(), .surfaces = {{.isovalue = 1, .color = {}}}})));
   RequestFlags many;
   many.surfaces.resize(17);
   EXPECT_TRUE(IsUsageError(CheckUsage(many)));

@@ -8,7 +8,9 @@
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/embedded_cluster.h"
 #include "client-cli/interrupt.h"
+#include "client-cli/service_client.h"
 #include "core/base/cancellation.h"
 #include "core/partition/partitioner.h"
 #include "isoscope/v1/cluster_service.pb.h"

@@ -12,6 +12,14 @@ TEST(UsageTest, ExitCodesSeparateWrongUsageFromFailedRequests) {
   EXPECT_EQ(ExitCodeOf(UsageError("--width is odd")), 2);
 }
 
+TEST(UsageTest, RefusalsOfLibrariesBecomeWrongUsage) {
+  const absl::Status refused = AsUsageError(absl::InvalidArgumentError("STL has no colours"));
+  EXPECT_TRUE(IsUsageError(refused));
+  EXPECT_EQ(refused.message(), "STL has no colours");
+  EXPECT_TRUE(AsUsageError(absl::OkStatus()).ok());
+  EXPECT_EQ(AsUsageError(absl::NotFoundError("no file")), absl::NotFoundError("no file"));
+}
+
 TEST(UsageTest, ErrorsAreOneLineThatNamesTheCode) {
   EXPECT_EQ(FormatError("render", absl::DataLossError("block 7\nof shard 1")),
             "isoscope: DATA_LOSS: block 7; of shard 1");

@@ -8,7 +8,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NoReturn, TYPE_CHECKING, TypeVar, overload
+from typing import Any, Literal, NoReturn, TypeVar, overload
 
 import grpc
 import numpy.typing as npt
@@ -27,9 +27,7 @@ from isoscope.data import AgentState, Capabilities, DatasetInfo, Histogram, Mesh
 from isoscope.errors import InvalidArgumentError, printable, raise_explained
 from isoscope.frame import Frame, ImageFormat, PlaneName
 from isoscope.look import AmbientOcclusion, ClipLike, ColorBy, ColorLike, LightLike, Silhouette, SurfaceLike
-
-if TYPE_CHECKING:
-    from isoscope.viewer import View
+from isoscope.viewer import View, make_view
 
 __all__ = ["Client", "Dataset", "connect"]
 
@@ -469,8 +467,6 @@ class Dataset(DatasetInfo):
             gateway: the gateway's address, as the browser reaches it; default: what the server names.
             token: token of the gateway, where it wants one.
         """
-        from isoscope.viewer import make_view
-
         return make_view(
             self, isovalue, surfaces=surfaces, camera=camera, view=view, clip=clip, size=size,
             gateway=gateway, token=token,

@@ -18,7 +18,7 @@ import pathlib
 import shlex
 import uuid
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from google.protobuf import json_format
 
@@ -30,8 +30,10 @@ from isoscope.errors import FailedPreconditionError, InvalidArgumentError
 from isoscope.look import ClipLike, SurfaceLike
 
 if TYPE_CHECKING:
-    from isoscope.client import Dataset
     from isoscope.frame import Frame
+
+# A view works with any dataset of a blocking client. `isoscope.client` makes views, so it is not imported here.
+_Dataset: TypeAlias = Any
 
 __all__ = ["View"]
 
@@ -75,14 +77,14 @@ class View:
     """A view in a notebook cell: display it, or leave it as the last expression of a cell.
 
     Attributes:
-        dataset: the dataset that is shown.
+        dataset: the `isoscope.Dataset` that is shown.
         gateway: address of the web gateway, as the browser reaches it; "" if there is none.
         size: (width, height) of the cell's picture in pixels.
         widget: the anywidget behind it; None without anywidget.
     """
 
     def __init__(
-        self, dataset: Dataset, request: pb.RenderIsosurfaceRequest, size: tuple[int, int], gateway: str, token: str
+        self, dataset: _Dataset, request: pb.RenderIsosurfaceRequest, size: tuple[int, int], gateway: str, token: str
     ) -> None:
         self.dataset = dataset
         self.gateway = gateway
@@ -137,8 +139,8 @@ class View:
         request.viewport.width_px, request.viewport.height_px = width, height
         serialized = request.SerializeToString(deterministic=True)
         if self._frame is None or serialized != self._frame_request:
-            self._frame = self.dataset._client._render(request, None)
-            self._frame_request = serialized
+            frame: Frame = self.dataset._client._render(request, None)
+            self._frame, self._frame_request = frame, serialized
         return self._frame
 
     def __repr__(self) -> str:
@@ -219,7 +221,8 @@ class View:
     def _server_flags(self) -> str:
         """Returns the server's address, and the file with its token if there is one: never the token."""
         client = self.dataset._client
-        return client.address + (f" --token-file {shlex.quote(client.token_file)}" if client.token_file else "")
+        address: str = client.address
+        return address + (f" --token-file {shlex.quote(client.token_file)}" if client.token_file else "")
 
 
 def _script_json(value: Any) -> str:
@@ -228,7 +231,7 @@ def _script_json(value: Any) -> str:
 
 
 def make_view(
-    dataset: Dataset,
+    dataset: _Dataset,
     isovalue: float | None,
     *,
     surfaces: Sequence[SurfaceLike] | SurfaceLike | None,

@@ -1,27 +1,26 @@
-#include "bench/temporary_folder.h"
+#include "core/io/temporary_folder.h"
 
 #include <cerrno>
 #include <cstdlib>
 
 #include "core/io/file.h"
 
-namespace isoscope::bench {
+namespace isoscope::io {
 
 absl::StatusOr<TemporaryFolder> TemporaryFolder::Make() {
   const char* variable = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): nobody sets any
   const std::string parent = variable != nullptr && *variable == '/' ? variable : "/tmp";
   std::string path = absl::StrCat(parent, "/isoscope-XXXXXX");
   if (mkdtemp(path.data()) == nullptr) {
-    return io::ErrnoToStatus(errno, "can't make a temporary folder in (set TMPDIR to another)",
-                             parent);
+    return ErrnoToStatus(errno, "can't make a temporary folder in (set TMPDIR to another)", parent);
   }
   return TemporaryFolder(std::move(path));
 }
 
 TemporaryFolder::~TemporaryFolder() {
   if (!path_.empty()) {
-    io::RemoveRecursively(path_).IgnoreError();  // nobody is left to hear of it
+    RemoveRecursively(path_).IgnoreError();  // nobody is left to hear of it
   }
 }
 
-}  // namespace isoscope::bench
+}  // namespace isoscope::io

@@ -1,4 +1,4 @@
-#include "client-cli/waiting_line.h"
+#include "core/cli/waiting_line.h"
 
 #include <sstream>
 

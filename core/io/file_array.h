@@ -1,8 +1,8 @@
 // Arrays that live in a file without a name, mapped into memory: the system writes back and drops
 // their pages when memory is short, so that they may be larger than memory.
 
-#ifndef ISOSCOPE_CLIENT_CLI_FILE_ARRAY_H_
-#define ISOSCOPE_CLIENT_CLI_FILE_ARRAY_H_
+#ifndef ISOSCOPE_CORE_IO_FILE_ARRAY_H_
+#define ISOSCOPE_CORE_IO_FILE_ARRAY_H_
 
 #include <algorithm>
 #include <cstddef>
@@ -17,12 +17,12 @@
 
 #include "core/base/status_macros.h"
 
-namespace isoscope::cli {
+namespace isoscope::io {
 
 // The bytes of a FileArray. Thread-compatible.
 class MappedScratch {
  public:
-  // The file lies on the file system of `directory`. Errors as io::CreateWritableFile.
+  // The file lies on the file system of `directory`. Errors as CreateWritableFile.
   static absl::StatusOr<std::unique_ptr<MappedScratch>> Create(const std::string& directory);
   ~MappedScratch();
   MappedScratch(const MappedScratch&) = delete;
@@ -82,6 +82,6 @@ class FileArray {
   std::size_t size_ = 0;
 };
 
-}  // namespace isoscope::cli
+}  // namespace isoscope::io
 
-#endif  // ISOSCOPE_CLIENT_CLI_FILE_ARRAY_H_
+#endif  // ISOSCOPE_CORE_IO_FILE_ARRAY_H_

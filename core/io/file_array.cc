@@ -1,4 +1,4 @@
-#include "client-cli/file_array.h"
+#include "core/io/file_array.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -11,8 +11,9 @@
 
 #include "core/base/units.h"
 #include "core/io/file.h"
+#include "core/io/scratch_file.h"
 
-namespace isoscope::cli {
+namespace isoscope::io {
 namespace {
 
 constexpr auto kMinGrowthBytes = static_cast<std::size_t>(4 * base::kMiB);
@@ -20,16 +21,8 @@ constexpr auto kMinGrowthBytes = static_cast<std::size_t>(4 * base::kMiB);
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<MappedScratch>> MappedScratch::Create(const std::string& directory) {
-  std::string path = absl::StrCat(directory, "/scratch-XXXXXX");
-  const int fd = mkostemp(path.data(), O_CLOEXEC);
-  if (fd < 0) {
-    return io::ErrnoToStatus(errno, "create", path);
-  }
-  auto scratch = std::unique_ptr<MappedScratch>(new MappedScratch(fd, path));
-  if (unlink(path.c_str()) != 0) {
-    return io::ErrnoToStatus(errno, "unlink", path);
-  }
-  return scratch;
+  ISOSCOPE_ASSIGN_OR_RETURN(UnnamedFile file, CreateUnnamedFile(directory));
+  return std::unique_ptr<MappedScratch>(new MappedScratch(file.descriptor, std::move(file.path)));
 }
 
 MappedScratch::~MappedScratch() {
@@ -49,18 +42,17 @@ absl::Status MappedScratch::Reserve(std::size_t size) {
   const int error =
       posix_fallocate(fd_, static_cast<off_t>(capacity_), static_cast<off_t>(capacity - capacity_));
   if (error != 0) {
-    return io::ErrnoToStatus(error, absl::StrCat("reserve ", capacity, " bytes of disk for"),
-                             path_);
+    return ErrnoToStatus(error, absl::StrCat("reserve ", capacity, " bytes of disk for"), path_);
   }
   void* const mapped = data_ == nullptr
                            ? mmap(nullptr, capacity, PROT_READ | PROT_WRITE, MAP_SHARED, fd_, 0)
                            : mremap(data_, capacity_, capacity, MREMAP_MAYMOVE);
   if (mapped == MAP_FAILED) {
-    return io::ErrnoToStatus(errno, "map", path_);
+    return ErrnoToStatus(errno, "map", path_);
   }
   data_ = static_cast<char*>(mapped);
   capacity_ = capacity;
   return absl::OkStatus();
 }
 
-}  // namespace isoscope::cli
+}  // namespace isoscope::io

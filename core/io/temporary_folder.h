@@ -1,7 +1,7 @@
 // A folder for files that a command needs only while it works.
 
-#ifndef ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
-#define ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
+#ifndef ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_
+#define ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_
 
 #include <string>
 #include <utility>
@@ -10,7 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 
-namespace isoscope::bench {
+namespace isoscope::io {
 
 // Removed with all that is in it when the object ends; so also after an interrupt, which ends a
 // command as any error does. Thread-compatible.
@@ -36,6 +36,6 @@ class TemporaryFolder {
   std::string path_;  // empty: moved from
 };
 
-}  // namespace isoscope::bench
+}  // namespace isoscope::io
 
-#endif  // ISOSCOPE_BENCH_TEMPORARY_FOLDER_H_
+#endif  // ISOSCOPE_CORE_IO_TEMPORARY_FOLDER_H_

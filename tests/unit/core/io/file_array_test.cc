@@ -1,4 +1,4 @@
-#include "client-cli/file_array.h"
+#include "core/io/file_array.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -10,7 +10,7 @@
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
-namespace isoscope::cli {
+namespace isoscope::io {
 namespace {
 
 using ::isoscope::testing::StatusIs;
@@ -46,4 +46,4 @@ TEST(FileArrayTest, MoreThanTheDiskHasIsAnErrorNotASignal) {
 }
 
 }  // namespace
-}  // namespace isoscope::cli
+}  // namespace isoscope::io

@@ -1,7 +1,7 @@
 // Says what a command waits for, and how long already, where nothing else tells.
 
-#ifndef ISOSCOPE_CLIENT_CLI_WAITING_LINE_H_
-#define ISOSCOPE_CLIENT_CLI_WAITING_LINE_H_
+#ifndef ISOSCOPE_CORE_CLI_WAITING_LINE_H_
+#define ISOSCOPE_CORE_CLI_WAITING_LINE_H_
 
 #include <iosfwd>
 #include <string>
@@ -38,4 +38,4 @@ class WaitingLine {
 
 }  // namespace isoscope::cli
 
-#endif  // ISOSCOPE_CLIENT_CLI_WAITING_LINE_H_
+#endif  // ISOSCOPE_CORE_CLI_WAITING_LINE_H_

@@ -1,11 +1,12 @@
-#include "client-cli/waiting_line.h"
+#include "core/cli/waiting_line.h"
 
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
-#include "client-cli/output.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
 
 namespace isoscope::cli {
 

@@ -1,0 +1,50 @@
+// The progress of long work, as a line for people.
+
+#ifndef ISOSCOPE_CORE_CLI_PROGRESS_LINE_H_
+#define ISOSCOPE_CORE_CLI_PROGRESS_LINE_H_
+
+#include <cstdint>
+#include <iosfwd>
+#include <string>
+
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+namespace isoscope::cli {
+
+// "reading ranges   42 %  1,024.0 of 2,437.5 MiB  310.2 MiB/s  4 s left".
+std::string FormatProgress(absl::string_view phase, std::int64_t done_bytes,
+                           std::int64_t total_bytes, absl::Duration elapsed);
+
+// Tells how far long work is: on a terminal one line that is written over, with a bar; elsewhere a
+// plain line every ten seconds. Thread-compatible.
+class ProgressLine {
+ public:
+  // `err` must outlive it.
+  ProgressLine(std::ostream* err, bool is_terminal);
+  // Clears the line on a terminal.
+  ~ProgressLine();
+  ProgressLine(const ProgressLine&) = delete;
+  ProgressLine& operator=(const ProgressLine&) = delete;
+
+  // Cheap; draws at most ten times a second. total_bytes > 0.
+  void Update(absl::string_view phase, std::int64_t done_bytes, std::int64_t total_bytes);
+  // The same with a text in place of the figures, for work of unknown length.
+  void Update(absl::string_view text);
+  // The same at once, whenever the last one was.
+  void UpdateNow(absl::string_view text) { Draw(std::string(text)); }
+
+ private:
+  bool IsDue();
+  void Draw(const std::string& text);
+
+  std::ostream* const err_;
+  const bool is_terminal_;
+  const absl::Time start_;
+  absl::Time last_draw_;
+  bool is_drawn_ = false;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CORE_CLI_PROGRESS_LINE_H_

@@ -1,0 +1,45 @@
+#include "core/cli/progress_line.h"
+
+#include <cstdint>
+#include <sstream>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(ProgressLineTest, TextDoesNotSteerTheTerminal) {
+  std::ostringstream err;
+  {
+    ProgressLine line(&err, /*is_terminal=*/true);
+    line.UpdateNow("waiting for \x1b]0;a\x07");
+  }
+  EXPECT_EQ(err.str(), "\rwaiting for ?]0;a?\x1b[K\r\x1b[K");
+}
+
+TEST(ProgressLineTest, ProgressTellsRateAndTimeLeft) {
+  constexpr std::int64_t kMiB = 1 << 20;
+  EXPECT_EQ(FormatProgress("writing blocks", 25 * kMiB, 100 * kMiB, absl::Seconds(5)),
+            "writing blocks    25 %  25.0 of 100.0 MiB  5.0 MiB/s  15 s left");
+  EXPECT_EQ(FormatProgress("writing blocks", 0, 100 * kMiB, absl::ZeroDuration()),
+            "writing blocks     0 %  0.0 of 100.0 MiB");
+  EXPECT_THAT(FormatProgress("writing blocks", 101 * kMiB, 100 * kMiB, absl::Seconds(5)),
+              HasSubstr("100 %"));
+}
+
+TEST(ProgressLineTest, ProgressOfShortWorkPrintsNothing) {
+  for (const bool is_terminal : {false, true}) {
+    std::ostringstream err;
+    {
+      ProgressLine line(&err, is_terminal);
+      line.Update("writing blocks", 1, 2);
+    }
+    EXPECT_EQ(err.str(), "");
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::cli

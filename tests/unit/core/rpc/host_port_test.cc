@@ -1,0 +1,30 @@
+#include "core/rpc/host_port.h"
+
+#include <string>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::rpc {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::StartsWith;
+
+TEST(HostPortTest, AddressesHaveHostAndPort) {
+  for (const char* text : {"localhost:50051", "127.0.0.1:0", "[::1]:65535", "agents.svc:1"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string address, ParseHostPort(text));
+    EXPECT_EQ(address, text);
+  }
+  for (const std::string text : {"", "localhost", ":50051", "localhost:", "localhost:65536",
+                                 "localhost:-1", "localhost:http", "::1:50051", "local host:1"}) {
+    EXPECT_THAT(ParseHostPort(text).status(),
+                StatusIs(absl::StatusCode::kInvalidArgument,
+                         StartsWith("'" + text + "' is not HOST:PORT")));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::rpc
