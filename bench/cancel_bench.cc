@@ -30,15 +30,19 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
+#include "client-cli/json_text.h"
 #include "client-cli/service_client.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/cli/progress_line.h"
 #include "core/cli/table.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {
@@ -242,9 +246,9 @@ std::string DescribeCancelBench(const CancelBenchResult& result) {
   return table.ToString();
 }
 
-nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelBenchPlan& plan,
-                                         const CancelBenchResult& result, const Machine& machine,
-                                         absl::string_view timestamp) {
+std::string CancelBenchJson(absl::string_view volume, const CancelBenchPlan& plan,
+                            const CancelBenchResult& result, const Machine& machine,
+                            absl::string_view timestamp) {
   const std::vector<double> idle_ms =
       Select(result.frames, &CancelledFrame::idle_ms, [](const CancelledFrame&) { return true; });
   Json json;
@@ -270,7 +274,7 @@ nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelB
                               {"answer_ms", Rounded(frame.answer_ms)},
                               {"idle_ms", Rounded(frame.idle_ms)}});
   }
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

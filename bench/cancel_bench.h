@@ -14,7 +14,6 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
 #include "client-cli/embedded_cluster.h"
@@ -62,9 +61,9 @@ std::string DescribeCancelBench(const CancelBenchResult& result);
 // {"machine", "date", "volume", "isovalue", "width", "height", "agents", "renderer", "seed",
 // "cold_ms", "following_ms", "complete_count", "idle_ms": {"median", "p99", "max"}, "frames":
 // [{"cold", "moment_ms", "answer_ms", "idle_ms"}]}.
-nlohmann::ordered_json CancelBenchToJson(absl::string_view volume, const CancelBenchPlan& plan,
-                                         const CancelBenchResult& result, const Machine& machine,
-                                         absl::string_view timestamp);
+std::string CancelBenchJson(absl::string_view volume, const CancelBenchPlan& plan,
+                            const CancelBenchResult& result, const Machine& machine,
+                            absl::string_view timestamp);
 
 }  // namespace isoscope::bench
 

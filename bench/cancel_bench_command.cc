@@ -113,7 +113,7 @@ absl::Status Run(const CancelBenchFlags& flags, const cli::Context& context) {
   if (flags.json) {
     const std::string volume = std::filesystem::path(*flags.input).filename().string();
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, CancelBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+        *flags.json, CancelBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"
                << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px

@@ -14,10 +14,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
 #include "client-cli/connection_flags.h"
+#include "client-cli/json_text.h"
 #include "client-cli/retries.h"
 #include "client-cli/service_client.h"
 #include "core/base/status_macros.h"
@@ -25,6 +27,8 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/proto_convert.h"
 #include "core/rpc/transport.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {
@@ -189,9 +193,8 @@ std::string DescribeClientsBench(const std::vector<ClientsRound>& rounds) {
   return text;
 }
 
-nlohmann::ordered_json ClientsBenchToJson(const ClientsBenchPlan& plan,
-                                          const std::vector<ClientsRound>& rounds,
-                                          const Machine& machine, absl::string_view timestamp) {
+std::string ClientsBenchJson(const ClientsBenchPlan& plan, const std::vector<ClientsRound>& rounds,
+                             const Machine& machine, absl::string_view timestamp) {
   nlohmann::ordered_json json;
   json["machine"] = ToString(machine);
   json["date"] = std::string(timestamp);
@@ -216,7 +219,7 @@ nlohmann::ordered_json ClientsBenchToJson(const ClientsBenchPlan& plan,
                               {"wrong", round.wrong_count},
                               {"failed", round.failed_count}});
   }
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -12,7 +12,6 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
 #include "client-cli/render_request.h"
@@ -59,9 +58,8 @@ std::string DescribeClientsBench(const std::vector<ClientsRound>& rounds);
 // {"machine", "date", "server", "isovalues", "width", "height", "seconds", "rounds": [{"clients",
 // "frames", "frames_per_second", "p50_ms", "p95_ms", "p99_ms", "max_ms", "most_frames",
 // "least_frames", "refusals", "retries", "wrong", "failed"}]}.
-nlohmann::ordered_json ClientsBenchToJson(const ClientsBenchPlan& plan,
-                                          const std::vector<ClientsRound>& rounds,
-                                          const Machine& machine, absl::string_view timestamp);
+std::string ClientsBenchJson(const ClientsBenchPlan& plan, const std::vector<ClientsRound>& rounds,
+                             const Machine& machine, absl::string_view timestamp);
 
 }  // namespace isoscope::bench
 

@@ -74,8 +74,8 @@ absl::Status Run(const ClientsBenchFlags& flags, const cli::Context& context) {
   const std::string timestamp = Timestamp();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<ClientsRound> rounds, RunClientsBench(plan, context));
   if (flags.json) {
-    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, ClientsBenchToJson(plan, rounds, machine, timestamp).dump(2) + "\n"));
+    ISOSCOPE_RETURN_IF_ERROR(
+        io::WriteFileAtomically(*flags.json, ClientsBenchJson(plan, rounds, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"
                << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px

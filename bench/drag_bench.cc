@@ -15,15 +15,20 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
+#include "client-cli/json_text.h"
 #include "client-cli/service_client.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {
@@ -210,9 +215,9 @@ std::string DescribeDragBench(const DragBenchResult& result) {
                                      : "NOT the bytes of RenderIsosurface");
 }
 
-nlohmann::ordered_json DragBenchToJson(absl::string_view volume, const DragBenchPlan& plan,
-                                       const DragBenchResult& result, const Machine& machine,
-                                       absl::string_view timestamp) {
+std::string DragBenchJson(absl::string_view volume, const DragBenchPlan& plan,
+                          const DragBenchResult& result, const Machine& machine,
+                          absl::string_view timestamp) {
   nlohmann::ordered_json json;
   json["machine"] = ToString(machine);
   json["date"] = std::string(timestamp);
@@ -228,7 +233,7 @@ nlohmann::ordered_json DragBenchToJson(absl::string_view volume, const DragBench
   json["median_height_px"] = Median(result.heights_px);
   json["median_frame_bytes"] = Median(result.frame_bytes);
   json["exact_ms"] = result.exact_ms;
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

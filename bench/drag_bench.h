@@ -11,7 +11,6 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
 #include "client-cli/render_request.h"
@@ -53,9 +52,9 @@ std::string DescribeDragBench(const DragBenchResult& result);
 // {"machine", "date", "volume", "isovalue", "width", "height", "agents", "renderer",
 // "frames_per_second", "latency_ms": {"median", "p95"}, "median_height_px", "median_frame_bytes",
 // "exact_ms"}.
-nlohmann::ordered_json DragBenchToJson(absl::string_view volume, const DragBenchPlan& plan,
-                                       const DragBenchResult& result, const Machine& machine,
-                                       absl::string_view timestamp);
+std::string DragBenchJson(absl::string_view volume, const DragBenchPlan& plan,
+                          const DragBenchResult& result, const Machine& machine,
+                          absl::string_view timestamp);
 
 }  // namespace isoscope::bench
 

@@ -74,7 +74,7 @@ absl::Status Run(const DragBenchFlags& flags, const cli::Context& context) {
             .filename()
             .string();
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, DragBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+        *flags.json, DragBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"
                << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px

@@ -205,7 +205,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   const std::string volume = std::filesystem::path(*flags.input).filename().string();
   if (flags.json) {
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, FrameBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+        *flags.json, FrameBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"
                << plan.width_px << " x " << plan.height_px << " pixels; medians of "

@@ -7,8 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
+#include "client-cli/json_text.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 
@@ -135,9 +137,9 @@ std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult&
                       StepTable(volume, result).ToString());
 }
 
-nlohmann::ordered_json FrameBenchToJson(absl::string_view volume, const FrameBenchPlan& plan,
-                                        const FrameBenchResult& result, const Machine& machine,
-                                        absl::string_view timestamp) {
+std::string FrameBenchJson(absl::string_view volume, const FrameBenchPlan& plan,
+                           const FrameBenchResult& result, const Machine& machine,
+                           absl::string_view timestamp) {
   Json json;
   json["machine"] = ToString(machine);
   json["date"] = std::string(timestamp);
@@ -170,7 +172,7 @@ nlohmann::ordered_json FrameBenchToJson(absl::string_view volume, const FrameBen
     }
     json["peers"].push_back(std::move(of));
   }
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "absl/strings/string_view.h"
-#include <nlohmann/json.hpp>
 
 #include "bench/frame_bench.h"
 #include "bench/machine.h"
@@ -22,9 +21,9 @@ std::string DescribeFrameBench(absl::string_view volume, const FrameBenchResult&
 // "elevation", "cases": [{"isovalue", "agents", "culling", "renderer", "first", "following",
 // "wall_ms", "network_growth"}], "peers": [{"isovalue", "cold_ms", "following_ms",
 // "triangle_count", "runs"}]}.
-nlohmann::ordered_json FrameBenchToJson(absl::string_view volume, const FrameBenchPlan& plan,
-                                        const FrameBenchResult& result, const Machine& machine,
-                                        absl::string_view timestamp);
+std::string FrameBenchJson(absl::string_view volume, const FrameBenchPlan& plan,
+                           const FrameBenchResult& result, const Machine& machine,
+                           absl::string_view timestamp);
 
 }  // namespace isoscope::bench
 

@@ -11,16 +11,21 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
+#include <nlohmann/json.hpp>
 #include <sys/resource.h>
 
 #include "bench/sample_statistics.h"
 #include "client-cli/camera_flags.h"
+#include "client-cli/json_text.h"
 #include "client-cli/service_client.h"
 #include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
 #include "core/cli/interrupt.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::bench {
 namespace {
@@ -156,9 +161,9 @@ std::string DescribeSliderBench(const SliderBenchResult& result) {
   return text;
 }
 
-nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderBenchPlan& plan,
-                                         const SliderBenchResult& result, const Machine& machine,
-                                         absl::string_view timestamp) {
+std::string SliderBenchJson(absl::string_view volume, const SliderBenchPlan& plan,
+                            const SliderBenchResult& result, const Machine& machine,
+                            absl::string_view timestamp) {
   nlohmann::ordered_json json;
   json["machine"] = ToString(machine);
   json["date"] = std::string(timestamp);
@@ -170,7 +175,7 @@ nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderB
   json["renderer"] = result.renderer;
   json["new"] = ToJson(Summarize(result.first));
   json["again"] = ToJson(Summarize(result.second));
-  return json;
+  return cli::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -10,7 +10,6 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
 #include "client-cli/render_request.h"
@@ -55,9 +54,9 @@ std::string DescribeSliderBench(const SliderBenchResult& result);
 // {"machine", "date", "volume", "isovalues": [first, last], "width", "height", "agents",
 // "renderer", "new": {"median_ms", "p95_ms", "median_kernel_ms", "median_grown_mib"}, "again":
 // {...}}.
-nlohmann::ordered_json SliderBenchToJson(absl::string_view volume, const SliderBenchPlan& plan,
-                                         const SliderBenchResult& result, const Machine& machine,
-                                         absl::string_view timestamp);
+std::string SliderBenchJson(absl::string_view volume, const SliderBenchPlan& plan,
+                            const SliderBenchResult& result, const Machine& machine,
+                            absl::string_view timestamp);
 
 }  // namespace isoscope::bench
 

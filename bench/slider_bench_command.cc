@@ -75,7 +75,7 @@ absl::Status Run(const SliderBenchFlags& flags, const cli::Context& context) {
             .filename()
             .string();
     ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
-        *flags.json, SliderBenchToJson(volume, plan, result, machine, timestamp).dump(2) + "\n"));
+        *flags.json, SliderBenchJson(volume, plan, result, machine, timestamp)));
   }
   *context.out << ToString(machine) << "; " << timestamp << "\n"
                << plan.request.viewport().width_px << " x " << plan.request.viewport().height_px

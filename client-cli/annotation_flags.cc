@@ -3,6 +3,7 @@
 #include <string>
 
 #include "core/cli/flag_set.h"
+#include "core/cli/flags.h"
 
 namespace isoscope::cli {
 

@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
+#include <nlohmann/json.hpp>
 
 #include "core/base/printable.h"
 #include "core/cli/format.h"

@@ -32,6 +32,8 @@
 #include "core/cli/usage.h"
 #include "core/frame/frame_spec.h"
 #include "core/io/atomic_file.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

@@ -6,7 +6,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include <nlohmann/json.hpp>
 
+#include "client-cli/json_text.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 
@@ -90,13 +92,13 @@ std::string FormatStep(const google::protobuf::Duration& duration) {
 
 }  // namespace
 
-nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames) {
+std::string StatisticsJson(const std::vector<FrameRecord>& frames) {
   nlohmann::ordered_json json;
   json["frames"] = nlohmann::ordered_json::array();
   for (const FrameRecord& frame : frames) {
     json["frames"].push_back(FrameToJson(frame));
   }
-  return json;
+  return JsonText(json);
 }
 
 std::string DescribeMissingShards(const v1::RenderStatistics& statistics) {

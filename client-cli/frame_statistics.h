@@ -6,8 +6,6 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
-
 #include "isoscope/v1/frame.pb.h"
 
 namespace isoscope::cli {
@@ -19,7 +17,7 @@ struct FrameRecord {
 
 // {"frames": [...]}: a contract with scripts (README, "Statistics"); members may be added, never
 // renamed or moved. Times are milliseconds with three decimals.
-nlohmann::ordered_json StatisticsToJson(const std::vector<FrameRecord>& frames);
+std::string StatisticsJson(const std::vector<FrameRecord>& frames);
 
 // Returns which shards the picture lacks and how much it shows; "" if none is missing.
 std::string DescribeMissingShards(const isoscope::v1::RenderStatistics& statistics);

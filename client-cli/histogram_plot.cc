@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
+#include <nlohmann/json.hpp>
 #include <sys/ioctl.h>
 
 #include "core/cli/format.h"

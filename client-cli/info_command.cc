@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/time/time.h"
+#include <nlohmann/json.hpp>
 
 #include "client-cli/program.h"
 #include "client-cli/connection_flags.h"
@@ -33,6 +34,9 @@
 #include "core/store/shard_reader.h"
 #include "core/volume/sample_histogram.h"
 #include "core/volume/scalar_span.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

@@ -27,6 +27,8 @@
 #include "core/io/atomic_file.h"
 #include "core/rpc/pick_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

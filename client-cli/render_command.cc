@@ -22,7 +22,6 @@
 #include "client-cli/effect_flags.h"
 #include "client-cli/frame_name.h"
 #include "client-cli/frame_statistics.h"
-#include "client-cli/json_text.h"
 #include "client-cli/like_picture.h"
 #include "client-cli/look_flags.h"
 #include "client-cli/no_surface.h"
@@ -51,6 +50,9 @@
 #include "core/io/atomic_file.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {
@@ -225,7 +227,7 @@ absl::Status WriteStatistics(const RenderFlags& flags, const std::vector<FrameRe
   if (!flags.stats) {
     return absl::OkStatus();
   }
-  const std::string json = JsonText(StatisticsToJson(frames));
+  const std::string json = StatisticsJson(frames);
   if (*flags.stats == "-") {
     *context.out << json;
     return absl::OkStatus();

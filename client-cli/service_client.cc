@@ -7,11 +7,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 
+#include "client-cli/coordinator_channel.h"
 #include "client-cli/retries.h"
+#include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/base/trace_context.h"
 #include "core/rpc/grpc_status.h"
-#include "core/rpc/peer.h"
 #include "core/rpc/read_timeout.h"
 #include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
@@ -40,38 +41,46 @@ absl::Status WithRequestId(const absl::Status& status, const std::string& reques
                             absl::StrCat(status.message(), " (request ", request_id, ")"));
 }
 
+class InteractStreamImpl final : public InteractStream {
+ public:
+  explicit InteractStreamImpl(const CoordinatorChannel& channel)
+      : context_(channel, {}), stream_(channel.interact()->Interact(context_.get())) {}
+  InteractStreamImpl(const InteractStreamImpl&) = delete;
+  InteractStreamImpl& operator=(const InteractStreamImpl&) = delete;
+  ~InteractStreamImpl() override { context_.get()->TryCancel(); }
+
+  bool Write(const v1::InteractRequest& request) override ABSL_LOCKS_EXCLUDED(write_mutex_) {
+    const base::MutexLock lock(&write_mutex_);
+    return stream_->Write(request);
+  }
+  bool Read(v1::InteractResponse* response) override { return stream_->Read(response); }
+  void Cancel() override { context_.get()->TryCancel(); }
+  void CloseWrites() override ABSL_LOCKS_EXCLUDED(write_mutex_) {
+    const base::MutexLock lock(&write_mutex_);
+    stream_->WritesDone();
+  }
+  absl::Status Finish() override { return rpc::ToAbslStatus(stream_->Finish()); }
+
+ private:
+  CallContext context_;
+  const std::unique_ptr<grpc::ClientReaderWriter<v1::InteractRequest, v1::InteractResponse>>
+      stream_;
+  base::Mutex write_mutex_;
+};
+
 }  // namespace
 
 ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
                              Interrupt* interrupt, std::string token)
-    : channel_(std::move(channel)),
-      address_(std::move(address)),
-      interrupt_(interrupt),
-      token_(std::move(token)),
-      isosurface_(v1::IsosurfaceService::NewStub(channel_)),
-      dataset_(v1::DatasetService::NewStub(channel_)),
-      cluster_(v1::ClusterService::NewStub(channel_)) {}
+    : channel_(std::make_unique<CoordinatorChannel>(std::move(channel), std::move(address),
+                                                    std::move(token))),
+      interrupt_(interrupt) {}
 
-InteractStream::InteractStream(const std::shared_ptr<grpc::Channel>& channel,
-                               const std::string& token)
-    : stub_(v1::InteractService::NewStub(channel)) {
-  rpc::SendToken(token, &context_);
-  stream_ = stub_->Interact(&context_);
+ServiceClient::~ServiceClient() = default;
+
+std::unique_ptr<InteractStream> ServiceClient::Interact() const {
+  return std::make_unique<InteractStreamImpl>(*channel_);
 }
-
-InteractStream::~InteractStream() { context_.TryCancel(); }
-
-bool InteractStream::Write(const v1::InteractRequest& request) {
-  const base::MutexLock lock(&write_mutex_);
-  return stream_->Write(request);
-}
-
-void InteractStream::CloseWrites() {
-  const base::MutexLock lock(&write_mutex_);
-  stream_->WritesDone();
-}
-
-absl::Status InteractStream::Finish() { return rpc::ToAbslStatus(stream_->Finish()); }
 
 absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadline) const {
   if (status.ok()) {
@@ -86,12 +95,9 @@ absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadl
     return absl::UnavailableError(absl::StrCat(
         "the server ended the call, as it does when it shuts down (", explained.message(), ")"));
   }
-  if (absl::IsUnavailable(explained) && !address_.empty() &&
-      channel_->GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_READY) {
-    return absl::UnavailableError(absl::StrCat(
-        "no coordinator answers at ", address_, " (", explained.message(),
-        "); start one with 'isoscope serve DIR --listen ", address_, "' or isoscope-coordinator"));
-  }
+  explained = channel_->NameAddress(
+      explained, absl::StrCat("; start one with 'isoscope serve DIR --listen ", channel_->address(),
+                              "' or isoscope-coordinator"));
   if (absl::IsDeadlineExceeded(explained) && absl::Now() + kAnswerMargin >= deadline) {
     return absl::DeadlineExceededError(
         absl::StrCat(explained.message(), "; --timeout gives it more time"));
@@ -107,18 +113,11 @@ absl::Status ServiceClient::Call(absl::Duration timeout,
       base::TraceContext::Parse(traceparent == nullptr ? "" : traceparent);
   std::string request_id;
   const absl::Status status = CallWithRetries(deadline, interrupt_->cancellation(), [&] {
-    grpc::ClientContext context;
-    rpc::SendToken(token_, &context);
-    if (deadline < absl::InfiniteFuture()) {
-      context.set_deadline(absl::ToChronoTime(deadline));
-    }
-    const base::Cancellation::Callback on_interrupt(interrupt_->cancellation(),
-                                                    [&context] { context.TryCancel(); });
-    if (caller.has_value()) {
-      rpc::SetTraceparent(*caller, &context);
-    }
-    absl::Status explained = Explain(call(&context), deadline);
-    request_id = rpc::RequestIdOf(context);
+    CallContext context(*channel_, {.deadline = deadline,
+                                    .identity = caller.has_value() ? &*caller : nullptr,
+                                    .cancellation = &interrupt_->cancellation()});
+    absl::Status explained = Explain(call(context.get()), deadline);
+    request_id = rpc::RequestIdOf(*context.get());
     return explained;
   });
   return IsForOperator(status) ? WithRequestId(status, request_id) : status;
@@ -130,7 +129,7 @@ absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,
   request.set_name(name);
   v1::GetDatasetResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return dataset_->GetDataset(context, request, &response);
+    return channel_->dataset()->GetDataset(context, request, &response);
   }));
   return std::move(*response.mutable_dataset());
 }
@@ -139,7 +138,7 @@ absl::StatusOr<v1::GetHistogramResponse> ServiceClient::GetHistogram(
     const v1::GetHistogramRequest& request, absl::Duration timeout) {
   v1::GetHistogramResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return dataset_->GetHistogram(context, request, &response);
+    return channel_->dataset()->GetHistogram(context, request, &response);
   }));
   return response;
 }
@@ -147,7 +146,7 @@ absl::StatusOr<v1::GetHistogramResponse> ServiceClient::GetHistogram(
 absl::StatusOr<v1::ListDatasetsResponse> ServiceClient::ListDatasets(absl::Duration timeout) {
   v1::ListDatasetsResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return dataset_->ListDatasets(context, v1::ListDatasetsRequest(), &response);
+    return channel_->dataset()->ListDatasets(context, v1::ListDatasetsRequest(), &response);
   }));
   return response;
 }
@@ -155,7 +154,7 @@ absl::StatusOr<v1::ListDatasetsResponse> ServiceClient::ListDatasets(absl::Durat
 absl::StatusOr<v1::GetCapabilitiesResponse> ServiceClient::GetCapabilities(absl::Duration timeout) {
   v1::GetCapabilitiesResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return cluster_->GetCapabilities(context, v1::GetCapabilitiesRequest(), &response);
+    return channel_->cluster()->GetCapabilities(context, v1::GetCapabilitiesRequest(), &response);
   }));
   return response;
 }
@@ -164,7 +163,7 @@ absl::StatusOr<v1::GetClusterStatusResponse> ServiceClient::GetClusterStatus(
     absl::Duration timeout) {
   v1::GetClusterStatusResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return cluster_->GetClusterStatus(context, v1::GetClusterStatusRequest(), &response);
+    return channel_->cluster()->GetClusterStatus(context, v1::GetClusterStatusRequest(), &response);
   }));
   return response;
 }
@@ -173,7 +172,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurface(
     const v1::RenderIsosurfaceRequest& request, absl::Duration timeout) {
   v1::RenderIsosurfaceResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return isosurface_->RenderIsosurface(context, request, &response);
+    return channel_->isosurface()->RenderIsosurface(context, request, &response);
   }));
   return response;
 }
@@ -185,7 +184,7 @@ absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStre
   v1::RenderIsosurfaceResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
     const std::unique_ptr<grpc::ClientReader<v1::RenderIsosurfaceStreamResponse>> reader =
-        isosurface_->RenderIsosurfaceStream(context, in_parts);
+        channel_->isosurface()->RenderIsosurfaceStream(context, in_parts);
     response.Clear();  // of a try before
     v1::RenderIsosurfaceStreamResponse message;
     while (reader->Read(&message)) {
@@ -200,7 +199,7 @@ absl::StatusOr<v1::PickSurfaceResponse> ServiceClient::PickSurface(
     const v1::PickSurfaceRequest& request, absl::Duration timeout) {
   v1::PickSurfaceResponse response;
   ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
-    return isosurface_->PickSurface(context, request, &response);
+    return channel_->isosurface()->PickSurface(context, request, &response);
   }));
   return response;
 }
@@ -212,7 +211,7 @@ absl::Status ServiceClient::ExportIsosurface(
   absl::Status visited = absl::OkStatus();
   const absl::Status called = Call(timeout, [&](grpc::ClientContext* context) {
     const std::unique_ptr<grpc::ClientReader<v1::ExportIsosurfaceResponse>> reader =
-        isosurface_->ExportIsosurface(context, request);
+        channel_->isosurface()->ExportIsosurface(context, request);
     v1::ExportIsosurfaceResponse chunk;
     bool has_chunks = false;
     bool is_silent = false;

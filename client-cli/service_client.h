@@ -1,4 +1,7 @@
 // Isoscope's public services as blocking calls: the same over the network and in-process.
+//
+// This header declares messages and gRPC without their headers, which take long to compile. Who
+// uses a message includes the message's header.
 
 #ifndef ISOSCOPE_CLIENT_CLI_SERVICE_CLIENT_H_
 #define ISOSCOPE_CLIENT_CLI_SERVICE_CLIENT_H_
@@ -6,22 +9,39 @@
 #include <memory>
 #include <string>
 
-#include "absl/base/thread_annotations.h"
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include <grpcpp/channel.h>
-#include <grpcpp/client_context.h>
 
-#include "core/base/mutex.h"
 #include "core/cli/interrupt.h"
-#include "isoscope/v1/cluster_service.grpc.pb.h"
-#include "isoscope/v1/dataset_service.grpc.pb.h"
-#include "isoscope/v1/interact_service.grpc.pb.h"
-#include "isoscope/v1/isosurface_service.grpc.pb.h"
+
+namespace grpc {
+class Channel;
+class ClientContext;
+class Status;
+}  // namespace grpc
+
+namespace isoscope::v1 {
+class Dataset;
+class ExportIsosurfaceRequest;
+class ExportIsosurfaceResponse;
+class GetCapabilitiesResponse;
+class GetClusterStatusResponse;
+class GetHistogramRequest;
+class GetHistogramResponse;
+class InteractRequest;
+class InteractResponse;
+class ListDatasetsResponse;
+class PickSurfaceRequest;
+class PickSurfaceResponse;
+class RenderIsosurfaceRequest;
+class RenderIsosurfaceResponse;
+}  // namespace isoscope::v1
 
 namespace isoscope::cli {
+
+class CoordinatorChannel;
 
 // The time of a question that servers answer from memory or in one pass over the ranges of blocks.
 // They take a minute at most.
@@ -35,26 +55,17 @@ inline constexpr absl::Duration kAnswerTimeout = absl::Hours(1);
 // One thread reads, any thread writes.
 class InteractStream {
  public:
-  InteractStream(const std::shared_ptr<grpc::Channel>& channel, const std::string& token);
   // Cancels a stream that has not ended.
-  ~InteractStream();
+  virtual ~InteractStream() = default;
 
   // Returns false once the stream has ended.
-  bool Write(const isoscope::v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(write_mutex_);
-  bool Read(isoscope::v1::InteractResponse* response) { return stream_->Read(response); }
-  void Cancel() { context_.TryCancel(); }
+  virtual bool Write(const isoscope::v1::InteractRequest& request) = 0;
+  virtual bool Read(isoscope::v1::InteractResponse* response) = 0;
+  virtual void Cancel() = 0;
   // Says that nothing more will be written. Read then returns false soon.
-  void CloseWrites() ABSL_LOCKS_EXCLUDED(write_mutex_);
+  virtual void CloseWrites() = 0;
   // Returns the status of the service. REQUIRES: Read has returned false.
-  absl::Status Finish();
-
- private:
-  const std::unique_ptr<isoscope::v1::InteractService::Stub> stub_;
-  grpc::ClientContext context_;
-  std::unique_ptr<
-      grpc::ClientReaderWriter<isoscope::v1::InteractRequest, isoscope::v1::InteractResponse>>
-      stream_;
-  base::Mutex write_mutex_;
+  virtual absl::Status Finish() = 0;
 };
 
 // Every call is part of the trace that the environment variable TRACEPARENT names (W3C Trace
@@ -68,6 +79,7 @@ class ServiceClient {
   // `token`: goes with each call; empty: none.
   ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address, Interrupt* interrupt,
                 std::string token);
+  ~ServiceClient();
 
   // Errors of the service; UNAVAILABLE says how to start a server if none is there.
   absl::StatusOr<isoscope::v1::Dataset> GetDataset(const std::string& name, absl::Duration timeout);
@@ -85,10 +97,8 @@ class ServiceClient {
   absl::StatusOr<isoscope::v1::PickSurfaceResponse> PickSurface(
       const isoscope::v1::PickSurfaceRequest& request, absl::Duration timeout);
 
-  // Opens a stream.
-  [[nodiscard]] std::unique_ptr<InteractStream> Interact() const {
-    return std::make_unique<InteractStream>(channel_, token_);
-  }
+  // Opens a stream. The client outlives it.
+  [[nodiscard]] std::unique_ptr<InteractStream> Interact() const;
 
   // Calls `visit` for every chunk, in order; an error of it ends the call and is returned. A mesh
   // may take any time, and `timeout` be infinite, as long as chunks come: DEADLINE_EXCEEDED too if
@@ -105,13 +115,8 @@ class ServiceClient {
   absl::Status Call(absl::Duration timeout,
                     absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;
 
-  const std::shared_ptr<grpc::Channel> channel_;
-  const std::string address_;
+  const std::unique_ptr<CoordinatorChannel> channel_;
   Interrupt* const interrupt_;
-  const std::string token_;
-  const std::unique_ptr<isoscope::v1::IsosurfaceService::Stub> isosurface_;
-  const std::unique_ptr<isoscope::v1::DatasetService::Stub> dataset_;
-  const std::unique_ptr<isoscope::v1::ClusterService::Stub> cluster_;
 };
 
 }  // namespace isoscope::cli

@@ -14,6 +14,7 @@
 #include "client-cli/parse_value.h"
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
+#include "core/cli/format.h"
 #include "core/cli/usage.h"
 
 namespace isoscope::cli {

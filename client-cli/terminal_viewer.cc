@@ -41,6 +41,8 @@
 #include "core/base/status_macros.h"
 #include "core/image/jpeg_codec.h"
 #include "core/rpc/proto_convert.h"
+#include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

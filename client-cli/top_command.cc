@@ -35,6 +35,7 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "isoscope/v1/cluster_service.pb.h"
 
 namespace isoscope::cli {
 namespace {

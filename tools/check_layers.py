@@ -56,7 +56,7 @@ GRPC_FILES = re.compile(
     r"(core/rpc|proto)/.*"
     r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
     r"|server/(agent_client|agent_prober|agent_queries|dataset_catalog|frame_call|frame_runner|interact_frame|render_statistics)\.(h|cc)"
-    r"|client-cli/(service_client|embedded_cluster)\.(h|cc)"
+    r"|client-cli/(coordinator_channel|service_client|embedded_cluster)\.(h|cc)"
     r"|web-gateway/(coordinator_client|interact_stream|gateway_server)\.(h|cc)"
 )
 # Who may name protobuf's headers and generated messages (*.pb.h).

@@ -33,6 +33,9 @@
 #include "client-cli/mesh_writer.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
 #include "web-gateway/etag.h"
 #include "web-gateway/json.h"
 #include "web-gateway/render_query.h"
@@ -511,7 +514,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     mesh_path_ = folder + "/mesh.glb";
     const cli::MeshFileOptions file{
         .path = mesh_path_, .format = cli::MeshFormat::kGlb, .surfaces = query.surfaces};
-    ISOSCOPE_RETURN_IF_ERROR(cli::CheckUsage(file));
+    ISOSCOPE_RETURN_IF_ERROR(cli::Validate(file));
     decoder_.emplace(static_cast<int>(query.surfaces.size()));
     absl::StatusOr<std::unique_ptr<cli::MeshWriter>> writer = cli::MeshWriter::Create(file);
     if (!writer.ok()) {

@@ -4,17 +4,14 @@
 
 #include "web-gateway/coordinator_client.h"
 
-#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
-#include <grpcpp/client_context.h>
 #include <grpcpp/support/client_callback.h>
 
+#include "client-cli/coordinator_channel.h"
 #include "core/rpc/grpc_status.h"
-#include "core/rpc/peer.h"
-#include "core/rpc/request_context.h"
 #include "core/rpc/response_splitter.h"
 
 namespace isoscope::gateway {
@@ -30,14 +27,13 @@ constexpr absl::Duration kHistogramDuration = absl::Seconds(60);
 class CallBase {
  public:
   CallBase(CoordinatorClient* client, CallOptions call, absl::Duration duration)
-      : client_(client), scope_(std::move(call.scope)) {
+      : client_(client),
+        scope_(std::move(call.scope)),
+        context_(client->channel(), {.token = std::move(call.token),
+                                     .deadline = absl::Now() + duration,
+                                     .identity = scope_ == nullptr ? nullptr : &scope_->identity(),
+                                     .cancellation = scope_.get()}) {
     client_->calls()->Add();
-    client_->SendToken(call.token, &context_);
-    context_.set_deadline(absl::ToChronoTime(absl::Now() + duration));
-    if (scope_ != nullptr) {
-      rpc::SetTraceparent(scope_->identity(), &context_);
-      on_cancel_.emplace(*scope_, [this] { context_.TryCancel(); });
-    }
   }
   CallBase(const CallBase&) = delete;
   CallBase& operator=(const CallBase&) = delete;
@@ -45,9 +41,9 @@ class CallBase {
  protected:
   ~CallBase() = default;
 
-  grpc::ClientContext* context() { return &context_; }
+  grpc::ClientContext* context() { return context_.get(); }
   [[nodiscard]] absl::Status Explain(const grpc::Status& status) const {
-    return client_->Explain(rpc::ToAbslStatus(status));
+    return client_->channel().NameAddress(rpc::ToAbslStatus(status));
   }
   // Deletes the call; last use of `call`.
   template <typename Call>
@@ -60,8 +56,7 @@ class CallBase {
  private:
   CoordinatorClient* const client_;
   const std::shared_ptr<RequestScope> scope_;
-  grpc::ClientContext context_;
-  std::optional<base::Cancellation::Callback> on_cancel_;  // ends before the context
+  cli::CallContext context_;
 };
 
 template <typename Request, typename Response>
@@ -179,57 +174,44 @@ void CallCounter::AwaitNone() {
 }
 
 CoordinatorClient::CoordinatorClient(CoordinatorClientOptions options)
-    : options_(std::move(options)),
-      isosurface_(v1::IsosurfaceService::NewStub(options_.channel)),
-      dataset_(v1::DatasetService::NewStub(options_.channel)),
-      cluster_(v1::ClusterService::NewStub(options_.channel)),
-      interact_(v1::InteractService::NewStub(options_.channel)) {}
+    : channel_(std::make_unique<const cli::CoordinatorChannel>(
+          std::move(options.channel), std::move(options.address), std::move(options.token))),
+      max_duration_(options.max_duration),
+      max_picture_bytes_(options.max_picture_bytes) {}
 
 CoordinatorClient::~CoordinatorClient() { calls_.AwaitNone(); }
-
-void CoordinatorClient::SendToken(const std::string& user_token,
-                                  grpc::ClientContext* context) const {
-  rpc::SendToken(user_token.empty() ? options_.token : user_token, context);
-}
-
-absl::Status CoordinatorClient::Explain(const absl::Status& status) const {
-  if (absl::IsUnavailable(status) && !options_.address.empty() &&
-      options_.channel->GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_READY) {
-    return absl::UnavailableError(
-        absl::StrCat("no coordinator answers at ", options_.address, " (", status.message(), ")"));
-  }
-  return status;
-}
 
 void CoordinatorClient::GetCapabilities(CallOptions call_options,
                                         Done<v1::GetCapabilitiesResponse> done) {
   CallUnary(this, std::move(call_options), kQuickDuration, v1::GetCapabilitiesRequest(),
-            std::move(done), cluster_->async(), &v1::ClusterService::Stub::async::GetCapabilities);
+            std::move(done), channel_->cluster()->async(),
+            &v1::ClusterService::Stub::async::GetCapabilities);
 }
 
 void CoordinatorClient::GetClusterStatus(CallOptions call_options,
                                          Done<v1::GetClusterStatusResponse> done) {
   CallUnary(this, std::move(call_options), kQuickDuration, v1::GetClusterStatusRequest(),
-            std::move(done), cluster_->async(), &v1::ClusterService::Stub::async::GetClusterStatus);
+            std::move(done), channel_->cluster()->async(),
+            &v1::ClusterService::Stub::async::GetClusterStatus);
 }
 
 void CoordinatorClient::ListDatasets(CallOptions call_options,
                                      Done<v1::ListDatasetsResponse> done) {
   CallUnary(this, std::move(call_options), kQuickDuration, v1::ListDatasetsRequest(),
-            std::move(done), dataset_->async(), &v1::DatasetService::Stub::async::ListDatasets);
+            std::move(done), channel_->dataset()->async(),
+            &v1::DatasetService::Stub::async::ListDatasets);
 }
 
 void CoordinatorClient::GetHistogram(v1::GetHistogramRequest request, CallOptions call_options,
                                      Done<v1::GetHistogramResponse> done) {
   CallUnary(this, std::move(call_options), kHistogramDuration, std::move(request), std::move(done),
-            dataset_->async(), &v1::DatasetService::Stub::async::GetHistogram);
+            channel_->dataset()->async(), &v1::DatasetService::Stub::async::GetHistogram);
 }
 
 void CoordinatorClient::PickSurface(v1::PickSurfaceRequest request, CallOptions call_options,
                                     Done<v1::PickSurfaceResponse> done) {
-  CallUnary(this, std::move(call_options), options_.max_duration, std::move(request),
-            std::move(done), isosurface_->async(),
-            &v1::IsosurfaceService::Stub::async::PickSurface);
+  CallUnary(this, std::move(call_options), max_duration_, std::move(request), std::move(done),
+            channel_->isosurface()->async(), &v1::IsosurfaceService::Stub::async::PickSurface);
 }
 
 void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions call_options,
@@ -241,7 +223,7 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
     std::size_t bytes = 0;
   };
   const auto whole = std::make_shared<Whole>();
-  const auto append = [whole, limit = options_.max_picture_bytes](
+  const auto append = [whole, limit = max_picture_bytes_](
                           v1::RenderIsosurfaceStreamResponse* message) -> absl::Status {
     whole->bytes += message->ByteSizeLong();
     if (whole->bytes > limit) {
@@ -255,7 +237,7 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
   };
   auto* const call =
       new ReadCall<v1::RenderIsosurfaceStreamRequest, v1::RenderIsosurfaceStreamResponse>(
-          this, std::move(call_options), options_.max_duration, std::move(in_parts), append,
+          this, std::move(call_options), max_duration_, std::move(in_parts), append,
           [whole, done = std::move(done)](const absl::Status& status) {
             if (status.ok()) {
               done(std::move(whole->response));
@@ -265,7 +247,7 @@ void CoordinatorClient::Render(v1::RenderIsosurfaceRequest request, CallOptions 
           });
   call->Start([this](grpc::ClientContext* context, const v1::RenderIsosurfaceStreamRequest* sent,
                      grpc::ClientReadReactor<v1::RenderIsosurfaceStreamResponse>* reactor) {
-    isosurface_->async()->RenderIsosurfaceStream(context, sent, reactor);
+    channel_->isosurface()->async()->RenderIsosurfaceStream(context, sent, reactor);
   });
 }
 
@@ -274,12 +256,12 @@ void CoordinatorClient::Export(
     std::function<absl::Status(const v1::ExportIsosurfaceResponse&)> visit,
     std::function<void(absl::Status)> done) {
   auto* const call = new ReadCall<v1::ExportIsosurfaceRequest, v1::ExportIsosurfaceResponse>(
-      this, std::move(call_options), options_.max_duration, std::move(request),
+      this, std::move(call_options), max_duration_, std::move(request),
       [visit = std::move(visit)](v1::ExportIsosurfaceResponse* chunk) { return visit(*chunk); },
       std::move(done));
   call->Start([this](grpc::ClientContext* context, const v1::ExportIsosurfaceRequest* sent,
                      grpc::ClientReadReactor<v1::ExportIsosurfaceResponse>* reactor) {
-    isosurface_->async()->ExportIsosurface(context, sent, reactor);
+    channel_->isosurface()->async()->ExportIsosurface(context, sent, reactor);
   });
 }
 

@@ -1,5 +1,6 @@
 // The coordinator's public services as calls that never block: a function is called when the answer
-// is there, on a thread of gRPC.
+// is there, on a thread of gRPC. This names messages without their headers, as
+// client-cli/service_client.h does.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
 #define ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
@@ -12,15 +13,31 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include <grpcpp/channel.h>
-#include <grpcpp/client_context.h>
 
 #include "core/base/mutex.h"
-#include "isoscope/v1/cluster_service.grpc.pb.h"
-#include "isoscope/v1/dataset_service.grpc.pb.h"
-#include "isoscope/v1/interact_service.grpc.pb.h"
-#include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "web-gateway/request_scope.h"
+
+namespace grpc {
+class Channel;
+}  // namespace grpc
+
+namespace isoscope::v1 {
+class ExportIsosurfaceRequest;
+class ExportIsosurfaceResponse;
+class GetCapabilitiesResponse;
+class GetClusterStatusResponse;
+class GetHistogramRequest;
+class GetHistogramResponse;
+class ListDatasetsResponse;
+class PickSurfaceRequest;
+class PickSurfaceResponse;
+class RenderIsosurfaceRequest;
+class RenderIsosurfaceResponse;
+}  // namespace isoscope::v1
+
+namespace isoscope::cli {
+class CoordinatorChannel;
+}  // namespace isoscope::cli
 
 namespace isoscope::gateway {
 
@@ -81,22 +98,17 @@ class CoordinatorClient {
               std::function<absl::Status(const isoscope::v1::ExportIsosurfaceResponse&)> visit,
               std::function<void(absl::Status)> done);
 
-  // For InteractStream.
-  isoscope::v1::InteractService::Stub* interact() { return interact_.get(); }
-  CallCounter* calls() { return &calls_; }
   // Waits until all calls have ended.
   void AwaitCalls() { calls_.AwaitNone(); }
-  // Gives a call its token: the user's, or the client's own.
-  void SendToken(const std::string& user_token, grpc::ClientContext* context) const;
-  // The error of a call, with the address where nobody answers.
-  [[nodiscard]] absl::Status Explain(const absl::Status& status) const;
+
+  // For calls.
+  [[nodiscard]] const cli::CoordinatorChannel& channel() const { return *channel_; }
+  CallCounter* calls() { return &calls_; }
 
  private:
-  const CoordinatorClientOptions options_;
-  const std::unique_ptr<isoscope::v1::IsosurfaceService::Stub> isosurface_;
-  const std::unique_ptr<isoscope::v1::DatasetService::Stub> dataset_;
-  const std::unique_ptr<isoscope::v1::ClusterService::Stub> cluster_;
-  const std::unique_ptr<isoscope::v1::InteractService::Stub> interact_;
+  const std::unique_ptr<const cli::CoordinatorChannel> channel_;
+  const absl::Duration max_duration_;
+  const std::size_t max_picture_bytes_;
   CallCounter calls_;
 };
 

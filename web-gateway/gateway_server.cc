@@ -1,4 +1,4 @@
-// Owns the threads, the listening socket and all parts. The order of the end matters: connections
+// Owns the listener and all parts. The order of the end matters: connections
 // first, then calls to the coordinator, whose callbacks still post to the threads, then the
 // threads.
 
@@ -7,8 +7,6 @@
 #include <unistd.h>
 
 #include <array>
-#include <chrono>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -16,31 +14,20 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
-#include <boost/asio/executor_work_guard.hpp>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/post.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/asio/strand.hpp>
 
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/host_port.h"
 #include "web-gateway/http_session.h"
+#include "web-gateway/peer_stream.h"
 #include "web-gateway/tls_context.h"
 #include "web-gateway/url.h"
 
 namespace isoscope::gateway {
 namespace {
 
-namespace asio = boost::asio;
-using asio::ip::tcp;
-using boost::system::error_code;
-
 // How long connections may take to close once they are told to.
 constexpr absl::Duration kCloseGrace = absl::Seconds(5);
-// After an error of accept, such as too many open files.
-constexpr std::chrono::milliseconds kAcceptPause{100};
 
 constexpr absl::string_view kTooManyConnections =
     "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\n"
@@ -67,65 +54,32 @@ class GatewayServerImpl final : public GatewayServer {
               .is_private = parts_.access.asks_token(),
               .passes_tokens = !parts_.access.has_token()},
              &client_),
-        work_(asio::make_work_guard(io_)),
-        acceptor_(asio::make_strand(io_)),
-        accept_timer_(acceptor_.get_executor()) {}
+        listener_(PeerListener::Make()) {}
   ~GatewayServerImpl() override {
     Shutdown(absl::ZeroDuration());
     client_.AwaitCalls();
-    work_.reset();
-    io_.stop();
-    for (std::thread& thread : threads_) {
-      thread.join();
-    }
   }
 
   absl::Status Listen(const GatewayOptions& options) {
+    std::unique_ptr<TlsContext> tls;
     if (!options.certificate_file.empty()) {
-      ISOSCOPE_ASSIGN_OR_RETURN(tls_, TlsContext::Make(options.certificate_file, options.key_file));
+      ISOSCOPE_ASSIGN_OR_RETURN(tls, TlsContext::Make(options.certificate_file, options.key_file));
     }
     // The resolver would take 99999 for another port.
     ISOSCOPE_ASSIGN_OR_RETURN(const std::string address,
                               rpc::ParseHostPort(options.listen_address));
     const std::size_t colon = address.rfind(':');
-    const auto failed = [&](absl::string_view step, const error_code& error) {
-      return absl::UnavailableError(
-          absl::StrCat("can't listen on \"", address, "\": ", step, ": ", error.message()));
-    };
     std::string host = address.substr(0, colon);
     if (host.size() > 2 && host.front() == '[') {
       host = host.substr(1, host.size() - 2);
     }
-    error_code error;
-    tcp::resolver resolver(io_);
-    const auto found =
-        resolver.resolve(host, address.substr(colon + 1), tcp::resolver::passive, error);
-    if (error || found.empty()) {
-      return failed("the name is not known", error);
-    }
-    const tcp::endpoint endpoint = found.begin()->endpoint();
-    acceptor_.open(endpoint.protocol(), error);
-    if (!error) {
-      acceptor_.set_option(asio::socket_base::reuse_address(true), error);
-    }
-    if (!error) {
-      acceptor_.bind(endpoint, error);
-    }
-    if (!error) {
-      acceptor_.listen(asio::socket_base::max_listen_connections, error);
-    }
-    if (error) {
-      return failed("it is in use, or not an address of this machine", error);
-    }
-    port_ = acceptor_.local_endpoint().port();
-    asio::post(acceptor_.get_executor(), [this] { Accept(); });
-    for (int i = 0; i < options.thread_count; ++i) {
-      threads_.emplace_back([this] { io_.run(); });
-    }
-    return absl::OkStatus();
+    has_tls_ = tls != nullptr;
+    return listener_->Listen(host, address.substr(colon + 1), address, std::move(tls),
+                             options.thread_count,
+                             [this](const std::shared_ptr<PeerStream>& stream) { Serve(stream); });
   }
 
-  [[nodiscard]] int port() const override { return port_; }
+  [[nodiscard]] int port() const override { return listener_->port(); }
 
   std::vector<base::MetricFamily> CollectMetrics() override {
     return metrics_.Collect({.connections = connections_.count(),
@@ -135,11 +89,7 @@ class GatewayServerImpl final : public GatewayServer {
   }
 
   void Shutdown(absl::Duration grace) override {
-    asio::post(acceptor_.get_executor(), [this] {
-      error_code ignored;
-      acceptor_.close(ignored);
-      accept_timer_.cancel();
-    });
+    listener_->Close();
     connections_.Close(/*at_once=*/false);
     if (!connections_.AwaitNone(absl::Now() + grace)) {
       connections_.Close(/*at_once=*/true);
@@ -154,43 +104,16 @@ class GatewayServerImpl final : public GatewayServer {
     return access;
   }
 
-  void Accept() {
-    acceptor_.async_accept(asio::make_strand(io_), [this](error_code error, tcp::socket socket) {
-      if (!acceptor_.is_open()) {
-        return;
-      }
-      if (error) {
-        base::LogWarning("accept_failed", {{"error", error.message()}});
-        accept_timer_.expires_after(kAcceptPause);
-        accept_timer_.async_wait([this](error_code waited) {
-          if (!waited && acceptor_.is_open()) {
-            Accept();
-          }
-        });
-        return;
-      }
-      Take(std::move(socket));
-      Accept();
-    });
-  }
-
-  void Take(tcp::socket socket) {
-    error_code ignored;
-    socket.set_option(tcp::no_delay(true), ignored);
+  void Serve(const std::shared_ptr<PeerStream>& stream) {
     std::shared_ptr<Connections::Lease> lease = connections_.TryAdd();
     if (lease != nullptr) {
-      ServeHttp(PeerStream(std::move(socket), tls_ == nullptr ? nullptr : tls_->Get(absl::Now())),
-                &parts_, std::move(lease));
+      ServeHttp(stream, &parts_, std::move(lease));
       return;
     }
     metrics_.refused.Add();
-    if (tls_ != nullptr) {
-      return;  // an answer would cost a handshake
+    if (!has_tls_) {  // an answer would cost a handshake
+      stream->Refuse(kTooManyConnections);
     }
-    // The buffer of a new socket has room for this.
-    socket.non_blocking(true, ignored);
-    socket.send(asio::buffer(kTooManyConnections.data(), kTooManyConnections.size()), 0, ignored);
-    socket.shutdown(tcp::socket::shutdown_both, ignored);
   }
 
   GatewayMetrics metrics_;
@@ -198,13 +121,8 @@ class GatewayServerImpl final : public GatewayServer {
   CoordinatorClient client_;
   GatewayParts parts_;
   Api api_;
-  std::unique_ptr<TlsContext> tls_;  // null: http. Used on the acceptor's strand
-  asio::io_context io_;
-  asio::executor_work_guard<asio::io_context::executor_type> work_;
-  tcp::acceptor acceptor_;
-  asio::steady_timer accept_timer_;
-  int port_ = 0;
-  std::vector<std::thread> threads_;
+  bool has_tls_ = false;
+  std::unique_ptr<PeerListener> listener_;  // ends first: its threads use the parts
 };
 
 }  // namespace

@@ -6,13 +6,17 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include <grpcpp/channel.h>
 
 #include "core/base/metrics.h"
 #include "web-gateway/access.h"
+
+namespace grpc {
+class Channel;
+}  // namespace grpc
 
 namespace isoscope::gateway {
 

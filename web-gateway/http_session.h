@@ -1,14 +1,10 @@
-// The connections of a gateway, on Boost.Beast. Only this room's sources include this.
+// The connections of a gateway. Only this room's sources include this.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_HTTP_SESSION_H_
 #define ISOSCOPE_WEB_GATEWAY_HTTP_SESSION_H_
 
 #include <memory>
 #include <string>
-
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/http/message.hpp>
-#include <boost/beast/http/string_body.hpp>
 
 #include "core/base/trace_context.h"
 #include "web-gateway/access.h"
@@ -30,13 +26,13 @@ struct GatewayParts {
   GatewayMetrics* metrics = nullptr;
 };
 
-// Serves a connection until its end. `stream` has a strand of its own.
-void ServeHttp(PeerStream stream, GatewayParts* parts, std::shared_ptr<Connections::Lease> lease);
+// Serves a connection until its end.
+void ServeHttp(std::shared_ptr<PeerStream> stream, GatewayParts* parts,
+               std::shared_ptr<Connections::Lease> lease);
 
-// Serves a WebSocket of /v1/interact. `upgrade`: the request that asks for it, checked. `token`:
-// the user's, for the coordinator; empty: none.
-void ServeWebSocket(PeerStream stream, std::string token,
-                    boost::beast::http::request<boost::beast::http::string_body> upgrade,
+// Serves a WebSocket of /v1/interact on the strand of `stream`, whose request asks for it and was
+// checked. `token`: the user's, for the coordinator; empty: none.
+void ServeWebSocket(std::shared_ptr<PeerStream> stream, std::string token,
                     const base::TraceContext& identity, GatewayParts* parts,
                     std::shared_ptr<Connections::Lease> lease);
 

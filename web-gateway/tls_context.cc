@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+#include <boost/asio/ssl/context.hpp>
 #include <sys/stat.h>
 
 #include "core/base/log.h"

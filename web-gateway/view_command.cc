@@ -33,6 +33,8 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/rpc/transport.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
 #include "web-gateway/gateway_server.h"
 #include "web-gateway/redirect_file.h"
 #include "web-gateway/url.h"

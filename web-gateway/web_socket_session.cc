@@ -11,21 +11,18 @@
 // Everything runs on the connection's strand, but for the stream's callbacks, which post to it. The
 // stream holds the session until it ends; the session drops the stream when it ends.
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
-#include <boost/asio/buffer.hpp>
-#include <boost/asio/dispatch.hpp>
-#include <boost/asio/post.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/websocket/stream.hpp>
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 
 #include "core/base/log.h"
+#include "isoscope/v1/interact_service.pb.h"
 #include "web-gateway/frame_message.h"
 #include "web-gateway/http_session.h"
 #include "web-gateway/interact_stream.h"
@@ -33,17 +30,16 @@
 namespace isoscope::gateway {
 namespace {
 
-namespace beast = boost::beast;
-namespace http = beast::http;
-namespace websocket = beast::websocket;
 namespace v1 = isoscope::v1;
-using boost::system::error_code;
 
-constexpr std::chrono::seconds kHandshakeTimeout{10};
+constexpr absl::Duration kHandshakeTimeout = absl::Seconds(10);
 // In which a viewer must answer a close.
-constexpr std::chrono::seconds kCloseTimeout{2};
-// What a close frame has room for, by RFC 6455.
-constexpr std::size_t kMaxReasonBytes = 123;
+constexpr absl::Duration kCloseTimeout = absl::Seconds(2);
+
+// Codes of a close, by RFC 6455.
+constexpr std::uint16_t kGoingAway = 1001;
+constexpr std::uint16_t kPolicyError = 1008;
+constexpr std::uint16_t kInternalError = 1011;
 
 // Cuts UTF-8 to a length without cutting a character.
 absl::string_view CutText(absl::string_view text, std::size_t max_bytes) {
@@ -59,42 +55,32 @@ absl::string_view CutText(absl::string_view text, std::size_t max_bytes) {
 
 class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
  public:
-  WebSocketSession(PeerStream stream, std::string token, base::TraceContext identity,
-                   GatewayParts* parts, std::shared_ptr<Connections::Lease> lease)
+  WebSocketSession(std::shared_ptr<PeerStream> socket, std::string token,
+                   base::TraceContext identity, GatewayParts* parts,
+                   std::shared_ptr<Connections::Lease> lease)
       : parts_(parts),
         token_(std::move(token)),
         identity_(std::move(identity)),
         lease_(std::move(lease)),
-        socket_(std::move(stream)),
-        timer_(socket_.get_executor()) {}
+        socket_(std::move(socket)) {}
 
-  void Run(const http::request<http::string_body>& upgrade) {
+  void Run() {
     lease_->SetCloser([weak = weak_from_this()](bool at_once) {
       if (const std::shared_ptr<WebSocketSession> session = weak.lock()) {
-        boost::asio::post(session->socket_.get_executor(),
-                          [session, at_once] { session->End(at_once); });
+        session->socket_->Post([session, at_once] { session->End(at_once); });
       }
     });
-    beast::get_lowest_layer(socket_).expires_never();
-    socket_.set_option(websocket::stream_base::timeout{
-        .handshake_timeout = kHandshakeTimeout,
-        .idle_timeout = absl::ToChronoMilliseconds(parts_->limits.idle_timeout),
-        .keep_alive_pings = true});
-    socket_.read_message_max(kMaxRequestBytes);
-    socket_.auto_fragment(false);
-    socket_.binary(true);
-    const auto offered = upgrade[http::field::sec_websocket_protocol];
-    if (OffersInteractProtocol(absl::string_view(offered.data(), offered.size()))) {
-      socket_.set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
-        response.set(http::field::sec_websocket_protocol,
-                     boost::string_view(kInteractProtocol.data(), kInteractProtocol.size()));
-      }));
+    WebSocketOptions options{.handshake_timeout = kHandshakeTimeout,
+                             .idle_timeout = parts_->limits.idle_timeout,
+                             .max_message_bytes = kMaxRequestBytes};
+    if (OffersInteractProtocol(socket_->request()->Field("Sec-WebSocket-Protocol"))) {
+      options.protocol = std::string(kInteractProtocol);
     }
-    socket_.async_accept(upgrade, [self = shared_from_this()](error_code error) {
-      if (error) {
-        self->Finish();
-      } else {
+    socket_->AcceptWebSocket(options, [self = shared_from_this()](bool is_ok) {
+      if (is_ok) {
         self->OnAccept();
+      } else {
+        self->Finish();
       }
     });
   }
@@ -109,48 +95,40 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
         [self = shared_from_this()](v1::InteractResponse response) {
           const std::int64_t number = response.frame_number();
           FrameSlot::Frame frame{.frame_number = number, .bytes = EncodeFrame(std::move(response))};
-          boost::asio::post(
-              self->socket_.get_executor(),
+          self->socket_->Post(
               [self, frame = std::move(frame)]() mutable { self->Offer(std::move(frame)); });
         },
         [self = shared_from_this()](const absl::Status& status) {
-          boost::asio::post(self->socket_.get_executor(),
-                            [self, status] { self->OnStreamEnd(status); });
+          self->socket_->Post([self, status] { self->OnStreamEnd(status); });
         });
     Read();
   }
 
   void Read() {
-    socket_.async_read(incoming_, [self = shared_from_this()](error_code error, std::size_t) {
-      self->OnRead(error);
-    });
+    socket_->ReadMessage([self = shared_from_this()](bool is_ok) { self->OnRead(is_ok); });
   }
 
-  void OnRead(error_code error) {
-    if (error) {
+  void OnRead(bool is_ok) {
+    if (!is_ok) {
       Finish();  // also the end of a close
       return;
     }
     if (!is_closing_) {
       TakeMessage();
     }
-    incoming_.clear();
     Read();
   }
 
   void TakeMessage() {
-    if (!socket_.got_text()) {
-      Close(websocket::close_code::policy_error,
-            "the message is binary: this takes InteractRequest as JSON text");
+    if (!socket_->is_text()) {
+      Close(kPolicyError, "the message is binary: this takes InteractRequest as JSON text");
       return;
     }
-    const auto bytes = incoming_.cdata();
-    absl::StatusOr<v1::InteractRequest> request = DecodeInteractRequest(
-        absl::string_view(static_cast<const char*>(bytes.data()), bytes.size()));
+    absl::StatusOr<v1::InteractRequest> request = DecodeInteractRequest(socket_->message());
     if (request.ok()) {
       stream_->Send(*std::move(request));
     } else {
-      Close(websocket::close_code::policy_error, request.status().message());
+      Close(kPolicyError, request.status().message());
     }
   }
 
@@ -176,45 +154,38 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       return;
     }
     is_writing_ = true;
-    outgoing_ = std::move(frame->bytes);
-    DropAfter(std::chrono::milliseconds(absl::ToInt64Milliseconds(parts_->limits.write_timeout)));
-    socket_.async_write(
-        boost::asio::buffer(outgoing_),
-        [self = shared_from_this()](error_code error, std::size_t) { self->OnWrite(error); });
+    DropAfter(parts_->limits.write_timeout);
+    socket_->WriteMessage(std::move(frame->bytes),
+                          [self = shared_from_this()](bool is_ok) { self->OnWrite(is_ok); });
   }
 
-  void OnWrite(error_code error) {
+  void OnWrite(bool is_ok) {
     is_writing_ = false;
-    if (error) {
+    if (!is_ok) {
       Finish();
       return;
     }
     ++sent_count_;
     parts_->metrics->sent_frames.Add();
     if (!is_closing_) {
-      timer_.cancel();
+      socket_->CancelTimer();
       WriteNext();
     }
   }
 
   // Drops the connection if the timer is not set anew, or cancelled, before.
-  void DropAfter(std::chrono::milliseconds timeout) {
-    timer_.expires_after(timeout);
-    timer_.async_wait([self = shared_from_this()](error_code error) {
-      if (!error) {
-        self->Finish();
-      }
-    });
+  void DropAfter(absl::Duration timeout) {
+    socket_->SetTimer(timeout, [self = shared_from_this()] { self->Finish(); });
   }
 
   void OnStreamEnd(const absl::Status& status) {
     if (status.ok()) {
-      Close(websocket::close_code::internal_error, "the coordinator has ended the stream");
+      Close(kInternalError, "the coordinator has ended the stream");
     } else if (absl::IsInvalidArgument(status) || absl::IsUnauthenticated(status) ||
                absl::IsPermissionDenied(status)) {
-      Close(websocket::close_code::policy_error, status.message());
+      Close(kPolicyError, status.message());
     } else {
-      Close(websocket::close_code::internal_error, status.message());
+      Close(kInternalError, status.message());
     }
   }
 
@@ -223,16 +194,16 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
     if (at_once || !is_open_) {
       Finish();
     } else {
-      Close(websocket::close_code::going_away, "the gateway shuts down");
+      Close(kGoingAway, "the gateway shuts down");
     }
   }
 
-  void Close(websocket::close_code code, absl::string_view reason) {
+  void Close(std::uint16_t code, absl::string_view reason) {
     if (is_closing_) {
       return;
     }
     is_closing_ = true;
-    const absl::string_view cut = CutText(reason, kMaxReasonBytes);
+    const absl::string_view cut = CutText(reason, PeerStream::kMaxReasonBytes);
     base::LogInfo("viewer_closed", {{"request", identity_.request_id()},
                                     {"code", static_cast<int>(code)},
                                     {"reason", reason}});
@@ -240,15 +211,14 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
       stream_->Cancel();
     }
     DropAfter(kCloseTimeout);
-    socket_.async_close(websocket::close_reason(code, boost::string_view(cut.data(), cut.size())),
-                        [self = shared_from_this()](error_code) { self->Finish(); });
+    socket_->CloseWebSocket(code, cut, [self = shared_from_this()] { self->Finish(); });
   }
 
   // Ends everything; harmless when called again.
   void Finish() {
     is_closing_ = true;
-    timer_.cancel();
-    beast::get_lowest_layer(socket_).close();
+    socket_->CancelTimer();
+    socket_->CloseSocket();
     if (stream_ != nullptr) {
       stream_->Cancel();
       stream_ = nullptr;
@@ -266,12 +236,9 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
   const std::string token_;
   const base::TraceContext identity_;
   std::shared_ptr<Connections::Lease> lease_;
-  websocket::stream<PeerStream> socket_;
-  boost::asio::steady_timer timer_;  // of the write, or of the close
+  const std::shared_ptr<PeerStream> socket_;  // its timer: of the write, or of the close
   std::shared_ptr<InteractStream> stream_;
-  beast::flat_buffer incoming_;
   FrameSlot slot_;
-  std::string outgoing_;
   std::int64_t sent_count_ = 0;
   std::int64_t replaced_count_ = 0;
   bool is_open_ = false;
@@ -281,13 +248,12 @@ class WebSocketSession : public std::enable_shared_from_this<WebSocketSession> {
 
 }  // namespace
 
-void ServeWebSocket(PeerStream stream, std::string token, http::request<http::string_body> upgrade,
+void ServeWebSocket(std::shared_ptr<PeerStream> stream, std::string token,
                     const base::TraceContext& identity, GatewayParts* parts,
                     std::shared_ptr<Connections::Lease> lease) {
-  const auto request = std::make_shared<http::request<http::string_body>>(std::move(upgrade));
-  const auto session = std::make_shared<WebSocketSession>(std::move(stream), std::move(token),
-                                                          identity, parts, std::move(lease));
-  session->Run(*request);
+  std::make_shared<WebSocketSession>(std::move(stream), std::move(token), identity, parts,
+                                     std::move(lease))
+      ->Run();
 }
 
 }  // namespace isoscope::gateway

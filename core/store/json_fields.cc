@@ -20,6 +20,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include <nlohmann/json.hpp>
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
@@ -207,9 +208,12 @@ const Json* JsonFields::ReadObject(const char* name) {
   return json;
 }
 
-absl::Status ParseJsonFile(absl::string_view text, absl::string_view where,
-                           absl::string_view format, std::int64_t newest_version, Json* json) {
-  *json = Json::parse(text.begin(), text.end(), /*cb=*/nullptr, /*allow_exceptions=*/false);
+absl::StatusOr<std::shared_ptr<const Json>> ParseJsonFile(absl::string_view text,
+                                                          absl::string_view where,
+                                                          absl::string_view format,
+                                                          std::int64_t newest_version) {
+  auto json = std::make_shared<const Json>(
+      Json::parse(text.begin(), text.end(), /*cb=*/nullptr, /*allow_exceptions=*/false));
   if (json->is_discarded()) {
     return absl::DataLossError(absl::StrCat(where, ": no valid JSON"));
   }
@@ -228,7 +232,7 @@ absl::Status ParseJsonFile(absl::string_view text, absl::string_view where,
         absl::StrFormat("%s: format version %d, this program reads up to %d; use a newer program",
                         where, version, newest_version));
   }
-  return absl::OkStatus();
+  return json;
 }
 
 }  // namespace isoscope::store

@@ -6,11 +6,13 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "nlohmann/json.hpp"
+#include <nlohmann/json_fwd.hpp>
 
 namespace isoscope::store {
 
@@ -61,9 +63,12 @@ class JsonFields {
 };
 
 // Parses sealed text whose seal was verified, and checks its members "format" and "format_version".
-// DATA_LOSS: no JSON object of that format. FAILED_PRECONDITION: of a newer version.
-absl::Status ParseJsonFile(absl::string_view text, absl::string_view where,
-                           absl::string_view format, std::int64_t newest_version, Json* json);
+// DATA_LOSS: no JSON object of that format. FAILED_PRECONDITION: of a newer version. A pointer,
+// because readers of members need not know the type.
+absl::StatusOr<std::shared_ptr<const Json>> ParseJsonFile(absl::string_view text,
+                                                          absl::string_view where,
+                                                          absl::string_view format,
+                                                          std::int64_t newest_version);
 
 }  // namespace isoscope::store
 

@@ -24,6 +24,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include <nlohmann/json.hpp>
 
 #include "core/base/check.h"
 #include "core/base/status_macros.h"
@@ -199,13 +200,13 @@ std::string EncodeManifest(const Manifest& manifest) {
 
 absl::StatusOr<Manifest> DecodeManifest(absl::string_view bytes, absl::string_view where) {
   ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, where).status());
-  Json json;
-  ISOSCOPE_RETURN_IF_ERROR(ParseJsonFile(bytes, where, kManifestFormat, kFormatVersion, &json));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Json> json,
+                            ParseJsonFile(bytes, where, kManifestFormat, kFormatVersion));
 
   Manifest manifest;
-  JsonFields fields(json, where);
+  JsonFields fields(*json, where);
   fields.Read("dataset_id", &manifest.dataset_id);
-  if (json.contains("samples_digest")) {
+  if (json->contains("samples_digest")) {
     fields.Read("samples_digest", &manifest.samples_digest);
   }
   fields.Read("name", &manifest.name);

@@ -196,9 +196,9 @@ absl::Status ShardReader::ReadShardFile(const OpenFile& open_file) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
                             ReadRequiredJson(path, kMaxShardFileBytes, open_file));
   ISOSCOPE_RETURN_IF_ERROR(VerifySeal(bytes, path).status());
-  Json json;
-  ISOSCOPE_RETURN_IF_ERROR(ParseJsonFile(bytes, path, kShardFormat, kFormatVersion, &json));
-  JsonFields fields(json, path);
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const Json> json,
+                            ParseJsonFile(bytes, path, kShardFormat, kFormatVersion));
+  JsonFields fields(*json, path);
   std::string dataset_id;
   fields.Read("dataset_id", &dataset_id);
   const auto manifest_shard_count = static_cast<std::int64_t>(manifest_.shards.size());

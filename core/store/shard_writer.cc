@@ -34,6 +34,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include <nlohmann/json.hpp>
 #include <openssl/evp.h>
 
 #include "core/base/check.h"

@@ -7,6 +7,7 @@
 #include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <nlohmann/json.hpp>
 
 #include "core/cli/interrupt.h"
 #include "tests/support/status_matchers.h"
@@ -36,7 +37,8 @@ TEST(CancelBenchReportTest, ColdAndFollowingFramesAreApart) {
               ::testing::MatchesRegex("all +200 +100.50 +198.00 +200.00 +0.50 +0.50 +0.50"));
   CancelBenchPlan plan;
   plan.request.isovalue = 60;
-  const auto json = CancelBenchToJson("head", plan, result, Machine{}, "2026-11-20 19:49 UTC");
+  const auto json = nlohmann::json::parse(
+      CancelBenchJson("head", plan, result, Machine{}, "2026-11-20 19:49 UTC"));
   EXPECT_EQ(json["isovalue"], 60.0);
   EXPECT_EQ(json["agents"], 4);
   EXPECT_EQ(json["idle_ms"]["median"], 100.5);

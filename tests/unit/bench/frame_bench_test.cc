@@ -9,6 +9,7 @@
 #include "absl/strings/str_split.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <nlohmann/json.hpp>
 #include <sys/stat.h>
 
 #include "bench/frame_bench_report.h"
@@ -258,7 +259,8 @@ TEST(FrameBenchReportTest, RatiosAndGrowthAreOfTheRightRows) {
   EXPECT_THAT(lines[1], HasSubstr("10.00    2.00")) << "500 / 50 and 104 / 52";
   EXPECT_THAT(lines[2], HasSubstr("4.00")) << "400 bytes over 100";
 
-  const auto json = FrameBenchToJson("head", plan, result, Machine{}, "2026-11-20 19:49 UTC");
+  const auto json = nlohmann::json::parse(
+      FrameBenchJson("head", plan, result, Machine{}, "2026-11-20 19:49 UTC"));
   EXPECT_EQ(json["cases"][0]["network_growth"], 1.0);
   EXPECT_EQ(json["cases"][1]["network_growth"], 4.0);
   EXPECT_EQ(json["cases"][1]["first"]["busy_sum_ms"], 10.0);

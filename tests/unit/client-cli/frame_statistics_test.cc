@@ -5,6 +5,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include <nlohmann/json.hpp>
 
 namespace isoscope::cli {
 namespace {
@@ -56,7 +57,7 @@ std::vector<std::string> Names(const Json& object) {
 
 // Scripts outside of the repository read these names.
 TEST(FrameStatisticsTest, JsonHasExactlyTheMembersOfTheContract) {
-  const Json json = StatisticsToJson({SampleFrame(), SampleFrame()});
+  const Json json = Json::parse(StatisticsJson({SampleFrame(), SampleFrame()}));
   EXPECT_THAT(Names(json), ElementsAre("frames"));
   ASSERT_EQ(json["frames"].size(), 2U);
   const Json& frame = json["frames"][1];
@@ -74,7 +75,7 @@ TEST(FrameStatisticsTest, JsonHasExactlyTheMembersOfTheContract) {
 }
 
 TEST(FrameStatisticsTest, JsonHasEveryValueInItsPlace) {
-  const Json frame = StatisticsToJson({SampleFrame()})["frames"][0];
+  const Json frame = Json::parse(StatisticsJson({SampleFrame()}))["frames"][0];
   EXPECT_EQ(frame, Json::parse(R"({
     "wall_ms": 41.235, "active_block_count": 1, "ray_hit_block_count": 2,
     "occluding_block_count": 3, "visible_block_count": 4, "culled_block_count": 5,
@@ -94,20 +95,21 @@ TEST(FrameStatisticsTest, SeveralSurfacesAreListed) {
     surface->set_triangle_count(100 * i);
     surface->set_unique_vertex_count(10 * i);
   }
-  EXPECT_EQ(StatisticsToJson({frame})["frames"][0]["surfaces"],
+  EXPECT_EQ(Json::parse(StatisticsJson({frame}))["frames"][0]["surfaces"],
             Json::parse(R"([{"triangle_count": 100, "unique_vertex_count": 10},
                             {"triangle_count": 200, "unique_vertex_count": 20}])"));
 }
 
 TEST(FrameStatisticsTest, PixelsWithTooManyLayersAreCountedWhereThereAreAny) {
   FrameRecord record;
-  EXPECT_FALSE(StatisticsToJson({record})["frames"][0].contains("truncated_pixel_count"));
+  EXPECT_FALSE(
+      Json::parse(StatisticsJson({record}))["frames"][0].contains("truncated_pixel_count"));
   record.statistics.set_truncated_pixel_count(7);
-  EXPECT_EQ(StatisticsToJson({record})["frames"][0]["truncated_pixel_count"], 7);
+  EXPECT_EQ(Json::parse(StatisticsJson({record}))["frames"][0]["truncated_pixel_count"], 7);
 }
 
 TEST(FrameStatisticsTest, NoAgentsIsAnEmptyList) {
-  EXPECT_EQ(StatisticsToJson({FrameRecord{}})["frames"][0]["agents"], Json::array());
+  EXPECT_EQ(Json::parse(StatisticsJson({FrameRecord{}}))["frames"][0]["agents"], Json::array());
 }
 
 TEST(FrameStatisticsTest, TablesShowEveryFrameAndTheLastFramesAgents) {

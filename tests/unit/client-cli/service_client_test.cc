@@ -11,6 +11,9 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/status_matchers.h"
 
 namespace isoscope::cli {

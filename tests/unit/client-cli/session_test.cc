@@ -13,6 +13,7 @@
 #include "core/base/cancellation.h"
 #include "core/cli/interrupt.h"
 #include "core/partition/partitioner.h"
+#include "isoscope/v1/cluster_service.pb.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"

@@ -1,5 +1,5 @@
-// Tests are compiled with less optimisation than the product. An inline function that both have out of
-// line is there once in a program, and must be the product's copy: what is tested is what ships.
+// Tests are compiled with less optimisation than the product. An inline function that both have out
+// of line is there once in a program, and must be the product's copy: what is tested is what ships.
 
 #include "tests/unit/support/link_order.h"
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include <nlohmann/json.hpp>
 
 #include "core/base/crc32c.h"
 #include "core/store/json_fields.h"
