@@ -28,7 +28,7 @@ absl::StatusOr<double> ParseFieldOfView(absl::string_view text) {
 
 void AddCameraFlags(FlagSet* set, CameraFlags* flags) {
   const std::string group = "Camera (default: sees the whole volume along -z, +y up)";
-  const auto add = [&](Flag option) { option.Group(group); };
+  const auto add = [&](Flag flag) { flag.Group(group); };
   add(AddFlag(set, "--eye", "X,Y,Z", &flags->eye, ParseVector, "position of the eye, world space"));
   add(AddFlag(set, "--target", "X,Y,Z", &flags->target, ParseVector,
               "what it looks at (default: the volume's centre)"));

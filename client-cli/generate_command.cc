@@ -206,7 +206,7 @@ Action RegisterFlags(FlagSet* set) {
           "world units between samples, for the header (default: 1,1,1)");
   AddFlag(set, "--origin", "X,Y,Z", &flags->origin, ParseVector,
           "world position of the first sample, for the header (default: 0,0,0)");
-  const auto add = [](Flag option) { option.Group("Fields"); };
+  const auto add = [](Flag flag) { flag.Group("Fields"); };
   add(AddFlag(set, "--waves", "N", &flags->wave_count, ParseWaveCount,
               "random, mixing: plane waves that are summed up (default: 64)"));
   add(AddFlag(set, "--wave-number", "K", &flags->max_wave_number, ParsePositiveNumber,

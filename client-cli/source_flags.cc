@@ -39,7 +39,7 @@ const char* SourceFlags::FirstGiven() const {
 }
 
 void AddSourceFlags(FlagSet* set, SourceFlags* flags) {
-  const auto add = [](Flag option) { option.Group("Raw files"); };
+  const auto add = [](Flag flag) { flag.Group("Raw files"); };
   add(AddFlag(set, "--dims", "X,Y,Z", &flags->dims, ParseDims, "samples on each axis, x fastest"));
   add(AddFlag(set, "--type", "TYPE", &flags->type, volume::ScalarTypeFromName,
               "uint8, int8, uint16, int16, uint32, int32, float32 or float64"));

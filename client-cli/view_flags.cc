@@ -54,7 +54,7 @@ const char* FirstTurned(const CameraFlags& camera) {
 }  // namespace
 
 void AddNamedViewFlags(FlagSet* set, ViewFlags* flags) {
-  const auto add = [&](Flag option) { option.Group(kGroup); };
+  const auto add = [&](Flag flag) { flag.Group(kGroup); };
   add(AddFlag(set, "--view", "NAME", &flags->view, ParseView,
               "look from a side: front (the default: from +z, +y up), back, left (-x), right (+x), "
               "top (+y), bottom; where the patient is known (NIfTI, DICOM, NRRD with a space): "
@@ -66,7 +66,7 @@ void AddNamedViewFlags(FlagSet* set, ViewFlags* flags) {
 }
 
 void AddViewFlags(FlagSet* set, ViewFlags* flags) {
-  const auto add = [&](Flag option) { option.Group(kGroup); };
+  const auto add = [&](Flag flag) { flag.Group(kGroup); };
   AddNamedViewFlags(set, flags);
   add(AddFlag(set, "--camera", "FILE.json", &flags->camera_file, ParseText,
               "the camera that --save-camera wrote; not with other flags of the camera"));

@@ -74,25 +74,27 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   const cli::Flag token =
       set->AddText("--token", "TEXT", &flags->old_token,
                    "The old way to give that token, which shows it to every user of this "
-                   "machine; it goes with the next version")
-          .Excludes(gateway_token);
-  set->AddSwitch("--no-token", &flags->has_no_token,
-                 "Ask for none anywhere: where a proxy in front knows who asks")
-      .Environment("ISOSCOPE_NO_TOKEN")
-      .Excludes(gateway_token)
-      .Excludes(token);
+                   "machine; it goes with the next version");
+  const cli::Flag no_token =
+      set->AddSwitch("--no-token", &flags->has_no_token,
+                     "Ask for none anywhere: where a proxy in front knows who asks")
+          .Environment("ISOSCOPE_NO_TOKEN");
   const cli::Flag user_tokens =
       set->AddSwitch(
              "--user-tokens", &flags->has_user_tokens,
              "Each user shows a token that the coordinator knows (its --tokens); it is passed on")
-          .Environment("ISOSCOPE_USER_TOKENS")
-          .Excludes(gateway_token)
-          .Excludes(token);
-  set->AddText("--token-file", "FILE", &flags->token_file,
-               "A file with the token that the coordinator gets where the user shows none of "
-               "its own (default: $ISOSCOPE_TOKEN, the token itself)")
-      .Environment("ISOSCOPE_TOKEN_FILE")
-      .Excludes(user_tokens);
+          .Environment("ISOSCOPE_USER_TOKENS");
+  const cli::Flag token_file =
+      set->AddText("--token-file", "FILE", &flags->token_file,
+                   "A file with the token that the coordinator gets where the user shows none of "
+                   "its own (default: $ISOSCOPE_TOKEN, the token itself)")
+          .Environment("ISOSCOPE_TOKEN_FILE");
+  set->Exclude(no_token, token);
+  set->Exclude(no_token, gateway_token);
+  set->Exclude(token, gateway_token);
+  set->Exclude(user_tokens, token_file);
+  set->Exclude(user_tokens, token);
+  set->Exclude(user_tokens, gateway_token);
   set->AddText("--https-cert", "FILE", &flags->https_certificate_file,
                "The certificate for browsers, PEM, where it is not --tls-cert: one that they "
                "know")

@@ -7,6 +7,7 @@
 
 #include "core/cli/flag_set.h"
 
+#include <map>
 #include <memory>
 #include <utility>
 
@@ -19,22 +20,60 @@
 namespace isoscope::cli {
 namespace {
 
-// The help of a command, with its own line of usage.
-class CommandFormatter : public CLI::Formatter {
+// Which flags exclude a flag, in the order of the calls. CLI11 has them in the order of their
+// addresses, which is no order for a text.
+using Exclusions = std::map<const CLI::Option*, std::vector<const CLI::Option*>>;
+
+// The text of --help, with the line of usage of a command if it has its own.
+class HelpFormatter : public CLI::Formatter {
  public:
-  explicit CommandFormatter(const std::string& usage)
-      : usage_(absl::StrCat("\nUsage: ", usage, "\n")) {
-    constexpr std::size_t kColumnWidth = 34;
-    column_width(kColumnWidth);
+  HelpFormatter(const std::string& usage, const Exclusions* exclusions)
+      : usage_(usage), exclusions_(exclusions) {
+    if (!usage.empty()) {
+      constexpr std::size_t kColumnWidth = 34;
+      column_width(kColumnWidth);
+    }
   }
 
-  std::string make_usage(const CLI::App* /*app*/, std::string /*name*/) const override {
-    return usage_;
+  std::string make_usage(const CLI::App* app, std::string name) const override {
+    return usage_.empty() ? CLI::Formatter::make_usage(app, std::move(name))
+                          : absl::StrCat("\nUsage: ", usage_, "\n");
+  }
+
+  std::string make_option_opts(const CLI::Option* option) const override {
+    std::string text = CLI::Formatter::make_option_opts(option);
+    const auto excluded = exclusions_->find(option);
+    if (excluded != exclusions_->end()) {
+      constexpr char kLastPart[] = " Excludes:";
+      text.resize(text.rfind(kLastPart));
+      absl::StrAppend(&text, kLastPart);
+      for (const CLI::Option* const other : excluded->second) {
+        absl::StrAppend(&text, " ", other->get_name());
+      }
+    }
+    return text;
   }
 
  private:
   const std::string usage_;
+  const Exclusions* const exclusions_;
 };
+
+// The error for the first flag that is given together with one that it excludes.
+absl::Status ExclusionError(const CLI::App& app, const Exclusions& exclusions) {
+  for (const CLI::Option* const option : app.get_options()) {
+    const auto excluded = exclusions.find(option);
+    if (option->count() == 0 || excluded == exclusions.end()) {
+      continue;
+    }
+    for (const CLI::Option* const other : excluded->second) {
+      if (other->count() > 0) {
+        return UsageError(absl::StrCat(option->get_name(), " excludes ", other->get_name()));
+      }
+    }
+  }
+  return absl::OkStatus();
+}
 
 // The error for what CLI11 could not place.
 absl::Status UnknownArgument(const CLI::App& app, const std::string& argument) {
@@ -104,16 +143,12 @@ Flag Flag::DefaultText(const std::string& text) const {
   return *this;
 }
 
-Flag Flag::Excludes(Flag other) const {
-  option_->excludes(other.option_);
-  return *this;
-}
-
 struct FlagSet::Parts {
   explicit Parts(const FlagSetOptions& options)
       : app(options.summary, options.name), version(options.version) {}
 
   CLI::App app;
+  Exclusions exclusions;
   const std::string version;
   std::string requested_text;
 };
@@ -127,9 +162,7 @@ FlagSet::FlagSet(const FlagSetOptions& options) : parts_(std::make_unique<Parts>
     app.set_version_flag("--version", options.version);
   }
   app.footer(options.notes);
-  if (!options.usage.empty()) {
-    app.formatter(std::make_shared<CommandFormatter>(options.usage));
-  }
+  app.formatter(std::make_shared<HelpFormatter>(options.usage, &parts_->exclusions));
   app.allow_extras(options.names_nearest_flag);
 }
 
@@ -219,6 +252,12 @@ Flag FlagSet::AddByteSize(const std::string& names, std::int64_t* value, double 
                   ->capture_default_str());
 }
 
+void FlagSet::Exclude(Flag a, Flag b) {
+  a.option_->excludes(b.option_);
+  parts_->exclusions[a.option_].push_back(b.option_);
+  parts_->exclusions[b.option_].push_back(a.option_);
+}
+
 void FlagSet::Remove(const std::string& name) {
   parts_->app.remove_option(parts_->app.get_option(name));
 }
@@ -234,8 +273,13 @@ absl::Status FlagSet::Parse(const std::vector<std::string>& arguments) {
   } catch (const CLI::CallForVersion&) {
     parts_->requested_text = absl::StrCat(parts_->version, "\n");
     return absl::OkStatus();
+  } catch (const CLI::ExcludesError&) {
+    return ExclusionError(app, parts_->exclusions);
   } catch (const CLI::ParseError& error) {
     return UsageError(error.what());
+  }
+  if (!app.get_allow_extras()) {
+    return absl::OkStatus();  // parse throws for extras, but lets "--" be one of them
   }
   const std::vector<std::string> extras = app.remaining();
   return extras.empty() ? absl::OkStatus() : UnknownArgument(app, extras.front());

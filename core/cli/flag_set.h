@@ -35,18 +35,18 @@ using ValueParser = std::function<absl::Status(absl::string_view text)>;
 // the flag. Each function returns the flag itself.
 class Flag {
  public:
-  explicit Flag(CLI::Option* option) : option_(option) {}
-
   // Puts the flag under `heading` in the text of --help; without it that is "Options".
   Flag Group(const std::string& heading) const;
   // The environment variable that has the text of the value where the flag is not given.
   Flag Environment(const std::string& variable) const;
   // The default, as --help shows it.
   Flag DefaultText(const std::string& text) const;
-  // Refuses both flags together: "--a excludes --b". REQUIRES: both are of one set.
-  Flag Excludes(Flag other) const;
 
  private:
+  friend class FlagSet;
+
+  explicit Flag(CLI::Option* option) : option_(option) {}
+
   CLI::Option* option_;
 };
 
@@ -107,7 +107,11 @@ class FlagSet {
   Flag AddByteSize(const std::string& names, std::int64_t* value, double min, double max,
                    const std::string& help);
 
-  // Takes the flag `name` out again. REQUIRES: there is one.
+  // Refuses both flags together: "--a excludes --b". --help names what a flag excludes in the order
+  // of these calls. REQUIRES: both flags are of this set.
+  void Exclude(Flag a, Flag b);
+
+  // Takes the flag `name` out again. REQUIRES: there is one, and no exclusion names it.
   void Remove(const std::string& name);
 
   // Reads the arguments, those behind the program's name, then the environment variables of flags

@@ -39,7 +39,10 @@ class FlagSetTest : public ::testing::Test {
         .Environment("FLAG_SET_TEST_SECONDS");
     set_.AddByteSize("--memory", &bytes_, 1024, 1e12, "how much");
     const Flag json = set_.AddSwitch("--json", &is_json_, "print JSON");
-    set_.AddSwitch("--text", &is_text_, "print text").Excludes(json);
+    const Flag text = set_.AddSwitch("--text", &is_text_, "print text");
+    const Flag table = set_.AddSwitch("--table", &is_table_, "print a table");
+    set_.Exclude(json, table);
+    set_.Exclude(json, text);
   }
 
   // The message of the error, which must be wrong usage.
@@ -59,6 +62,7 @@ class FlagSetTest : public ::testing::Test {
   std::int64_t bytes_ = 2048;
   bool is_json_ = false;
   bool is_text_ = false;
+  bool is_table_ = false;
 };
 
 TEST_F(FlagSetTest, DefaultsStayWithoutFlags) {
@@ -140,7 +144,16 @@ TEST_F(FlagSetTest, SizesHaveARange) {
 }
 
 TEST_F(FlagSetTest, ExcludedFlagsAreNamed) {
-  EXPECT_EQ(ErrorOf({"--json", "--text"}), "--json excludes --text");
+  EXPECT_EQ(ErrorOf({"--text", "--json"}), "--json excludes --text");
+}
+
+TEST_F(FlagSetTest, TheFirstExclusionIsNamedOfTwo) {
+  EXPECT_EQ(ErrorOf({"--text", "--table", "--json"}), "--json excludes --table");
+}
+
+TEST_F(FlagSetTest, HelpNamesExclusionsInTheirOrder) {
+  EXPECT_THAT(set_.Help(), HasSubstr("--json Excludes: --table --text\n"));
+  EXPECT_THAT(set_.Help(), HasSubstr("--text Excludes: --json "));
 }
 
 TEST_F(FlagSetTest, TheEnvironmentHasWhatIsNotGiven) {
@@ -162,7 +175,7 @@ TEST_F(FlagSetTest, ARemovedFlagIsUnknown) {
 
 TEST_F(FlagSetTest, DescriptionsSayWhatHelpSays) {
   const std::vector<FlagDescription> flags = set_.Describe();
-  ASSERT_EQ(flags.size(), 13);  // and --help
+  ASSERT_EQ(flags.size(), 14);  // and --help
   EXPECT_THAT(flags[0].names, ElementsAre("--help", "-h"));
   EXPECT_EQ(flags[0].value_name, "");
   EXPECT_THAT(flags[1].names, IsEmpty());
@@ -209,6 +222,12 @@ TEST_F(ServiceFlagSetTest, VersionIsOneLine) {
 TEST_F(ServiceFlagSetTest, UnexpectedArgumentsAreListed) {
   EXPECT_EQ(ErrorOf({"a", "b", "--unknown"}),
             "The following arguments were not expected: --unknown b");
+}
+
+TEST_F(ServiceFlagSetTest, TwoDashesBeginPositionalArguments) {
+  ISOSCOPE_ASSERT_OK(set_.Parse({"--", "--json"}));
+  EXPECT_EQ(input_, "--json");
+  EXPECT_FALSE(is_json_);
 }
 
 TEST(FlagSetOptionsTest, ACommandHasItsOwnUsage) {
