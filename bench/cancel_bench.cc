@@ -33,9 +33,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
-#include "client-cli/camera_flags.h"
-#include "client-cli/json_text.h"
-#include "client-cli/service_client.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/camera_flags.h"
+#include "clients/cpp/request/json_text.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/cli/progress_line.h"
@@ -89,22 +89,23 @@ class CancelBench {
   absl::Status StartCluster() {
     cluster_.reset();
     ISOSCOPE_ASSIGN_OR_RETURN(cluster_, cli::EmbeddedCluster::Start(plan_.cluster));
-    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
+    client::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
     ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::Dataset dataset, client.GetDataset("", kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
+                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     return absl::OkStatus();
   }
 
   isoscope::v1::RenderIsosurfaceRequest NextRequest() {
-    return cli::MakeRequest(plan_.request, dataset_name_,
-                            cli::OrbitCamera(camera_, plan_.orbit_degrees, next_frame_++));
+    return client::MakeRequest(plan_.request, dataset_name_,
+                               client::OrbitCamera(camera_, plan_.orbit_degrees, next_frame_++));
   }
 
   absl::StatusOr<double> RenderWholeFrame() {
-    cli::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
+    client::ServiceClient client(cluster_->Channel(), "", context_.interrupt, "");
     const absl::Time start = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(
         client.RenderIsosurface(NextRequest(), absl::InfiniteDuration()).status());
@@ -139,7 +140,7 @@ class CancelBench {
     CancelledFrame frame{.is_cold = is_cold};
     const double expected_ms = is_cold ? result_.cold_ms : result_.following_ms;
     cli::Interrupt cancel;
-    cli::ServiceClient client(cluster_->Channel(), "", &cancel, "");
+    client::ServiceClient client(cluster_->Channel(), "", &cancel, "");
     const isoscope::v1::RenderIsosurfaceRequest request = NextRequest();
     absl::Status status;
     absl::Time answered_at;
@@ -274,7 +275,7 @@ std::string CancelBenchJson(absl::string_view volume, const CancelBenchPlan& pla
                               {"answer_ms", Rounded(frame.answer_ms)},
                               {"idle_ms", Rounded(frame.idle_ms)}});
   }
-  return cli::JsonText(json);
+  return client::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -16,15 +16,15 @@
 #include "absl/strings/string_view.h"
 
 #include "bench/machine.h"
-#include "client-cli/embedded_cluster.h"
-#include "client-cli/render_request.h"
+#include "client-cli/session/embedded_cluster.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
 
 namespace isoscope::bench {
 
 struct CancelBenchPlan {
   cli::EmbeddedClusterOptions cluster;
-  cli::RequestFlags request;
+  client::RequestFlags request;
   double orbit_degrees = 7;  // from each frame to the next
   int cancel_count = 500;
   int frames_per_start = 5;  // cancelled frames before the cluster is started anew

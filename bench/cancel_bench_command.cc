@@ -12,11 +12,11 @@
 #include "absl/time/time.h"
 
 #include "bench/cancel_bench.h"
-#include "bench/program.h"
 #include "bench/machine.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/partition_volume.h"
-#include "client-cli/source_flags.h"
+#include "bench/program.h"
+#include "client-cli/session/partition_volume.h"
+#include "client-cli/session/source_flags.h"
+#include "clients/cpp/request/parse_value.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
@@ -38,7 +38,7 @@ constexpr double kDefaultElevation = 20;
 
 struct CancelBenchFlags {
   std::optional<std::string> input;
-  cli::RequestFlags request;
+  client::RequestFlags request;
   std::optional<std::int64_t> shard_count;
   std::optional<std::int64_t> cancel_count;
   std::optional<std::int64_t> frames_per_start;
@@ -87,7 +87,7 @@ CancelBenchPlan PlanOf(const CancelBenchFlags& flags) {
   plan.cluster.max_frame_duration = absl::Hours(24);
   plan.cluster.expected_viewport = flags.request.viewport();
   plan.request = flags.request;
-  cli::CameraFlags& camera = plan.request.camera;
+  client::CameraFlags& camera = plan.request.camera;
   if (!camera.eye && !camera.target && !camera.up && !camera.fov_y_degrees) {
     camera.azimuth_degrees = camera.azimuth_degrees.value_or(kDefaultAzimuth);
     camera.elevation_degrees = camera.elevation_degrees.value_or(kDefaultElevation);
@@ -134,22 +134,22 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
                "cut a volume into P shards, one agent each (default: 1)");
   cli::AddFlag(
       set, "--cancels", "N", &flags->cancel_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCancelCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxCancelCount); },
       "frames to cancel (default: 500)");
   cli::AddFlag(
       set, "--frames-per-start", "N", &flags->frames_per_start,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCancelCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxCancelCount); },
       "frames before the cluster is started anew; the first of them is cold (default: 5)");
-  cli::AddFlag(set, "--seed", "S", &flags->seed, cli::ParseUnsigned,
+  cli::AddFlag(set, "--seed", "S", &flags->seed, client::ParseUnsigned,
                "of the moments at which frames are cancelled (default: 1)");
   cli::AddFlag(
       set, "--threads", "T", &flags->thread_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxThreadCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxThreadCount); },
       "threads of the agents together (default: one for each core)");
   cli::AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
                "back end (default: auto, EGL on a GPU, else the CPU)");
   cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write every figure as JSON");
-  cli::AddRequestFlags(set, &flags->request);
+  client::AddRequestFlags(set, &flags->request);
   cli::AddSourceFlags(set, &flags->source);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }

@@ -17,11 +17,11 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
-#include "client-cli/camera_flags.h"
-#include "client-cli/connection_flags.h"
-#include "client-cli/json_text.h"
-#include "client-cli/retries.h"
-#include "client-cli/service_client.h"
+#include "client-cli/session/connection_flags.h"
+#include "clients/cpp/connection/retries.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/camera_flags.h"
+#include "clients/cpp/request/json_text.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
 #include "core/rpc/channel.h"
@@ -39,7 +39,7 @@ constexpr absl::Duration kMaxWait = absl::Minutes(2);
 
 // What one client met. Written by its thread alone, and read when that has ended.
 struct ClientLog {
-  std::unique_ptr<cli::ServiceClient> client;
+  std::unique_ptr<client::ServiceClient> client;
   std::vector<double> times_ms;  // of the frames that count
   std::int64_t wrong_count = 0;
   std::int64_t failed_count = 0;
@@ -62,10 +62,10 @@ class ClientsBench {
   }
 
  private:
-  [[nodiscard]] std::unique_ptr<cli::ServiceClient> Connect() const {
+  [[nodiscard]] std::unique_ptr<client::ServiceClient> Connect() const {
     const std::string& address = *plan_.session.server;
-    return std::make_unique<cli::ServiceClient>(rpc::MakeFreshChannel(address, dialing_), address,
-                                                context_.interrupt, token_);
+    return std::make_unique<client::ServiceClient>(rpc::MakeFreshChannel(address, dialing_),
+                                                   address, context_.interrupt, token_);
   }
 
   // Makes the request, and draws the picture that all must get.
@@ -73,14 +73,14 @@ class ClientsBench {
     const cli::ConnectionFlags& connection = plan_.session.connection;
     ISOSCOPE_ASSIGN_OR_RETURN(token_, cli::ReadToken(connection, *plan_.session.server));
     ISOSCOPE_ASSIGN_OR_RETURN(dialing_, rpc::MakeDialing(connection.transport, /*own_role=*/""));
-    const std::unique_ptr<cli::ServiceClient> client = Connect();
+    const std::unique_ptr<client::ServiceClient> client = Connect();
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
                               client->GetDataset(plan_.session.dataset.value_or(""), kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera,
-                              cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
-    request_ = cli::MakeRequest(plan_.request, dataset.name(), camera);
+                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    request_ = client::MakeRequest(plan_.request, dataset.name(), camera);
     ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
                               client->RenderIsosurface(request_, kMaxWait));
     expected_ = std::move(*response.mutable_png());
@@ -92,7 +92,7 @@ class ClientsBench {
     for (ClientLog& log : logs) {
       log.client = Connect();
     }
-    const cli::RetryCounts before = cli::CountRetries();
+    const client::RetryCounts before = client::CountRetries();
     const absl::Time begin = absl::Now() + plan_.warm_up;
     const absl::Time end = begin + plan_.duration;
     std::vector<std::thread> threads;
@@ -105,8 +105,8 @@ class ClientsBench {
     }
     ISOSCOPE_RETURN_IF_ERROR(context_.interrupt->cancellation().Check());
     ClientsRound round = Summarize(logs);
-    round.refusal_count = cli::CountRetries().refusals - before.refusals;
-    round.retry_count = cli::CountRetries().retries - before.retries;
+    round.refusal_count = client::CountRetries().refusals - before.refusals;
+    round.retry_count = client::CountRetries().retries - before.retries;
     return round;
   }
 
@@ -219,7 +219,7 @@ std::string ClientsBenchJson(const ClientsBenchPlan& plan, const std::vector<Cli
                               {"wrong", round.wrong_count},
                               {"failed", round.failed_count}});
   }
-  return cli::JsonText(json);
+  return client::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -14,15 +14,15 @@
 #include "absl/time/time.h"
 
 #include "bench/machine.h"
-#include "client-cli/render_request.h"
-#include "client-cli/session.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
 
 namespace isoscope::bench {
 
 struct ClientsBenchPlan {
   cli::SessionFlags session;  // names a server
-  cli::RequestFlags request;
+  client::RequestFlags request;
   std::vector<int> client_counts = {4, 16, 64};  // one round for each, in this order
   absl::Duration duration = absl::Seconds(15);   // of a round
   absl::Duration warm_up = absl::Seconds(2);     // before it, not counted

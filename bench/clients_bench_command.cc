@@ -13,11 +13,11 @@
 #include "absl/time/time.h"
 
 #include "bench/clients_bench.h"
-#include "bench/program.h"
 #include "bench/machine.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/render_request.h"
-#include "client-cli/session.h"
+#include "bench/program.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
@@ -30,7 +30,7 @@ namespace {
 
 struct ClientsBenchFlags {
   cli::SessionFlags session;
-  cli::RequestFlags request;
+  client::RequestFlags request;
   std::optional<std::vector<int>> counts;
   std::optional<std::int64_t> seconds;
   std::optional<std::string> json;
@@ -39,14 +39,14 @@ struct ClientsBenchFlags {
 absl::StatusOr<std::vector<int>> ParseCounts(absl::string_view text) {
   std::vector<int> counts;
   for (const absl::string_view part : absl::StrSplit(text, ',')) {
-    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count, cli::ParseInteger(part, 1, 1000));
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t count, client::ParseInteger(part, 1, 1000));
     counts.push_back(static_cast<int>(count));
   }
   return counts;
 }
 
 absl::StatusOr<std::int64_t> ParseSeconds(absl::string_view text) {
-  return cli::ParseInteger(text, 1, 3600);
+  return client::ParseInteger(text, 1, 3600);
 }
 
 absl::Status CheckUsage(const ClientsBenchFlags& flags) {
@@ -99,7 +99,7 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
   cli::AddFlag(set, "--seconds", "T", &flags->seconds, ParseSeconds,
                "duration of a round (default: 15)");
   cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
-  cli::AddRequestFlags(set, &flags->request);
+  client::AddRequestFlags(set, &flags->request);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

@@ -18,9 +18,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
-#include "client-cli/camera_flags.h"
-#include "client-cli/json_text.h"
-#include "client-cli/service_client.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/camera_flags.h"
+#include "clients/cpp/request/json_text.h"
 #include "core/base/mutex.h"
 #include "core/base/status_macros.h"
 #include "core/cli/interrupt.h"
@@ -46,13 +46,14 @@ class DragBench {
   absl::StatusOr<DragBenchResult> Run() {
     ISOSCOPE_ASSIGN_OR_RETURN(
         session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
-    cli::ServiceClient& client = session_->client();
+    client::ServiceClient& client = session_->client();
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
                               client.GetDataset(session_->dataset_name(), kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
+                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                               client.GetClusterStatus(kMaxWait));
     result_.agent_count = cluster.agents_size();
@@ -74,10 +75,10 @@ class DragBench {
 
  private:
   v1::RenderIsosurfaceRequest FrameOf(std::int64_t state) const {
-    return cli::MakeRequest(
+    return client::MakeRequest(
         plan_.request, dataset_name_,
-        cli::OrbitCamera(camera_, plan_.degrees_per_second / plan_.states_per_second,
-                         static_cast<int>(state)));
+        client::OrbitCamera(camera_, plan_.degrees_per_second / plan_.states_per_second,
+                            static_cast<int>(state)));
   }
 
   absl::Status Drag() ABSL_LOCKS_EXCLUDED(mutex_) {
@@ -163,7 +164,8 @@ class DragBench {
     }
   }
 
-  absl::StatusOr<DragBenchResult> Compare(cli::ServiceClient* client) ABSL_LOCKS_EXCLUDED(mutex_) {
+  absl::StatusOr<DragBenchResult> Compare(client::ServiceClient* client)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceResponse rendered,
                               client->RenderIsosurface(FrameOf(last_state_), kMaxWait));
@@ -176,7 +178,7 @@ class DragBench {
   std::unique_ptr<cli::Session> session_;
   std::string dataset_name_;
   view::Camera camera_;
-  std::unique_ptr<cli::InteractStream> stream_;
+  std::unique_ptr<client::InteractStream> stream_;
 
   base::Mutex mutex_;
   base::CondVar exact_came_;
@@ -233,7 +235,7 @@ std::string DragBenchJson(absl::string_view volume, const DragBenchPlan& plan,
   json["median_height_px"] = Median(result.heights_px);
   json["median_frame_bytes"] = Median(result.frame_bytes);
   json["exact_ms"] = result.exact_ms;
-  return cli::JsonText(json);
+  return client::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -13,15 +13,15 @@
 #include "absl/time/time.h"
 
 #include "bench/machine.h"
-#include "client-cli/render_request.h"
-#include "client-cli/session.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
 
 namespace isoscope::bench {
 
 struct DragBenchPlan {
   cli::SessionFlags session;
-  cli::RequestFlags request;
+  client::RequestFlags request;
   absl::Duration duration = absl::Seconds(10);
   double states_per_second = 60;  // as a mouse sends them
   double degrees_per_second = 60;

@@ -9,12 +9,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "bench/program.h"
 #include "bench/drag_bench.h"
 #include "bench/machine.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/render_request.h"
-#include "client-cli/session.h"
+#include "bench/program.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
@@ -27,7 +27,7 @@ namespace {
 
 struct DragBenchFlags {
   cli::SessionFlags session;
-  cli::RequestFlags request;
+  client::RequestFlags request;
   std::optional<double> seconds;
   std::optional<double> rate;
   std::optional<double> states;
@@ -88,16 +88,16 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<DragBenchFlags>();
   cli::AddSessionFlags(set, &flags->session);
   cli::AddRendererFlag(set, &flags->session);
-  cli::AddFlag(set, "--seconds", "S", &flags->seconds, cli::ParseNumber,
+  cli::AddFlag(set, "--seconds", "S", &flags->seconds, client::ParseNumber,
                "how long to drag (default: 10)");
-  cli::AddFlag(set, "--rate", "N", &flags->rate, cli::ParseNumber,
+  cli::AddFlag(set, "--rate", "N", &flags->rate, client::ParseNumber,
                "frames a second that the server aims for; 1 keeps the full size (default: 30)");
-  cli::AddFlag(set, "--states", "N", &flags->states, cli::ParseNumber,
+  cli::AddFlag(set, "--states", "N", &flags->states, client::ParseNumber,
                "views a second that the client sends (default: 60)");
-  cli::AddFlag(set, "--decode-ms", "T", &flags->decode_ms, cli::ParseNumber,
+  cli::AddFlag(set, "--decode-ms", "T", &flags->decode_ms, client::ParseNumber,
                "time that the client takes to decode a frame (default: 0)");
   cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
-  cli::AddRequestFlags(set, &flags->request);
+  client::AddRequestFlags(set, &flags->request);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

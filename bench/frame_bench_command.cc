@@ -18,15 +18,15 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
-#include "bench/program.h"
 #include "bench/frame_bench.h"
 #include "bench/frame_bench_report.h"
 #include "bench/machine.h"
 #include "bench/peer.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/partition_volume.h"
-#include "client-cli/render_request.h"
-#include "client-cli/source_flags.h"
+#include "bench/program.h"
+#include "client-cli/session/partition_volume.h"
+#include "client-cli/session/source_flags.h"
+#include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
@@ -73,8 +73,8 @@ struct FrameBenchFlags {
 
 // The name itself: it is passed on to the process that renders.
 absl::StatusOr<std::string> ParseCullingName(absl::string_view text) {
-  return cli::ParseChoice<std::string>(text,
-                                       {{"depth", "depth"}, {"mask", "mask"}, {"none", "none"}});
+  return client::ParseChoice<std::string>(text,
+                                          {{"depth", "depth"}, {"mask", "mask"}, {"none", "none"}});
 }
 
 absl::StatusOr<std::string> ParseRendererName(absl::string_view text) {
@@ -219,12 +219,12 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
 cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<FrameBenchFlags>();
   const auto parse_side = [](absl::string_view text) {
-    return cli::ParseInteger(text, 1, view::kMaxViewportPx);
+    return client::ParseInteger(text, 1, view::kMaxViewportPx);
   };
   cli::AddFlag(set, "input", "INPUT|DIR", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it (cut into a temporary folder for each P), or a "
                "dataset folder");
-  cli::AddListFlag(set, "--isovalue", "V", &flags->isovalues, cli::ParseNumber,
+  cli::AddListFlag(set, "--isovalue", "V", &flags->isovalues, client::ParseNumber,
                    "one or more levels, in field units");
   cli::AddListFlag(set, "--shards", "P", &flags->shard_counts, cli::ParseShardCount,
                    "numbers of shards, one agent each (default: 1; of a folder its own)");
@@ -234,25 +234,25 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
                    "one or more back ends (default: auto)");
   cli::AddFlag(
       set, "--runs", "N", &flags->run_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxCount); },
       "fresh processes for each row; medians are printed (default: 3)");
   cli::AddFlag(
       set, "--frames", "N", &flags->frame_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 2, kMaxCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 2, kMaxCount); },
       "frames of a run: the first is the cold one, 2 or more (default: 6)");
-  cli::AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, cli::ParseNumber,
+  cli::AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, client::ParseNumber,
                "turn the camera about up after each frame (default: 7)");
-  cli::AddFlag(set, "--azimuth", "DEG", &flags->azimuth_degrees, cli::ParseNumber,
+  cli::AddFlag(set, "--azimuth", "DEG", &flags->azimuth_degrees, client::ParseNumber,
                "turn the default camera about up before the first frame (default: 30)");
-  cli::AddFlag(set, "--elevation", "DEG", &flags->elevation_degrees, cli::ParseNumber,
+  cli::AddFlag(set, "--elevation", "DEG", &flags->elevation_degrees, client::ParseNumber,
                "then about its right axis (default: 20)");
   cli::AddFlag(set, "--width", "W", &flags->width, parse_side, "pixels (default: 1024)");
   cli::AddFlag(set, "--height", "H", &flags->height, parse_side, "pixels (default: 1024)");
   cli::AddFlag(
       set, "--threads", "T", &flags->thread_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxCount); },
       "threads of all agents together (default: one for each core)");
-  cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
+  cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, client::ParseBlockCells,
                "cells of a block when partitioning (default: as 'isoscope partition')");
   cli::AddFlag(set, "--peer", "SCRIPT", &flags->peer, cli::ParseText,
                "a yardstick to run in turns with ours: see below");

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/sample_statistics.h"
-#include "client-cli/json_text.h"
+#include "clients/cpp/request/json_text.h"
 #include "core/cli/format.h"
 #include "core/cli/table.h"
 
@@ -172,7 +172,7 @@ std::string FrameBenchJson(absl::string_view volume, const FrameBenchPlan& plan,
     }
     json["peers"].push_back(std::move(of));
   }
-  return cli::JsonText(json);
+  return client::JsonText(json);
 }
 
 }  // namespace isoscope::bench

@@ -28,8 +28,8 @@
 #include "partition-agent/block_cache.h"
 #include "partition-agent/frame_pipeline.h"
 #include "partition-agent/surface_extraction.h"
-#include "server/agent_link.h"
-#include "server/frame_coordinator.h"
+#include "server/frame/agent_link.h"
+#include "server/frame/frame_coordinator.h"
 
 namespace isoscope::bench {
 namespace {

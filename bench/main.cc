@@ -1,7 +1,7 @@
 // The program `isoscope-bench`.
 
 #include "bench/program.h"
-#include "client-cli/terminal_program.h"
+#include "client-cli/terminal/terminal_program.h"
 
 #ifdef __SANITIZE_ADDRESS__
 // Fontconfig keeps what it has found until the process ends.

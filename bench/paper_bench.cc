@@ -86,8 +86,8 @@ class Bench {
     }
     result_.isovalues =
         plan_.isovalues.empty() ? EvenLevels(range, plan_.level_count) : plan_.isovalues;
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
-                              cli::ResolveCamera(plan_.camera, result_.manifest.geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        camera_, client::ResolveCamera(plan_.camera, result_.manifest.geometry.Bounds()));
     picture_isovalues_ = plan_.picture_isovalues;
     if (picture_isovalues_.empty()) {
       picture_isovalues_ = {result_.isovalues[result_.isovalues.size() / 2]};

@@ -15,7 +15,7 @@
 #include "absl/status/statusor.h"
 
 #include "bench/isolated_cluster.h"
-#include "client-cli/camera_flags.h"
+#include "clients/cpp/request/camera_flags.h"
 #include "core/base/cancellation.h"
 #include "core/frame/culling.h"
 #include "core/render/renderer.h"
@@ -35,7 +35,7 @@ struct PaperBenchPlan {
   int side_px = 1024;
   // Of each measurement; each time is the least of them: what disturbs an agent only adds.
   int run_count = 3;
-  cli::CameraFlags camera{.azimuth_degrees = 30, .elevation_degrees = 20};
+  client::CameraFlags camera{.azimuth_degrees = 30, .elevation_degrees = 20};
   double side_view_degrees = 90;  // how far figure 9 turns to the side
 };
 

@@ -20,15 +20,15 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 
-#include "bench/program.h"
 #include "bench/machine.h"
 #include "bench/paper_bench.h"
 #include "bench/paper_bench_plots.h"
 #include "bench/paper_bench_report.h"
-#include "client-cli/camera_flags.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/partition_volume.h"
-#include "client-cli/source_flags.h"
+#include "bench/program.h"
+#include "client-cli/session/partition_volume.h"
+#include "client-cli/session/source_flags.h"
+#include "clients/cpp/request/camera_flags.h"
+#include "clients/cpp/request/parse_value.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
 #include "core/cli/flags.h"
@@ -59,7 +59,7 @@ struct PaperBenchFlags {
   std::vector<std::int64_t> balance_counts;
   std::optional<std::int64_t> side_px;
   std::optional<std::int64_t> run_count;
-  cli::CameraFlags camera;
+  client::CameraFlags camera;
   std::optional<math::Index3> block_cells;
   std::optional<render::RendererKind> renderer;
   cli::SourceFlags source;
@@ -69,7 +69,7 @@ absl::StatusOr<std::optional<double>> ParseLevelOrAuto(absl::string_view text) {
   if (text == "auto") {
     return std::optional<double>();
   }
-  const absl::StatusOr<double> number = cli::ParseNumber(text);
+  const absl::StatusOr<double> number = client::ParseNumber(text);
   if (!number.ok()) {
     return absl::InvalidArgumentError(absl::StrCat(number.status().message(), ", nor 'auto'"));
   }
@@ -96,7 +96,7 @@ absl::Status CheckUsage(const PaperBenchFlags& flags) {
 }
 
 // " --azimuth 30": the flags that are given, as they are typed.
-std::string DescribeFlags(const cli::CameraFlags& flags) {
+std::string DescribeFlags(const client::CameraFlags& flags) {
   std::string text;
   const auto add_vector = [&](const char* name, const std::optional<math::Vec3d>& value) {
     if (value) {
@@ -292,7 +292,7 @@ absl::Status Run(const PaperBenchFlags& flags, const cli::Context& context) {
 cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<PaperBenchFlags>();
   const auto parse_agent_count = [](absl::string_view text) {
-    return cli::ParseInteger(text, 1, kMaxAgentCount);
+    return client::ParseInteger(text, 1, kMaxAgentCount);
   };
   cli::AddFlag(set, "input", "INPUT", &flags->input, cli::ParseText,
                "a volume, as 'partition' takes it: it is cut anew for each number of agents");
@@ -302,10 +302,10 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
                    "levels of figures 1 and 6 (default: auto, evenly spread over the values)");
   cli::AddFlag(
       set, "--levels", "N", &flags->level_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxLevelCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxLevelCount); },
       "how many of them with auto (default: 16)");
   cli::AddListFlag(
-      set, "--picture-isovalues", "V", &flags->picture_isovalues, cli::ParseNumber,
+      set, "--picture-isovalues", "V", &flags->picture_isovalues, client::ParseNumber,
       "levels of figure 8; figures 7 and 9 take the first (default: the middle level)");
   cli::AddListFlag(set, "--agents", "P", &flags->agent_counts, parse_agent_count,
                    "numbers of agents of figure 7 (default: 2,4,8,16)");
@@ -316,17 +316,17 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
                    "numbers of agents of figure 1 (default: 2,4,8,16,32,64)");
   cli::AddFlag(
       set, "--size", "N", &flags->side_px,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, view::kMaxViewportPx); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, view::kMaxViewportPx); },
       "sides of the pictures, pixels (default: 1024)");
   cli::AddFlag(
       set, "--runs", "N", &flags->run_count,
-      [](absl::string_view text) { return cli::ParseInteger(text, 1, kMaxRunCount); },
+      [](absl::string_view text) { return client::ParseInteger(text, 1, kMaxRunCount); },
       "times each figure is measured; the least time is kept (default: 3)");
-  cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, cli::ParseBlockCells,
+  cli::AddFlag(set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, client::ParseBlockCells,
                "cells of a block (default: as 'isoscope partition')");
   cli::AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
                "back end (default: cpu, which keeps to the one thread of an isolated agent)");
-  cli::AddCameraFlags(set, &flags->camera);
+  client::AddCameraFlags(set, &flags->camera);
   cli::AddSourceFlags(set, &flags->source);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }

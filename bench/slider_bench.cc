@@ -15,9 +15,9 @@
 #include <sys/resource.h>
 
 #include "bench/sample_statistics.h"
-#include "client-cli/camera_flags.h"
-#include "client-cli/json_text.h"
-#include "client-cli/service_client.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/camera_flags.h"
+#include "clients/cpp/request/json_text.h"
 #include "core/base/memory_info.h"
 #include "core/base/status_macros.h"
 #include "core/base/units.h"
@@ -49,13 +49,14 @@ class SliderBench {
   absl::StatusOr<SliderBenchResult> Run() {
     ISOSCOPE_ASSIGN_OR_RETURN(
         session_, cli::Session::Open(plan_.session, plan_.request.viewport(), context_));
-    cli::ServiceClient& client = session_->client();
+    client::ServiceClient& client = session_->client();
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::Dataset dataset,
                               client.GetDataset(session_->dataset_name(), kMaxWait));
     ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                               rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
     dataset_name_ = dataset.name();
-    ISOSCOPE_ASSIGN_OR_RETURN(camera_, cli::ResolveCamera(plan_.request.camera, geometry.Bounds()));
+    ISOSCOPE_ASSIGN_OR_RETURN(camera_,
+                              client::ResolveCamera(plan_.request.camera, geometry.Bounds()));
     ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetClusterStatusResponse cluster,
                               client.GetClusterStatus(kMaxWait));
     result_.agent_count = cluster.agents_size();
@@ -83,10 +84,10 @@ class SliderBench {
   }
 
   absl::StatusOr<SliderFrame> Step(int step, std::vector<std::string>* pngs) {
-    cli::RequestFlags flags = plan_.request;
+    client::RequestFlags flags = plan_.request;
     const double first = plan_.request.isovalue.value_or(0);
     flags.isovalue = first + (plan_.last_isovalue - first) * step / (plan_.step_count - 1);
-    const v1::RenderIsosurfaceRequest request = cli::MakeRequest(flags, dataset_name_, camera_);
+    const v1::RenderIsosurfaceRequest request = client::MakeRequest(flags, dataset_name_, camera_);
     const auto resident = static_cast<double>(base::ResidentBytes());
     const absl::Duration kernel = KernelTime();
     const absl::Time start = absl::Now();
@@ -175,7 +176,7 @@ std::string SliderBenchJson(absl::string_view volume, const SliderBenchPlan& pla
   json["renderer"] = result.renderer;
   json["new"] = ToJson(Summarize(result.first));
   json["again"] = ToJson(Summarize(result.second));
-  return cli::JsonText(json);
+  return client::JsonText(json);
 }
 
 }  // namespace isoscope::bench

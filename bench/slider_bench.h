@@ -12,15 +12,15 @@
 #include "absl/time/time.h"
 
 #include "bench/machine.h"
-#include "client-cli/render_request.h"
-#include "client-cli/session.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/cli/command.h"
 
 namespace isoscope::bench {
 
 struct SliderBenchPlan {
   cli::SessionFlags session;
-  cli::RequestFlags request;  // its isovalue is the first
+  client::RequestFlags request;  // its isovalue is the first
   double last_isovalue = 0;
   int step_count = 20;   // isovalues, the first and the last among them; at least 4
   absl::Duration pause;  // between frames, as a person's hand makes them

@@ -10,12 +10,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 
-#include "bench/program.h"
 #include "bench/machine.h"
+#include "bench/program.h"
 #include "bench/slider_bench.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/render_request.h"
-#include "client-cli/session.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command.h"
@@ -28,7 +28,7 @@ namespace {
 
 struct SliderBenchFlags {
   cli::SessionFlags session;
-  cli::RequestFlags request;
+  client::RequestFlags request;
   std::optional<double> last_isovalue;
   std::optional<std::int64_t> steps;
   std::optional<double> pause_ms;
@@ -36,7 +36,7 @@ struct SliderBenchFlags {
 };
 
 absl::StatusOr<std::int64_t> ParseSteps(absl::string_view text) {
-  return cli::ParseInteger(text, 4, 10000);
+  return client::ParseInteger(text, 4, 10000);
 }
 
 absl::Status CheckUsage(const SliderBenchFlags& flags) {
@@ -89,13 +89,13 @@ cli::Action RegisterFlags(cli::FlagSet* set) {
   const auto flags = std::make_shared<SliderBenchFlags>();
   cli::AddSessionFlags(set, &flags->session);
   cli::AddRendererFlag(set, &flags->session);
-  cli::AddFlag(set, "--to", "V", &flags->last_isovalue, cli::ParseNumber,
+  cli::AddFlag(set, "--to", "V", &flags->last_isovalue, client::ParseNumber,
                "isovalue where the slider ends; --isovalue is where it begins");
   cli::AddFlag(set, "--steps", "N", &flags->steps, ParseSteps, "number of isovalues (default: 20)");
-  cli::AddFlag(set, "--pause-ms", "T", &flags->pause_ms, cli::ParseNumber,
+  cli::AddFlag(set, "--pause-ms", "T", &flags->pause_ms, client::ParseNumber,
                "pause between frames (default: 0)");
   cli::AddFlag(set, "--json", "FILE", &flags->json, cli::ParseText, "write the figures as JSON");
-  cli::AddRequestFlags(set, &flags->request);
+  client::AddRequestFlags(set, &flags->request);
   return [flags](const cli::Context& context) { return Run(*flags, context); };
 }
 

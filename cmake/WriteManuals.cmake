@@ -2,7 +2,7 @@
 # OUTPUT/{bash-completion/completions,zsh/site-functions,fish/vendor_completions.d}. Run by
 # cmake -P, at build time:
 #
-#   cmake -DOUTPUT=share -DMAIN=bin/isoscope -DSERVERS="bin/isoscope-agent;..." -P WriteManuals.cmake
+#   cmake -DOUTPUT=share -DPROGRAMS="bin/isoscope;..." -DSERVERS="bin/isoscope-agent;..." -P WriteManuals.cmake
 
 function(write file)
   execute_process(COMMAND ${ARGN} OUTPUT_FILE "${file}" COMMAND_ERROR_IS_FATAL ANY)
@@ -14,10 +14,13 @@ set(fish_folder "${OUTPUT}/fish/vendor_completions.d")
 file(REMOVE_RECURSE "${OUTPUT}")
 file(MAKE_DIRECTORY "${OUTPUT}/man/man1" "${bash_folder}" "${zsh_folder}" "${fish_folder}")
 
-execute_process(COMMAND "${MAIN}" --man-pages "${OUTPUT}/man/man1" COMMAND_ERROR_IS_FATAL ANY)
-write("${bash_folder}/isoscope" "${MAIN}" completion bash)
-write("${zsh_folder}/_isoscope" "${MAIN}" completion zsh)
-write("${fish_folder}/isoscope.fish" "${MAIN}" completion fish)
+foreach(program IN LISTS PROGRAMS)
+  get_filename_component(name "${program}" NAME)
+  execute_process(COMMAND "${program}" --man-pages "${OUTPUT}/man/man1" COMMAND_ERROR_IS_FATAL ANY)
+  write("${bash_folder}/${name}" "${program}" completion bash)
+  write("${zsh_folder}/_${name}" "${program}" completion zsh)
+  write("${fish_folder}/${name}.fish" "${program}" completion fish)
+endforeach()
 foreach(server IN LISTS SERVERS)
   get_filename_component(name "${server}" NAME)
   write("${OUTPUT}/man/man1/${name}.1" "${server}" --man-page)

@@ -13,9 +13,9 @@
 #include "core/base/mutex.h"
 #include "core/rpc/unary_call.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
-#include "server/access_control.h"
-#include "server/agent_registry.h"
-#include "server/frame_runner.h"
+#include "server/access/access_control.h"
+#include "server/cluster/agent_registry.h"
+#include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
 

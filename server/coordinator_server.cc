@@ -15,13 +15,13 @@
 #include "core/base/version.h"
 #include "core/rpc/channel.h"
 #include "core/view/camera.h"
-#include "server/access_control.h"
-#include "server/agent_registry.h"
+#include "server/access/access_control.h"
+#include "server/admission/coordinator_memory.h"
+#include "server/cluster/agent_registry.h"
 #include "server/cluster_service_impl.h"
-#include "server/coordinator_memory.h"
 #include "server/dataset_service_impl.h"
-#include "server/frame_runner.h"
-#include "server/interact_service_impl.h"
+#include "server/frame/frame_runner.h"
+#include "server/interact/interact_service_impl.h"
 #include "server/isosurface_service_impl.h"
 
 namespace isoscope::server {

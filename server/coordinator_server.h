@@ -20,7 +20,7 @@
 #include "core/image/pixel_mailboxes.h"
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
-#include "server/agent_endpoint.h"
+#include "server/cluster/agent_endpoint.h"
 
 namespace isoscope::server {
 

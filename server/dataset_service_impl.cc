@@ -11,7 +11,7 @@
 #include "core/rpc/proto_convert.h"
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
-#include "server/agent_queries.h"
+#include "server/frame/agent_queries.h"
 
 namespace isoscope::server {
 namespace {

@@ -35,11 +35,11 @@
 #include "core/rpc/response_splitter.h"
 #include "core/rpc/write_queue.h"
 #include "core/rpc/write_timeout.h"
-#include "server/agent_client.h"
-#include "server/coordinator_memory.h"
-#include "server/frame_call.h"
-#include "server/frame_runner.h"
-#include "server/surface_export.h"
+#include "server/admission/coordinator_memory.h"
+#include "server/export/surface_export.h"
+#include "server/frame/agent_client.h"
+#include "server/frame/frame_call.h"
+#include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
 namespace {

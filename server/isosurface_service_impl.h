@@ -13,12 +13,12 @@
 
 #include "core/view/camera.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
-#include "server/access_control.h"
-#include "server/admission.h"
-#include "server/agent_registry.h"
-#include "server/coordinator_memory.h"
-#include "server/frame_call.h"
-#include "server/frame_runner.h"
+#include "server/access/access_control.h"
+#include "server/admission/admission.h"
+#include "server/admission/coordinator_memory.h"
+#include "server/cluster/agent_registry.h"
+#include "server/frame/frame_call.h"
+#include "server/frame/frame_runner.h"
 
 namespace isoscope::server {
 

@@ -21,8 +21,8 @@
 #include "core/cli/flag_set.h"
 #include "core/rpc/metrics_server.h"
 #include "core/rpc/server_program.h"
-#include "server/agent_list.h"
-#include "server/coordinator_memory.h"
+#include "server/admission/coordinator_memory.h"
+#include "server/cluster/agent_list.h"
 #include "server/coordinator_server.h"
 
 namespace isoscope::server {

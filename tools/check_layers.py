@@ -1,66 +1,73 @@
 #!/usr/bin/env python3
 """Checks that #include lines keep to the floors of the project, and that headers have tests.
 
-    tools/check_layers.py [ROOT]
+    tools/check_layers.py [ROOT]     checks the tree
+    tools/check_layers.py --draw     prints the drawing of the floors that core/README.md has
 
-Five rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
+Six rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
-1. A module includes itself and modules on lower floors (MODULES), never higher ones; server and
-   partition-agent, on the same floor, never include each other. A program's main.cc may include all.
-2. gRPC and protobuf appear only in the files of GRPC_FILES and PROTO_FILES.
+1. A room (a folder) includes itself and rooms on lower floors (FLOORS), never one on its own floor or above: so there
+   is no circle.
+2. gRPC and protobuf appear only in the rooms of GRPC_ROOMS and PROTO_ROOMS.
 3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
 4. CLI11 appears only in CLI11_FILE: its headers cost six seconds of compile time each time.
 5. core, server and partition-agent call no elementary function of libm, whose bits depend on the
    machine: core/math/elementary.h has them. LIBM_FILES lists the exceptions with their reasons.
+6. core/README.md has the drawing that --draw prints.
 """
 
 import pathlib
 import re
 import sys
 
-# Module: floor. A module may include modules on lower floors.
-MODULES = {
-    "core/base": 0,
-    "core/cli": 1,
-    "core/io": 1,
-    "core/math": 1,
-    "core/image": 1,
-    "core/volume": 2,
-    "core/mesh": 3,
-    "core/view": 3,
-    "core/frame": 4,
-    "core/store": 4,
-    "core/index": 4,
-    "core/extract": 4,
-    "core/composite": 4,
-    "core/source": 4,
-    "core/partition": 5,
-    "core/picture": 5,
-    "core/visibility": 5,
-    "core/picture": 5,
-    "core/render": 5,
-    "proto": 5,
-    "core/rpc": 6,
-    "partition-agent": 7,
-    "server": 7,
-    "client-cli": 8,
-    "bench": 9,
-    "web-gateway": 9,
-}
-
-# Programs put modules together: */main.cc may include all of them.
-ABOVE_ALL = 1 + max(MODULES.values())
+# The rooms of each floor, from the top of the house to its ground.
+FLOORS = [
+    ["bench"],
+    ["client-cli"],
+    ["client-cli/commands"],
+    ["client-cli/terminal"],
+    ["client-cli/session", "client-cli/output"],
+    ["partition-agent", "server", "web-gateway"],
+    ["server/interact"],
+    ["server/frame"],
+    ["server/metrics"],
+    ["server/cluster"],
+    ["server/access", "server/admission", "server/picture", "server/export"],
+    ["clients/cpp/connection"],
+    ["clients/cpp/request", "clients/cpp/mesh_file", "clients/cpp/picture_file"],
+    ["core/rpc"],
+    ["proto"],
+    ["core/partition", "core/visibility", "core/picture", "core/render"],
+    ["core/frame", "core/store", "core/index", "core/extract", "core/composite", "core/source"],
+    ["core/mesh", "core/view"],
+    ["core/volume"],
+    ["core/cli", "core/io", "core/math", "core/image"],
+    ["core/base"],
+]
+# Room: floor, from the ground up.
+ROOMS = {room: floor for floor, rooms in enumerate(reversed(FLOORS)) for room in rooms}
 
 # Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
-GRPC_FILES = re.compile(
-    r"(core/rpc|proto)/.*"
-    r"|(server|partition-agent)/(.*_service_impl|.*_server|main)\.(h|cc)"
-    r"|server/(agent_client|agent_prober|agent_queries|dataset_catalog|frame_call|frame_runner|interact_frame|render_statistics)\.(h|cc)"
-    r"|client-cli/(coordinator_channel|service_client|embedded_cluster)\.(h|cc)"
-    r"|web-gateway/(coordinator_client|interact_stream|gateway_server)\.(h|cc)"
-)
-# Who may name protobuf's headers and generated messages (*.pb.h).
-PROTO_FILES = re.compile(GRPC_FILES.pattern + r"|(client-cli|bench|web-gateway)/.*")
+GRPC_ROOMS = {
+    "proto",
+    "core/rpc",
+    "clients/cpp/connection",
+    "partition-agent",
+    "server",
+    "server/cluster",
+    "server/frame",
+    "server/interact",
+    "client-cli/session",
+    "web-gateway",
+}
+# Who may name protobuf's headers and generated messages (*.pb.h) besides.
+PROTO_ROOMS = GRPC_ROOMS | {
+    "clients/cpp/request",
+    "client-cli/commands",
+    "client-cli/output",
+    "client-cli/terminal",
+    "bench",
+}
 
 # Who may name CLI11's headers.
 CLI11_FILE = "core/cli/flag_set.cc"
@@ -76,7 +83,11 @@ UNTESTED_HEADERS = {
     "core/base/scoped_timer.h": "the times of frame_pipeline_test",
     "core/base/status_macros.h": "used by every test",
     "core/base/units.h": "constants",
-    "core/base/version.h": "one constant; tests/unit/client-cli/commands_test.cc",
+    "core/base/version.h": "one constant; tests/unit/client-cli/commands/program_test.cc",
+    "core/cli/command.h": "plain data; tests/unit/client-cli/commands/program_test.cc",
+    "core/cli/program.h": "with the commands of a program: tests/unit/client-cli/commands/program_test.cc",
+    "core/cli/interrupt.h": "signals of real processes: tests/integration/cli_test.cc",
+    "core/frame/color.h": "plain data",
     "core/composite/band_decoder.h": "every damage: tests/unit/core/composite/pixel_codec_test.cc",
     "core/composite/band_encoder.h": "inside of pixel_codec_test",
     "core/extract/bit_row.h": "inside of block_extractor_test",
@@ -85,7 +96,7 @@ UNTESTED_HEADERS = {
     "core/extract/vertex_placement-inl.h": "inside of block_extractor_test",
     "core/extract/block_kernels.h": "inside of block_extractor_test",
     "core/extract/block_shape.h": "inside of block_extractor_test",
-    "server/frame_call.h": "every call of isosurface_service_test and tests/integration/planes_test.cc",
+    "server/frame/frame_call.h": "every call of isosurface_service_test and tests/integration/planes_test.cc",
     "core/index/interval_tree_builder.h": "inside of interval_tree_test",
     "core/index/interval_tree_format.h": "constants; inside of interval_tree_test",
     "core/source/file_source.h": "inside of volume_source_test",
@@ -94,8 +105,6 @@ UNTESTED_HEADERS = {
     "core/source/itk_header.h": "inside of volume_source_test",
     "core/source/sample_location.h": "inside of volume_source_test",
     "core/mesh/block_mesh.h": "plain data",
-    "core/cli/command.h": "plain data; tests/unit/client-cli/commands_test.cc",
-    "core/cli/interrupt.h": "signals of real processes: tests/integration/cli_test.cc",
     "core/frame/appearance.h": "plain data",
     "core/frame/color.h": "plain data",
     "core/render/gl_mesh_drawer.h": "inside of renderer_test",
@@ -121,7 +130,7 @@ BIT_ROOMS = ("core/", "server/", "partition-agent/")
 LIBM_FILES = {
     "core/source/volume_generator.cc": "test volumes: samples are made once, then stored",
     "core/render/gl_mesh_drawer.cc": "pow in GLSL: the driver's, which is a part of the picture revision",
-    "server/rate_control.cc": "chooses a size by measured times",
+    "server/interact/rate_control.cc": "chooses a size by measured times",
 }
 
 # sqrt, fmod, remainder, frexp, ldexp and roundings are exact or correctly rounded by IEEE 754.
@@ -132,42 +141,47 @@ LIBM_CALL = re.compile(
 )
 COMMENT = re.compile(r"//.*")
 
+# The lines of core/README.md between which the drawing stands.
+DRAWING_BEGIN = "<!-- floors: made by tools/check_layers.py --draw -->"
+DRAWING_END = "<!-- end of floors -->"
+
 INCLUDE = re.compile(r'^\s*#\s*include\s+[<"]([^>"]+)[>"]')
 
 
-def module_of(path):
-    """The module that a path below the root belongs to, or None."""
-    for module in MODULES:
-        if path.startswith(module + "/"):
-            return module
-    return None
-
-
-def floor_of(file):
-    """The floor that `file`, which belongs to a module, stands on."""
-    return ABOVE_ALL if file.endswith("/main.cc") else MODULES[module_of(file)]
+def room_of(path):
+    """The room that a path below the root lies in, or None."""
+    folder = path.rpartition("/")[0]
+    return folder if folder in ROOMS else None
 
 
 def check_include(file, included):
     """What is wrong with `file` including `included`, or None."""
+    of_file, of_included = room_of(file), room_of(included)
     if included.endswith(".grpc.pb.h") or included.startswith(("grpc/", "grpcpp/")):
-        if not GRPC_FILES.fullmatch(file):
-            return f"gRPC ({included}) is for core/rpc, servers and service clients"
+        if of_file not in GRPC_ROOMS:
+            return f"gRPC ({included}) is not for {of_file}; see GRPC_ROOMS"
         return None
     if included.endswith(".pb.h") or included.startswith("google/protobuf/"):
-        if not PROTO_FILES.fullmatch(file):
-            return f"messages ({included}) are for core/rpc, servers, client-cli, bench and web-gateway"
+        if of_file not in PROTO_ROOMS:
+            return f"messages ({included}) are not for {of_file}; see PROTO_ROOMS"
         return None
     if included.startswith("CLI/") and file != CLI11_FILE:
         return f"CLI11 ({included}) is for {CLI11_FILE}: use core/cli/flag_set.h"
-    of_file, of_included = module_of(file), module_of(included)
+    if included.startswith("tests/"):
+        return f"product code includes {included}"
     if of_included is None or of_file == of_included:
-        if included.startswith("tests/"):
-            return f"product code includes {included}"
         return None
-    if MODULES[of_included] >= floor_of(file):
-        return f"{of_file} (floor {MODULES[of_file]}) includes {included} (floor {MODULES[of_included]})"
+    if ROOMS[of_included] >= ROOMS[of_file]:
+        return f"{of_file} (floor {ROOMS[of_file]}) includes {included} (floor {ROOMS[of_included]})"
     return None
+
+
+def draw():
+    """The floors as text, the highest first. A floor within a program is a part of the program's own."""
+    lines = []
+    for floor, rooms in zip(range(len(FLOORS) - 1, -1, -1), FLOORS):
+        lines.append(f"{floor:4}  " + "   ".join(rooms))
+    return "```\n" + "\n".join(lines) + "\n```\n"
 
 
 def check_libm(file, line):
@@ -183,8 +197,8 @@ def check_libm(file, line):
 def check(root):
     """All complaints about the tree below `root`."""
     complaints = []
-    for module in MODULES:
-        for path in sorted((root / module).glob("*")):
+    for room in ROOMS:
+        for path in sorted((root / room).glob("*")):
             if path.suffix not in (".h", ".cc"):
                 continue
             file = path.relative_to(root).as_posix()
@@ -193,13 +207,18 @@ def check(root):
                 complaint = check_include(file, match.group(1)) if match else check_libm(file, line)
                 if complaint:
                     complaints.append(f"{file}:{number}: {complaint}")
-            if path.suffix == ".h" and module.startswith("core/"):
+            if path.suffix == ".h" and room.startswith("core/"):
                 test = f"tests/unit/{file[:-2]}_test.cc"
                 if file not in UNTESTED_HEADERS and not (root / test).exists():
                     complaints.append(f"{file}:1: has no test {test}")
-    for folder in sorted(p for p in (root / "core").glob("*") if p.is_dir()):
-        if f"core/{folder.name}" not in MODULES:
-            complaints.append(f"core/{folder.name}:1: stands on no floor; add it to {__file__}")
+    for house in sorted({room.partition("/")[0] for room in ROOMS}):
+        for path in sorted((root / house).rglob("*.h")) + sorted((root / house).rglob("*.cc")):
+            file = path.relative_to(root).as_posix()
+            if room_of(file) is None:
+                complaints.append(f"{file}:1: stands on no floor; add its folder to FLOORS")
+    readme = root / "core/README.md"
+    if readme.exists() and f"{DRAWING_BEGIN}\n{draw()}{DRAWING_END}\n" not in readme.read_text(encoding="utf-8"):
+        complaints.append("core/README.md:1: has another drawing of the floors than --draw prints")
     for source in LIBM_FILES:
         path = root / source
         if path.exists() and not any(
@@ -213,6 +232,9 @@ def check(root):
 
 
 def main():
+    if sys.argv[1:] == ["--draw"]:
+        print(draw(), end="")
+        return 0
     default = pathlib.Path(__file__).resolve().parent.parent
     root = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else default
     complaints = check(root)

@@ -29,8 +29,8 @@
 #include "google/protobuf/io/coded_stream.h"
 #include "google/protobuf/io/zero_copy_stream_impl_lite.h"
 
-#include "client-cli/mesh_piece.h"
-#include "client-cli/mesh_writer.h"
+#include "clients/cpp/mesh_file/mesh_piece.h"
+#include "clients/cpp/mesh_file/mesh_writer.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "isoscope/v1/cluster_service.pb.h"
@@ -491,7 +491,7 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
     client_->Export(
         query->request, call_,
         [self = shared_from_this()](const v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
-          ISOSCOPE_ASSIGN_OR_RETURN(const cli::MeshPiece piece,
+          ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshPiece piece,
                                     self->decoder_->Decode(chunk.surface_index(), chunk.positions(),
                                                            chunk.normals(), chunk.triangles()));
           ISOSCOPE_RETURN_IF_ERROR(self->CountMeshBytes());
@@ -512,11 +512,11 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
                        error ? error.message() : std::system_category().message(errno)));
     }
     mesh_path_ = folder + "/mesh.glb";
-    const cli::MeshFileOptions file{
-        .path = mesh_path_, .format = cli::MeshFormat::kGlb, .surfaces = query.surfaces};
-    ISOSCOPE_RETURN_IF_ERROR(cli::Validate(file));
+    const client::MeshFileOptions file{
+        .path = mesh_path_, .format = client::MeshFormat::kGlb, .surfaces = query.surfaces};
+    ISOSCOPE_RETURN_IF_ERROR(client::Validate(file));
     decoder_.emplace(static_cast<int>(query.surfaces.size()));
-    absl::StatusOr<std::unique_ptr<cli::MeshWriter>> writer = cli::MeshWriter::Create(file);
+    absl::StatusOr<std::unique_ptr<client::MeshWriter>> writer = client::MeshWriter::Create(file);
     if (!writer.ok()) {
       RemoveTemporaryFile(mesh_path_);
       return writer.status();
@@ -583,8 +583,8 @@ class Exchange : public std::enable_shared_from_this<Exchange> {
   v1::RenderIsosurfaceRequest render_;
   std::shared_ptr<MeshBudget::Lease> mesh_lease_;
   std::string mesh_path_;
-  std::optional<cli::MeshDecoder> decoder_;
-  std::unique_ptr<cli::MeshWriter> writer_;
+  std::optional<client::MeshDecoder> decoder_;
+  std::unique_ptr<client::MeshWriter> writer_;
 };
 
 }  // namespace

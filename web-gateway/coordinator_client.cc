@@ -10,7 +10,7 @@
 #include "absl/time/clock.h"
 #include <grpcpp/support/client_callback.h>
 
-#include "client-cli/coordinator_channel.h"
+#include "clients/cpp/connection/coordinator_channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
 
@@ -56,7 +56,7 @@ class CallBase {
  private:
   CoordinatorClient* const client_;
   const std::shared_ptr<RequestScope> scope_;
-  cli::CallContext context_;
+  client::CallContext context_;
 };
 
 template <typename Request, typename Response>
@@ -174,7 +174,7 @@ void CallCounter::AwaitNone() {
 }
 
 CoordinatorClient::CoordinatorClient(CoordinatorClientOptions options)
-    : channel_(std::make_unique<const cli::CoordinatorChannel>(
+    : channel_(std::make_unique<const client::CoordinatorChannel>(
           std::move(options.channel), std::move(options.address), std::move(options.token))),
       max_duration_(options.max_duration),
       max_picture_bytes_(options.max_picture_bytes) {}

@@ -1,6 +1,6 @@
 // The coordinator's public services as calls that never block: a function is called when the answer
 // is there, on a thread of gRPC. This names messages without their headers, as
-// client-cli/service_client.h does.
+// clients/cpp/connection/service_client.h does.
 
 #ifndef ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
 #define ISOSCOPE_WEB_GATEWAY_COORDINATOR_CLIENT_H_
@@ -36,7 +36,7 @@ class RenderIsosurfaceResponse;
 }  // namespace isoscope::v1
 
 namespace isoscope::cli {
-class CoordinatorChannel;
+class client::CoordinatorChannel;
 }  // namespace isoscope::cli
 
 namespace isoscope::gateway {
@@ -102,11 +102,11 @@ class CoordinatorClient {
   void AwaitCalls() { calls_.AwaitNone(); }
 
   // For calls.
-  [[nodiscard]] const cli::CoordinatorChannel& channel() const { return *channel_; }
+  [[nodiscard]] const client::CoordinatorChannel& channel() const { return *channel_; }
   CallCounter* calls() { return &calls_; }
 
  private:
-  const std::unique_ptr<const cli::CoordinatorChannel> channel_;
+  const std::unique_ptr<const client::CoordinatorChannel> channel_;
   const absl::Duration max_duration_;
   const std::size_t max_picture_bytes_;
   CallCounter calls_;

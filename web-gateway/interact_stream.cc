@@ -11,7 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include <grpcpp/support/client_callback.h>
 
-#include "client-cli/coordinator_channel.h"
+#include "clients/cpp/connection/coordinator_channel.h"
 #include "core/base/mutex.h"
 #include "core/rpc/grpc_status.h"
 
@@ -51,7 +51,7 @@ class InteractStreamImpl final
   OnResponse on_response_;
   OnEnd on_end_;
   std::shared_ptr<InteractStreamImpl> self_;  // until OnDone
-  cli::CallContext context_;
+  client::CallContext context_;
   v1::InteractResponse incoming_;
 
   base::Mutex mutex_;

@@ -15,12 +15,12 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/strip.h"
 
-#include "client-cli/clip_flags.h"
-#include "client-cli/effect_flags.h"
-#include "client-cli/look_flags.h"
-#include "client-cli/parse_value.h"
-#include "client-cli/render_request.h"
-#include "client-cli/view_flags.h"
+#include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/effect_flags.h"
+#include "clients/cpp/request/look_flags.h"
+#include "clients/cpp/request/parse_value.h"
+#include "clients/cpp/request/render_request.h"
+#include "clients/cpp/request/view_flags.h"
 #include "core/base/status_macros.h"
 #include "core/cli/command_description.h"
 #include "core/cli/flag_set.h"
@@ -38,12 +38,12 @@ using OutputOptions = v1::OutputOptions;
 enum class Format { kPng, kJpeg, kDepth };
 
 absl::StatusOr<Format> ParseFormat(absl::string_view text) {
-  return cli::ParseChoice<Format>(
+  return client::ParseChoice<Format>(
       text, {{"png", Format::kPng}, {"jpeg", Format::kJpeg}, {"depth", Format::kDepth}});
 }
 
 absl::StatusOr<std::int64_t> ParseQuality(absl::string_view text) {
-  return cli::ParseInteger(text, 1, 100);
+  return client::ParseInteger(text, 1, 100);
 }
 
 // "--clip-plane is ..." as "clip-plane is ...": in an address, names have no dashes before them.
@@ -134,37 +134,37 @@ OutputOptions OutputOf(Format format, const std::optional<std::int64_t>& quality
 
 absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryParameters& query,
                                                                    const v1::Dataset& dataset) {
-  cli::RequestFlags flags;
-  cli::ViewFlags view;
-  cli::LookFlags look;
-  cli::EffectFlags effects;
+  client::RequestFlags flags;
+  client::ViewFlags view;
+  client::LookFlags look;
+  client::EffectFlags effects;
   std::optional<Format> format;
   std::optional<std::int64_t> quality;
   cli::FlagSet set({.has_help = false});
-  cli::AddRequestFlags(&set, &flags);
-  cli::AddNamedViewFlags(&set, &view);
-  cli::AddLookFlags(&set, &look);
-  cli::AddEffectFlags(&set, &effects);
+  client::AddRequestFlags(&set, &flags);
+  client::AddNamedViewFlags(&set, &view);
+  client::AddLookFlags(&set, &look);
+  client::AddEffectFlags(&set, &effects);
   cli::AddFlag(&set, "--format", "png|jpeg|depth", &format, ParseFormat, "");
   cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(flags)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(view, flags.camera)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(look, flags.isovalues().size())));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(flags)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(view, flags.camera)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(look, flags.isovalues().size())));
   if (quality && format != Format::kJpeg) {
     return absl::InvalidArgumentError(
         absl::StrCat("quality is ", *quality, " without format=jpeg: only a JPEG has one"));
   }
-  const absl::StatusOr<v1::Camera> camera = cli::ResolveView(view, flags.camera, dataset);
+  const absl::StatusOr<v1::Camera> camera = client::ResolveView(view, flags.camera, dataset);
   ISOSCOPE_RETURN_IF_ERROR(ParameterError(camera.status()));
   ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera checked, rpc::CameraFromProto(*camera, "camera"));
-  v1::RenderIsosurfaceRequest request = cli::MakeRequest(flags, dataset.name(), checked);
+  v1::RenderIsosurfaceRequest request = client::MakeRequest(flags, dataset.name(), checked);
   *request.mutable_camera() = *camera;
   if (view.fit) {
     request.set_camera_fit(*view.fit);
   }
-  cli::SetEffects(effects, &request);
-  cli::AddLook(look, &request);
+  client::SetEffects(effects, &request);
+  client::AddLook(look, &request);
   if (format.value_or(Format::kPng) != Format::kPng) {
     *request.mutable_output() = OutputOf(*format, quality);
   }
@@ -175,13 +175,13 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
                                              const v1::Dataset& dataset) {
   std::optional<double> isovalue;
   std::optional<frame::Color> color;
-  std::vector<cli::SurfaceValue> surfaces;
-  cli::ClipFlags clip;
+  std::vector<client::SurfaceValue> surfaces;
+  client::ClipFlags clip;
   cli::FlagSet set({.has_help = false});
-  cli::AddFlag(&set, "--isovalue", "V", &isovalue, cli::ParseNumber, "");
-  cli::AddFlag(&set, "--color", "R,G,B", &color, cli::ParseColor, "");
-  cli::AddRepeatableFlag(&set, "--surface", "V[:R,G,B]", &surfaces, cli::ParseSurface, "");
-  cli::AddClipFlags(&set, &clip);
+  cli::AddFlag(&set, "--isovalue", "V", &isovalue, client::ParseNumber, "");
+  cli::AddFlag(&set, "--color", "R,G,B", &color, client::ParseColor, "");
+  cli::AddRepeatableFlag(&set, "--surface", "V[:R,G,B]", &surfaces, client::ParseSurface, "");
+  client::AddClipFlags(&set, &clip);
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
   if (isovalue.has_value() != surfaces.empty()) {
     return absl::InvalidArgumentError("give isovalue=V, or surface=V:R,G,B for each surface");
@@ -191,14 +191,14 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
                                                    " times: at most ", frame::kMaxSurfaces,
                                                    " are allowed"));
   }
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(cli::CheckUsage(clip)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(clip)));
   MeshQuery mesh;
   mesh.request.set_dataset(dataset.name());
   mesh.request.set_isovalue(isovalue.value_or(0));
   if (surfaces.empty()) {
     mesh.surfaces = {{.isovalue = *isovalue, .color = color}};
   }
-  for (const cli::SurfaceValue& surface : surfaces) {
+  for (const client::SurfaceValue& surface : surfaces) {
     mesh.request.add_surfaces()->set_isovalue(surface.isovalue);
     mesh.surfaces.push_back({.isovalue = surface.isovalue, .color = surface.color});
     if (surface.color && surface.color->alpha != 1.0F) {
@@ -206,7 +206,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
     }
   }
   if (!clip.empty()) {
-    *mesh.request.mutable_clip() = cli::ToProto(clip);
+    *mesh.request.mutable_clip() = client::ToProto(clip);
   }
   return mesh;
 }

@@ -8,7 +8,7 @@
 
 #include "absl/status/statusor.h"
 
-#include "client-cli/mesh_writer.h"
+#include "clients/cpp/mesh_file/mesh_writer.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "web-gateway/url.h"
@@ -26,7 +26,7 @@ absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> RenderRequestFromQuery(
 
 struct MeshQuery {
   isoscope::v1::ExportIsosurfaceRequest request;
-  std::vector<cli::MeshSurface> surfaces;  // as many as the request has
+  std::vector<client::MeshSurface> surfaces;  // as many as the request has
 };
 // Parameters: isovalue, color, surface, clip-plane, clip-box. Errors as above.
 absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,

@@ -26,7 +26,7 @@ struct BlockMesh {
   std::vector<std::uint32_t> indices;
   // Empty, or one for each position: the key of the grid edge that the vertex lies on,
   // 3 * (linear index of the edge's lower sample in the volume) + axis. Equal keys mean one vertex.
-  // A vertex that was made by a cut has a negative key (server/surface_cutter.h).
+  // A vertex that was made by a cut has a negative key (server/export/surface_cutter.h).
   std::vector<std::int64_t> edge_keys;
   // Crossed grid edges that count for this block. Their sum over all blocks is the number of unique
   // vertices (docs/numerics.md, "Unique vertex count").

@@ -10,8 +10,8 @@
 #include "gtest/gtest.h"
 #include <nlohmann/json.hpp>
 
-#include "client-cli/png_chunks.h"
-#include "client-cli/png_metadata.h"
+#include "clients/cpp/connection/png_metadata.h"
+#include "clients/cpp/picture_file/png_chunks.h"
 #include "core/base/units.h"
 #include "core/image/png_codec.h"
 #include "core/io/file.h"
@@ -72,7 +72,7 @@ class PictureTest : public ::testing::Test {
 
 TEST_F(PictureTest, RecordDoesNotDependOnCutsSeedsNamesOrWhereThePictureIsMade) {
   const std::string png = MustRender("a.png", Small(Cpu("one")));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const cli::RecordedPng recorded, cli::SplitRecordedPng(png));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const client::RecordedPng recorded, client::SplitRecordedPng(png));
   EXPECT_EQ(recorded.record.request.viewport().width_px(), 90);
   EXPECT_EQ(recorded.record.request.isovalue(), 128);
   EXPECT_TRUE(recorded.record.request.camera().has_perspective());
@@ -164,13 +164,13 @@ TEST_F(PictureTest, LikeRefusesOtherSamplesChangedPicturesAndPicturesWithoutARec
       << result.err;
 
   // Three pixels are painted over; the record stays.
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const cli::RecordedPng recorded, cli::SplitRecordedPng(png));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const client::RecordedPng recorded, client::SplitRecordedPng(png));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(image::RgbaImage painted, image::DecodePng(png));
   for (const std::size_t i : {std::size_t{10}, std::size_t{500}, painted.pixels.size() - 1}) {
     painted.pixels[i] = {static_cast<std::uint8_t>(painted.pixels[i].r ^ 128), 0, 0, 255};
   }
-  const auto repainted = [&](const cli::PictureRecord& record) {
-    return cli::AddPictureRecord(image::EncodePng(90, 70, painted.pixels), record).value();
+  const auto repainted = [&](const client::PictureRecord& record) {
+    return client::AddPictureRecord(image::EncodePng(90, 70, painted.pixels), record).value();
   };
   ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("painted.png"), repainted(recorded.record)));
   result = like("one", "painted.png");
@@ -178,7 +178,7 @@ TEST_F(PictureTest, LikeRefusesOtherSamplesChangedPicturesAndPicturesWithoutARec
   EXPECT_TRUE(absl::StrContains(result.err, "3 of 6,300 pixels differ")) << result.err;
 
   // Of another revision they may differ: they are counted.
-  cli::PictureRecord older = recorded.record;
+  client::PictureRecord older = recorded.record;
   older.picture_revision = "1 cpu";
   ISOSCOPE_ASSERT_OK(io::WriteWholeFile(Path("older.png"), repainted(older)));
   result = like("one", "older.png");
@@ -205,7 +205,7 @@ TEST_F(PictureTest, LikeWithWrongFlagsIsWrongUsage) {
 
 TEST_F(PictureTest, MaskPictureCarriesNoRecordForItDependsOnTheCut) {
   const std::string png = MustRender("a.png", Join(Small(Cpu("one")), {"--culling", "mask"}));
-  EXPECT_EQ(cli::SplitRecordedPng(png).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(client::SplitRecordedPng(png).status().code(), absl::StatusCode::kNotFound);
 }
 
 TEST_F(PictureTest, LikeComparesAnAnnotatedPictureBesideItsAnnotations) {
@@ -229,21 +229,22 @@ TEST_F(PictureTest, LikeComparesAnAnnotatedPictureBesideItsAnnotations) {
 
 // The frames of an APNG as RGBA.
 std::vector<image::RgbaImage> FramesOfApng(const std::string& apng) {
-  const absl::StatusOr<std::vector<cli::PngChunk>> chunks = cli::ParsePngChunks(apng);
+  const absl::StatusOr<std::vector<client::PngChunk>> chunks = client::ParsePngChunks(apng);
   EXPECT_THAT(chunks, testing::IsOk());
   std::vector<std::string> pngs;
-  for (const cli::PngChunk& chunk : *chunks) {
+  for (const client::PngChunk& chunk : *chunks) {
     if (chunk.type == "fcTL") {
       pngs.push_back(absl::StrCat(cli::kPngSignature, chunks->front().bytes));
     } else if (chunk.type == "IDAT") {
       absl::StrAppend(&pngs.back(), chunk.bytes);
     } else if (chunk.type == "fdAT") {
-      absl::StrAppend(&pngs.back(), cli::MakePngChunk("IDAT", chunk.data.substr(4)));
+      absl::StrAppend(&pngs.back(), client::MakePngChunk("IDAT", chunk.data.substr(4)));
     }
   }
   std::vector<image::RgbaImage> frames;
   for (const std::string& png : pngs) {
-    absl::StatusOr<image::RgbaImage> frame = image::DecodePng(png + cli::MakePngChunk("IEND", ""));
+    absl::StatusOr<image::RgbaImage> frame =
+        image::DecodePng(png + client::MakePngChunk("IEND", ""));
     EXPECT_THAT(frame, testing::IsOk());
     frames.push_back(frame.value_or(image::RgbaImage{}));
   }

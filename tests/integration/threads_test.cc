@@ -20,7 +20,7 @@
 #include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
-#include "client-cli/embedded_cluster.h"
+#include "client-cli/session/embedded_cluster.h"
 #include "core/base/check.h"
 #include "core/base/units.h"
 #include "core/io/file.h"

@@ -13,7 +13,7 @@
 #include "core/render/cpu_renderer.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/frame_pipeline.h"
-#include "server/agent_link.h"
+#include "server/frame/agent_link.h"
 #include "tests/support/only_arena.h"
 
 namespace isoscope::testing {

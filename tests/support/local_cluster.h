@@ -24,8 +24,8 @@
 #include "core/render/renderer_factory.h"
 #include "partition-agent/block_cache.h"
 #include "partition-agent/shard.h"
-#include "server/active_blocks.h"
-#include "server/frame_coordinator.h"
+#include "server/frame/active_blocks.h"
+#include "server/frame/frame_coordinator.h"
 #include "tests/support/draws.h"
 
 namespace isoscope::testing {

@@ -23,6 +23,7 @@ namespace isoscope::testing {
 namespace {
 
 constexpr char kIsoscope[] = ISOSCOPE_TEST_PROGRAM;
+constexpr char kBench[] = ISOSCOPE_TEST_BENCH;
 constexpr char kAgent[] = ISOSCOPE_TEST_AGENT;
 constexpr char kCoordinator[] = ISOSCOPE_TEST_COORDINATOR;
 constexpr char kGateway[] = ISOSCOPE_TEST_GATEWAY;
@@ -99,6 +100,13 @@ std::string ShardDirectory(const std::string& dataset_directory, int shard, int 
 CommandResult RunIsoscope(const std::vector<std::string>& arguments,
                           const ProcessOptions& options) {
   std::vector<std::string> argv{kIsoscope};
+  Append(arguments, &argv);
+  return RunCommand(argv, options);
+}
+
+CommandResult RunIsoscopeBench(const std::vector<std::string>& arguments,
+                               const ProcessOptions& options) {
+  std::vector<std::string> argv{kBench};
   Append(arguments, &argv);
   return RunCommand(argv, options);
 }

@@ -46,7 +46,10 @@ std::string ShardDirectory(const std::string& dataset_directory, int shard, int 
 // Runs `isoscope ARGUMENTS...` to its end.
 CommandResult RunIsoscope(const std::vector<std::string>& arguments,
                           const ProcessOptions& options = {});
-// Starts it.
+// Runs `isoscope-bench ARGUMENTS...` to its end.
+CommandResult RunIsoscopeBench(const std::vector<std::string>& arguments,
+                               const ProcessOptions& options = {});
+// Starts `isoscope`.
 absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::string>& arguments,
                                                        const ProcessOptions& options = {});
 

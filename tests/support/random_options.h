@@ -14,7 +14,7 @@
 #include "core/math/box.h"
 #include "core/view/clip_region.h"
 #include "core/volume/block_layout.h"
-#include "server/frame_coordinator.h"
+#include "server/frame/frame_coordinator.h"
 
 namespace isoscope::testing {
 

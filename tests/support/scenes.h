@@ -12,7 +12,7 @@
 #include "core/image/frame_image.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
-#include "server/frame_coordinator.h"
+#include "server/frame/frame_coordinator.h"
 
 namespace isoscope::testing {
 

@@ -22,7 +22,7 @@
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "proto/message_checksum.h"
-#include "server/coordinator_memory.h"
+#include "server/admission/coordinator_memory.h"
 #include "server/coordinator_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/unit/server/fake_agent.h"

@@ -21,9 +21,9 @@
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/composite/pixel_codec.h"
-#include "server/frame_coordinator.h"
-#include "server/frame_output.h"
-#include "server/picture_finish.h"
+#include "server/frame/frame_coordinator.h"
+#include "server/picture/frame_output.h"
+#include "server/picture/picture_finish.h"
 #include "tests/support/memory_failure.h"
 #include "tests/support/status_matchers.h"
 

@@ -21,7 +21,7 @@ class CheckIncludeTest(unittest.TestCase):
             ("client-cli/a.cc", "server/coordinator_server.h"),
             ("core/base/a.cc", "vector"),
             ("core/rpc/channel.h", "grpcpp/channel.h"),
-            ("client-cli/render_request.h", "isoscope/v1/frame.pb.h"),
+            ("clients/cpp/request/render_request.h", "isoscope/v1/frame.pb.h"),
             ("bench/a.cc", "client-cli/commands.h"),
             ("bench/a.cc", "isoscope/v1/frame.pb.h"),
             ("client-cli/main.cc", "bench/commands.h"),
@@ -34,8 +34,8 @@ class CheckIncludeTest(unittest.TestCase):
             ("core/base/a.cc", "core/math/vec.h"),
             ("core/store/a.cc", "core/index/interval_tree.h"),
             ("server/a.cc", "partition-agent/shard.h"),
-            ("partition-agent/a.cc", "server/agent_link.h"),
-            ("core/rpc/a.cc", "server/agent_link.h"),
+            ("partition-agent/a.cc", "server/frame/agent_link.h"),
+            ("core/rpc/a.cc", "server/frame/agent_link.h"),
             ("client-cli/commands.cc", "bench/commands.h"),
             ("core/base/a.cc", "tests/support/temp_dir.h"),
         ]:
@@ -49,7 +49,7 @@ class CheckIncludeTest(unittest.TestCase):
         for file, included in [
             ("core/store/a.cc", "isoscope/v1/frame.pb.h"),
             ("partition-agent/frame_pipeline.cc", "google/protobuf/arena.h"),
-            ("server/frame_coordinator.h", "grpcpp/grpcpp.h"),
+            ("server/frame/frame_coordinator.h", "grpcpp/grpcpp.h"),
             ("client-cli/output.cc", "isoscope/v1/dataset_service.grpc.pb.h"),
             ("bench/peer.h", "grpcpp/grpcpp.h"),
         ]:
@@ -88,12 +88,12 @@ class CheckTreeTest(unittest.TestCase):
             (root / "core/attic").mkdir()
             (root / "core/base/b.cc").write_text("double F(double x) {\n  return std::cos(x);\n}\n")
             (root / "server").mkdir()
-            (root / "server/rate_control.cc").write_text("int x;\n")
+            (root / "server/interact/rate_control.cc").write_text("int x;\n")
             complaints = "\n".join(check_layers.check(root))
         self.assertIn("core/base/a.h:2: core/base (floor 0) includes core/math/vec.h", complaints)
         self.assertIn("core/base/a.h:1: has no test tests/unit/core/base/a_test.cc", complaints)
         self.assertIn("core/base/b.cc:2: calls cos of libm", complaints)
-        self.assertIn("server/rate_control.cc:1: may call libm but does not", complaints)
+        self.assertIn("server/interact/rate_control.cc:1: may call libm but does not", complaints)
         self.assertIn("core/attic:1: stands on no floor", complaints)
 
 

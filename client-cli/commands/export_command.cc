@@ -1,0 +1,325 @@
+// isoscope export INPUT | DIR | --server HOST:PORT --isovalue V --output FILE
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/clock.h"
+
+#include "client-cli/commands/program.h"
+#include "client-cli/output/no_surface.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/mesh_file/mesh_components.h"
+#include "clients/cpp/mesh_file/mesh_piece.h"
+#include "clients/cpp/mesh_file/mesh_simplifier.h"
+#include "clients/cpp/mesh_file/mesh_store.h"
+#include "clients/cpp/mesh_file/mesh_writer.h"
+#include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/format.h"
+#include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
+#include "core/frame/frame_spec.h"
+#include "core/io/atomic_file.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::cli {
+namespace {
+
+struct ExportFlags {
+  SessionFlags session;
+  std::optional<double> isovalue;
+  std::vector<client::SurfaceValue> surfaces;
+  client::ClipFlags clip;
+  std::optional<std::string> output;
+  std::optional<client::MeshFormat> format;
+  std::optional<frame::Color> color;
+  std::optional<std::int64_t> min_component;
+  std::optional<double> simplify_share;
+  std::optional<double> simplify_error;
+
+  // True if the whole mesh must be seen before it is written.
+  [[nodiscard]] bool has_filter() const {
+    return min_component || simplify_share || simplify_error;
+  }
+  // REQUIRES: CheckUsage is OK.
+  [[nodiscard]] std::vector<client::MeshSurface> mesh_surfaces() const {
+    if (surfaces.empty()) {
+      return {{.isovalue = *isovalue, .color = color}};
+    }
+    std::vector<client::MeshSurface> list;
+    for (const client::SurfaceValue& surface : surfaces) {
+      list.push_back({.isovalue = surface.isovalue, .color = surface.color});
+    }
+    return list;
+  }
+};
+
+absl::StatusOr<double> ParseShare(absl::string_view text) {
+  absl::StatusOr<double> share = client::ParseNumber(text);
+  if (!share.ok() || *share <= 0 || *share >= 1) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is not a share of the triangles, above 0 and below 1"));
+  }
+  return share;
+}
+
+absl::Status client::CheckUsage(const ExportFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
+  if (!flags.isovalue && flags.surfaces.empty()) {
+    return UsageError("--isovalue V is missing: the level of the surface, in field units");
+  }
+  if (!flags.surfaces.empty() && (flags.isovalue || flags.color)) {
+    return UsageError(
+        absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
+                     " exclude each other: write --surface V:R,G,B for each surface"));
+  }
+  for (const client::SurfaceValue& surface : flags.surfaces) {
+    if (surface.color && surface.color->alpha != 1.0F) {
+      return UsageError(absl::StrCat("--surface ", surface.isovalue, " has opacity ",
+                                     surface.color->alpha,
+                                     ": meshes are opaque, leave :OPACITY out"));
+    }
+  }
+  if (flags.surfaces.size() > frame::kMaxSurfaces) {
+    return UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(), " times: at most ",
+                                   frame::kMaxSurfaces, " are allowed"));
+  }
+  if (!flags.output) {
+    return UsageError("--output FILE is missing: the mesh to write");
+  }
+  return client::CheckUsage(flags.clip);
+}
+
+absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  client::MeshFileOptions options{.path = *flags.output, .surfaces = flags.mesh_surfaces()};
+  const absl::StatusOr<client::MeshFormat> format =
+      client::MeshFormatOf(*flags.output, flags.format);
+  ISOSCOPE_RETURN_IF_ERROR(AsUsageError(format.status()));
+  options.format = *format;
+  ISOSCOPE_RETURN_IF_ERROR(AsUsageError(client::Validate(options)));
+  return options;
+}
+
+isoscope::v1::ExportIsosurfaceRequest client::MakeRequest(const ExportFlags& flags,
+                                                          const std::string& dataset) {
+  isoscope::v1::ExportIsosurfaceRequest request;
+  request.set_dataset(dataset);
+  request.set_isovalue(flags.isovalue.value_or(0));
+  for (const client::SurfaceValue& surface : flags.surfaces) {
+    request.add_surfaces()->set_isovalue(surface.isovalue);
+  }
+  if (!flags.clip.empty()) {
+    *request.mutable_clip() = client::ToProto(flags.clip);
+  }
+  return request;
+}
+
+// Keeps each surface in a store of its own, so that what looks at a whole mesh looks at one
+// surface.
+class SurfaceStores : public client::MeshSink {
+ public:
+  explicit SurfaceStores(std::string folder) : folder_(std::move(folder)) {}
+
+  absl::Status Add(const client::MeshPiece& piece) override {
+    while (stores_.size() <= static_cast<std::size_t>(piece.surface_index)) {
+      first_vertex_ = vertex_count_;
+      ISOSCOPE_ASSIGN_OR_RETURN(stores_.emplace_back(), client::MeshStore::Create(folder_));
+    }
+    vertex_count_ += piece.vertex_count();
+    if (first_vertex_ == 0) {
+      return stores_.back()->Add(piece);
+    }
+    client::MeshPiece own = piece;
+    for (std::uint32_t& vertex : own.triangles) {
+      vertex -= static_cast<std::uint32_t>(first_vertex_);
+    }
+    return stores_.back()->Add(own);
+  }
+  absl::Status Finish() override { return absl::OkStatus(); }
+
+  [[nodiscard]] const std::vector<std::unique_ptr<client::MeshStore>>& stores() const {
+    return stores_;
+  }
+
+  absl::Status Emit(client::MeshWriter* writer) const {
+    for (std::size_t i = 0; i < stores_.size(); ++i) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          stores_[i]->Emit(writer, writer->vertex_count(), static_cast<int>(i)));
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  const std::string folder_;
+  std::vector<std::unique_ptr<client::MeshStore>> stores_;  // by surface index
+  std::int64_t first_vertex_ = 0;                           // of the last surface
+  std::int64_t vertex_count_ = 0;
+};
+
+// Gives the stream of the isosurfaces to `sink`.
+absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
+                     client::MeshSink* sink, const Context& context) {
+  client::MeshDecoder decoder(static_cast<int>(flags.mesh_surfaces().size()));
+  ProgressLine line(context.err, context.err_is_terminal);
+  const auto add_chunk = [&](const isoscope::v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
+    line.Update(absl::StrCat("exporting  ", FormatCount(decoder.vertex_count()), " vertices, ",
+                             FormatCount(decoder.triangle_count()), " triangles"));
+    ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshPiece piece,
+                              decoder.Decode(chunk.surface_index(), chunk.positions(),
+                                             chunk.normals(), chunk.triangles()));
+    return sink->Add(piece);
+  };
+  return session->client().ExportIsosurface(client::MakeRequest(flags, dataset),
+                                            session->export_timeout(), add_chunk);
+}
+
+absl::Status DropIslands(std::int64_t min_triangles, const SurfaceStores& surfaces,
+                         const Context& context) {
+  std::int64_t triangle_count = 0;
+  client::DroppedComponents sum;
+  for (const std::unique_ptr<client::MeshStore>& mesh : surfaces.stores()) {
+    triangle_count += mesh->triangle_count();
+    ISOSCOPE_ASSIGN_OR_RETURN(const client::DroppedComponents dropped,
+                              client::DropSmallComponents(min_triangles, mesh.get()));
+    sum.component_count += dropped.component_count;
+    sum.dropped_count += dropped.dropped_count;
+    sum.dropped_triangle_count += dropped.dropped_triangle_count;
+  }
+  *context.out << "dropped " << FormatCount(sum.dropped_count) << " of "
+               << FormatCount(sum.component_count) << " components, "
+               << FormatCount(sum.dropped_triangle_count) << " of " << FormatCount(triangle_count)
+               << " triangles\n";
+  return absl::OkStatus();
+}
+
+absl::Status Simplify(const ExportFlags& flags, const SurfaceStores& surfaces,
+                      const Context& context) {
+  ProgressLine line(context.err, context.err_is_terminal);
+  std::int64_t count = 0;
+  client::SimplifyResult sum;
+  for (std::size_t i = 0; i < surfaces.stores().size(); ++i) {
+    client::MeshStore* const mesh = surfaces.stores()[i].get();
+    count += mesh->triangle_count();
+    client::SimplifyOptions options{.share = flags.simplify_share,
+                                    .max_error = flags.simplify_error};
+    options.progress = [&](double done) {
+      line.Update(absl::StrFormat(
+          "simplifying  %.0f %%",
+          100 * (static_cast<double>(i) + done) / static_cast<double>(surfaces.stores().size())));
+      return context.interrupt->cancellation().Check();
+    };
+    ISOSCOPE_ASSIGN_OR_RETURN(const client::SimplifyResult result,
+                              client::SimplifyMesh(options, mesh));
+    sum.triangle_count += result.triangle_count;
+    sum.error = std::max(sum.error, result.error);
+  }
+  *context.out << "simplified " << FormatCount(count) << " triangles to "
+               << FormatCount(sum.triangle_count)
+               << absl::StrFormat(", estimated error %.3g world units\n", sum.error);
+  return absl::OkStatus();
+}
+
+// Drops islands and simplifies, each surface by itself, and tells what it did.
+absl::Status Filter(const ExportFlags& flags, const SurfaceStores& surfaces,
+                    const Context& context) {
+  if (flags.min_component) {
+    ISOSCOPE_RETURN_IF_ERROR(DropIslands(*flags.min_component, surfaces, context));
+  }
+  return flags.simplify_share || flags.simplify_error ? Simplify(flags, surfaces, context)
+                                                      : absl::OkStatus();
+}
+
+absl::Status Run(const ExportFlags& flags, const Context& context) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshFileOptions file_options, FileOptions(flags));
+  ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.output));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(flags.session, std::nullopt, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const isoscope::v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  for (const client::MeshSurface& surface : file_options.surfaces) {
+    WarnIfNoSurface(dataset, surface.isovalue, context);
+  }
+  const absl::Time start = absl::Now();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<client::MeshWriter> writer,
+                            client::MeshWriter::Create(file_options));
+  if (flags.has_filter()) {
+    const std::string folder = std::filesystem::path(*flags.output).parent_path().string();
+    SurfaceStores surfaces(folder.empty() ? "." : folder);
+    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), &surfaces, context));
+    ISOSCOPE_RETURN_IF_ERROR(Filter(flags, surfaces, context));
+    ISOSCOPE_RETURN_IF_ERROR(surfaces.Emit(writer.get()));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(Receive(flags, dataset.name(), session.get(), writer.get(), context));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(writer->Finish());
+  *context.out << *flags.output << ": " << FormatCount(writer->vertex_count()) << " vertices, "
+               << FormatCount(writer->triangle_count()) << " triangles, "
+               << FormatMebibytes(writer->size_bytes()) << ", in "
+               << FormatElapsed(absl::Now() - start) << "\n";
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(FlagSet* set) {
+  const auto flags = std::make_shared<ExportFlags>();
+  AddSessionFlags(set, &flags->session);
+  AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
+          "the level, in field units");
+  AddRepeatableFlag(set, "--surface", "V[:R,G,B]", &flags->surfaces, client::ParseSurface,
+                    "a surface: its level and colour; instead of --isovalue and --color, up to 16 "
+                    "times. All go into one file: as primitives with materials in GLB, as objects "
+                    "in OBJ, with a surface index of vertices in PLY and VTP");
+  client::AddClipFlags(set, &flags->clip, "export");
+  AddFlag(set, "--output", "FILE", &flags->output, ParseText,
+          "the mesh; its suffix says the format: .ply (binary), .stl (binary), .obj, .glb, .vtp, "
+          "all but STL with vertex normals. It goes to disk as it comes, in a few MiB of memory, "
+          "whatever its size; a .stl, --min-component and --simplify use scratch files beside it, "
+          "of which memory holds what the system leaves there, and --simplify some 200 MiB");
+  AddFlag(set, "--format", "ply|stl|obj|glb|vtp", &flags->format, client::ParseMeshFormat,
+          "the format, for a name without a suffix (default: ply)");
+  AddFlag(set, "--color", "R,G,B", &flags->color, client::ParseColor,
+          "colour of the surface, 0 to 1 each: of its vertices in PLY, OBJ and VTP, of its "
+          "material in GLB (default: none)");
+  AddFlag(
+      set, "--min-component", "N", &flags->min_component,
+      [](absl::string_view text) { return client::ParseInteger(text, 1, INT64_MAX); },
+      "leave out islands of fewer than N triangles, as they are once clipped");
+  AddFlag(set, "--simplify", "SHARE", &flags->simplify_share, ParseShare,
+          "keep this share of the triangles of each surface, above 0 and below 1, without cracks");
+  AddFlag(set, "--simplify-error", "E", &flags->simplify_error, client::ParsePositiveNumber,
+          "remove triangles while the surface moves by no more than E world units, as "
+          "libmeshoptimizer estimates it; with --simplify, whichever is first");
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command ExportCommand() {
+  return {.name = "export",
+          .summary = "Writes whole isosurfaces as one welded mesh: PLY, STL, OBJ, GLB or VTP",
+          .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --output FILE [OPTIONS]",
+          .examples =
+              "  isoscope export head.nii.gz --isovalue 60 --output head.ply\n"
+              "  isoscope export head.nii.gz --isovalue 60 --min-component 1000 --simplify 0.1 \\\n"
+              "    --color 0.9,0.85,0.8 --output head.glb\n"
+              "  isoscope export head.nii.gz --surface 30:0.9,0.7,0.6 --surface 75:1,1,0.9 \\\n"
+              "    --clip-plane 1,0,0,40 --output skin_and_bone.glb\n"
+              "  isoscope export --server localhost:50051 --isovalue 60 --output head.stl\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,314 @@
+// isoscope info INPUT|DIR | --server HOST:PORT
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/time.h"
+#include <nlohmann/json.hpp>
+
+#include "client-cli/commands/program.h"
+#include "client-cli/output/dataset_json.h"
+#include "client-cli/output/histogram_plot.h"
+#include "client-cli/output/output_suffix.h"
+#include "client-cli/session/connection_flags.h"
+#include "client-cli/session/session.h"
+#include "client-cli/session/source_flags.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/json_text.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/progress_line.h"
+#include "core/cli/usage.h"
+#include "core/cli/waiting_line.h"
+#include "core/io/atomic_file.h"
+#include "core/render/renderer_factory.h"
+#include "core/source/value_range.h"
+#include "core/store/shard_reader.h"
+#include "core/volume/sample_histogram.h"
+#include "core/volume/scalar_span.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
+
+namespace isoscope::cli {
+namespace {
+
+// The calls answer from memory, or in one pass over the ranges of blocks.
+constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
+
+struct InfoFlags {
+  std::optional<std::string> input;
+  std::optional<std::string> server;
+  ConnectionFlags connection;
+  std::optional<absl::Duration> timeout;
+  bool is_json = false;
+  SourceFlags source;
+  // The histogram of one dataset.
+  bool draws_histogram = false;
+  std::optional<std::string> histogram_svg;
+  std::optional<std::string> dataset;
+  std::optional<std::int64_t> bin_count;
+  std::optional<volume::ScalarSpan> value_range;
+  bool is_logarithmic = false;
+
+  [[nodiscard]] bool wants_histogram() const {
+    return draws_histogram || histogram_svg.has_value();
+  }
+};
+
+// "MIN,MAX".
+absl::StatusOr<volume::ScalarSpan> ParseRange(absl::string_view text) {
+  const std::vector<std::string> parts = absl::StrSplit(text, ',');
+  if (parts.size() == 2) {
+    const absl::StatusOr<double> min = client::ParseNumber(parts[0]);
+    const absl::StatusOr<double> max = client::ParseNumber(parts[1]);
+    if (min.ok() && max.ok() && *min <= *max) {
+      return volume::ScalarSpan{*min, *max};
+    }
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("'", text, "' is no range MIN,MAX of two numbers, the smaller first"));
+}
+
+absl::StatusOr<Json> DescribeDirectory(const std::string& directory) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription description,
+                            store::OpenDataset(directory));
+  Json json;
+  json["datasets"] = Json::array({DatasetDirectoryToJson(description)});
+  return json;
+}
+
+// Reads the whole volume: its range is not known otherwise.
+absl::StatusOr<Json> DescribeFile(const InfoFlags& flags, const Context& context) {
+  // It knows what a folder without a volume is.
+  ISOSCOPE_RETURN_IF_ERROR(SourceFiles(flags.source, *flags.input).status());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeSource> source,
+                            OpenSource(flags.source, *flags.input));
+  ProgressLine line(context.err, context.err_is_terminal);
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::ScalarSpan range,
+                            source::FindValueRange(
+                                source.get(),
+                                [&line](std::int64_t done_bytes, std::int64_t total_bytes) {
+                                  line.Update("reading values", done_bytes, total_bytes);
+                                },
+                                context.interrupt->cancellation()));
+  Json json;
+  json["volume"] = VolumeToJson(*source, range);
+  return json;
+}
+
+absl::StatusOr<Json> DescribeServer(const InfoFlags& flags, const Context& context) {
+  const absl::Duration timeout = flags.timeout.value_or(kDefaultTimeout);
+  SessionFlags session_flags;
+  session_flags.server = flags.server;
+  session_flags.connection = flags.connection;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(session_flags, std::nullopt, context));
+  client::ServiceClient& client = session->client();
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto capabilities, client.GetCapabilities(timeout));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto datasets, client.ListDatasets(timeout));
+  ISOSCOPE_ASSIGN_OR_RETURN(const auto cluster, client.GetClusterStatus(timeout));
+  Json json;
+  json["server"] = {{"address", *flags.server},
+                    {"version", capabilities.version()},
+                    {"max_viewport_px", capabilities.max_viewport_px()},
+                    {"max_concurrent_frame_count", capabilities.max_concurrent_frame_count()},
+                    {"max_queued_frame_count", capabilities.max_queued_frame_count()},
+                    {"max_message_bytes", capabilities.max_message_bytes()},
+                    {"max_frame_seconds", capabilities.max_frame_seconds()}};
+  json["datasets"] = Json::array();
+  for (const auto& dataset : datasets.datasets()) {
+    json["datasets"].push_back(DatasetToJson(dataset));
+  }
+  json["agents"] = Json::array();
+  for (const auto& agent : cluster.agents()) {
+    json["agents"].push_back(AgentToJson(agent));
+  }
+  return json;
+}
+
+// The dataset and its histogram.
+struct HistogramOfDataset {
+  isoscope::v1::Dataset dataset;
+  isoscope::v1::GetHistogramResponse histogram;
+};
+
+// Asks a server, or agents in this process; a volume is partitioned into the cache first.
+absl::StatusOr<HistogramOfDataset> FetchHistogram(const InfoFlags& flags, const Context& context) {
+  SessionFlags session_flags;
+  session_flags.input = flags.input;
+  session_flags.server = flags.server;
+  session_flags.connection = flags.connection;
+  session_flags.dataset = flags.dataset;
+  session_flags.source = flags.source;
+  session_flags.timeout = flags.timeout;
+  if (flags.input) {
+    session_flags.renderer = render::RendererKind::kCpu;  // nothing is drawn
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(session_flags, std::nullopt, context));
+  HistogramOfDataset result;
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      result.dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  isoscope::v1::GetHistogramRequest request;
+  request.set_dataset(result.dataset.name());
+  request.set_max_bin_count(static_cast<std::int32_t>(flags.bin_count.value_or(0)));
+  if (flags.value_range) {
+    request.mutable_value_range()->set_min(flags.value_range->min);
+    request.mutable_value_range()->set_max(flags.value_range->max);
+  }
+  const WaitingLine waiting(context.err, context.err_is_terminal, "counting");
+  ISOSCOPE_ASSIGN_OR_RETURN(result.histogram,
+                            session->client().GetHistogram(request, session->question_timeout()));
+  return result;
+}
+
+// Writes the SVG if one is wanted, and adds the histogram to `json`, which it makes for a volume:
+// the range of its values is then known without reading it again.
+absl::StatusOr<std::string> AddHistogram(const InfoFlags& flags, const Context& context,
+                                         Json* json) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const HistogramOfDataset found, FetchHistogram(flags, context));
+  if (json->empty()) {
+    (*json)["datasets"] = Json::array({DatasetToJson(found.dataset)});
+  }
+  (*json)["histogram"] = HistogramToJson(found.histogram);
+  if (flags.histogram_svg) {
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(
+        *flags.histogram_svg,
+        HistogramToSvg(found.histogram,
+                       absl::StrCat(found.dataset.name(), " (", found.dataset.source(), ")"),
+                       flags.is_logarithmic)));
+  }
+  return flags.draws_histogram
+             ? DrawHistogram(found.histogram,
+                             {.width = TerminalWidth(), .is_logarithmic = flags.is_logarithmic})
+             : "";
+}
+
+absl::Status CheckHistogramUsage(const InfoFlags& flags) {
+  if (!flags.wants_histogram() &&
+      (flags.bin_count || flags.value_range || flags.is_logarithmic || flags.dataset)) {
+    return UsageError(
+        "--bins, --range, --log and --dataset are for --histogram or --histogram-svg FILE.svg");
+  }
+  if (flags.dataset && !flags.server) {
+    return UsageError("--dataset is for --server; a file or folder is one dataset");
+  }
+  if (flags.histogram_svg) {
+    ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(*flags.histogram_svg, ".svg", "SVG"));
+    return io::CheckWritable(*flags.histogram_svg);
+  }
+  return absl::OkStatus();
+}
+
+std::string ToText(const Json& json, int max_width) {
+  if (json.contains("volume")) {
+    return DescribeVolume(json.at("volume"));
+  }
+  std::string text;
+  if (json.contains("server")) {
+    const Json& server = json.at("server");
+    absl::StrAppend(
+        &text, "server        ",
+        base::Printable(absl::StrCat(server.at("address").get<std::string>(), ", version ",
+                                     server.at("version").get<std::string>())),
+        "\n");
+  }
+  for (const Json& dataset : json.at("datasets")) {
+    absl::StrAppend(&text, text.empty() ? "" : "\n", DescribeDataset(dataset));
+  }
+  if (json.at("datasets").empty()) {
+    absl::StrAppend(&text, "\nno dataset is served\n");
+  }
+  if (json.contains("agents")) {
+    absl::StrAppend(&text, "\n", DescribeAgents(json.at("agents"), max_width));
+  }
+  return text;
+}
+
+absl::Status Run(const InfoFlags& flags, const Context& context) {
+  if (flags.input.has_value() == flags.server.has_value()) {
+    return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
+                                  : "give a volume, a dataset folder or --server HOST:PORT");
+  }
+  if (const char* given = flags.source.FirstGiven(); flags.server && given != nullptr) {
+    return UsageError(absl::StrCat(given, " can't be used with --server"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckHistogramUsage(flags));
+  Json json;
+  if (flags.server) {
+    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.connection));
+    ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeServer(flags, context));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.source, *flags.input));
+    if (store::IsDatasetDirectory(*flags.input)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
+    } else if (!flags.wants_histogram()) {
+      ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeFile(flags, context));
+    }
+  }
+  std::string plot;
+  if (flags.wants_histogram()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(plot, AddHistogram(flags, context, &json));
+  }
+  *context.out << (flags.is_json ? client::JsonText(json)
+                                 : absl::StrCat(ToText(json, context.out_columns),
+                                                plot.empty() ? "" : "\n", plot));
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(FlagSet* set) {
+  const auto flags = std::make_shared<InfoFlags>();
+  AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
+          "a volume, as 'partition' takes it, or a dataset folder");
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddConnectionFlags(set, &flags->connection);
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
+          "how long to wait for the server (default: 10)");
+  set->AddSwitch("--json", &flags->is_json, "print JSON instead of text");
+  set->AddSwitch(
+      "--histogram", &flags->draws_histogram,
+      "draw the samples by value, what surfaces cost, and suggest isovalues (a volume is "
+      "partitioned into the cache first)");
+  AddFlag(set, "--histogram-svg", "FILE.svg", &flags->histogram_svg, ParseText,
+          "write the histogram as SVG");
+  AddFlag(
+      set, "--bins", "N", &flags->bin_count,
+      [](absl::string_view text) {
+        return client::ParseInteger(text, 1, volume::kMaxHistogramBins);
+      },
+      "bins of the histogram at most (default: 256)");
+  AddFlag(set, "--range", "MIN,MAX", &flags->value_range, ParseRange,
+          "the values that the histogram looks at (default: all)");
+  set->AddSwitch("--log", &flags->is_logarithmic, "heights by the logarithm of the counts");
+  AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
+          "whose histogram, of the datasets of the server (default: its only one)");
+  AddSourceFlags(set, &flags->source);
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command InfoCommand() {
+  return {.name = "info",
+          .summary =
+              "Describes a volume, a dataset folder, or what a server holds and how its agents are",
+          .usage = "INPUT|DIR | --server HOST:PORT [--json] [--histogram]",
+          .examples =
+              "  isoscope info head.nii.gz\n"
+              "  isoscope info head\n"
+              "  isoscope info head.nii.gz --histogram --log --histogram-svg head.svg\n"
+              "  isoscope info --server localhost:50051 --json\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,131 @@
+// isoscope partition INPUT --output DIR
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+
+#include "client-cli/commands/program.h"
+#include "client-cli/session/partition_volume.h"
+#include "client-cli/session/source_flags.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/format.h"
+#include "core/cli/usage.h"
+#include "core/math/vec.h"
+#include "core/partition/partitioner.h"
+#include "core/store/block_codec.h"
+#include "core/store/manifest.h"
+#include "core/store/shard_format.h"
+#include "core/volume/scalar_type.h"
+
+namespace isoscope::cli {
+namespace {
+
+struct PartitionFlags {
+  std::optional<std::string> input;
+  std::optional<std::string> output;
+  std::optional<std::int64_t> shard_count;
+  std::optional<math::Index3> block_cells;
+  std::optional<store::Distribution> distribution;
+  std::optional<store::BlockEncoding> compression;
+  std::optional<std::uint64_t> seed;
+  std::optional<std::int64_t> memory_limit_bytes;
+  SourceFlags source;
+};
+
+absl::Status client::CheckUsage(const PartitionFlags& flags) {
+  if (!flags.input) {
+    return UsageError("INPUT is missing: the volume to partition");
+  }
+  if (!flags.output) {
+    return UsageError("--output DIR is missing: the dataset folder to make");
+  }
+  return client::CheckUsage(flags.source, *flags.input);
+}
+
+std::string Summarize(const store::Manifest& manifest, const std::string& directory,
+                      absl::Duration elapsed) {
+  std::int64_t block_count = 0;
+  std::int64_t block_bytes = 0;
+  for (const store::ShardSummary& shard : manifest.shards) {
+    block_count += shard.block_count;
+    block_bytes += shard.block_bytes;
+  }
+  const math::Index3& dims = manifest.geometry.sample_dims;
+  const std::int64_t source_bytes =
+      math::Volume(dims) * static_cast<std::int64_t>(volume::SizeOf(manifest.scalar_type));
+  return absl::StrCat(manifest.source, ": ", dims.x, " x ", dims.y, " x ", dims.z, " samples of ",
+                      volume::NameOf(manifest.scalar_type), ", ", FormatMebibytes(source_bytes),
+                      "\n", directory, ": ", FormatCount(block_count), " blocks in ",
+                      manifest.shards.size(),
+                      manifest.shards.size() == 1 ? " shard, " : " shards, ",
+                      FormatMebibytes(block_bytes), ", values ", manifest.value_range.min, " to ",
+                      manifest.value_range.max, ", in ", FormatElapsed(elapsed), "\n");
+}
+
+absl::Status Run(const PartitionFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  partition::PartitionOptions options;
+  options.output_directory = *flags.output;
+  while (options.output_directory.size() > 1 && options.output_directory.back() == '/') {
+    options.output_directory.pop_back();
+  }
+  options.shard_count = static_cast<int>(flags.shard_count.value_or(options.shard_count));
+  options.block_cells = flags.block_cells;
+  options.distribution = flags.distribution.value_or(options.distribution);
+  options.compression = flags.compression.value_or(options.compression);
+  options.seed = flags.seed.value_or(options.seed);
+  options.memory_limit_bytes = flags.memory_limit_bytes.value_or(options.memory_limit_bytes);
+  const absl::Time start = absl::Now();
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::Manifest manifest,
+                            PartitionVolume(flags.source, *flags.input, options, context));
+  *context.out << Summarize(manifest, options.output_directory, absl::Now() - start);
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(FlagSet* set) {
+  const auto flags = std::make_shared<PartitionFlags>();
+  AddFlag(set, "input", "INPUT", &flags->input, ParseText,
+          "a NIfTI, NRRD or MetaImage file (NRRD and MetaImage: with samples in one file or "
+          "several), file.vti[:array[:component]], file.h5:/dataset, a folder or a file of a DICOM "
+          "series, a folder or 'pattern*.tif' of slices, or a raw file");
+  AddFlag(set, "--output", "DIR", &flags->output, ParseText,
+          "the dataset folder; must not exist yet");
+  AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
+          "shards to make, one for each agent (default: 1)");
+  AddFlag(
+      set, "--block-cells", "N|NXxNYxNZ", &flags->block_cells, client::ParseBlockCells,
+      "cells of a block (default: 16 from about 512 x 512 x 512 samples on, 12 from 384 x 384 x "
+      "384 on, 8 below)");
+  AddFlag(set, "--distribution", "random|greedy", &flags->distribution, store::DistributionFromName,
+          "how blocks are dealt out (default: random)");
+  AddFlag(set, "--compression", "none|lz4|zstd", &flags->compression, store::ParseBlockEncoding,
+          "how blocks are stored: smaller, but slower to draw (default: none)");
+  AddFlag(set, "--seed", "S", &flags->seed, client::ParseUnsigned,
+          "seed of the random distribution (default: 1)");
+  AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, client::ParseByteSize,
+          "memory of the process at most, as in 128MiB or 2G (default: 1GiB)");
+  AddSourceFlags(set, &flags->source);
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command PartitionCommand() {
+  return {.name = "partition",
+          .summary = "Cuts a volume into a dataset folder of one or more shards",
+          .usage = "INPUT --output DIR [OPTIONS]",
+          .examples =
+              "  isoscope partition head.nii.gz --output head --shards 4\n"
+              "  isoscope partition ct.raw --dims 512,512,234 --type uint8 --output ct\n"
+              "  isoscope partition run.h5:/fields/density --memory-limit 128MiB --output run\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,208 @@
+// isoscope pick INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include <nlohmann/json.hpp>
+
+#include "client-cli/commands/program.h"
+#include "client-cli/output/no_surface.h"
+#include "client-cli/session/session.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/camera_file.h"
+#include "clients/cpp/request/render_request.h"
+#include "clients/cpp/request/view_flags.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/table.h"
+#include "core/cli/usage.h"
+#include "core/cli/waiting_line.h"
+#include "core/io/atomic_file.h"
+#include "core/rpc/pick_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+struct PickFlags {
+  SessionFlags session;
+  client::RequestFlags request;
+  client::ViewFlags view;
+  std::vector<std::string> pixels;
+  bool is_json = false;
+};
+
+// "X,Y", inside the viewport.
+absl::StatusOr<rpc::PixelPosition> ParsePixel(absl::string_view text,
+                                              const view::Viewport& viewport) {
+  const std::vector<absl::string_view> elements = absl::StrSplit(text, ',');
+  rpc::PixelPosition pixel;
+  if (elements.size() != 2 || !absl::SimpleAtoi(elements[0], &pixel.x) ||
+      !absl::SimpleAtoi(elements[1], &pixel.y) || pixel.x < 0 || pixel.y < 0 ||
+      pixel.x >= viewport.width_px || pixel.y >= viewport.height_px) {
+    return UsageError(absl::StrCat("--pixel '", text, "' is not X,Y, a column from 0 to ",
+                                   viewport.width_px - 1, " and a row from 0 to ",
+                                   viewport.height_px - 1));
+  }
+  return pixel;
+}
+
+absl::Status client::CheckUsage(const PickFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.request));
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.view, flags.request.camera));
+  if (flags.request.region) {
+    return UsageError("--region is for render; --pixel counts in the whole picture");
+  }
+  if (flags.pixels.empty() || flags.pixels.size() > rpc::kMaxPickedPixels) {
+    return UsageError(absl::StrCat("--pixel X,Y is given ", flags.pixels.size(),
+                                   " times: once for each pixel, 1 to ", rpc::kMaxPickedPixels));
+  }
+  for (const std::string& text : flags.pixels) {
+    ISOSCOPE_RETURN_IF_ERROR(ParsePixel(text, flags.request.viewport()).status());
+  }
+  return absl::OkStatus();
+}
+
+nlohmann::ordered_json ToJson(const v1::Vec3& v) { return {v.x(), v.y(), v.z()}; }
+
+std::string ToText(const v1::Vec3& v) {
+  return absl::StrFormat("%.7g,%.7g,%.7g", v.x(), v.y(), v.z());
+}
+
+std::string DescribeAsJson(const v1::PickSurfaceRequest& request,
+                           const v1::PickSurfaceResponse& response) {
+  nlohmann::ordered_json json;
+  json["points"] = nlohmann::ordered_json::array();
+  for (int i = 0; i < response.points_size(); ++i) {
+    const v1::PickedPoint& point = response.points(i);
+    nlohmann::ordered_json out;
+    out["pixel"] = {request.pixels(i).x(), request.pixels(i).y()};
+    out["hit"] = point.is_hit();
+    if (point.is_hit()) {
+      out["position"] = ToJson(point.position());
+      out["depth"] = point.depth();
+      out["surface_index"] = point.surface_index();
+      if (point.has_normal()) {
+        out["normal"] = ToJson(point.normal());
+      }
+      if (point.has_gradient()) {
+        out["gradient"] = ToJson(point.gradient());
+      }
+      out["block_id"] = point.block_id();
+      if (point.has_shard_index()) {
+        out["shard_index"] = point.shard_index();
+      }
+    }
+    json["points"].push_back(std::move(out));
+  }
+  return json.dump(2) + "\n";
+}
+
+std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
+                            const v1::PickSurfaceResponse& response, int max_width) {
+  Table table({"pixel", "position", "depth", "surface", "normal", "gradient", "block", "shard"});
+  for (int i = 0; i < response.points_size(); ++i) {
+    const v1::PickedPoint& point = response.points(i);
+    const std::string pixel = absl::StrCat(request.pixels(i).x(), ",", request.pixels(i).y());
+    if (!point.is_hit()) {
+      table.AddRow({pixel, "-", "-", "-", "-", "-", "-", "-"});
+      continue;
+    }
+    table.AddRow(
+        {pixel, ToText(point.position()),
+         absl::StrFormat("%.7g", static_cast<double>(point.depth())),
+         absl::StrCat(point.surface_index()), point.has_normal() ? ToText(point.normal()) : "-",
+         point.has_gradient() ? ToText(point.gradient()) : "-", absl::StrCat(point.block_id()),
+         point.has_shard_index() ? absl::StrCat(point.shard_index()) : "-"});
+  }
+  return table.ToString(max_width);
+}
+
+absl::Status Run(const PickFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(flags.session, std::nullopt, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  for (const double isovalue : flags.request.isovalues()) {
+    WarnIfNoSurface(dataset, isovalue, context);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::Camera camera,
+                            client::ResolveView(flags.view, flags.request.camera, dataset));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera converted, rpc::CameraFromProto(camera, "camera"));
+  v1::PickSurfaceRequest request;
+  *request.mutable_frame() = client::MakeRequest(flags.request, dataset.name(), converted);
+  *request.mutable_frame()->mutable_camera() = camera;  // the very bits of a camera from a file
+  if (flags.view.fit) {
+    request.mutable_frame()->set_camera_fit(*flags.view.fit);
+  }
+  for (const std::string& text : flags.pixels) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const rpc::PixelPosition pixel,
+                              ParsePixel(text, flags.request.viewport()));
+    v1::Pixel* const out = request.add_pixels();
+    out->set_x(pixel.x);
+    out->set_y(pixel.y);
+  }
+  const auto pick = [&] {
+    const WaitingLine waiting(context.err, context.err_is_terminal, "picking");
+    return session->client().PickSurface(request, session->frame_timeout());
+  };
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::PickSurfaceResponse response, pick());
+  if (response.points_size() != request.pixels_size()) {
+    return absl::DataLossError(absl::StrCat("the server sent ", response.points_size(),
+                                            " points for ", request.pixels_size(), " pixels"));
+  }
+  if (flags.view.save_camera_file) {
+    ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(*flags.view.save_camera_file,
+                                                     client::CameraToJson(response.camera())));
+  }
+  *context.out << (flags.is_json ? DescribeAsJson(request, response)
+                                 : DescribeAsTable(request, response, context.out_columns));
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(FlagSet* set) {
+  const auto flags = std::make_shared<PickFlags>();
+  AddSessionFlags(set, &flags->session);
+  AddRendererFlag(set, &flags->session);
+  set->AddTexts("--pixel", "X,Y", &flags->pixels,
+                "a pixel of the picture: column and row from the top left; repeatable");
+  set->AddSwitch("--json", &flags->is_json, "print JSON");
+  client::AddRequestFlags(set, &flags->request);
+  client::AddViewFlags(set, &flags->view);
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command PickCommand() {
+  return {
+      .name = "pick",
+      .summary =
+          "Tells what pixels of a picture show: point, surface, normal, gradient, block, shard",
+      .usage = "INPUT | DIR | --server HOST:PORT --isovalue V --pixel X,Y [OPTIONS]",
+      .examples =
+          "  isoscope pick head.nii.gz --isovalue 60 --azimuth 30 --pixel 512,400\n"
+          "  isoscope pick head.nii.gz --isovalue 60 --view anterior --fit surface --pixel 9,8\n"
+          "  isoscope pick --server localhost:50051 --isovalue 60 --pixel 1,2 --pixel 3,4 "
+          "--json\n",
+      .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,27 @@
+// `isoscope`: which commands it has.
+
+#ifndef ISOSCOPE_CLIENT_CLI_COMMANDS_PROGRAM_H_
+#define ISOSCOPE_CLIENT_CLI_COMMANDS_PROGRAM_H_
+
+#include "core/cli/command.h"
+#include "core/cli/program.h"
+
+namespace isoscope::cli {
+
+Command PartitionCommand();
+Command InfoCommand();
+Command ServeCommand();
+Command RenderCommand();
+Command PickCommand();
+Command ExportCommand();
+Command GenerateCommand();
+Command TopCommand();
+Command CacheListCommand();
+Command CacheClearCommand();
+Command ViewCommand();
+
+Program IsoscopeProgram();
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_COMMANDS_PROGRAM_H_

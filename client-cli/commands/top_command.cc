@@ -1,0 +1,248 @@
+// isoscope top --server HOST:PORT
+//
+// On a terminal the table fills the alternate screen, which leaves what was there before as it was,
+// and keys come one by one (RawTerminal). Elsewhere one table follows the other as plain text.
+
+#include <poll.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include <sys/eventfd.h>
+
+#include "client-cli/commands/program.h"
+#include "client-cli/session/connection_flags.h"
+#include "client-cli/session/session.h"
+#include "client-cli/terminal/raw_terminal.h"
+#include "client-cli/terminal/terminal.h"
+#include "client-cli/terminal/top_screen.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/printable.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "isoscope/v1/cluster_service.pb.h"
+
+namespace isoscope::cli {
+namespace {
+
+constexpr absl::Duration kDefaultInterval = absl::Seconds(2);
+constexpr absl::Duration kLeastInterval = absl::Milliseconds(100);
+// Rates look back so far: over some of the questions that the coordinator asks its agents.
+constexpr absl::Duration kRateWindow = absl::Seconds(4);
+constexpr absl::Duration kDefaultTimeout = absl::Seconds(10);
+
+struct TopFlags {
+  std::optional<std::string> server;
+  ConnectionFlags connection;
+  std::optional<absl::Duration> interval;
+  std::optional<absl::Duration> timeout;
+  bool is_once = false;
+};
+
+constexpr absl::string_view kEnterScreen = "\x1b[?1049h\x1b[?25l";  // the alternate one, no cursor
+constexpr absl::string_view kLeaveScreen = "\x1b[?25h\x1b[?1049l";
+
+// Writes over what is there, so that nothing flickers.
+void Show(const std::vector<std::string>& lines, std::ostream* out) {
+  std::string text = "\x1b[H";
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    absl::StrAppend(&text, i > 0 ? "\r\n" : "", lines[i], "\x1b[K");
+  }
+  *out << text << "\x1b[J" << std::flush;
+}
+
+// Waits for time, a key and an interrupt at once.
+class Waiter {
+ public:
+  explicit Waiter(const base::Cancellation& cancellation) : event_(::eventfd(0, EFD_CLOEXEC)) {
+    on_cancel_.emplace(cancellation, [this] {
+      const std::uint64_t one = 1;
+      [[maybe_unused]] const ssize_t written = ::write(event_, &one, sizeof(one));
+    });
+  }
+  ~Waiter() {
+    // The callback may be writing: it ends before the descriptor does.
+    on_cancel_.reset();
+    if (event_ >= 0) {
+      ::close(event_);
+    }
+  }
+  Waiter(const Waiter&) = delete;
+  Waiter& operator=(const Waiter&) = delete;
+
+  // Returns false if the program is to end: after an interrupt, or the key q.
+  bool Wait(absl::Duration duration, bool has_keys) {
+    const absl::Time end = absl::Now() + duration;
+    while (true) {
+      pollfd waited[2] = {{.fd = event_, .events = POLLIN, .revents = 0},
+                          {.fd = has_keys ? STDIN_FILENO : -1, .events = POLLIN, .revents = 0}};
+      const std::int64_t rest = absl::ToInt64Milliseconds(end - absl::Now());
+      const int ready =
+          ::poll(waited, 2, static_cast<int>(std::clamp<std::int64_t>(rest, 0, 60'000)));
+      if ((waited[0].revents & POLLIN) != 0) {
+        return false;
+      }
+      char key = 0;
+      if (ready > 0 && waited[1].revents != 0) {
+        const ssize_t count = ::read(STDIN_FILENO, &key, 1);
+        if (count == 0) {
+          has_keys = false;  // the other side of the terminal is gone
+        } else if (count == 1 && (key == 'q' || key == 'Q')) {
+          return false;
+        }
+      }
+      if (absl::Now() >= end) {
+        return true;
+      }
+    }
+  }
+
+ private:
+  const int event_;
+  std::optional<base::Cancellation::Callback> on_cancel_;
+};
+
+class Top {
+ public:
+  Top(const TopFlags& flags, const Context& context) : flags_(flags), context_(context) {}
+
+  absl::Status Run() {
+    SessionFlags session_flags;
+    session_flags.server = flags_.server;
+    session_flags.connection = flags_.connection;
+    ISOSCOPE_ASSIGN_OR_RETURN(session_, Session::Open(session_flags, std::nullopt, context_));
+    ISOSCOPE_RETURN_IF_ERROR(Sample());  // a server that is not there is told in plain text
+    if (flags_.is_once) {
+      Print();
+      return absl::OkStatus();
+    }
+    std::unique_ptr<RawTerminal> screen;
+    if (SizeOfTerminal(STDOUT_FILENO)) {
+      ISOSCOPE_ASSIGN_OR_RETURN(screen,
+                                RawTerminal::Enter(STDOUT_FILENO, kEnterScreen, kLeaveScreen));
+    }
+    const bool has_keys = screen != nullptr && ::isatty(STDIN_FILENO) == 1;
+    Waiter waiter(context_.interrupt->cancellation());
+    while (true) {
+      if (screen != nullptr) {
+        Show(Lines(OptionsOfTerminal()), context_.out);
+      } else {
+        Print();
+        *context_.out << std::endl;
+      }
+      if (!waiter.Wait(flags_.interval.value_or(kDefaultInterval), has_keys)) {
+        return absl::OkStatus();
+      }
+      error_ = Sample();
+      if (context_.interrupt->cancellation().is_cancelled()) {
+        return absl::OkStatus();
+      }
+    }
+  }
+
+ private:
+  absl::Status Sample() {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        isoscope::v1::GetClusterStatusResponse status,
+        session_->client().GetClusterStatus(flags_.timeout.value_or(kDefaultTimeout)));
+    samples_.push_back({absl::Now(), std::move(status)});
+    while (samples_.size() > 2 && samples_.back().time - samples_[1].time >= kRateWindow) {
+      samples_.pop_front();
+    }
+    return absl::OkStatus();
+  }
+
+  [[nodiscard]] std::vector<std::string> Lines(TopScreenOptions options) const {
+    options.server = *flags_.server;
+    const std::optional<ClusterSample> before =
+        samples_.size() > 1 ? std::optional(samples_.front()) : std::nullopt;
+    std::vector<std::string> lines = TopScreen(samples_.back(), before, options);
+    if (!error_.ok()) {
+      lines[0] = base::PrintableAscii(absl::StrCat("isoscope top: ", error_.message()))
+                     .substr(0, options.width > 0 ? static_cast<std::size_t>(options.width)
+                                                  : std::string::npos);
+    }
+    return lines;
+  }
+
+  // With the size of the terminal that standard output is, if it is one.
+  static TopScreenOptions OptionsOfTerminal() {
+    TopScreenOptions options;
+    if (const std::optional<TerminalSize> size = SizeOfTerminal(STDOUT_FILENO)) {
+      options.width = size->columns;
+      options.height = size->rows;
+    }
+    return options;
+  }
+
+  void Print() const {
+    TopScreenOptions options = OptionsOfTerminal();
+    options.height = 0;  // it scrolls
+    for (const std::string& line : Lines(options)) {
+      *context_.out << line << "\n";
+    }
+  }
+
+  const TopFlags& flags_;
+  const Context& context_;
+  std::unique_ptr<Session> session_;
+  std::deque<ClusterSample> samples_;  // the newest last; the oldest is what rates refer to
+  absl::Status error_;
+};
+
+absl::Status Run(const TopFlags& flags, const Context& context) {
+  if (!flags.server) {
+    return UsageError("--server HOST:PORT is missing: the coordinator to look at");
+  }
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.connection));
+  if (flags.interval && *flags.interval < kLeastInterval) {
+    return UsageError("--interval must be at least 0.1 seconds");
+  }
+  if (flags.is_once && flags.interval) {
+    return UsageError("--interval can't be used with --once, which prints one table");
+  }
+  return Top(flags, context).Run();
+}
+
+Action RegisterFlags(FlagSet* set) {
+  const auto flags = std::make_shared<TopFlags>();
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddConnectionFlags(set, &flags->connection);
+  AddFlag(set, "--interval", "SECONDS", &flags->interval, client::ParseSeconds,
+          "time between two looks, at least 0.1 (default: 2); agents tell their load every 2 "
+          "seconds");
+  set->AddSwitch("--once", &flags->is_once,
+                 "print one table and end; its rates are those since each process began");
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
+          "how long to wait for the server (default: 10)");
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+Command TopCommand() {
+  return {.name = "top",
+          .summary = "Shows what a server's coordinator and agents do, live; q ends it",
+          .usage = "--server HOST:PORT [--interval SECONDS] [--once]",
+          .examples =
+              "  isoscope top --server localhost:50051\n"
+              "  isoscope top --server localhost:50051 --once\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

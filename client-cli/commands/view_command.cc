@@ -1,0 +1,262 @@
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] [--listen HOST:PORT] [--no-open]
+//   [--gateway-token-file FILE]
+// isoscope view INPUT | DIR | --server HOST:PORT [--isovalue V] --terminal
+
+#include "client-cli/commands/view_command.h"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdlib>
+#include <memory>
+#include <ostream>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/time.h"
+#include <sys/wait.h>
+
+#include "client-cli/commands/redirect_file.h"
+#include "client-cli/output/no_surface.h"
+#include "client-cli/session/session.h"
+#include "client-cli/terminal/show_picture.h"
+#include "client-cli/terminal/terminal_viewer.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "core/rpc/transport.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
+#include "web-gateway/gateway_server.h"
+#include "web-gateway/url.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// The port that people remember; another one if it is taken.
+constexpr char kFirstAddress[] = "127.0.0.1:8080";
+constexpr char kOtherAddress[] = "127.0.0.1:0";
+// How long answers in work may take at the end.
+constexpr absl::Duration kGrace = absl::Seconds(2);
+
+struct ViewFlags {
+  SessionFlags session;
+  std::optional<double> isovalue;
+  std::optional<std::string> listen_address;
+  std::string gateway_token_file;
+  bool has_no_open = false;
+  bool is_in_terminal = false;
+  std::optional<ShowMode> show;
+};
+
+// Whether a browser can be opened where the address is read.
+bool IsDesktop() {
+  const auto is_set = [](const char* name) {
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): nobody sets the environment
+    const char* const value = getenv(name);
+    return value != nullptr && *value != '\0';
+  };
+  return isatty(STDOUT_FILENO) == 1 && (is_set("DISPLAY") || is_set("WAYLAND_DISPLAY"));
+}
+
+// Opens a page on disk in the desktop's browser. Whether that works is the desktop's affair: the
+// address is printed in any case.
+void OpenBrowser(const std::string& path) {
+  std::string program = "xdg-open";
+  std::string argument = path;
+  std::array<char*, 3> argv = {program.data(), argument.data(), nullptr};
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+  pid_t pid = -1;
+  if (posix_spawnp(&pid, program.c_str(), &actions, nullptr, argv.data(), environ) == 0) {
+    std::thread([pid] { waitpid(pid, nullptr, 0); }).detach();
+  }
+  posix_spawn_file_actions_destroy(&actions);
+}
+
+// With a certificate the page is on https; without one it stays on this machine, or --insecure is
+// said.
+absl::Status CheckListen(const ViewFlags& flags) {
+  const rpc::TransportFlags& transport = flags.session.connection.transport;
+  if (!transport.certificate_file.empty()) {
+    return absl::OkStatus();
+  }
+  const absl::Status status = rpc::CheckListen({.is_insecure = transport.is_insecure},
+                                               flags.listen_address.value_or(kFirstAddress));
+  return status.ok() ? status : UsageError(status.message());
+}
+
+absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
+    const ViewFlags& flags, gateway::GatewayOptions* options) {
+  options->listen_address = flags.listen_address.value_or(kFirstAddress);
+  options->certificate_file = flags.session.connection.transport.certificate_file;
+  options->key_file = flags.session.connection.transport.key_file;
+  // Every user of this machine reaches its loopback address, too.
+  ISOSCOPE_ASSIGN_OR_RETURN(options->access.token, ReadGatewayToken(flags.gateway_token_file));
+  if (options->access.token.empty()) {
+    options->access.token = MakeToken();
+  }
+  absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> server =
+      gateway::GatewayServer::Start(*options);
+  if (absl::IsUnavailable(server.status()) && !flags.listen_address) {
+    options->listen_address = kOtherAddress;
+    server = gateway::GatewayServer::Start(*options);
+  }
+  return server;
+}
+
+// The isovalue to begin with. Without a histogram any value will do: the page can change it.
+absl::StatusOr<double> ChooseIsovalue(const ViewFlags& flags, const v1::Dataset& dataset,
+                                      Session* session, const Context& context) {
+  if (flags.isovalue) {
+    WarnIfNoSurface(dataset, *flags.isovalue, context);
+    return *flags.isovalue;
+  }
+  v1::GetHistogramRequest request;
+  request.set_dataset(dataset.name());
+  ISOSCOPE_ASSIGN_OR_RETURN(const v1::GetHistogramResponse histogram,
+                            session->client().GetHistogram(request, session->question_timeout()));
+  return FirstIsovalue(histogram, dataset);
+}
+
+absl::Status CheckTerminalUsage(const ViewFlags& flags) {
+  if (flags.show && !flags.is_in_terminal) {
+    return UsageError("--show says how --terminal draws: give that too");
+  }
+  if (flags.show == ShowMode::kNever) {
+    return UsageError("--show never leaves --terminal nothing to do");
+  }
+  const char* const for_browser = flags.listen_address                ? "--listen"
+                                  : flags.has_no_open                 ? "--no-open"
+                                  : !flags.gateway_token_file.empty() ? "--gateway-token-file"
+                                                                      : nullptr;
+  if (flags.is_in_terminal && for_browser != nullptr) {
+    return UsageError(
+        absl::StrCat("--terminal can't be used with ", for_browser, ", which is for the browser"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Run(const ViewFlags& flags, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(CheckListen(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckTerminalUsage(flags));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
+                            Session::Open(flags.session, view::kCommonViewport, context));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const v1::Dataset dataset,
+      session->client().GetDataset(session->dataset_name(), session->question_timeout()));
+  ISOSCOPE_ASSIGN_OR_RETURN(const double isovalue,
+                            ChooseIsovalue(flags, dataset, session.get(), context));
+  if (flags.is_in_terminal) {
+    return RunTerminalViewer(dataset, isovalue, flags.show.value_or(ShowMode::kAuto), session.get(),
+                             context);
+  }
+  gateway::GatewayOptions options;
+  options.channel = session->channel();
+  options.coordinator_address = flags.session.server.value_or("");
+  options.coordinator_token = session->token();
+  if (flags.session.timeout.has_value()) {
+    options.limits.max_picture_duration = *flags.session.timeout;
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<gateway::GatewayServer> server,
+                            StartGateway(flags, &options));
+  // Without the token: it is for those who are told.
+  session->SetGatewayAddress(PageAddress(options.listen_address, server->port(), /*token=*/"",
+                                         !options.certificate_file.empty()));
+  const std::string address =
+      ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token,
+                              !options.certificate_file.empty()),
+                  dataset.name(), isovalue);
+  *context.out << address << std::endl;
+  if (context.err_is_terminal) {
+    *context.err << "the page is at this address until Ctrl-C" << std::endl;
+  }
+  std::unique_ptr<RedirectFile> redirect;
+  if (!flags.has_no_open && IsDesktop()) {
+    // Command lines are shown to every user of the machine, so none has the address.
+    absl::StatusOr<std::unique_ptr<RedirectFile>> made = RedirectFile::Create(address);
+    if (made.ok()) {
+      redirect = *std::move(made);
+      OpenBrowser(redirect->path());
+    } else {
+      *context.err << "no browser was opened: " << made.status().message() << std::endl;
+    }
+  }
+  context.interrupt->Wait();
+  server->Shutdown(kGrace);
+  return absl::OkStatus();
+}
+
+Action RegisterFlags(FlagSet* set) {
+  const auto flags = std::make_shared<ViewFlags>();
+  AddSessionFlags(set, &flags->session);
+  AddRendererFlag(set, &flags->session);
+  AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
+          "the level to begin with, in field units (default: one that the samples suggest)");
+  AddFlag(set, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
+          absl::StrCat("where the page is; port 0 takes a free one (default: ", kFirstAddress,
+                       ", or another port if that is taken)"));
+  set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
+               "a file with the token that the page asks for, which its address has (default: "
+               "$ISOSCOPE_GATEWAY_TOKEN, the token itself; else a random one)");
+  set->AddSwitch("--no-open", &flags->has_no_open,
+                 "do not open a browser; it is opened on a desktop only");
+  set->AddSwitch("--terminal", &flags->is_in_terminal,
+                 "show it in this terminal instead, turned with the keys: arrows, + - to zoom, [ ] "
+                 "for the isovalue, ? for all");
+  AddShowFlag(set, &flags->show, "how --terminal draws (default: auto, the best it can)");
+  return [flags](const Context& context) { return Run(*flags, context); };
+}
+
+}  // namespace
+
+double FirstIsovalue(const v1::GetHistogramResponse& histogram, const v1::Dataset& dataset) {
+  for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
+    if (suggestion.method() == v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES) {
+      return suggestion.isovalue();
+    }
+  }
+  if (!histogram.suggestions().empty()) {
+    return histogram.suggestions(0).isovalue();
+  }
+  // Halves first: the sum of two large values may be infinite.
+  return dataset.value_range().min() / 2 + dataset.value_range().max() / 2;
+}
+
+std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue) {
+  return absl::StrCat(page, page.find('?') == absl::string_view::npos ? "?" : "&",
+                      "dataset=", EscapeQueryValue(dataset),
+                      "&isovalue=", EscapeQueryValue(absl::StrFormat("%.9g", isovalue)));
+}
+
+Command ViewCommand() {
+  return {.name = "view",
+          .summary = "Shows an isosurface to be turned: in the browser, or in the terminal",
+          .usage = "INPUT | DIR | --server HOST:PORT [OPTIONS]",
+          .examples =
+              "  isoscope view head.nii.gz\n"
+              "  isoscope view head.nii.gz --isovalue 60 --listen 127.0.0.1:9000 --no-open\n"
+              "  isoscope view --server localhost:50051 --dataset head\n"
+              "  isoscope view head.nii.gz --terminal\n"
+              "\nStarts everything in this process and prints the address of the page, alone, on\n"
+              "standard output. The address has a token that the page asks for: whoever is to see\n"
+              "the page needs it. Ctrl-C ends it.\n",
+          .register_flags = RegisterFlags};
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,29 @@
+// The commands of this room, for the program isoscope.
+
+#ifndef ISOSCOPE_CLIENT_CLI_COMMANDS_VIEW_COMMAND_H_
+#define ISOSCOPE_CLIENT_CLI_COMMANDS_VIEW_COMMAND_H_
+
+#include <optional>
+#include <string>
+
+#include "absl/strings/string_view.h"
+
+#include "core/cli/command.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/dataset_service.pb.h"
+
+namespace isoscope::cli {
+
+Command ViewCommand();
+
+// The isovalue that a page begins with: the level between two classes of samples, else any that is
+// suggested, else the middle of the range of the samples, else 0.
+double FirstIsovalue(const isoscope::v1::GetHistogramResponse& histogram,
+                     const isoscope::v1::Dataset& dataset);
+
+// `page` with "dataset=NAME&isovalue=V" in its query.
+std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_COMMANDS_VIEW_COMMAND_H_

@@ -1,0 +1,28 @@
+#include "client-cli/output/annotation_flags.h"
+
+#include <string>
+
+#include "core/cli/flag_set.h"
+#include "core/cli/flags.h"
+
+namespace isoscope::cli {
+
+void AddAnnotationFlags(FlagSet* set, client::Annotations* flags) {
+  const std::string group = "Annotations (drawn over the picture)";
+  set->AddSwitch("--axes", &flags->has_axes,
+                 "orientation axes in the bottom left corner: X, Y, Z, or the sides of the patient "
+                 "(L R A P S I) where it is known")
+      .Group(group);
+  set->AddSwitch("--scale-bar", &flags->has_scale_bar,
+                 "a bar of a round number of world units in the bottom right corner; of a "
+                 "perspective camera it holds at the target's distance")
+      .Group(group);
+  set->AddSwitch("--legend", &flags->has_legend,
+                 "the colour map of --color-by with its range, at the right side")
+      .Group(group);
+  AddFlag(set, "--caption", "TEXT", &flags->caption, ParseText,
+          "text in the top left corner; {isovalue} becomes the frame's, \\n begins a line")
+      .Group(group);
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,250 @@
+// JSON is made first, from messages, sources or folders; the text for people is made from the JSON.
+// So both say the same, and a member that text needs is there for scripts, too.
+
+#include "client-cli/output/dataset_json.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
+#include <nlohmann/json.hpp>
+
+#include "core/base/printable.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+Json ToJson(const v1::Dimensions& dims) { return Json::array({dims.x(), dims.y(), dims.z()}); }
+// Adding 0 makes -0 the 0 that people expect.
+Json ToJson(const v1::Vec3& v) { return Json::array({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}); }
+
+// "SAMPLE_TYPE_UINT8" is "uint8".
+std::string WithoutPrefix(absl::string_view name, absl::string_view prefix) {
+  return absl::AsciiStrToLower(absl::StripPrefix(name, prefix));
+}
+
+// "1 x 2 x 3".
+std::string Joined(const Json& array, absl::string_view separator) {
+  return absl::StrJoin(array, separator, [](std::string* out, const Json& element) {
+    absl::StrAppend(out, element.dump());
+  });
+}
+
+// As people may see it: names and messages come from servers and files.
+std::string Text(const Json& object, const char* key) {
+  return base::Printable(object.at(key).get<std::string>());
+}
+
+// "sample_dims", "spacing", "origin", "direction".
+void AddGeometry(const v1::GridGeometry& geometry, Json* json) {
+  (*json)["sample_dims"] = ToJson(geometry.sample_dims());
+  (*json)["spacing"] = ToJson(geometry.spacing());
+  (*json)["origin"] = ToJson(geometry.origin());
+  Json& direction = (*json)["direction"];
+  direction = Json::array({{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}});
+  if (geometry.direction_columns_size() == 3) {
+    for (int column = 0; column < 3; ++column) {
+      direction[static_cast<std::size_t>(column)] = ToJson(geometry.direction_columns(column));
+    }
+  }
+}
+
+// "sample_type", "value_range".
+void AddSamples(v1::SampleType type, bool has_range, double min, double max, Json* json) {
+  (*json)["sample_type"] = WithoutPrefix(v1::SampleType_Name(type), "SAMPLE_TYPE_");
+  (*json)["value_range"] = has_range ? Json::array({min, max}) : Json(nullptr);
+}
+
+void AddLine(absl::string_view name, const std::string& value, std::string* text) {
+  absl::StrAppend(text, name, std::string(14 - name.size(), ' '), value, "\n");
+}
+
+// The lines on what AddGeometry and AddSamples add.
+void AddGridLines(const Json& json, std::string* text) {
+  AddLine("samples",
+          absl::StrCat(Joined(json.at("sample_dims"), " x "), " of ", Text(json, "sample_type")),
+          text);
+  const Json& range = json.at("value_range");
+  AddLine("values", range.is_null() ? "none but NaN" : Joined(range, " to "), text);
+  AddLine("spacing", Joined(json.at("spacing"), ", "), text);
+  AddLine("origin", Joined(json.at("origin"), ", "), text);
+  AddLine("direction",
+          absl::StrJoin(json.at("direction"), "; ",
+                        [](std::string* out, const Json& column) {
+                          absl::StrAppend(out, Joined(column, ", "));
+                        }),
+          text);
+}
+
+}  // namespace
+
+Json DatasetToJson(const v1::Dataset& dataset) {
+  Json json;
+  json["name"] = dataset.name();
+  json["dataset_id"] = dataset.dataset_id();
+  if (!dataset.samples_digest().empty()) {
+    json["samples_digest"] = dataset.samples_digest();
+  }
+  json["source"] = dataset.source();
+  AddGeometry(dataset.geometry(), &json);
+  AddSamples(dataset.sample_type(), dataset.has_value_range(), dataset.value_range().min(),
+             dataset.value_range().max(), &json);
+  json["max_gradient_magnitude"] =
+      dataset.has_max_gradient_magnitude() ? Json(dataset.max_gradient_magnitude()) : Json(nullptr);
+  json["block_cells"] = ToJson(dataset.block_cells());
+  json["block_count"] = dataset.block_count();
+  json["shard_count"] = dataset.shard_count();
+  json["patient_frame"] =
+      dataset.patient_frame().empty() ? Json(nullptr) : Json(dataset.patient_frame());
+  json["missing_shards"] = Json::array();
+  for (const int shard : dataset.missing_shards()) {
+    json["missing_shards"].push_back(shard);
+  }
+  return json;
+}
+
+Json VolumeToJson(const source::VolumeSource& source, const volume::ScalarSpan& value_range) {
+  Json json;
+  json["name"] = source.name();
+  AddGeometry(rpc::ToProto(source.geometry()), &json);
+  AddSamples(rpc::ToProto(source.scalar_type()), value_range.min <= value_range.max,
+             value_range.min, value_range.max, &json);
+  return json;
+}
+
+Json AgentToJson(const v1::AgentStatus& agent) {
+  Json json;
+  json["address"] = agent.address();
+  json["state"] = agent.state() == v1::AgentStatus::STATE_REACHABLE     ? "reachable"
+                  : agent.state() == v1::AgentStatus::STATE_UNREACHABLE ? "unreachable"
+                                                                        : "unknown";
+  json["message"] = agent.message();
+  json["version"] = agent.version();
+  json["renderer"] = agent.renderer();
+  json["picture_revision"] = agent.picture_revision();
+  json["shards"] = Json::array();
+  for (const v1::ServedShard& shard : agent.shards()) {
+    json["shards"].push_back({{"dataset", shard.dataset()},
+                              {"shard", shard.shard_index()},
+                              {"block_count", shard.block_count()}});
+  }
+  return json;
+}
+
+Json DatasetDirectoryToJson(const store::DatasetDescription& description) {
+  const store::Manifest& manifest = description.manifest;
+  v1::Dataset dataset = rpc::ToProto(manifest);
+  for (std::size_t i = 0; i < description.shard_directories.size(); ++i) {
+    if (description.shard_directories[i].empty()) {
+      dataset.add_missing_shards(static_cast<std::int32_t>(i));
+    }
+  }
+  Json json = DatasetToJson(dataset);
+  json["distribution"] = absl::StrCat(store::NameOf(manifest.distribution));
+  json["seed"] = manifest.seed;
+  json["shards"] = Json::array();
+  for (std::size_t i = 0; i < manifest.shards.size(); ++i) {
+    json["shards"].push_back({{"shard", i},
+                              {"block_count", manifest.shards[i].block_count},
+                              {"block_bytes", manifest.shards[i].block_bytes}});
+  }
+  return json;
+}
+
+std::string DescribeVolume(const Json& volume) {
+  std::string text;
+  AddLine("volume", Text(volume, "name"), &text);
+  AddGridLines(volume, &text);
+  return text;
+}
+
+std::string DescribeDataset(const Json& dataset) {
+  std::string text;
+  const auto line = [&text](absl::string_view name, const std::string& value) {
+    AddLine(name, value, &text);
+  };
+  line("dataset", Text(dataset, "name"));
+  line("id", Text(dataset, "dataset_id"));
+  line("source", Text(dataset, "source"));
+  AddGridLines(dataset, &text);
+  if (dataset.at("max_gradient_magnitude").is_number()) {
+    line("gradient", absl::StrCat("at most ", dataset.at("max_gradient_magnitude").get<double>(),
+                                  " per world unit"));
+  }
+  if (dataset.at("patient_frame").is_string()) {
+    line("patient", absl::StrCat(Text(dataset, "patient_frame"), " are world +x, +y, +z"));
+  }
+  line("blocks", absl::StrCat(FormatCount(dataset.at("block_count").get<std::int64_t>()), " of ",
+                              Joined(dataset.at("block_cells"), " x "), " cells"));
+  const Json& missing = dataset.at("missing_shards");
+  line("shards",
+       absl::StrCat(
+           dataset.at("shard_count").dump(),
+           missing.empty() ? std::string() : absl::StrCat(", missing: ", Joined(missing, ", "))));
+  if (dataset.contains("shards")) {
+    line("distribution",
+         absl::StrCat(Text(dataset, "distribution"), ", seed ", dataset.at("seed").dump()));
+    Table table({"shard", "blocks", "size"});
+    for (const Json& shard : dataset.at("shards")) {
+      table.AddRow({shard.at("shard").dump(),
+                    FormatCount(shard.at("block_count").get<std::int64_t>()),
+                    FormatMebibytes(shard.at("block_bytes").get<std::int64_t>())});
+    }
+    absl::StrAppend(&text, "\n", table.ToString());
+  }
+  return text;
+}
+
+std::string DescribeAgents(const Json& agents, int max_width) {
+  // How many agents have a message.
+  std::map<std::string, int> agents_of;
+  for (const Json& agent : agents) {
+    ++agents_of[Text(agent, "message")];
+  }
+  const auto is_shared = [&](const std::string& message) {
+    return max_width > 0 && !message.empty() && agents_of[message] > 1;
+  };
+  std::vector<std::string> shared;
+  Table table({"agent", "state", "version", "shards", "renderer", "message"});
+  for (const Json& agent : agents) {
+    const std::string shards =
+        absl::StrJoin(agent.at("shards"), ",", [](std::string* out, const Json& shard) {
+          absl::StrAppend(out, Text(shard, "dataset"), "/", shard.at("shard").dump());
+        });
+    std::string message = Text(agent, "message");
+    if (is_shared(message)) {
+      const auto known = std::find(shared.begin(), shared.end(), message);
+      const std::ptrdiff_t index = known - shared.begin();
+      if (known == shared.end()) {
+        shared.push_back(message);
+      }
+      message = absl::StrCat("[", index + 1, "]");
+    }
+    table.AddRow({Text(agent, "address"), Text(agent, "state"), Text(agent, "version"), shards,
+                  Text(agent, "renderer"), message});
+  }
+  std::string text = table.ToString(max_width);
+  for (std::size_t i = 0; i < shared.size(); ++i) {
+    const std::string number = absl::StrCat("[", i + 1, "] ");
+    const auto width = static_cast<std::size_t>(std::max(max_width, 24));
+    absl::StrAppend(&text, "\n", number,
+                    absl::StrJoin(WrapText(shared[i], width - number.size()),
+                                  "\n" + std::string(number.size(), ' ')),
+                    "\n");
+  }
+  return text;
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,161 @@
+#include "client-cli/output/frame_statistics.h"
+
+#include <cmath>
+#include <cstddef>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include <nlohmann/json.hpp>
+
+#include "clients/cpp/request/json_text.h"
+#include "core/cli/format.h"
+#include "core/cli/table.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+double Milliseconds(const google::protobuf::Duration& duration) {
+  return static_cast<double>(duration.seconds()) * 1e3 +
+         static_cast<double>(duration.nanos()) * 1e-6;
+}
+
+double Rounded(double milliseconds) { return std::round(milliseconds * 1e3) / 1e3; }
+
+nlohmann::ordered_json AgentToJson(const v1::AgentStatistics& agent) {
+  nlohmann::ordered_json json;
+  json["shard"] = agent.shard_indices().empty() ? -1 : agent.shard_indices(0);
+  json["active_block_count"] = agent.active_block_count();
+  json["triangle_count"] = agent.triangle_count();
+  json["read_bytes"] = agent.read_bytes();
+  json["extract_ms"] = Rounded(Milliseconds(agent.extract_duration()));
+  json["render_ms"] = Rounded(Milliseconds(agent.render_duration()));
+  json["busy_ms"] = Rounded(Milliseconds(agent.busy_duration()));
+  json["shards"] = nlohmann::ordered_json::array();
+  for (const int shard : agent.shard_indices()) {
+    json["shards"].push_back(shard);
+  }
+  json["address"] = agent.agent_address();
+  return json;
+}
+
+nlohmann::ordered_json FrameToJson(const FrameRecord& frame) {
+  const v1::RenderStatistics& statistics = frame.statistics;
+  const v1::StepDurations& durations = statistics.durations();
+  nlohmann::ordered_json json;
+  json["wall_ms"] = Rounded(frame.wall_ms);
+  json["active_block_count"] = statistics.active_block_count();
+  json["ray_hit_block_count"] = statistics.ray_hit_block_count();
+  json["occluding_block_count"] = statistics.occluding_block_count();
+  json["visible_block_count"] = statistics.visible_block_count();
+  json["culled_block_count"] = statistics.culled_block_count();
+  json["triangle_count"] = statistics.triangle_count();
+  json["unique_vertex_count"] = statistics.unique_vertex_count();
+  json["read_bytes"] = statistics.read_bytes();
+  json["network_bytes"] = statistics.network_bytes();
+  json["png_bytes"] = statistics.png_bytes();
+  if (statistics.truncated_pixel_count() > 0) {
+    json["truncated_pixel_count"] = statistics.truncated_pixel_count();
+  }
+  if (statistics.missing_shards_size() > 0) {
+    json["missing_shards"] = nlohmann::ordered_json::array();
+    for (const int shard : statistics.missing_shards()) {
+      json["missing_shards"].push_back(shard);
+    }
+    json["active_block_coverage"] = statistics.active_block_coverage();
+  }
+  json["durations_ms"] = {
+      {"occluder_selection", Rounded(Milliseconds(durations.occluder_selection_duration()))},
+      {"occluder_rendering", Rounded(Milliseconds(durations.occluder_rendering_duration()))},
+      {"visibility_culling", Rounded(Milliseconds(durations.visibility_culling_duration()))},
+      {"composite", Rounded(Milliseconds(durations.composite_duration()))},
+      {"encode", Rounded(Milliseconds(durations.encode_duration()))}};
+  // Of one surface they are the sums above.
+  if (statistics.surfaces_size() > 1) {
+    for (const v1::SurfaceStatistics& surface : statistics.surfaces()) {
+      json["surfaces"].push_back({{"triangle_count", surface.triangle_count()},
+                                  {"unique_vertex_count", surface.unique_vertex_count()}});
+    }
+  }
+  json["agents"] = nlohmann::ordered_json::array();
+  for (const v1::AgentStatistics& agent : statistics.agents()) {
+    json["agents"].push_back(AgentToJson(agent));
+  }
+  return json;
+}
+
+std::string FormatStep(const google::protobuf::Duration& duration) {
+  return FormatMilliseconds(Milliseconds(duration));
+}
+
+}  // namespace
+
+std::string StatisticsJson(const std::vector<FrameRecord>& frames) {
+  nlohmann::ordered_json json;
+  json["frames"] = nlohmann::ordered_json::array();
+  for (const FrameRecord& frame : frames) {
+    json["frames"].push_back(FrameToJson(frame));
+  }
+  return client::JsonText(json);
+}
+
+std::string DescribeMissingShards(const v1::RenderStatistics& statistics) {
+  if (statistics.missing_shards().empty()) {
+    return "";
+  }
+  return absl::StrFormat("%s %s %s missing: the picture shows %.1f %% of the active blocks",
+                         statistics.missing_shards_size() == 1 ? "shard" : "shards",
+                         absl::StrJoin(statistics.missing_shards(), ", "),
+                         statistics.missing_shards_size() == 1 ? "is" : "are",
+                         100 * statistics.active_block_coverage());
+}
+
+std::string DescribeStatistics(const std::vector<FrameRecord>& frames, int max_width) {
+  Table blocks({"frame", "wall ms", "active blocks", "hit by rays", "occluding", "drawn", "culled",
+                "triangles", "read", "network", "png"});
+  Table steps({"frame", "occluder selection ms", "occluder rendering ms", "visibility culling ms",
+               "composite ms", "encode ms"});
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const v1::RenderStatistics& statistics = frames[i].statistics;
+    const v1::StepDurations& durations = statistics.durations();
+    blocks.AddRow(
+        {absl::StrCat(i), FormatMilliseconds(frames[i].wall_ms),
+         FormatCount(statistics.active_block_count()),
+         FormatCount(statistics.ray_hit_block_count()),
+         FormatCount(statistics.occluding_block_count()),
+         FormatCount(statistics.visible_block_count()),
+         FormatCount(statistics.culled_block_count()), FormatCount(statistics.triangle_count()),
+         FormatMebibytes(statistics.read_bytes()), FormatMebibytes(statistics.network_bytes()),
+         FormatMebibytes(statistics.png_bytes())});
+    steps.AddRow({absl::StrCat(i), FormatStep(durations.occluder_selection_duration()),
+                  FormatStep(durations.occluder_rendering_duration()),
+                  FormatStep(durations.visibility_culling_duration()),
+                  FormatStep(durations.composite_duration()),
+                  FormatStep(durations.encode_duration())});
+  }
+  std::string text = absl::StrCat(blocks.ToString(max_width), "\n", steps.ToString(max_width));
+  if (!frames.empty() && !frames.back().statistics.agents().empty()) {
+    Table agents({"agent", "shards", "active blocks", "drawn", "triangles", "read", "extract ms",
+                  "render ms", "busy ms"});
+    for (const v1::AgentStatistics& agent : frames.back().statistics.agents()) {
+      agents.AddRow({agent.agent_address(), absl::StrJoin(agent.shard_indices(), ","),
+                     FormatCount(agent.active_block_count()),
+                     FormatCount(agent.visible_block_count()), FormatCount(agent.triangle_count()),
+                     FormatMebibytes(agent.read_bytes()), FormatStep(agent.extract_duration()),
+                     FormatStep(agent.render_duration()), FormatStep(agent.busy_duration())});
+    }
+    absl::StrAppend(&text, "\n", frames.size() > 1 ? "Agents of the last frame:\n" : "",
+                    agents.ToString(max_width));
+  }
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const std::string missing = DescribeMissingShards(frames[i].statistics);
+    if (!missing.empty()) {
+      absl::StrAppend(&text, "\nWarning: frame ", i, ": ", missing, "\n");
+    }
+  }
+  return text;
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,321 @@
+#include "client-cli/output/histogram_plot.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include <nlohmann/json.hpp>
+#include <sys/ioctl.h>
+
+#include "core/cli/format.h"
+#include "core/cli/table.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+using Json = nlohmann::ordered_json;
+
+constexpr int kMinWidth = 40;
+constexpr int kPlotRows = 12;
+constexpr int kTableRows = 10;
+// Eighths of a character, from the bottom.
+constexpr std::array<const char*, 9> kEighths{" ", "▁", "▂", "▃", "▄", "▅", "▆", "▇", "█"};
+
+std::string Number(double value) { return absl::StrFormat("%.6g", value); }
+
+const char* client::NameOf(v1::IsovalueSuggestion::Method method) {
+  return method == v1::IsovalueSuggestion::METHOD_ONE_PERCENT ? "one-percent" : "between-classes";
+}
+
+// "1.2M", "34k", "512": at most five characters up to 999 million million.
+std::string ShortCount(double value) {
+  constexpr std::array<const char*, 5> kUnits{"", "k", "M", "G", "T"};
+  std::size_t unit = 0;
+  while (value >= 999.5 && unit + 1 < kUnits.size()) {
+    value /= 1000;
+    ++unit;
+  }
+  return absl::StrCat(absl::StrFormat(unit == 0 || value >= 99.95 ? "%.0f" : "%.1f", value),
+                      kUnits[unit]);
+}
+
+// The bars of a plot: neighbouring bins taken together until they fit.
+struct Bars {
+  double min = 0;
+  double max = 0;
+  std::vector<double> heights;
+
+  [[nodiscard]] double largest() const {
+    return heights.empty() ? 0 : *std::max_element(heights.begin(), heights.end());
+  }
+};
+
+Bars BarsOf(const v1::GetHistogramResponse& histogram, int max_count) {
+  const int bins_per_bar = (histogram.bins_size() + max_count - 1) / max_count;
+  Bars bars;
+  bars.min = histogram.bins(0).min();
+  bars.max = histogram.bins(histogram.bins_size() - 1).max();
+  for (int i = 0; i < histogram.bins_size(); ++i) {
+    if (i % bins_per_bar == 0) {
+      bars.heights.push_back(0);
+    }
+    const v1::HistogramBin& bin = histogram.bins(i);
+    double& height = bars.heights.back();
+    height = histogram.has_sample_counts()
+                 ? height + static_cast<double>(bin.sample_count())
+                 : std::max(height, static_cast<double>(bin.active_block_count()));
+  }
+  return bars;
+}
+
+// In [0, 1].
+double ShareOf(double height, double largest, bool is_logarithmic) {
+  if (height <= 0 || largest <= 0) {
+    return 0;
+  }
+  return is_logarithmic ? std::log1p(height) / std::log1p(largest) : height / largest;
+}
+
+std::string DrawBars(const Bars& bars, const PlotOptions& options) {
+  std::string text;
+  for (int row = kPlotRows - 1; row >= 0; --row) {
+    std::string label = row == kPlotRows - 1 ? ShortCount(bars.largest()) : row == 0 ? "0" : "";
+    std::string line = absl::StrFormat("%7s |", label);
+    for (const double height : bars.heights) {
+      double share = ShareOf(height, bars.largest(), options.is_logarithmic);
+      // A bar that is not empty shows, if only just.
+      share = height > 0 ? std::max(share, 1.0 / (8 * kPlotRows)) : share;
+      const double eighths = share * 8 * kPlotRows - 8.0 * row;
+      line += kEighths[static_cast<std::size_t>(std::clamp(std::lround(eighths), 0L, 8L))];
+    }
+    absl::StrAppend(&text, line.substr(0, line.find_last_not_of(' ') + 1), "\n");
+  }
+  const int columns = static_cast<int>(bars.heights.size());
+  const std::string min = Number(bars.min);
+  const std::string max = Number(bars.max);
+  const int gap = std::max(columns - static_cast<int>(min.size() + max.size()), 1);
+  absl::StrAppend(&text, std::string(8, ' '), "+", std::string(bars.heights.size(), '-'), "\n",
+                  std::string(9, ' '), min, std::string(static_cast<std::size_t>(gap), ' '), max,
+                  "\n");
+  return text;
+}
+
+std::string DrawCosts(const v1::GetHistogramResponse& histogram) {
+  Table table({"isovalue", "active blocks", "their size", "triangles, about"});
+  const int rows = std::min(kTableRows, histogram.bins_size());
+  for (int row = 0; row < rows; ++row) {
+    const int i = static_cast<int>((row + 0.5) * histogram.bins_size() / rows);
+    const v1::HistogramBin& bin = histogram.bins(i);
+    table.AddRow({Number(0.5 * bin.min() + 0.5 * bin.max()), FormatCount(bin.active_block_count()),
+                  FormatMebibytes(bin.active_block_bytes()),
+                  ShortCount(static_cast<double>(bin.estimated_triangle_count()))});
+  }
+  return table.ToString();
+}
+
+std::string DescribeSuggestion(const v1::IsovalueSuggestion& suggestion) {
+  return absl::StrFormat("  --isovalue %-12s %s (%.3g %% inside)\n", Number(suggestion.isovalue()),
+                         suggestion.method() == v1::IsovalueSuggestion::METHOD_ONE_PERCENT
+                             ? "encloses one percent"
+                             : "between two classes",
+                         100 * suggestion.inside_fraction());
+}
+
+std::string DescribeApart(const v1::GetHistogramResponse& histogram) {
+  std::string text;
+  for (const auto& [count, name] : {std::pair(histogram.nan_count(), "NaN"),
+                                    std::pair(histogram.negative_infinity_count(), "-inf"),
+                                    std::pair(histogram.positive_infinity_count(), "inf")}) {
+    if (count > 0) {
+      absl::StrAppend(&text, "and ", FormatCount(count), " samples of ", name, "\n");
+    }
+  }
+  return text;
+}
+
+// The plot of an SVG in pixels.
+constexpr double kLeft = 70;
+constexpr double kRight = 830;
+constexpr double kTop = 50;
+constexpr double kBottom = 360;
+
+class SvgPlot {
+ public:
+  SvgPlot(const v1::GetHistogramResponse& histogram, bool is_logarithmic)
+      : histogram_(histogram), is_logarithmic_(is_logarithmic) {
+    for (const v1::HistogramBin& bin : histogram.bins()) {
+      most_samples_ = std::max(most_samples_, static_cast<double>(bin.sample_count()));
+      most_triangles_ =
+          std::max(most_triangles_, static_cast<double>(bin.estimated_triangle_count()));
+    }
+    min_ = histogram.bins(0).min();
+    max_ = histogram.bins(histogram.bins_size() - 1).max();
+  }
+
+  [[nodiscard]] std::string ToString() const {
+    return absl::StrCat(Samples(), Triangles(), Axes(), Suggestions());
+  }
+
+ private:
+  [[nodiscard]] double X(double value) const {
+    // Halves, because the range of doubles is wider than a double.
+    return kLeft + (value / 2 - min_ / 2) / (max_ / 2 - min_ / 2) * (kRight - kLeft);
+  }
+  [[nodiscard]] double Y(double height, double most) const {
+    return kBottom - ShareOf(height, most, is_logarithmic_) * (kBottom - kTop);
+  }
+
+  [[nodiscard]] std::string Samples() const {
+    std::string path = absl::StrFormat("M%.2f %.2f", kLeft, kBottom);
+    for (const v1::HistogramBin& bin : histogram_.bins()) {
+      absl::StrAppendFormat(&path, "L%.2f %.2fL%.2f %.2f", X(bin.min()),
+                            Y(static_cast<double>(bin.sample_count()), most_samples_), X(bin.max()),
+                            Y(static_cast<double>(bin.sample_count()), most_samples_));
+    }
+    absl::StrAppendFormat(&path, "L%.2f %.2fZ", kRight, kBottom);
+    return absl::StrCat("<path d=\"", path, "\" fill=\"#7a9cc6\"/>\n");
+  }
+
+  [[nodiscard]] std::string Triangles() const {
+    std::string points;
+    for (const v1::HistogramBin& bin : histogram_.bins()) {
+      absl::StrAppendFormat(
+          &points, "%.2f,%.2f ", X(0.5 * bin.min() + 0.5 * bin.max()),
+          Y(static_cast<double>(bin.estimated_triangle_count()), most_triangles_));
+    }
+    return absl::StrCat("<polyline points=\"", points,
+                        "\" fill=\"none\" stroke=\"#b3541e\" stroke-width=\"1.5\"/>\n");
+  }
+
+  [[nodiscard]] std::string Axes() const {
+    std::string text =
+        absl::StrFormat("<path d=\"M%g %gV%gH%gV%g\" fill=\"none\" stroke=\"#333\"/>\n", kLeft,
+                        kTop, kBottom, kRight, kTop);
+    constexpr int kTicks = 8;
+    for (int i = 0; i <= kTicks; ++i) {
+      const double share = static_cast<double>(i) / kTicks;
+      const double value = min_ * (1 - share) + max_ * share;
+      absl::StrAppendFormat(&text, "<text x=\"%.2f\" y=\"%g\" text-anchor=\"middle\">%s</text>\n",
+                            kLeft + share * (kRight - kLeft), kBottom + 18, Number(value));
+    }
+    absl::StrAppendFormat(&text,
+                          "<text x=\"%g\" y=\"%g\" text-anchor=\"end\" fill=\"#4a6a94\">%s</text>\n"
+                          "<text x=\"%g\" y=\"%g\" fill=\"#b3541e\">%s</text>\n"
+                          "<text x=\"%g\" y=\"%g\" fill=\"#4a6a94\">%s%s</text>\n"
+                          "<text x=\"%g\" y=\"%g\" text-anchor=\"end\" fill=\"#b3541e\">triangles, "
+                          "estimated</text>\n",
+                          kLeft - 6, kTop + 5, ShortCount(most_samples_), kRight + 6, kTop + 5,
+                          ShortCount(most_triangles_), kLeft, kBottom + 40,
+                          histogram_.has_sample_counts() ? "samples" : "samples were not counted",
+                          is_logarithmic_ ? " (both logarithmic)" : "", kRight, kBottom + 40);
+    return text;
+  }
+
+  [[nodiscard]] std::string Suggestions() const {
+    std::string text;
+    double y = kTop + 12;
+    for (const v1::IsovalueSuggestion& suggestion : histogram_.suggestions()) {
+      const double x = X(suggestion.isovalue());
+      const bool is_at_the_right = x > (kLeft + kRight) / 2;
+      absl::StrAppendFormat(&text,
+                            "<path d=\"M%.2f %gV%g\" stroke=\"#222\" stroke-dasharray=\"4 3\"/>\n"
+                            "<text x=\"%.2f\" y=\"%g\" text-anchor=\"%s\">%s: %s</text>\n",
+                            x, kTop, kBottom, x + (is_at_the_right ? -5 : 5), y,
+                            is_at_the_right ? "end" : "start", client::NameOf(suggestion.method()),
+                            Number(suggestion.isovalue()));
+      y += 16;
+    }
+    return text;
+  }
+
+  const v1::GetHistogramResponse& histogram_;
+  const bool is_logarithmic_;
+  double most_samples_ = 0;
+  double most_triangles_ = 0;
+  double min_ = 0;
+  double max_ = 0;
+};
+
+}  // namespace
+
+std::string DrawHistogram(const v1::GetHistogramResponse& histogram, const PlotOptions& options) {
+  if (histogram.bins().empty()) {
+    return absl::StrCat("no sample is finite\n", DescribeApart(histogram));
+  }
+  const int columns = std::max(options.width, kMinWidth) - 9;
+  std::string text =
+      histogram.has_sample_counts() ? "samples by value" : "active blocks by isovalue";
+  absl::StrAppend(&text, options.is_logarithmic ? " (logarithmic)\n" : "\n",
+                  DrawBars(BarsOf(histogram, columns), options), DescribeApart(histogram), "\n",
+                  DrawCosts(histogram), "\n");
+  if (!histogram.has_sample_counts()) {
+    absl::StrAppend(&text, "samples were not counted when this was partitioned: partition it\n",
+                    "anew for counts and suggestions\n");
+  } else if (histogram.suggestions().empty()) {
+    absl::StrAppend(&text, "no isovalue is suggested: all samples lie in one bin\n");
+  } else {
+    absl::StrAppend(&text, "suggested:\n");
+    for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
+      absl::StrAppend(&text, DescribeSuggestion(suggestion));
+    }
+  }
+  return text;
+}
+
+std::string HistogramToSvg(const v1::GetHistogramResponse& histogram, const std::string& title,
+                           bool is_logarithmic) {
+  const std::string escaped =
+      absl::StrReplaceAll(title, {{"&", "&amp;"}, {"<", "&lt;"}, {">", "&gt;"}});
+  return absl::StrCat(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"900\" height=\"420\" "
+      "viewBox=\"0 0 900 420\" font-family=\"sans-serif\" font-size=\"12\">\n"
+      "<rect width=\"900\" height=\"420\" fill=\"white\"/>\n"
+      "<text x=\"450\" y=\"28\" text-anchor=\"middle\" font-size=\"16\">",
+      escaped, "</text>\n",
+      histogram.bins().empty()
+          ? "<text x=\"450\" y=\"210\" text-anchor=\"middle\">no sample is finite</text>\n"
+          : SvgPlot(histogram, is_logarithmic).ToString(),
+      "</svg>\n");
+}
+
+Json HistogramToJson(const v1::GetHistogramResponse& histogram) {
+  Json json;
+  json["has_sample_counts"] = histogram.has_sample_counts();
+  json["nan_count"] = histogram.nan_count();
+  json["negative_infinity_count"] = histogram.negative_infinity_count();
+  json["positive_infinity_count"] = histogram.positive_infinity_count();
+  json["bins"] = Json::array();
+  for (const v1::HistogramBin& bin : histogram.bins()) {
+    json["bins"].push_back({{"min", bin.min()},
+                            {"max", bin.max()},
+                            {"sample_count", bin.sample_count()},
+                            {"active_block_count", bin.active_block_count()},
+                            {"active_block_bytes", bin.active_block_bytes()},
+                            {"estimated_triangle_count", bin.estimated_triangle_count()}});
+  }
+  json["suggestions"] = Json::array();
+  for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
+    json["suggestions"].push_back({{"method", client::NameOf(suggestion.method())},
+                                   {"isovalue", suggestion.isovalue()},
+                                   {"inside_fraction", suggestion.inside_fraction()}});
+  }
+  return json;
+}
+
+int TerminalWidth() {
+  constexpr int kDefaultWidth = 80;
+  winsize size{};
+  const bool is_terminal = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+  return is_terminal ? std::max<int>(size.ws_col, kMinWidth) : kDefaultWidth;
+}
+
+}  // namespace isoscope::cli

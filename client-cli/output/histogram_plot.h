@@ -1,0 +1,40 @@
+// A histogram for people: drawn in a terminal and as SVG; and for programs, as JSON.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_
+
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "isoscope/v1/dataset_service.pb.h"
+
+namespace isoscope::cli {
+
+struct PlotOptions {
+  int width = 80;               // characters of a line, >= 40
+  bool is_logarithmic = false;  // heights by the logarithm of the counts
+};
+
+// Bars of samples over values (of active blocks, if no samples were counted), a table of what
+// surfaces cost at some isovalues, and the suggestions. No line is longer than the width, or 72.
+std::string DrawHistogram(const isoscope::v1::GetHistogramResponse& histogram,
+                          const PlotOptions& options);
+
+// An SVG of 900 x 420 pixels: samples as an area, estimated triangles as a line, suggestions as
+// vertical lines. `title` is any text.
+std::string HistogramToSvg(const isoscope::v1::GetHistogramResponse& histogram,
+                           const std::string& title, bool is_logarithmic);
+
+// {"has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count",
+// "bins": [{"min", "max", "sample_count", "active_block_count", "active_block_bytes",
+// "estimated_triangle_count"}], "suggestions": [{"method", "isovalue", "inside_fraction"}]};
+// method is "between-classes" or "one-percent".
+nlohmann::ordered_json HistogramToJson(const isoscope::v1::GetHistogramResponse& histogram);
+
+// The characters of a line of the terminal on standard output; 80 if it is none.
+int TerminalWidth();
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_HISTOGRAM_PLOT_H_

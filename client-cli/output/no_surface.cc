@@ -1,0 +1,38 @@
+#include "client-cli/output/no_surface.h"
+
+#include <ostream>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace isoscope::cli {
+namespace {
+
+std::string Number(double value) { return absl::StrFormat("%.9g", value); }
+
+}  // namespace
+
+std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isovalue) {
+  const std::string head = absl::StrCat("isovalue ", Number(isovalue), " has no surface: ");
+  if (!dataset.has_value_range()) {
+    return absl::StrCat(head, "every sample of the volume is NaN");
+  }
+  const double min = dataset.value_range().min();
+  const double max = dataset.value_range().max();
+  // A sample that equals the isovalue is inside: at `min` all of them are.
+  if (min < isovalue && isovalue <= max) {
+    return "";
+  }
+  return absl::StrCat(head, "the values of the volume are in [", Number(min), ", ", Number(max),
+                      "], and it must be above the smallest and at most the largest");
+}
+
+void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, double isovalue,
+                     const Context& context) {
+  const std::string line = DescribeNoSurface(dataset, isovalue);
+  if (!line.empty()) {
+    *context.err << "isoscope: " << line << std::endl;
+  }
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,22 @@
+// Isovalues at which a dataset has no surface: the picture is empty, and the user is told why.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_NO_SURFACE_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_NO_SURFACE_H_
+
+#include <string>
+
+#include "core/cli/command.h"
+#include "isoscope/v1/dataset.pb.h"
+
+namespace isoscope::cli {
+
+// One line, without its end, if no cell of the dataset can be active at `isovalue`; else "". It
+// names the isovalue and the range of the dataset's values.
+std::string DescribeNoSurface(const isoscope::v1::Dataset& dataset, double isovalue);
+
+// Writes that line to standard error, if there is one. The request is made all the same.
+void WarnIfNoSurface(const isoscope::v1::Dataset& dataset, double isovalue, const Context& context);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_NO_SURFACE_H_

@@ -1,0 +1,147 @@
+#include "client-cli/output/picture_output.h"
+
+#include <optional>
+#include <utility>
+
+#include "client-cli/output/frame_name.h"
+#include "client-cli/output/output_suffix.h"
+#include "clients/cpp/connection/png_metadata.h"
+#include "core/base/status_macros.h"
+#include "core/cli/usage.h"
+#include "core/image/png_codec.h"
+#include "core/io/atomic_file.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::cli {
+namespace {
+
+// True if the request can give pixels that are not opaque.
+bool HasAlpha(const isoscope::v1::RenderIsosurfaceRequest& request) {
+  if (!request.has_background_color()) {
+    return false;
+  }
+  const absl::StatusOr<image::Rgba8> color =
+      rpc::ColorFromProto(request.background_color(), "background_color");
+  return !color.ok() || color->a != 255;
+}
+
+// True if dark ink shows better on the background than light ink.
+bool IsBackgroundLight(const isoscope::v1::RenderIsosurfaceRequest& request) {
+  const isoscope::v1::Color& color = request.background_color();
+  // Luma of Rec. 709.
+  const float luma = 0.2126F * color.red() + 0.7152F * color.green() + 0.0722F * color.blue();
+  return request.has_background_color() && color.alpha() > 0.5F && luma > 0.5F;
+}
+
+// Draws the annotations of a frame over `*png`, and tells what the record says of that.
+absl::Status AnnotatePng(const client::Annotations& annotations,
+                         const isoscope::v1::RenderIsosurfaceRequest& request,
+                         const isoscope::v1::RenderIsosurfaceResponse& response,
+                         const std::string& patient_frame, std::string* png,
+                         client::AnnotatedPicture* annotated) {
+  client::AnnotationScene scene;
+  scene.viewport_height_px = request.viewport().height_px();
+  for (const isoscope::v1::Surface& surface : request.surfaces()) {
+    scene.isovalues.push_back(surface.isovalue());
+  }
+  if (scene.isovalues.empty()) {
+    scene.isovalues.push_back(request.isovalue());
+  }
+  scene.is_background_light = IsBackgroundLight(request);
+  ISOSCOPE_ASSIGN_OR_RETURN(scene.camera, rpc::CameraFromProto(response.camera(), "camera"));
+  if (!patient_frame.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const volume::PatientFrame frame,
+                              volume::PatientFrame::FromName(patient_frame));
+    client::NameAxes(frame, &scene);
+  }
+  for (const isoscope::v1::SurfaceColoring& coloring : response.colorings()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        const frame::ColorBy color_by,
+        rpc::ColorByFromProto(coloring.color_by(), "the response's colorings.color_by"));
+    scene.colorings.push_back({static_cast<std::size_t>(coloring.surface_index()), color_by});
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, image::DecodePng(*png));
+  ISOSCOPE_ASSIGN_OR_RETURN(client::Annotated drawn,
+                            client::Annotate(annotations, scene, std::move(picture)));
+  annotated->plain_png_sha256 = client::PictureSha256(*png);
+  annotated->boxes = std::move(drawn.boxes);
+  *png = image::EncodePng(drawn.picture.width, drawn.picture.height, drawn.picture.pixels);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status CheckPicturePath(const std::string& path, const view::Viewport& viewport) {
+  const std::string first = FrameFileName(path, 0);
+  if (client::IsAnimationName(first)) {
+    ISOSCOPE_RETURN_IF_ERROR(
+        AsUsageError(client::CheckAnimationSize(path, viewport.width_px, viewport.height_px)));
+  } else {
+    ISOSCOPE_RETURN_IF_ERROR(CheckSuffix(first, ".png", "PNG"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PictureOutput::Write(int index, const isoscope::v1::RenderIsosurfaceRequest& request,
+                                  const isoscope::v1::RenderIsosurfaceResponse& response) {
+  const std::string path = FrameFileName(options_.path, index);
+  const bool is_animation = client::IsAnimationName(path);
+  const bool is_kept =
+      is_animation || index + 1 == options_.frame_count || HasFrameNumber(options_.path);
+  if (!is_kept) {
+    return absl::OkStatus();
+  }
+  std::string png = response.png();
+  std::optional<client::AnnotatedPicture> annotated;
+  if (options_.annotations.any()) {
+    annotated.emplace();
+    ISOSCOPE_RETURN_IF_ERROR(AnnotatePng(options_.annotations, request, response,
+                                         options_.patient_frame, &png, &*annotated));
+  }
+  last_png_ = png;
+  if (options_.path.empty()) {
+    return absl::OkStatus();
+  }
+  if (is_animation) {
+    return AddToAnimation(request, png);
+  }
+  // The picture of the mask depends on how the volume was cut, and one without some shards on who
+  // was there: no record could make it again.
+  if (!options_.has_metadata || request.culling() == isoscope::v1::CULLING_MASK ||
+      response.statistics().missing_shards_size() > 0) {
+    return io::WriteFileAtomically(path, png);
+  }
+  client::PictureRecord record{.picture_revision = options_.picture_revision,
+                               .samples_digest = options_.samples_digest,
+                               .request = request,
+                               .annotated = std::move(annotated)};
+  // The camera that was used needs no fit.
+  *record.request.mutable_camera() = response.camera();
+  record.request.clear_camera_fit();
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string with_record, client::AddPictureRecord(png, record));
+  return io::WriteFileAtomically(path, with_record);
+}
+
+absl::Status PictureOutput::AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,
+                                           const std::string& png) {
+  if (animation_ == nullptr) {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        animation_,
+        client::CreateAnimation(options_.path,
+                                {.width_px = request.has_region() ? request.region().width_px()
+                                                                  : request.viewport().width_px(),
+                                 .height_px = request.has_region() ? request.region().height_px()
+                                                                   : request.viewport().height_px(),
+                                 .frame_count = options_.frame_count,
+                                 .fps = options_.fps,
+                                 .has_alpha = HasAlpha(request)}));
+  }
+  return animation_->AddFrame(png);
+}
+
+absl::Status PictureOutput::Finish() {
+  return animation_ != nullptr ? animation_->Finish() : absl::OkStatus();
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,65 @@
+// Where the frames of `isoscope render` go: one picture or numbered ones, each with its record, or
+// one animation; all with annotations if these are wanted.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_PICTURE_OUTPUT_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_PICTURE_OUTPUT_H_
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "clients/cpp/picture_file/animation_writer.h"
+#include "clients/cpp/picture_file/annotations.h"
+#include "core/view/camera.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::cli {
+
+struct PictureOutputOptions {
+  // With a number in it (FrameFileName): one picture for each frame. Empty: nothing is written.
+  std::string path;
+  int frame_count = 1;
+  double fps = 12;  // of an animation
+  bool has_metadata = true;
+  client::Annotations annotations = {};
+  std::string patient_frame = {};  // of the dataset; empty if it is not known
+  // For the record of each picture.
+  std::string picture_revision;
+  std::string samples_digest;
+};
+
+// UsageError if `path` promises a format that is not written, or an animation of this size can't
+// be.
+absl::Status CheckPicturePath(const std::string& path, const view::Viewport& viewport);
+
+// Thread-compatible.
+class PictureOutput {
+ public:
+  explicit PictureOutput(PictureOutputOptions options) : options_(std::move(options)) {}
+
+  // Takes the answer to `request`, frame `index`. Frames come in order, all of one size. Without a
+  // place for the number in `path` only the last frame is kept, unless `path` is an animation.
+  absl::Status Write(int index, const isoscope::v1::RenderIsosurfaceRequest& request,
+                     const isoscope::v1::RenderIsosurfaceResponse& response);
+  // After the last frame: an animation appears now.
+  absl::Status Finish();
+
+  // The last picture, annotated, as PNG; empty before.
+  [[nodiscard]] const std::string& last_png() const { return last_png_; }
+
+ private:
+  absl::Status AddToAnimation(const isoscope::v1::RenderIsosurfaceRequest& request,
+                              const std::string& png);
+
+  const PictureOutputOptions options_;
+  std::unique_ptr<client::AnimationWriter>
+      animation_;  // null for pictures, and before the first frame
+  std::string last_png_;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_PICTURE_OUTPUT_H_

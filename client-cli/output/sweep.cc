@@ -1,0 +1,166 @@
+#include "client-cli/output/sweep.h"
+
+#include <cmath>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "absl/time/clock.h"
+
+#include "client-cli/output/frame_name.h"
+#include "clients/cpp/picture_file/animation_writer.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/format.h"
+#include "core/cli/usage.h"
+
+namespace isoscope::cli {
+namespace {
+
+// A stop that is typed in decimals is met although its quotient is not whole in binary.
+constexpr double kWholeTolerance = 1e-9;
+constexpr double kMinFps = 0.1;
+constexpr double kMaxFps = 120;
+
+absl::StatusOr<std::int64_t> ParseFrameCount(absl::string_view text) {
+  return client::ParseInteger(text, 1, kMaxFrameCount);
+}
+
+absl::StatusOr<double> ParseFps(absl::string_view text) {
+  absl::StatusOr<double> fps = client::ParseNumber(text);
+  if (!fps.ok() || *fps < kMinFps || *fps > kMaxFps) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "'", text, "' is not a number of frames a second, ", kMinFps, " to ", kMaxFps));
+  }
+  return fps;
+}
+
+}  // namespace
+
+double IsovalueRange::At(int i) const {
+  if (i == 0) {
+    return first;
+  }
+  double value = 0;
+  // Always a number: it was printed from one.
+  return absl::SimpleAtod(absl::StrFormat("%.15g", first + i * step), &value) ? value : first;
+}
+
+absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  if (parts.size() == 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const double value, client::ParseNumber(text));
+    return IsovalueRange{.first = value};
+  }
+  if (parts.size() != 3) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is neither a number nor START:STOP:STEP"));
+  }
+  double values[3] = {};
+  for (std::size_t k = 0; k < 3; ++k) {
+    ISOSCOPE_ASSIGN_OR_RETURN(values[k], client::ParseNumber(parts[k]));
+  }
+  const auto [start, stop, step] = values;
+  const double steps = (stop - start) / step;
+  if (step == 0 || !(steps >= 0)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "'", text, "': the step ", parts[2], " does not lead from ", parts[0], " to ", parts[1]));
+  }
+  if (steps >= static_cast<double>(kMaxFrameCount)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' has more than ", kMaxFrameCount, " isovalues"));
+  }
+  const double count = std::floor(steps * (1 + kWholeTolerance) + kWholeTolerance) + 1;
+  return IsovalueRange{.first = start, .step = step, .count = static_cast<int>(count)};
+}
+
+int SweepFlags::frame_count() const {
+  return is_isovalue_sweep() ? isovalues->count : static_cast<int>(repeat_count.value_or(1));
+}
+
+void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* request) {
+  set->Remove("--isovalue");
+  const auto parse_isovalues = [flags, request](absl::string_view text) -> absl::Status {
+    ISOSCOPE_ASSIGN_OR_RETURN(flags->isovalues, ParseIsovalues(text));
+    request->isovalue = flags->isovalues->first;
+    return absl::OkStatus();
+  };
+  set->Add("--isovalue", "V|A:B:STEP", parse_isovalues,
+           "the level, in field units; START:STOP:STEP renders a frame for each level");
+  AddFlag(set, "--repeat", "N", &flags->repeat_count, ParseFrameCount,
+          "frames to render, one request each (default: 1)");
+  AddFlag(set, "--orbit", "DEG", &flags->orbit_degrees, client::ParseNumber,
+          "turn the camera about up after each frame (default: 0)");
+  AddFlag(set, "--fps", "N", &flags->frames_per_second, ParseFps,
+          "frames a second of an animation, 0.1 to 120 (default: 12)");
+}
+
+absl::Status client::CheckUsage(const SweepFlags& flags, const std::string& output) {
+  if (flags.is_isovalue_sweep() && flags.repeat_count) {
+    return UsageError(absl::StrCat("--repeat can't be used with a sweep of isovalues, which has ",
+                                   flags.isovalues->count, " frames"));
+  }
+  if (flags.orbit_degrees && flags.frame_count() == 1) {
+    return UsageError(
+        "--orbit turns the camera between frames: it needs --repeat N with N > 1, or --isovalue "
+        "START:STOP:STEP");
+  }
+  if (flags.frames_per_second && !client::IsAnimationName(output)) {
+    return UsageError(absl::StrCat("--fps is for an animation; --output '", output,
+                                   "' is none: expected a name that ends in .apng or .webp"));
+  }
+  if (client::IsAnimationName(output)) {
+    return HasFrameNumber(output)
+               ? UsageError(absl::StrCat("--output '", output,
+                                         "' is one file of all frames: leave the number out"))
+               : absl::OkStatus();
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckFrameName(output, flags.frame_count()));
+  if (flags.is_isovalue_sweep() && !HasFrameNumber(output)) {
+    return UsageError(absl::StrCat("--isovalue has ", flags.isovalues->count,
+                                   " values, but --output '", output,
+                                   "' names one picture: put %d or {} into the name, or write an "
+                                   "animation: .apng or .webp"));
+  }
+  return absl::OkStatus();
+}
+
+client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,
+                                    int i) {
+  client::RequestFlags of_frame = request;
+  if (flags.is_isovalue_sweep()) {
+    of_frame.isovalue = flags.isovalues->At(i);
+  }
+  return of_frame;
+}
+
+view::Camera CameraOfFrame(const SweepFlags& flags, const view::Camera& camera, int i) {
+  return client::OrbitCamera(camera, flags.orbit_degrees.value_or(0), i);
+}
+
+std::string FormatFrameProgress(int done_count, int frame_count, absl::Duration elapsed) {
+  std::string text = absl::StrCat("frame ", done_count, " of ", frame_count);
+  if (done_count > 0) {
+    absl::StrAppend(&text, "   ", FormatElapsed(elapsed * (frame_count - done_count) / done_count),
+                    " left");
+  }
+  return text;
+}
+
+FrameProgress::FrameProgress(int frame_count, std::ostream* err, bool is_terminal)
+    : frame_count_(frame_count),
+      is_terminal_(is_terminal),
+      start_(absl::Now()),
+      line_(err, is_terminal) {}
+
+void FrameProgress::Update(int done_count) {
+  const absl::Duration elapsed = absl::Now() - start_;
+  if (is_terminal_ && frame_count_ > 1 && elapsed > absl::Seconds(1)) {
+    line_.Update(FormatFrameProgress(done_count, frame_count_, elapsed));
+  }
+}
+
+}  // namespace isoscope::cli

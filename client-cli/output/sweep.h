@@ -1,0 +1,88 @@
+// Frames that differ in their isovalue or their camera: `--isovalue A:B:STEP`, `--repeat`,
+// `--orbit`.
+
+#ifndef ISOSCOPE_CLIENT_CLI_OUTPUT_SWEEP_H_
+#define ISOSCOPE_CLIENT_CLI_OUTPUT_SWEEP_H_
+
+#include <cstdint>
+#include <iosfwd>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+#include "clients/cpp/request/render_request.h"
+#include "core/cli/flag_set.h"
+#include "core/cli/progress_line.h"
+
+namespace isoscope::cli {
+
+// The most frames of one command.
+inline constexpr std::int64_t kMaxFrameCount = 1'000'000;
+
+// Isovalues at equal distances; one value is a range of one.
+struct IsovalueRange {
+  double first = 0;
+  double step = 0;
+  int count = 1;
+
+  // Value i, with 15 significant digits: 0:1:0.1 has 0.3, as it would be typed.
+  // REQUIRES: 0 <= i < count.
+  [[nodiscard]] double At(int i) const;
+};
+
+// "V", or "START:STOP:STEP" with a step other than 0 that leads from START to STOP. STOP is the
+// last value if the step divides the way, else the last value lies before it.
+// INVALID_ARGUMENT quotes the text and says what is allowed.
+absl::StatusOr<IsovalueRange> ParseIsovalues(absl::string_view text);
+
+struct SweepFlags {
+  std::optional<IsovalueRange> isovalues = std::nullopt;
+  std::optional<std::int64_t> repeat_count = std::nullopt;
+  std::optional<double> orbit_degrees = std::nullopt;
+  std::optional<double> frames_per_second = std::nullopt;
+
+  [[nodiscard]] bool is_isovalue_sweep() const { return isovalues && isovalues->count > 1; }
+  [[nodiscard]] int frame_count() const;
+  // Of an animation.
+  [[nodiscard]] double fps() const { return frames_per_second.value_or(12); }
+};
+
+// Registers the flags. Takes over --isovalue, which AddRequestFlags has registered: its first value
+// goes to `request`, so that the checks of a request hold. Both must outlive the parsing.
+void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* request);
+
+// UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
+// of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
+absl::Status client::CheckUsage(const SweepFlags& flags, const std::string& output);
+
+// The flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.
+client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,
+                                    int i);
+view::Camera CameraOfFrame(const SweepFlags& flags, const view::Camera& camera, int i);
+
+// "frame 12 of 72   4 s left": `done_count` frames took `elapsed`.
+std::string FormatFrameProgress(int done_count, int frame_count, absl::Duration elapsed);
+
+// Tells on a terminal how far a sweep of frames is, once it has taken a second. Says nothing
+// elsewhere. Thread-compatible.
+class FrameProgress {
+ public:
+  // `err` must outlive it.
+  FrameProgress(int frame_count, std::ostream* err, bool is_terminal);
+
+  void Update(int done_count);
+
+ private:
+  const int frame_count_;
+  const bool is_terminal_;
+  const absl::Time start_;
+  ProgressLine line_;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_OUTPUT_SWEEP_H_

@@ -1,0 +1,228 @@
+// How the lock and the removal meet (process A uses the entry, B removes it):
+//
+//   A opens .cache-entry, waits for the shared lock     B holds the exclusive lock
+//                                                       B renames the entry away, unlocks
+//   A has the lock, of a file that is at its path no
+//   more: opens again, and finds nothing
+//
+// and the other way round B's lock fails at once (LOCK_NB): the entry is in use and stays. Locks of
+// flock end with their process, so a crash leaves none behind. Whatever keeps .cache-entry from
+// being locked (a full disk, a file system without locks) never keeps an entry from being used.
+
+#include "client-cli/session/cache_entry.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstddef>
+#include <filesystem>
+#include <system_error>
+#include <tuple>
+
+#include "absl/status/status.h"
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include <sys/file.h>
+#include <sys/stat.h>
+
+#include "client-cli/session/work_folder.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/io/file.h"
+#include "core/store/manifest.h"
+#include "core/store/shard_format.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr absl::string_view kEntryFileName = ".cache-entry";
+constexpr std::size_t kDigestLength = 16;
+constexpr std::int64_t kMaxSourceBytes = 64 * base::kKiB;
+constexpr std::int64_t kMaxManifestBytes = 64 * base::kMiB;
+
+std::string EntryFile(const std::string& directory) {
+  return absl::StrCat(directory, "/", kEntryFileName);
+}
+
+// flock, begun again when a signal interrupts it. 0 or errno.
+int Lock(int descriptor, int operation) {
+  while (flock(descriptor, operation) != 0) {
+    if (errno != EINTR) {
+      return errno;
+    }
+  }
+  return 0;
+}
+
+// True if `path` names the file that `descriptor` has open.
+bool IsFileAt(const std::string& path, int descriptor) {
+  struct stat of_path {};
+  struct stat of_descriptor {};
+  return stat(path.c_str(), &of_path) == 0 && fstat(descriptor, &of_descriptor) == 0 &&
+         std::tie(of_path.st_dev, of_path.st_ino) ==
+             std::tie(of_descriptor.st_dev, of_descriptor.st_ino);
+}
+
+// The sizes of all files below that can be looked at, added up.
+std::int64_t SizeOfTree(const fs::path& directory) {
+  std::int64_t size_bytes = 0;
+  std::error_code error;
+  for (fs::recursive_directory_iterator file(directory, error), end; !error && file != end;
+       file.increment(error)) {
+    std::error_code unknown;
+    if (file->is_regular_file(unknown) && !file->is_symlink(unknown)) {
+      const std::uintmax_t bytes = file->file_size(unknown);
+      size_bytes += unknown ? 0 : static_cast<std::int64_t>(bytes);
+    }
+  }
+  return size_bytes;
+}
+
+absl::Time TimeOfChange(const std::string& path) {
+  struct stat info {};
+  return stat(path.c_str(), &info) == 0 ? absl::TimeFromTimespec(info.st_mtim)
+                                        : absl::InfinitePast();
+}
+
+bool IsInUse(const std::string& directory) {
+  const int descriptor = open(EntryFile(directory).c_str(), O_RDWR | O_CLOEXEC);
+  if (descriptor < 0) {
+    return false;
+  }
+  const EntryLock closes(descriptor);
+  return Lock(descriptor, LOCK_EX | LOCK_NB) == EWOULDBLOCK;
+}
+
+CacheEntry DescribeEntry(const fs::path& path) {
+  const std::string directory = path.string();
+  const std::string entry_file = EntryFile(directory);
+  CacheEntry entry{.name = path.filename().string(), .size_bytes = SizeOfTree(path)};
+  entry.last_used = TimeOfChange(io::PathExists(entry_file) ? entry_file : directory);
+  entry.is_in_use = IsInUse(directory);
+  const std::string manifest_file = absl::StrCat(directory, "/", store::kManifestFileName);
+  const absl::StatusOr<std::string> bytes = io::ReadWholeFile(manifest_file, kMaxManifestBytes);
+  const absl::StatusOr<store::Manifest> manifest =
+      bytes.ok() ? store::DecodeManifest(*bytes, manifest_file) : bytes.status();
+  entry.is_damaged = !manifest.ok();
+  const absl::StatusOr<std::string> source = io::ReadWholeFile(entry_file, kMaxSourceBytes);
+  entry.source = std::string(absl::StripSuffix(source.value_or(""), "\n"));
+  if (entry.source.empty() && manifest.ok()) {
+    entry.source = manifest->source;
+  }
+  return entry;
+}
+
+}  // namespace
+
+EntryLock::~EntryLock() {
+  if (descriptor_ >= 0) {
+    close(descriptor_);
+  }
+}
+
+bool IsEntryName(absl::string_view name) {
+  if (name.size() < kDigestLength + 1 || name.front() == '.') {
+    return false;
+  }
+  const absl::string_view digest = name.substr(name.size() - kDigestLength);
+  return name[name.size() - kDigestLength - 1] == '-' &&
+         std::all_of(digest.begin(), digest.end(), [](char c) {
+           return absl::ascii_isxdigit(static_cast<unsigned char>(c)) &&
+                  !absl::ascii_isupper(static_cast<unsigned char>(c));
+         });
+}
+
+absl::StatusOr<EntryLock> UseEntry(const std::string& directory, absl::string_view source) {
+  const std::string path = EntryFile(directory);
+  while (true) {
+    const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (descriptor < 0 && (errno == ENOENT || errno == ENOTDIR)) {
+      return io::ErrnoToStatus(errno, "no dataset in the cache at", directory);
+    }
+    EntryLock lock(descriptor);
+    if (descriptor < 0 || Lock(descriptor, LOCK_SH) != 0) {
+      return EntryLock();
+    }
+    if (!IsFileAt(path, descriptor)) {
+      continue;  // removed while this waited; perhaps made anew since
+    }
+    // The dataset can be read all the same if neither the text nor the time can be written.
+    struct stat info {};
+    if (fstat(descriptor, &info) == 0 && info.st_size == 0) {
+      const std::string text = absl::StrCat(source, "\n");
+      [[maybe_unused]] const ssize_t written = pwrite(descriptor, text.data(), text.size(), 0);
+    }
+    futimens(descriptor, nullptr);
+    return lock;
+  }
+}
+
+absl::StatusOr<std::vector<CacheEntry>> ListEntries(const std::string& cache_directory) {
+  std::vector<CacheEntry> entries;
+  std::error_code error;
+  fs::directory_iterator file(cache_directory, error);
+  for (const fs::directory_iterator end; !error && file != end; file.increment(error)) {
+    std::error_code unknown;
+    if (IsEntryName(file->path().filename().string()) && file->is_directory(unknown) &&
+        !file->is_symlink(unknown)) {
+      entries.push_back(DescribeEntry(file->path()));
+    }
+  }
+  if (error) {
+    return io::ErrnoToStatus(error.value(), "can't list the cache", cache_directory);
+  }
+  std::sort(entries.begin(), entries.end(), [](const CacheEntry& a, const CacheEntry& b) {
+    return a.last_used != b.last_used ? a.last_used > b.last_used : a.name < b.name;
+  });
+  return entries;
+}
+
+std::int64_t TotalBytes(const std::vector<CacheEntry>& entries) {
+  std::int64_t total = 0;
+  for (const CacheEntry& entry : entries) {
+    total += entry.size_bytes;
+  }
+  return total;
+}
+
+absl::StatusOr<bool> RemoveEntry(const std::string& cache_directory, const std::string& name) {
+  const std::string directory = absl::StrCat(cache_directory, "/", name);
+  const std::string path = EntryFile(directory);
+  const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (descriptor < 0 && errno == ENOENT) {
+    return true;
+  }
+  // Where there is no such file and none can be made, nobody holds a lock either.
+  EntryLock lock(descriptor);
+  if (descriptor >= 0) {
+    const int error_number = Lock(descriptor, LOCK_EX | LOCK_NB);
+    if (error_number == EWOULDBLOCK) {
+      return false;
+    }
+    if (error_number != 0) {
+      return io::ErrnoToStatus(error_number, "can't lock", path);
+    }
+    if (!IsFileAt(path, descriptor)) {
+      return true;  // by another process
+    }
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const WorkFolder work, WorkFolder::Make(cache_directory));
+  const std::string target = work.path() + "/removed";
+  if (rename(directory.c_str(), target.c_str()) != 0) {
+    return io::ErrnoToStatus(errno, "can't remove", directory);
+  }
+  lock = EntryLock();  // who waits for it need not wait until all files are gone
+  std::error_code error;
+  fs::remove_all(target, error);
+  if (error) {
+    return io::ErrnoToStatus(error.value(), "can't remove", target);
+  }
+  return true;
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,75 @@
+// One dataset in the cache: who uses it, when it was last used, and how it goes away.
+//
+//   head-0123456789abcdef/    an entry: a dataset directory, named by CacheKey
+//     .cache-entry              text: the path of the source volume, one line
+//                               time of change: the last use of the entry
+//                               flock: shared by every process that uses the entry, exclusive for
+//                               the one that removes it
+//     manifest.json, ...
+//
+// To remove an entry, a process locks it exclusively and renames it into a work folder. A process
+// that waited for the shared lock meanwhile finds that the file it has locked is no longer the one
+// at the path, and takes the entry for absent. An older entry without a .cache-entry gets one at
+// its next use.
+
+#ifndef ISOSCOPE_CLIENT_CLI_SESSION_CACHE_ENTRY_H_
+#define ISOSCOPE_CLIENT_CLI_SESSION_CACHE_ENTRY_H_
+
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+namespace isoscope::cli {
+
+// True if `name` is made as CacheKey makes them, "...-" and 16 hexadecimal digits: nothing else in
+// the folder of the cache is ever removed.
+bool IsEntryName(absl::string_view name);
+
+// Keeps an entry from being removed, for as long as it lives.
+class EntryLock {
+ public:
+  EntryLock() = default;  // holds nothing
+  explicit EntryLock(int descriptor) : descriptor_(descriptor) {}
+  ~EntryLock();
+  EntryLock(EntryLock&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
+  EntryLock& operator=(EntryLock&& other) noexcept {
+    std::swap(descriptor_, other.descriptor_);
+    return *this;
+  }
+  EntryLock(const EntryLock&) = delete;
+  EntryLock& operator=(const EntryLock&) = delete;
+
+ private:
+  int descriptor_ = -1;
+};
+
+// Locks the entry in `directory` for use, and sets the time of its last use to now. `source` is the
+// path that .cache-entry names. NOT_FOUND if there is no such entry, or no longer. Where the file
+// can't be locked or made (a full disk, a file system without locks), the lock holds nothing: the
+// entry can be used all the same.
+absl::StatusOr<EntryLock> UseEntry(const std::string& directory, absl::string_view source);
+
+struct CacheEntry {
+  std::string name;
+  std::string source = {};  // path; only a file name for entries that never had a .cache-entry
+  std::int64_t size_bytes = 0;
+  absl::Time last_used = {};
+  bool is_in_use = false;
+  bool is_damaged = false;  // it has no manifest that can be read
+};
+
+// All entries, the last used first. Errors as of reading the folder.
+absl::StatusOr<std::vector<CacheEntry>> ListEntries(const std::string& cache_directory);
+std::int64_t TotalBytes(const std::vector<CacheEntry>& entries);
+
+// Removes an entry. False: a process uses it, and it stays. True if it is gone, whoever removed it.
+absl::StatusOr<bool> RemoveEntry(const std::string& cache_directory, const std::string& name);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_SESSION_CACHE_ENTRY_H_

@@ -1,0 +1,270 @@
+// A dataset on its way into the cache:
+//
+// 1. The entry is there and `verify` accepts it: it is locked and used.
+// 2. Else it is made in a work folder, locked there, and renamed into place: others see it only
+//    whole and in use.
+// 3. If another process was faster, its entry is used. One that can't be opened is moved into the
+//    work folder, and goes away with it.
+//
+// The key of an entry is SHA-256 over text, so that a changed source is another entry:
+//
+//   /data/head.nii.gz            the source's path; then of each file it is read from:
+//   /data/head.nii.gz            its path,
+//   7654321                      its size in bytes
+//   1700000000.123456789         and its time of change
+//   isoscope-cache-5             the version of this scheme
+//   ...                          the parameters of the partitioning
+
+#include "client-cli/session/dataset_cache.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include <openssl/evp.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+
+#include "client-cli/session/work_folder.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/base/units.h"
+#include "core/cli/format.h"
+#include "core/cli/usage.h"
+#include "core/io/file.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Raised when the same source and parameters no longer give the same dataset.
+constexpr absl::string_view kKeyVersion = "isoscope-cache-5";
+constexpr const char* kLimitVariable = "ISOSCOPE_CACHE_LIMIT";
+constexpr std::int64_t kMaxDefaultLimitBytes = 20 * base::kGiB;
+constexpr std::int64_t kDefaultShareOfFileSystem = 10;  // one tenth
+
+std::string Environment(const char* name) {
+  const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nobody sets any
+  return value == nullptr ? "" : value;
+}
+
+// Makes `directory` with its parents, for this user alone; says why not.
+absl::Status MakeOwnDirectory(const std::string& directory) {
+  std::error_code error;
+  fs::create_directories(fs::path(directory).parent_path(), error);
+  if (mkdir(directory.c_str(), S_IRWXU) != 0 && errno != EEXIST) {
+    return io::ErrnoToStatus(errno, "can't make folder", directory);
+  }
+  struct stat info {};
+  if (lstat(directory.c_str(), &info) != 0) {
+    return io::ErrnoToStatus(errno, "can't look at", directory);
+  }
+  // A folder in /tmp could have been put there by somebody else.
+  if (!S_ISDIR(info.st_mode) || info.st_uid != geteuid() || access(directory.c_str(), W_OK) != 0) {
+    return absl::PermissionDeniedError(
+        absl::StrCat("'", directory, "' is no folder of this user that can be written"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::string> StampOf(const std::string& file) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(file));
+  struct stat info {};
+  if (stat(path.c_str(), &info) != 0) {
+    return io::ErrnoToStatus(errno, "can't look at", path);
+  }
+  return absl::StrCat(path, "\n", std::int64_t{info.st_size}, "\n",
+                      std::int64_t{info.st_mtim.tv_sec}, ".", std::int64_t{info.st_mtim.tv_nsec},
+                      "\n");
+}
+
+std::string Sha256Hex(absl::string_view bytes) {
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned int size = 0;
+  EVP_Digest(bytes.data(), bytes.size(), digest.data(), &size, EVP_sha256(), nullptr);
+  return absl::BytesToHexString(
+      absl::string_view(reinterpret_cast<const char*>(digest.data()), size));
+}
+
+// The name of a file without folders and endings, with nothing in it that a dataset's name may not
+// have.
+std::string ReadableStem(const std::string& path) {
+  std::string stem = fs::path(path).filename().string();
+  stem = stem.substr(0, stem.find('.', 1));
+  for (char& c : stem) {
+    if (!absl::ascii_isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '_') {
+      c = '_';
+    }
+  }
+  return stem.substr(0, 40);
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> CacheDirectory() {
+  std::vector<std::string> candidates;
+  const std::string xdg = Environment("XDG_CACHE_HOME");
+  const std::string home = Environment("HOME");
+  const std::string temporary = Environment("TMPDIR");
+  if (absl::StartsWith(xdg, "/")) {  // relative ones are to be ignored, says the XDG specification
+    candidates.push_back(xdg + "/isoscope");
+  } else if (absl::StartsWith(home, "/")) {
+    candidates.push_back(home + "/.cache/isoscope");
+  }
+  candidates.push_back(
+      absl::StrCat(absl::StartsWith(temporary, "/") ? temporary : "/tmp", "/isoscope-", geteuid()));
+  std::vector<std::string> reasons;
+  for (const std::string& candidate : candidates) {
+    const absl::Status status = MakeOwnDirectory(candidate);
+    if (status.ok()) {
+      return candidate;
+    }
+    reasons.emplace_back(status.message());
+  }
+  return absl::FailedPreconditionError(
+      absl::StrCat("no folder for the cache of datasets: ", absl::StrJoin(reasons, "; "),
+                   "; set XDG_CACHE_HOME, or partition the volume first"));
+}
+
+absl::StatusOr<std::string> AbsolutePath(const std::string& path) {
+  std::error_code error;
+  std::string absolute = fs::weakly_canonical(path, error).string();
+  if (error) {
+    return io::ErrnoToStatus(error.value(), "can't resolve", path);
+  }
+  return absolute;
+}
+
+absl::StatusOr<std::string> CacheKey(const std::string& source_path,
+                                     const std::vector<std::string>& files,
+                                     absl::string_view parameters) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string path, AbsolutePath(source_path));
+  std::string text = path + "\n";
+  for (const std::string& file : files) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string stamp, StampOf(file));
+    text += stamp;
+  }
+  absl::StrAppend(&text, kKeyVersion, "\n", parameters);
+  return absl::StrCat(ReadableStem(path), "-", Sha256Hex(text).substr(0, 16));
+}
+
+absl::StatusOr<CachedDataset> FindOrMakeDataset(const std::string& cache_directory,
+                                                const std::string& key, absl::string_view source,
+                                                MakeDataset make, VerifyDataset verify) {
+  CachedDataset dataset{.directory = absl::StrCat(cache_directory, "/", key)};
+  const auto find = [&] {
+    absl::StatusOr<EntryLock> lock = UseEntry(dataset.directory, source);
+    if (!lock.ok() || !verify(dataset.directory).ok()) {
+      return false;
+    }
+    dataset.lock = *std::move(lock);
+    return true;
+  };
+  if (io::PathExists(dataset.directory) && find()) {
+    return dataset;
+  }
+  RemoveLeftovers(cache_directory);
+  ISOSCOPE_ASSIGN_OR_RETURN(const WorkFolder work, WorkFolder::Make(cache_directory));
+  const std::string made = absl::StrCat(work.path(), "/", key);
+  ISOSCOPE_RETURN_IF_ERROR(make(made));
+  // In use before others can see it.
+  ISOSCOPE_ASSIGN_OR_RETURN(EntryLock lock, UseEntry(made, source));
+  // Another process may have finished the same meanwhile: then that one is used. One that can't be
+  // opened goes away with the work folder.
+  if (io::PathExists(dataset.directory)) {
+    if (find()) {
+      return dataset;
+    }
+    std::error_code ignored;  // a third process may have moved it; the rename below tells
+    fs::rename(dataset.directory, work.path() + "/damaged", ignored);
+  }
+  const absl::Status renamed = io::RenamePath(made, dataset.directory);
+  if (renamed.ok()) {
+    dataset.lock = std::move(lock);
+    dataset.was_made = true;
+    return dataset;
+  }
+  return find() ? absl::StatusOr<CachedDataset>(std::move(dataset)) : renamed;
+}
+
+absl::StatusOr<std::int64_t> CacheLimitBytes(const std::optional<std::int64_t>& flag,
+                                             const std::string& cache_directory) {
+  if (flag) {
+    return *flag;
+  }
+  if (const std::string text = Environment(kLimitVariable); !text.empty()) {
+    absl::StatusOr<std::int64_t> limit_bytes = client::ParseByteSize(text);
+    return limit_bytes.ok() ? limit_bytes
+                            : UsageError(absl::StrCat("the environment variable ", kLimitVariable,
+                                                      ": ", limit_bytes.status().message()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<CacheEntry> entries, ListEntries(cache_directory));
+  std::error_code error;
+  const fs::space_info space = fs::space(cache_directory, error);
+  if (error) {
+    return kMaxDefaultLimitBytes;
+  }
+  const std::uintmax_t tenth =
+      (space.available + static_cast<std::uintmax_t>(TotalBytes(entries))) /
+      kDefaultShareOfFileSystem;
+  return static_cast<std::int64_t>(
+      std::min(tenth, static_cast<std::uintmax_t>(kMaxDefaultLimitBytes)));
+}
+
+absl::StatusOr<std::vector<CacheEntry>> TrimCache(const std::string& cache_directory,
+                                                  std::int64_t limit_bytes) {
+  // One process at a time: two would remove more than is needed. Where folders can't be locked,
+  // that is the worst that happens.
+  const int descriptor = open(cache_directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor >= 0) {
+    flock(descriptor, LOCK_EX);
+  }
+  const EntryLock turn(descriptor);
+  ISOSCOPE_ASSIGN_OR_RETURN(std::vector<CacheEntry> entries, ListEntries(cache_directory));
+  std::int64_t total_bytes = TotalBytes(entries);
+  std::vector<CacheEntry> removed;
+  for (; total_bytes > limit_bytes && !entries.empty(); entries.pop_back()) {
+    CacheEntry& oldest = entries.back();
+    ISOSCOPE_ASSIGN_OR_RETURN(const bool is_gone, RemoveEntry(cache_directory, oldest.name));
+    if (is_gone) {
+      total_bytes -= oldest.size_bytes;
+      removed.push_back(std::move(oldest));
+    }
+  }
+  return removed;
+}
+
+std::string DescribeLargeEntry(const std::string& cache_directory, std::int64_t limit_bytes,
+                               const std::vector<CacheEntry>& entries,
+                               const std::string& directory) {
+  const std::string name = fs::path(directory).filename().string();
+  const auto made = std::find_if(entries.begin(), entries.end(),
+                                 [&](const CacheEntry& entry) { return entry.name == name; });
+  if (made == entries.end() || made->size_bytes <= kLargeEntryBytes) {
+    return "";
+  }
+  const std::int64_t total_bytes = TotalBytes(entries);
+  return absl::StrCat(
+      "the partitioned volume, ", FormatMebibytes(made->size_bytes), ", is kept in the cache, ",
+      cache_directory, ", which now has ", FormatMebibytes(total_bytes),
+      total_bytes > limit_bytes ? ", more than its limit of " : " of at most ",
+      FormatMebibytes(limit_bytes), "; 'isoscope cache clear ", name, "' removes it");
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,144 @@
+#include "client-cli/session/embedded_cluster.h"
+
+#include <cstddef>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/base/task_arena.h"
+#include "core/base/units.h"
+#include "core/render/renderer_factory.h"
+#include "core/store/shard_reader.h"
+#include "partition-agent/agent_memory.h"
+#include "partition-agent/agent_server.h"
+#include "server/coordinator_server.h"
+
+namespace isoscope::cli {
+namespace {
+
+// Agents in the same process answer at once; this is for a machine under heavy load.
+constexpr absl::Duration kReadyTimeout = absl::Seconds(60);
+
+absl::Status CheckAllShardsPresent(const store::DatasetDescription& dataset,
+                                   const std::string& directory) {
+  std::vector<std::size_t> missing;
+  for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
+    if (dataset.shard_directories[i].empty()) {
+      missing.push_back(i);
+    }
+  }
+  if (missing.empty()) {
+    return absl::OkStatus();
+  }
+  return absl::FailedPreconditionError(
+      absl::StrCat("'", directory, "' lacks ", missing.size(), " of its ",
+                   dataset.shard_directories.size(), " shards (", absl::StrJoin(missing, ", "),
+                   "); serve them where they are with isoscope-agent, or copy them back"));
+}
+
+}  // namespace
+
+absl::StatusOr<std::int64_t> ParseAgentMemory(absl::string_view text) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t bytes, client::ParseByteSize(text));
+  if (static_cast<std::size_t>(bytes) < agent::AgentMemory::kMinLimitBytes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is less than agents need: at least ",
+                     agent::AgentMemory::kMinLimitBytes / base::kMiB, "MiB"));
+  }
+  return bytes;
+}
+
+absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
+    const EmbeddedClusterOptions& options) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset,
+                            store::OpenDataset(options.dataset_directory));
+  ISOSCOPE_RETURN_IF_ERROR(CheckAllShardsPresent(dataset, options.dataset_directory));
+
+  std::unique_ptr<EmbeddedCluster> cluster(new EmbeddedCluster());
+  const std::shared_ptr<tbb::task_arena> arena = base::MakeTaskArena(options.thread_count);
+
+  const auto memory = std::make_shared<agent::AgentMemory>(
+      options.memory_limit_bytes > 0 ? options.memory_limit_bytes
+                                     : agent::AgentMemory::DefaultLimitBytes());
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->renderer_,
+                            render::MakeRenderer({.kind = options.renderer,
+                                                  .max_kept_mesh_bytes = memory->kept_mesh_bytes(),
+                                                  .max_unused_bytes = memory->unused_image_bytes(),
+                                                  .arena = arena}));
+
+  const std::shared_ptr<image::PixelMailboxes> mailboxes = image::PixelMailboxes::Make();
+  server::CoordinatorServerOptions coordinator_options;
+  coordinator_options.mailboxes = mailboxes;
+  coordinator_options.arena = arena;
+  for (std::size_t i = 0; i < dataset.shard_directories.size(); ++i) {
+    agent::AgentServerOptions agent_options;
+    agent_options.directories = {dataset.shard_directories[i]};
+    agent_options.renderer = cluster->renderer_;
+    agent_options.arena = arena;
+    agent_options.memory = memory;
+    agent_options.mailboxes = mailboxes;
+    ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
+                              agent::AgentServer::Start(agent_options));
+    coordinator_options.agents.push_back(
+        {.target = absl::StrCat("in-process:", i), .channel = agent->InProcessChannel()});
+    cluster->agents_.push_back(std::move(agent));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(memory->Settle());
+  if (options.expected_viewport) {
+    // Images travel to the coordinator, which still has those of step 2 while step 3 draws.
+    cluster->renderer_->Prepare(*options.expected_viewport, cluster->shard_count(),
+                                2 * cluster->shard_count());
+  }
+  coordinator_options.listen_address = options.listen_address;
+  coordinator_options.transport = options.transport;
+  coordinator_options.token_file = options.token_file;
+  coordinator_options.memory_limit_bytes = options.memory_limit_bytes;
+  coordinator_options.max_frame_duration = options.max_frame_duration;
+  coordinator_options.expected_viewport = options.expected_viewport;
+  ISOSCOPE_ASSIGN_OR_RETURN(cluster->coordinator_,
+                            server::CoordinatorServer::Start(coordinator_options));
+  ISOSCOPE_RETURN_IF_ERROR(cluster->coordinator_->WaitUntilReady(absl::Now() + kReadyTimeout));
+  return cluster;
+}
+
+EmbeddedCluster::EmbeddedCluster() = default;
+
+EmbeddedCluster::~EmbeddedCluster() {
+  // The coordinator calls the agents: it goes first.
+  coordinator_.reset();
+  agents_.clear();
+}
+
+std::shared_ptr<grpc::Channel> EmbeddedCluster::Channel() {
+  return coordinator_->InProcessChannel();
+}
+
+void EmbeddedCluster::SetGatewayAddress(const std::string& address) {
+  coordinator_->SetGatewayAddress(address);
+}
+
+int EmbeddedCluster::port() const { return coordinator_->port(); }
+
+std::string EmbeddedCluster::renderer_description() const { return renderer_->description(); }
+
+int EmbeddedCluster::frames_in_work() const {
+  int sum = 0;
+  for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {
+    sum += agent->frames_in_work();
+  }
+  return sum;
+}
+
+void EmbeddedCluster::Shutdown(absl::Duration grace) {
+  coordinator_->Shutdown(grace);
+  for (const std::unique_ptr<agent::AgentServer>& agent : agents_) {
+    agent->Shutdown(absl::ZeroDuration());
+  }
+}
+
+}  // namespace isoscope::cli

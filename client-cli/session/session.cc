@@ -1,0 +1,263 @@
+#include "client-cli/session/session.h"
+
+#include <ostream>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+
+#include "client-cli/session/cache_entry.h"
+#include "client-cli/session/dataset_cache.h"
+#include "client-cli/session/embedded_cluster.h"
+#include "client-cli/session/partition_volume.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/log.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "core/cli/waiting_line.h"
+#include "core/io/file.h"
+#include "core/partition/partitioner.h"
+#include "core/rpc/channel.h"
+#include "core/store/shard_reader.h"
+#include "partition-agent/shard.h"
+
+namespace isoscope::cli {
+namespace {
+
+constexpr std::int64_t kMaxThreadCount = 1024;
+
+absl::StatusOr<std::int64_t> ParseThreadCount(absl::string_view text) {
+  return client::ParseInteger(text, 1, kMaxThreadCount);
+}
+
+// Opens everything that agents will open.
+absl::Status VerifyDatasetDirectory(const std::string& directory) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(directory));
+  for (const std::string& shard : dataset.shard_directories) {
+    if (shard.empty()) {
+      return absl::NotFoundError(absl::StrCat("'", directory, "' lacks a shard"));
+    }
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const agent::Shard> opened,
+                              agent::OpenShard(shard));
+    ISOSCOPE_RETURN_IF_ERROR(opened->reader->ReadHistogram().status());
+  }
+  return absl::OkStatus();
+}
+
+// Keeps the cache to its limit now that an entry was added, and says so if that entry is large. An
+// error is reported but does not end the request.
+void TrimAfterMaking(const std::string& cache_directory, std::int64_t limit_bytes,
+                     const CachedDataset& made, const Context& context) {
+  const absl::StatusOr<std::vector<CacheEntry>> removed = TrimCache(cache_directory, limit_bytes);
+  const absl::StatusOr<std::vector<CacheEntry>> entries = ListEntries(cache_directory);
+  if (!removed.ok() || !entries.ok()) {
+    *context.err << "isoscope: the cache was not kept to its limit: "
+                 << (removed.ok() ? entries.status() : removed.status()).message() << std::endl;
+    return;
+  }
+  const std::string note =
+      DescribeLargeEntry(cache_directory, limit_bytes, *entries, made.directory);
+  if (!note.empty()) {
+    *context.err << "isoscope: " << note << std::endl;
+  }
+}
+
+// The cached dataset of a source volume, which is read from `files`.
+absl::StatusOr<CachedDataset> PrepareVolume(const SessionFlags& flags,
+                                            const std::vector<std::string>& files,
+                                            const Context& context) {
+  const std::string& input = *flags.input;
+  partition::PartitionOptions options;
+  options.shard_count = static_cast<int>(flags.shard_count.value_or(1));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::string key,
+      CacheKey(input, files,
+               absl::StrCat(DescribeForKey(flags.source), "\n", options.shard_count)));
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string cache_directory, CacheDirectory());
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::int64_t limit_bytes,
+                            CacheLimitBytes(flags.cache_limit_bytes, cache_directory));
+  const auto make = [&](const std::string& directory) -> absl::Status {
+    if (context.err_is_terminal) {
+      *context.err << "partitioning '" << input << "' into the cache, " << cache_directory
+                   << std::endl;
+    }
+    options.output_directory = directory;
+    return PartitionVolume(flags.source, input, options, context).status();
+  };
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::string source, AbsolutePath(input));
+  ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, FindOrMakeDataset(cache_directory, key, source,
+                                                                     make, VerifyDatasetDirectory));
+  if (dataset.was_made) {
+    TrimAfterMaking(cache_directory, limit_bytes, dataset, context);
+  } else if (context.err_is_terminal) {
+    *context.err << "using the cached dataset " << dataset.directory << std::endl;
+  }
+  return dataset;
+}
+
+// A dataset directory, as it is.
+absl::StatusOr<CachedDataset> PrepareDataset(const SessionFlags& flags) {
+  const std::string& input = *flags.input;
+  if (flags.shard_count) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const store::DatasetDescription dataset, store::OpenDataset(input));
+    if (*flags.shard_count != static_cast<std::int64_t>(dataset.manifest.shards.size())) {
+      return UsageError(absl::StrCat("--shards ", *flags.shard_count, ": '", input,
+                                     "' was cut into ", dataset.manifest.shards.size(),
+                                     " shards; leave --shards out, or partition anew"));
+    }
+  }
+  return CachedDataset{.directory = input};
+}
+
+// The dataset directory that the flags mean.
+absl::StatusOr<CachedDataset> PrepareInput(const SessionFlags& flags, const Context& context) {
+  if (store::IsDatasetDirectory(*flags.input)) {
+    return PrepareDataset(flags);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::string> files,
+                            SourceFiles(flags.source, *flags.input));
+  return PrepareVolume(flags, files, context);
+}
+
+}  // namespace
+
+void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
+  AddFlag(
+      set, "input", "INPUT|DIR", &flags->input, ParseText,
+      "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort,
+          "ask a coordinator instead of starting everything here");
+  AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
+          "which dataset of the server (default: its only one)");
+  AddConnectionFlags(set, &flags->connection);
+  AddFlag(set, "--shards", "P", &flags->shard_count, ParseShardCount,
+          "cut a volume into P shards, one agent each (default: 1)");
+  AddFlag(set, "--threads", "T", &flags->thread_count, ParseThreadCount,
+          "threads of the embedded agents together (default: one for each core)");
+  AddFlag(set, "--memory-limit", "BYTES", &flags->memory_limit_bytes, ParseAgentMemory,
+          "memory of the embedded agents together, as in 512MiB or 2G (default: a quarter of the "
+          "machine's)");
+  AddCacheLimitFlag(set, &flags->cache_limit_bytes);
+  AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
+          "give up a request after this time (default: the server's limit, an hour at most; of a "
+          "frame without --server 5 minutes)");
+  set->AddSwitch("--verbose", &flags->is_verbose, "log lines of the embedded servers");
+  AddSourceFlags(set, &flags->source);
+}
+
+void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes) {
+  AddFlag(set, "--cache-limit", "BYTES", limit_bytes, client::ParseByteSize,
+          "size of the cache of partitioned volumes, as in 4GiB (default: $ISOSCOPE_CACHE_LIMIT, "
+          "else 20GiB or a tenth of the free space, whichever is less)");
+}
+
+void AddRendererFlag(FlagSet* set, SessionFlags* flags) {
+  AddFlag(set, "--renderer", "auto|egl|cpu", &flags->renderer, render::RendererKindFromName,
+          "back end of the embedded agents (default: auto, EGL on a GPU, else the CPU)");
+}
+
+absl::Status client::CheckUsage(const SessionFlags& flags) {
+  if (flags.input.has_value() == flags.server.has_value()) {
+    return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
+                                  : "give a volume, a dataset folder or --server HOST:PORT");
+  }
+  if (flags.server) {
+    const char* embedded_only = flags.renderer             ? "--renderer"
+                                : flags.shard_count        ? "--shards"
+                                : flags.thread_count       ? "--threads"
+                                : flags.memory_limit_bytes ? "--memory-limit"
+                                : flags.cache_limit_bytes  ? "--cache-limit"
+                                                           : flags.source.FirstGiven();
+    if (embedded_only != nullptr) {
+      return UsageError(absl::StrCat(embedded_only,
+                                     " can't be used with --server: that is settled where the "
+                                     "agents and the dataset are"));
+    }
+    return client::CheckUsage(flags.connection);
+  }
+  if (flags.dataset) {
+    return UsageError("--dataset is for --server; a file or folder is one dataset");
+  }
+  return client::CheckUsage(flags.source, *flags.input);
+}
+
+struct Session::Parts {
+  EntryLock dataset_lock;                    // of a cached dataset; outlives the cluster
+  std::unique_ptr<EmbeddedCluster> cluster;  // null with a server
+  std::shared_ptr<grpc::Channel> channel;
+  std::unique_ptr<client::ServiceClient> client;
+  std::string token;
+  std::string dataset_name;
+  std::optional<absl::Duration> timeout;
+  absl::Duration frame_timeout = client::kAnswerTimeout;
+};
+
+Session::Session(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+
+Session::~Session() = default;
+
+absl::StatusOr<std::unique_ptr<Session>> Session::Open(
+    const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
+    const Context& context) {
+  base::SetLogLevel(flags.is_verbose ? base::LogLevel::kInfo : base::LogLevel::kOff);
+  auto parts = std::make_unique<Parts>();
+  parts->timeout = flags.timeout;
+  if (flags.server) {
+    parts->dataset_name = flags.dataset.value_or("");
+    ISOSCOPE_ASSIGN_OR_RETURN(parts->token, ReadToken(flags.connection, *flags.server));
+    ISOSCOPE_ASSIGN_OR_RETURN(const rpc::Dialing dialing,
+                              rpc::MakeDialing(flags.connection.transport, /*own_role=*/""));
+    parts->channel = rpc::MakeChannel(*flags.server, dialing);
+    parts->client = std::make_unique<client::ServiceClient>(parts->channel, *flags.server,
+                                                            context.interrupt, parts->token);
+    return std::unique_ptr<Session>(new Session(std::move(parts)));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
+  parts->dataset_lock = std::move(dataset.lock);
+  EmbeddedClusterOptions options;
+  options.dataset_directory = dataset.directory;
+  options.renderer = flags.renderer.value_or(render::RendererKind::kAuto);
+  options.thread_count = static_cast<int>(flags.thread_count.value_or(0));
+  options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes.value_or(0));
+  // Nobody else waits for this process: --timeout alone decides, if it is given.
+  options.max_frame_duration = flags.timeout.value_or(options.max_frame_duration);
+  parts->frame_timeout = options.max_frame_duration;
+  options.expected_viewport = expected_viewport;
+  // Log lines of --verbose would stand in the middle of it.
+  const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
+  ISOSCOPE_ASSIGN_OR_RETURN(parts->cluster, EmbeddedCluster::Start(options));
+  parts->channel = parts->cluster->Channel();
+  parts->client =
+      std::make_unique<client::ServiceClient>(parts->channel, "", context.interrupt, "");
+  return std::unique_ptr<Session>(new Session(std::move(parts)));
+}
+
+client::ServiceClient& Session::client() { return *parts_->client; }
+
+const std::shared_ptr<grpc::Channel>& Session::channel() const { return parts_->channel; }
+
+const std::string& Session::token() const { return parts_->token; }
+
+const std::string& Session::dataset_name() const { return parts_->dataset_name; }
+
+void Session::SetGatewayAddress(const std::string& address) {
+  if (parts_->cluster != nullptr) {
+    parts_->cluster->SetGatewayAddress(address);
+  }
+}
+
+absl::Duration Session::question_timeout() const {
+  return parts_->timeout.value_or(client::kQuestionTimeout);
+}
+
+absl::Duration Session::frame_timeout() const {
+  return parts_->timeout.value_or(parts_->frame_timeout);
+}
+
+absl::Duration Session::export_timeout() const {
+  return parts_->timeout.value_or(absl::InfiniteDuration());
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,100 @@
+// The input of `render` and `export`, opened: a source volume, a dataset directory or a server.
+
+#ifndef ISOSCOPE_CLIENT_CLI_SESSION_SESSION_H_
+#define ISOSCOPE_CLIENT_CLI_SESSION_SESSION_H_
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+
+#include "client-cli/session/connection_flags.h"
+#include "client-cli/session/source_flags.h"
+#include "core/cli/command.h"
+#include "core/cli/flag_set.h"
+#include "core/render/renderer_kind.h"
+#include "core/view/camera.h"
+
+namespace grpc {  // NOLINT(readability-identifier-naming): theirs
+class Channel;
+}  // namespace grpc
+
+namespace isoscope::cli {
+
+class client::ServiceClient;
+
+struct SessionFlags {
+  std::optional<std::string> input;   // source volume or dataset directory
+  std::optional<std::string> server;  // HOST:PORT
+  ConnectionFlags connection;         // to it
+  std::optional<std::string> dataset;
+  SourceFlags source;
+  std::optional<std::int64_t> shard_count;
+  std::optional<std::int64_t> thread_count;
+  std::optional<std::int64_t> memory_limit_bytes;
+  std::optional<std::int64_t> cache_limit_bytes;
+  std::optional<render::RendererKind> renderer;
+  std::optional<absl::Duration> timeout;
+  bool is_verbose = false;
+};
+
+// `flags` must outlive the parsing.
+void AddSessionFlags(FlagSet* set, SessionFlags* flags);
+// Registers --cache-limit.
+void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes);
+// Registers --renderer, which only `render` has.
+void AddRendererFlag(FlagSet* set, SessionFlags* flags);
+
+// UsageError if not exactly one of input and server is given, or if flags do not fit that one.
+absl::Status client::CheckUsage(const SessionFlags& flags);
+
+// A way to ask for frames of one dataset. Thread-safe.
+class Session {
+ public:
+  // Connects to a server; or starts an embedded cluster for a dataset directory, or for a source
+  // volume, which is partitioned into the cache first unless it is there already. Memory is taken
+  // early for frames of `expected_viewport`; null: none are expected.
+  // UsageError if --shards differs from the dataset's. Other errors as partition::Partition and
+  // EmbeddedCluster::Start.
+  static absl::StatusOr<std::unique_ptr<Session>> Open(
+      const SessionFlags& flags, const std::optional<view::Viewport>& expected_viewport,
+      const Context& context);
+
+  ~Session();
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
+
+  // Lives as long as the session.
+  client::ServiceClient& client();
+  // The channel of the client, for others that speak with the same coordinator.
+  [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
+  // What the client sends to a server that asks who calls; empty: nothing.
+  [[nodiscard]] const std::string& token() const;
+  // Name of the dataset in requests; "" is the only one of the cluster.
+  [[nodiscard]] const std::string& dataset_name() const;
+  // Names a web gateway in GetCapabilities, where the coordinator is in this process; else it is
+  // its operator's affair.
+  void SetGatewayAddress(const std::string& address);
+  // The times of requests: --timeout for each of them. Without it, of a question kQuestionTimeout;
+  [[nodiscard]] absl::Duration question_timeout() const;
+  // of a frame or a pick the limit of the coordinator in this process, or kAnswerTimeout: then the
+  // server's own limit holds, too;
+  [[nodiscard]] absl::Duration frame_timeout() const;
+  // of an export none, because a mesh may take any time. ServiceClient ends it if nothing comes.
+  [[nodiscard]] absl::Duration export_timeout() const;
+
+ private:
+  struct Parts;
+
+  explicit Session(std::unique_ptr<Parts> parts);
+
+  const std::unique_ptr<Parts> parts_;
+};
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_SESSION_SESSION_H_

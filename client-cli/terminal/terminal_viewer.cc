@@ -1,0 +1,489 @@
+// Two threads: one reads frames off the Interact stream and keeps the newest; this one reads keys,
+// sends views, and draws. A frame is acknowledged once it is drawn, or replaced by a newer one, so
+// the server sends no more than the terminal takes.
+//
+//   keys ──▶ ViewControls ──▶ Interact ──▶ FrameFeed ──▶ DrawFrame ──▶ terminal
+//
+// One event wakes the loop for everything but keys: a frame, a signal, Ctrl-C, the end.
+
+#include "client-cli/terminal/terminal_viewer.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <ostream>
+#include <thread>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include "absl/time/clock.h"
+#include <nlohmann/json.hpp>
+
+#include "client-cli/terminal/raw_terminal.h"
+#include "client-cli/terminal/terminal_keys.h"
+#include "client-cli/terminal/terminal_picture.h"
+#include "client-cli/terminal/view_controls.h"
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/picture_file/picture_scaling.h"
+#include "core/base/cancellation.h"
+#include "core/base/mutex.h"
+#include "core/base/printable.h"
+#include "core/base/status_macros.h"
+#include "core/image/jpeg_codec.h"
+#include "core/rpc/proto_convert.h"
+#include "isoscope/v1/interact_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// The other screen, no cursor; and back.
+constexpr char kEnterScreen[] = "\x1B[?1049h\x1B[?25l\x1B[2J";
+constexpr char kLeaveScreen[] = "\x1B[0m\x1B[?25h\x1B[?1049l";
+// All pictures of kitty that can be seen.
+constexpr char kRemoveAll[] = "\x1B_Ga=d,d=A,q=2\x1B\\";
+constexpr char kBeginUpdate[] = "\x1B[?2026h";
+constexpr char kEndUpdate[] = "\x1B[?2026l";
+// The longest side of a picture, by what a terminal takes several times a second.
+constexpr int kMaxSide = 1600;
+constexpr int kMaxSixelSide = 1024;
+constexpr int kMaxBlockSide = 800;
+constexpr int kMaxSamplesOfBlock = 4;
+// Of a character, where nothing is known.
+constexpr view::Viewport kUsualCell{.width_px = 8, .height_px = 16};
+// Terminals take less than screens do.
+constexpr double kFramesPerSecond = 20;
+
+bool IsBlocks(PictureFormat format) {
+  return format == PictureFormat::kBlocks24Bit || format == PictureFormat::kBlocks256;
+}
+
+view::Viewport CellOf(const TerminalSize& terminal) {
+  if (terminal.pixels.width_px == 0) {
+    return kUsualCell;
+  }
+  return {.width_px = std::max(1, terminal.pixels.width_px / terminal.columns),
+          .height_px = std::max(1, terminal.pixels.height_px / terminal.rows)};
+}
+
+view::Viewport ScaledToSide(const view::Viewport& size, int max_side) {
+  const double scale =
+      std::min(1.0, static_cast<double>(max_side) / std::max(size.width_px, size.height_px));
+  return {.width_px = std::max(1, static_cast<int>(size.width_px * scale)),
+          .height_px = std::max(1, static_cast<int>(size.height_px * scale))};
+}
+
+absl::StatusOr<image::RgbaImage> Decode(const v1::RenderIsosurfaceResponse& frame) {
+  return frame.png().empty() ? image::DecodeJpeg(frame.jpeg()) : image::DecodePng(frame.png());
+}
+
+// Shortest decimal that is read as the same bits.
+std::string Exact(double value) { return nlohmann::json(value + 0.0).dump(); }
+
+std::string Exact(const v1::Vec3& v) {
+  return absl::StrCat(Exact(v.x()), ",", Exact(v.y()), ",", Exact(v.z()));
+}
+
+// The newest frame of a stream, read by a thread of its own.
+class FrameFeed {
+ public:
+  // `stream` must outlive it.
+  explicit FrameFeed(client::InteractStream* stream)
+      : stream_(stream), reader_([this] { Read(); }) {}
+  ~FrameFeed() {
+    // Cancelling a stream that has ended would hide why.
+    if (!has_ended()) {
+      stream_->Cancel();
+    }
+    reader_.join();
+  }
+  FrameFeed(const FrameFeed&) = delete;
+  FrameFeed& operator=(const FrameFeed&) = delete;
+
+  // The newest that was not taken yet.
+  std::optional<v1::InteractResponse> Take() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return std::exchange(newest_, std::nullopt);
+  }
+  bool has_ended() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return has_ended_;
+  }
+
+  // Tells the server that a frame was shown, or dropped. If the stream has ended, the reader says
+  // so.
+  void Acknowledge(std::int64_t frame_number, absl::Duration duration) {
+    v1::InteractRequest shown;
+    shown.mutable_frame_shown()->set_frame_number(frame_number);
+    *shown.mutable_frame_shown()->mutable_decode_duration() = rpc::ToProto(duration);
+    stream_->Write(shown);
+  }
+
+ private:
+  void Read() ABSL_LOCKS_EXCLUDED(mutex_) {
+    v1::InteractResponse response;
+    while (stream_->Read(&response)) {
+      std::optional<v1::InteractResponse> dropped;
+      {
+        const base::MutexLock lock(&mutex_);
+        dropped = std::exchange(newest_, std::move(response));
+      }
+      if (dropped) {
+        Acknowledge(dropped->frame_number(), absl::ZeroDuration());
+      }
+      response.Clear();
+      TerminalSignals::Wake();
+    }
+    const base::MutexLock lock(&mutex_);
+    has_ended_ = true;
+    TerminalSignals::Wake();
+  }
+
+  client::InteractStream* const stream_;
+  base::Mutex mutex_;
+  std::optional<v1::InteractResponse> newest_ ABSL_GUARDED_BY(mutex_);
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
+  std::thread reader_;  // last: it uses the others
+};
+
+// The terminal of this process, closed at the end.
+class Tty {
+ public:
+  Tty() : fd_(open("/dev/tty", O_RDWR | O_NOCTTY | O_CLOEXEC)) {}
+  ~Tty() {
+    if (fd_ >= 0) {
+      close(fd_);
+    }
+  }
+  Tty(const Tty&) = delete;
+  Tty& operator=(const Tty&) = delete;
+  [[nodiscard]] int fd() const { return fd_; }
+
+ private:
+  const int fd_;
+};
+
+class Viewer {
+ public:
+  Viewer(const v1::Dataset& dataset, const ViewedVolume& volume, double isovalue, int tty,
+         const PictureTerminal& terminal, client::InteractStream* stream)
+      : dataset_name_(dataset.name()),
+        tty_(tty),
+        stream_(stream),
+        controls_(volume, isovalue),
+        layout_(LayoutOf(terminal.format, terminal.size)),
+        cell_(CellOf(terminal.size)) {}
+
+  // Until the user or `cancellation` ends it, or the stream.
+  absl::Status Run(const base::Cancellation& cancellation);
+  // The newest view.
+  [[nodiscard]] v1::RenderIsosurfaceRequest Frame() const;
+  // Whether Run returned because the stream had ended.
+  [[nodiscard]] bool was_ended_by_server() const { return was_ended_by_server_; }
+
+ private:
+  absl::Status Handle(TerminalSignals::Pending pending);
+  absl::Status HandleKeys(absl::string_view bytes);
+  absl::Status SendView(bool is_at_rest);
+  absl::Status Draw(FrameFeed* feed);
+  absl::Status DrawLast();
+  absl::Status DrawHelp();
+  [[nodiscard]] std::string StatusLine() const;
+  [[nodiscard]] std::string Clear() const {
+    return absl::StrCat(layout_.format == PictureFormat::kKitty ? kRemoveAll : "", "\x1B[2J");
+  }
+
+  const std::string dataset_name_;
+  const int tty_;
+  client::InteractStream* const stream_;
+  ViewControls controls_;
+  ViewerLayout layout_;
+  const view::Viewport cell_;
+  KeyReader keys_;
+  std::unique_ptr<RawTerminal> raw_;
+  std::int64_t sequence_number_ = 0;
+  absl::Time sent_ = absl::InfinitePast();
+  std::optional<v1::InteractResponse> last_;
+  std::string message_;  // what went wrong with the last frame
+  double latency_ms_ = 0;
+  int image_number_ = 1;
+  bool shows_help_ = false;
+  bool is_done_ = false;
+  bool was_ended_by_server_ = false;
+};
+
+v1::RenderIsosurfaceRequest Viewer::Frame() const {
+  v1::RenderIsosurfaceRequest frame;
+  frame.set_dataset(dataset_name_);
+  frame.set_isovalue(controls_.isovalue());
+  *frame.mutable_camera() = rpc::ToProto(controls_.camera());
+  frame.mutable_viewport()->set_width_px(layout_.viewport.width_px);
+  frame.mutable_viewport()->set_height_px(layout_.viewport.height_px);
+  frame.set_culling(v1::CULLING_DEPTH);
+  return frame;
+}
+
+absl::Status Viewer::SendView(bool is_at_rest) {
+  v1::InteractRequest request;
+  v1::ViewState& state = *request.mutable_view_state();
+  state.set_sequence_number(++sequence_number_);
+  *state.mutable_frame() = Frame();
+  state.set_target_frames_per_second(kFramesPerSecond);
+  state.set_is_at_rest(is_at_rest);
+  sent_ = absl::Now();
+  stream_->Write(request);  // if the stream has ended, the reader says so
+  return absl::OkStatus();
+}
+
+std::string Viewer::StatusLine() const {
+  std::string text = absl::StrCat(" ", dataset_name_, "   isovalue ",
+                                  absl::StrFormat("%.6g", controls_.isovalue()));
+  if (!message_.empty()) {
+    absl::StrAppend(&text, "   ", message_);
+  } else if (last_) {
+    const v1::RenderIsosurfaceResponse& frame = last_->frame();
+    absl::StrAppend(&text, "   ", frame.extent().width_px(), " x ", frame.extent().height_px(),
+                    last_->is_exact() ? " exact" : "", absl::StrFormat("   %.0f ms", latency_ms_));
+  }
+  // Names and messages come from elsewhere: nothing in them is a command to the terminal.
+  text = base::Printable(text);
+  const std::string keys = "? help  q quit ";
+  const auto columns = static_cast<std::size_t>(layout_.terminal.columns);
+  text.resize(columns, ' ');
+  if (columns > keys.size() + 40) {
+    text.replace(columns - keys.size(), keys.size(), keys);
+  }
+  // The cuts may have left a part of a character.
+  return absl::StrCat("\x1B[", layout_.terminal.rows, ";1H\x1B[0;7m", base::Printable(text),
+                      "\x1B[0m");
+}
+
+absl::Status Viewer::DrawLast() {
+  std::string bytes = kBeginUpdate;
+  if (last_ && last_->has_frame()) {
+    const int number = 3 - image_number_;
+    ISOSCOPE_ASSIGN_OR_RETURN(const std::string picture, DrawFrame(layout_, *last_, number));
+    absl::StrAppend(&bytes, "\x1B[H", picture);
+    if (layout_.format == PictureFormat::kKitty) {
+      absl::StrAppend(&bytes, KittyRemoval(image_number_));
+      image_number_ = number;
+    }
+  }
+  absl::StrAppend(&bytes, StatusLine(), kEndUpdate);
+  return WriteToTerminal(tty_, bytes);
+}
+
+absl::Status Viewer::Draw(FrameFeed* feed) {
+  std::optional<v1::InteractResponse> newest = feed->Take();
+  if (!newest) {
+    return absl::OkStatus();
+  }
+  const absl::Time start = absl::Now();
+  const std::int64_t frame_number = newest->frame_number();
+  message_ = newest->has_error() ? newest->error().message() : "";
+  if (newest->has_frame()) {
+    latency_ms_ = absl::ToDoubleMilliseconds(start - sent_);
+    last_ = std::move(newest);
+  }
+  const absl::Status drawn = shows_help_ ? absl::OkStatus() : DrawLast();
+  feed->Acknowledge(frame_number, absl::Now() - start);
+  return drawn;
+}
+
+absl::Status Viewer::DrawHelp() {
+  std::string text = absl::StrCat(kBeginUpdate, Clear(), "\x1B[H\r\n  ");
+  absl::StrAppend(&text, absl::StrReplaceAll(DescribeKeys(), {{"\n", "\r\n  "}}));
+  return WriteToTerminal(tty_, absl::StrCat(text, StatusLine(), kEndUpdate));
+}
+
+absl::Status Viewer::HandleKeys(absl::string_view bytes) {
+  bool has_moved = false;
+  for (const Key& key : keys_.Take(bytes)) {
+    if (shows_help_) {
+      shows_help_ = false;
+      ISOSCOPE_RETURN_IF_ERROR(WriteToTerminal(tty_, Clear()));
+      ISOSCOPE_RETURN_IF_ERROR(DrawLast());
+      if (key.character == '?') {
+        continue;
+      }
+    }
+    switch (controls_.Press(key)) {
+      case ViewControls::Effect::kNone:
+        break;
+      case ViewControls::Effect::kMoved:
+        has_moved = true;
+        break;
+      case ViewControls::Effect::kHelp:
+        shows_help_ = true;
+        break;
+      case ViewControls::Effect::kQuit:
+        is_done_ = true;
+        return absl::OkStatus();
+    }
+  }
+  if (has_moved) {
+    ISOSCOPE_RETURN_IF_ERROR(SendView(/*is_at_rest=*/false));
+  }
+  return shows_help_ ? DrawHelp() : absl::OkStatus();
+}
+
+absl::Status Viewer::Handle(TerminalSignals::Pending pending) {
+  if (pending.is_suspended) {
+    ISOSCOPE_RETURN_IF_ERROR(raw_->Suspend());
+  }
+  if (!pending.is_suspended && !pending.is_resized) {
+    return absl::OkStatus();
+  }
+  // The window may have changed while the process stood still.
+  if (std::optional<TerminalSize> size = SizeOfTerminal(tty_)) {
+    if (size->pixels.width_px == 0) {
+      size->pixels = {.width_px = cell_.width_px * size->columns,
+                      .height_px = cell_.height_px * size->rows};
+    }
+    layout_ = LayoutOf(layout_.format, *size);
+  }
+  ISOSCOPE_RETURN_IF_ERROR(WriteToTerminal(tty_, Clear()));
+  ISOSCOPE_RETURN_IF_ERROR(shows_help_ ? DrawHelp() : DrawLast());
+  return SendView(/*is_at_rest=*/true);
+}
+
+absl::Status Viewer::Run(const base::Cancellation& cancellation) {
+  const TerminalSignals signals;
+  const base::Cancellation::Callback on_interrupt(cancellation, [] { TerminalSignals::Wake(); });
+  FrameFeed feed(stream_);
+  const std::string leave =
+      absl::StrCat(layout_.format == PictureFormat::kKitty ? kRemoveAll : "", kLeaveScreen);
+  ISOSCOPE_ASSIGN_OR_RETURN(raw_, RawTerminal::Enter(tty_, kEnterScreen, leave));
+  ISOSCOPE_RETURN_IF_ERROR(DrawLast());
+  ISOSCOPE_RETURN_IF_ERROR(SendView(/*is_at_rest=*/true));
+  while (!is_done_ && !cancellation.is_cancelled() && !feed.has_ended()) {
+    std::array<pollfd, 2> waiting = {
+        pollfd{.fd = tty_, .events = POLLIN, .revents = 0},
+        pollfd{.fd = TerminalSignals::wake_fd(), .events = POLLIN, .revents = 0}};
+    if (poll(waiting.data(), waiting.size(), -1) < 0 && errno != EINTR) {
+      return absl::InternalError("the terminal can't be waited for");
+    }
+    if (waiting[0].revents != 0) {
+      ISOSCOPE_ASSIGN_OR_RETURN(const std::string bytes,
+                                ReadFromTerminal(tty_, absl::ZeroDuration()));
+      ISOSCOPE_RETURN_IF_ERROR(HandleKeys(bytes));
+    }
+    ISOSCOPE_RETURN_IF_ERROR(Handle(TerminalSignals::Take()));
+    ISOSCOPE_RETURN_IF_ERROR(Draw(&feed));
+  }
+  was_ended_by_server_ = !is_done_ && !cancellation.is_cancelled();
+  raw_.reset();
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+ViewerLayout LayoutOf(PictureFormat format, const TerminalSize& terminal) {
+  ViewerLayout layout{.format = format, .terminal = terminal, .box = {}, .viewport = {}};
+  layout.box = {.columns = terminal.columns, .rows = std::max(1, terminal.rows - 1)};
+  const view::Viewport cell = CellOf(terminal);
+  const view::Viewport window{.width_px = layout.box.columns * cell.width_px,
+                              .height_px = layout.box.rows * cell.height_px};
+  if (IsBlocks(format)) {
+    const int samples = std::clamp(kMaxBlockSide / terminal.columns, 1, kMaxSamplesOfBlock);
+    layout.viewport = {
+        .width_px = layout.box.columns * samples,
+        .height_px = std::max(1, layout.box.rows * samples * cell.height_px / cell.width_px)};
+    layout.viewport = ScaledToSide(layout.viewport, kMaxSide);
+  } else {
+    layout.viewport =
+        ScaledToSide(window, format == PictureFormat::kSixel ? kMaxSixelSide : kMaxSide);
+  }
+  return layout;
+}
+
+absl::StatusOr<std::string> DrawFrame(const ViewerLayout& layout,
+                                      const v1::InteractResponse& response, int image_number) {
+  const v1::RenderIsosurfaceResponse& frame = response.frame();
+  if (layout.format == PictureFormat::kITerm2) {
+    return ITerm2Picture(frame.png().empty() ? frame.jpeg() : frame.png(), layout.viewport,
+                         layout.box);
+  }
+  if (layout.format == PictureFormat::kKitty && !frame.png().empty()) {
+    return KittyPicture(frame.png(), {.box = layout.box, .image_number = image_number});
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(image::RgbaImage picture, Decode(frame));
+  switch (layout.format) {
+    case PictureFormat::kKitty:
+      return KittyPicture(image::EncodePng(picture.width, picture.height, picture.pixels),
+                          {.box = layout.box, .image_number = image_number});
+    case PictureFormat::kSixel:
+      return SixelPicture(client::ScalePicture(std::move(picture), layout.viewport),
+                          response.is_exact() ? SixelQuality::kBest : SixelQuality::kFast);
+    default:
+      return BlockPicture(
+          client::ScalePicture(std::move(picture),
+                               {.width_px = layout.box.columns, .height_px = 2 * layout.box.rows}),
+          layout.format == PictureFormat::kBlocks24Bit ? BlockColors::k24Bit : BlockColors::k256,
+          "\r\n");
+  }
+}
+
+std::string FlagsOfFrame(const v1::RenderIsosurfaceRequest& frame) {
+  const v1::Camera& camera = frame.camera();
+  return absl::StrCat("--isovalue ", Exact(frame.isovalue()), " --eye ", Exact(camera.eye()),
+                      " --target ", Exact(camera.target()), " --up ", Exact(camera.up()),
+                      " --width ", frame.viewport().width_px(), " --height ",
+                      frame.viewport().height_px());
+}
+
+absl::Status RunTerminalViewer(const v1::Dataset& dataset, double isovalue, ShowMode mode,
+                               Session* session, const Context& context) {
+  const Tty tty;
+  const std::optional<PictureTerminal> terminal =
+      tty.fd() < 0
+          ? std::nullopt
+          : FindPictureTerminal(tty.fd(), ProcessEnvironment, FormatOf(mode, ProcessEnvironment));
+  if (!terminal) {
+    return absl::FailedPreconditionError(
+        "there is no terminal to draw on; without --terminal the view is in the browser");
+  }
+  if (terminal->format == PictureFormat::kNone) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("this terminal shows no pictures (TERM is '", ProcessEnvironment("TERM"),
+                     "', NO_COLOR is '", ProcessEnvironment("NO_COLOR"),
+                     "'); --show blocks draws all the same, and without --terminal the view is in "
+                     "the browser"));
+  }
+  ViewedVolume volume;
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+  volume.bounds = geometry.Bounds();
+  if (!dataset.patient_frame().empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(volume.patient_frame,
+                              volume::PatientFrame::FromName(dataset.patient_frame()));
+  }
+  if (dataset.has_value_range()) {
+    volume.values = {dataset.value_range().min(), dataset.value_range().max()};
+  }
+  const std::unique_ptr<client::InteractStream> stream = session->client().Interact();
+  Viewer viewer(dataset, volume, isovalue, tty.fd(), *terminal, stream.get());
+  const absl::Status status = viewer.Run(context.interrupt->cancellation());
+  const absl::Status of_stream = stream->Finish();
+  ISOSCOPE_RETURN_IF_ERROR(status);
+  if (viewer.was_ended_by_server()) {
+    return of_stream.ok() ? absl::UnavailableError("the server has ended the view") : of_stream;
+  }
+  *context.out << "the last view, for isoscope render: " << FlagsOfFrame(viewer.Frame())
+               << std::endl;
+  return absl::OkStatus();
+}
+
+}  // namespace isoscope::cli

@@ -1,0 +1,346 @@
+#include "client-cli/terminal/top_screen.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+
+#include "core/base/printable.h"
+#include "core/base/units.h"
+#include "core/cli/format.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::cli {
+namespace {
+
+namespace v1 = isoscope::v1;
+
+// The least width of a column that gets narrower.
+constexpr std::size_t kLeastFlexibleWidth = 8;
+constexpr char kCut = '~';  // in place of what has no room
+
+std::string Cut(std::string text, std::size_t width) {
+  if (text.size() > width) {
+    text.resize(width);
+    if (width > 0) {
+      text.back() = kCut;
+    }
+  }
+  return text;
+}
+
+// Rows of cells in columns. Flexible columns get narrower where the lines are too long.
+class Columns {
+ public:
+  struct Column {
+    std::string title;
+    bool is_left = false;
+    bool is_flexible = false;
+  };
+  explicit Columns(std::vector<Column> columns) : columns_(std::move(columns)) {
+    std::vector<std::string> titles;
+    for (const Column& column : columns_) {
+      titles.push_back(column.title);
+    }
+    rows_.push_back(std::move(titles));
+  }
+
+  void AddRow(std::vector<std::string> cells) { rows_.push_back(std::move(cells)); }
+
+  // The widest flexible column gives way first.
+  [[nodiscard]] std::vector<std::string> Lines(std::size_t width) const {
+    std::vector<std::size_t> widths(columns_.size(), 0);
+    for (const std::vector<std::string>& row : rows_) {
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        widths[i] = std::max(widths[i], row[i].size());
+      }
+    }
+    std::size_t total = 2 * (columns_.size() - 1);
+    for (const std::size_t of_column : widths) {
+      total += of_column;
+    }
+    while (width > 0 && total > width) {
+      std::size_t widest = columns_.size();
+      for (std::size_t i = 0; i < columns_.size(); ++i) {
+        if (columns_[i].is_flexible && widths[i] > kLeastFlexibleWidth &&
+            (widest == columns_.size() || widths[i] > widths[widest])) {
+          widest = i;
+        }
+      }
+      if (widest == columns_.size()) {
+        break;
+      }
+      --widths[widest];
+      --total;
+    }
+    std::vector<std::string> lines;
+    for (const std::vector<std::string>& row : rows_) {
+      lines.push_back(LineOf(row, widths));
+    }
+    return lines;
+  }
+
+ private:
+  [[nodiscard]] std::string LineOf(const std::vector<std::string>& row,
+                                   const std::vector<std::size_t>& widths) const {
+    std::string line;
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      const std::string cell = Cut(row[i], widths[i]);
+      const std::string padding(widths[i] - cell.size(), ' ');
+      absl::StrAppend(&line, i > 0 ? "  " : "", columns_[i].is_left ? "" : padding, cell,
+                      columns_[i].is_left ? padding : "");
+    }
+    line.erase(line.find_last_not_of(' ') + 1);
+    return line;
+  }
+
+  const std::vector<Column> columns_;
+  std::vector<std::vector<std::string>> rows_;
+};
+
+// "12.3", "1.2 k", "3.4 M".
+std::string FormatRate(double per_second) {
+  constexpr double kThousand = 1000;
+  constexpr double kMillion = 1e6;
+  return per_second >= kMillion    ? absl::StrFormat("%.1f M", per_second / kMillion)
+         : per_second >= kThousand ? absl::StrFormat("%.1f k", per_second / kThousand)
+                                   : absl::StrFormat("%.1f", per_second);
+}
+
+std::string FormatMebibytesPerSecond(double bytes_per_second) {
+  return absl::StrFormat("%.1f MiB", bytes_per_second / static_cast<double>(base::kMiB));
+}
+
+std::string FormatMemory(std::int64_t bytes, std::int64_t limit_bytes) {
+  return limit_bytes > 0
+             ? absl::StrFormat("%d of %d MiB", bytes / base::kMiB, limit_bytes / base::kMiB)
+             : absl::StrFormat("%d MiB", bytes / base::kMiB);
+}
+
+std::string FormatUptime(absl::Duration up) {
+  const std::int64_t days = up / absl::Hours(24);
+  return days > 0 ? absl::StrFormat("%d d %02d h", days, (up % absl::Hours(24)) / absl::Hours(1))
+                  : FormatElapsed(up);
+}
+
+// The growth of counters of a process in a second. Its own clock measures the time: an agent's
+// answer may be as old as the coordinator's last question to it.
+class Rates {
+ public:
+  // `before`: null if there is no earlier answer.
+  template <typename Load>
+  Rates(const Load& now, const Load* before) {
+    absl::Duration span = rpc::DurationFromProto(now.up_duration());
+    // A process that began anew has counted from 0.
+    if (before != nullptr && span > rpc::DurationFromProto(before->up_duration())) {
+      is_since_before_ = true;
+      span -= rpc::DurationFromProto(before->up_duration());
+    }
+    seconds_ = std::max(absl::ToDoubleSeconds(span), 1e-3);
+  }
+
+  [[nodiscard]] double Of(double now, double before) const {
+    return std::max(now - (is_since_before_ ? before : 0), 0.0) / seconds_;
+  }
+  [[nodiscard]] double Of(std::int64_t now, std::int64_t before) const {
+    return Of(static_cast<double>(now), static_cast<double>(before));
+  }
+
+ private:
+  bool is_since_before_ = false;
+  double seconds_ = 1;
+};
+
+// "0-3,7".
+std::string FormatIndices(std::vector<int> indices) {
+  std::sort(indices.begin(), indices.end());
+  std::vector<std::string> parts;
+  for (std::size_t i = 0; i < indices.size();) {
+    std::size_t end = i + 1;
+    while (end < indices.size() && indices[end] == indices[end - 1] + 1) {
+      ++end;
+    }
+    parts.push_back(end - i == 1 ? absl::StrCat(indices[i])
+                                 : absl::StrCat(indices[i], "-", indices[end - 1]));
+    i = end;
+  }
+  return absl::StrJoin(parts, ",");
+}
+
+std::string FormatShards(const v1::AgentStatus& agent) {
+  std::map<std::string, std::vector<int>> by_dataset;
+  for (const v1::ServedShard& shard : agent.shards()) {
+    by_dataset[shard.dataset()].push_back(shard.shard_index());
+  }
+  std::vector<std::string> parts;
+  for (const auto& [dataset, indices] : by_dataset) {
+    parts.push_back(absl::StrCat(dataset, " ", FormatIndices(indices)));
+  }
+  return absl::StrJoin(parts, "; ");
+}
+
+const v1::AgentStatus* FindAgent(const std::optional<ClusterSample>& sample,
+                                 const std::string& address) {
+  if (sample.has_value()) {
+    for (const v1::AgentStatus& agent : sample->status.agents()) {
+      if (agent.address() == address) {
+        return &agent;
+      }
+    }
+  }
+  return nullptr;
+}
+
+std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::AgentStatus* before) {
+  std::vector<std::string> cells = {
+      base::PrintableAscii(agent.address()),
+      agent.state() == v1::AgentStatus::STATE_REACHABLE ? "ok" : "lost",
+      base::PrintableAscii(FormatShards(agent))};
+  if (agent.state() != v1::AgentStatus::STATE_REACHABLE || !agent.has_load()) {
+    cells.insert(cells.end(), {"-", "-", "-", "-", "-", "-"});
+    return cells;
+  }
+  const v1::AgentLoad& load = agent.load();
+  const bool has_before = before != nullptr && before->has_load();
+  const v1::AgentLoad empty;
+  const v1::AgentLoad& old = has_before ? before->load() : empty;
+  const Rates rates(load, has_before ? &old : nullptr);
+  const double busy = rates.Of(absl::ToDoubleSeconds(rpc::DurationFromProto(load.busy_duration())),
+                               absl::ToDoubleSeconds(rpc::DurationFromProto(old.busy_duration())));
+  cells.push_back(absl::StrCat(load.working_frame_count()));
+  cells.push_back(FormatRate(rates.Of(load.done_frame_count(), old.done_frame_count())));
+  cells.push_back(absl::StrFormat("%.2f", busy));
+  cells.push_back(FormatRate(rates.Of(load.triangle_count(), old.triangle_count())));
+  cells.push_back(FormatMebibytesPerSecond(rates.Of(load.read_bytes(), old.read_bytes())));
+  cells.push_back(FormatMemory(load.resident_bytes(), load.memory_limit_bytes()));
+  return cells;
+}
+
+const char* client::NameOf(v1::FrameInWork::Step step) {
+  switch (step) {
+    case v1::FrameInWork::STEP_QUEUED:
+      return "queued";
+    case v1::FrameInWork::STEP_PREPARING:
+      return "preparing";
+    case v1::FrameInWork::STEP_OCCLUDER_SELECTION:
+      return "1 rays";
+    case v1::FrameInWork::STEP_OCCLUDER_RENDERING:
+      return "2 occluders";
+    case v1::FrameInWork::STEP_VISIBILITY_CULLING:
+      return "3 visible";
+    case v1::FrameInWork::STEP_FINISHING:
+      return "finishing";
+    default:
+      return "?";
+  }
+}
+
+void AppendHead(const ClusterSample& now, const std::optional<ClusterSample>& before,
+                const TopScreenOptions& options, std::vector<std::string>* lines) {
+  const v1::CoordinatorLoad& load = now.status.load();
+  const bool has_before = before.has_value() && before->status.has_load();
+  const v1::CoordinatorLoad empty;
+  const v1::CoordinatorLoad& old = has_before ? before->status.load() : empty;
+  const Rates rates(load, has_before ? &old : nullptr);
+  lines->push_back(absl::StrCat("isoscope top: ", base::PrintableAscii(options.server), ", ",
+                                absl::FormatTime("%H:%M:%S", now.time, absl::UTCTimeZone()),
+                                " UTC"));
+  if (!now.status.has_load()) {
+    lines->push_back("the coordinator is older than this program: it does not tell its load");
+    return;
+  }
+  lines->push_back(absl::StrCat(
+      "coordinator: up ", FormatUptime(rpc::DurationFromProto(load.up_duration())), ", memory ",
+      FormatMemory(load.resident_bytes(), load.memory_limit_bytes()), ", network ",
+      FormatMebibytesPerSecond(rates.Of(load.network_bytes(), old.network_bytes())), "/s"));
+  lines->push_back(absl::StrCat(
+      "frames: ", load.working_frame_count(), " in work, ", load.queued_frame_count(), " waiting; ",
+      FormatRate(rates.Of(load.done_frame_count(), old.done_frame_count())), "/s done, ",
+      FormatRate(rates.Of(load.failed_frame_count(), old.failed_frame_count())), "/s failed, ",
+      FormatRate(rates.Of(load.refused_frame_count(), old.refused_frame_count())), "/s refused"));
+}
+
+void AppendAgents(const ClusterSample& now, const std::optional<ClusterSample>& before,
+                  const TopScreenOptions& options, std::vector<std::string>* lines) {
+  Columns table({{"AGENT", true, true},
+                 {"STATE", true},
+                 {"SHARDS", true, true},
+                 {"FRAMES"},
+                 {"DONE/s"},
+                 {"BUSY"},
+                 {"TRIANGLES/s"},
+                 {"READ/s"},
+                 {"MEMORY"}});
+  for (const v1::AgentStatus& agent : now.status.agents()) {
+    table.AddRow(AgentCells(agent, FindAgent(before, agent.address())));
+  }
+  lines->push_back("");
+  for (std::string& line : table.Lines(static_cast<std::size_t>(options.width))) {
+    lines->push_back(std::move(line));
+  }
+}
+
+void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
+                  std::vector<std::string>* lines) {
+  if (now.status.frames().empty()) {
+    return;
+  }
+  const int rest = options.height - static_cast<int>(lines->size()) - 2;  // a gap and the titles
+  int shown = now.status.frames_size();
+  if (options.height > 0 && shown > rest) {
+    shown = std::max(rest - 1, 0);  // the last line counts the others
+  }
+  Columns table({{"REQUEST", true, true},
+                 {"CLIENT", true, true},
+                 {"DATASET", true, true},
+                 {"PIXELS"},
+                 {"STEP", true},
+                 {"AGE"}});
+  for (int i = 0; i < shown; ++i) {
+    const v1::FrameInWork& frame = now.status.frames(i);
+    table.AddRow({base::PrintableAscii(frame.request_id()), base::PrintableAscii(frame.client()),
+                  frame.dataset().empty() ? "-" : base::PrintableAscii(frame.dataset()),
+                  absl::StrCat(frame.extent().width_px(), "x", frame.extent().height_px()),
+                  client::NameOf(frame.step()),
+                  absl::StrFormat("%.1f s", absl::ToDoubleSeconds(
+                                                rpc::DurationFromProto(frame.age_duration())))});
+  }
+  lines->push_back("");
+  for (std::string& line : table.Lines(static_cast<std::size_t>(options.width))) {
+    lines->push_back(std::move(line));
+  }
+  if (shown < now.status.frames_size()) {
+    lines->push_back(absl::StrCat("and ", now.status.frames_size() - shown, " more"));
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> TopScreen(const ClusterSample& now,
+                                   const std::optional<ClusterSample>& before,
+                                   const TopScreenOptions& options) {
+  std::vector<std::string> lines;
+  AppendHead(now, before, options, &lines);
+  AppendAgents(now, before, options, &lines);
+  for (const v1::AgentStatus& agent : now.status.agents()) {
+    if (!agent.message().empty()) {
+      lines.push_back(base::PrintableAscii(absl::StrCat(agent.address(), ": ", agent.message())));
+    }
+  }
+  AppendFrames(now, options, &lines);
+  if (options.height > 0 && lines.size() > static_cast<std::size_t>(options.height)) {
+    lines.resize(static_cast<std::size_t>(options.height));
+  }
+  for (std::string& line : lines) {
+    if (options.width > 0) {
+      line = Cut(std::move(line), static_cast<std::size_t>(options.width));
+    }
+  }
+  return lines;
+}
+
+}  // namespace isoscope::cli

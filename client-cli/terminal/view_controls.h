@@ -1,0 +1,61 @@
+// What the keys of `view --terminal` do to the view. The same keys do the same on the page.
+
+#ifndef ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_
+#define ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_
+
+#include <optional>
+#include <string>
+
+#include "client-cli/terminal/terminal_keys.h"
+#include "core/math/box.h"
+#include "core/view/camera.h"
+#include "core/volume/patient_frame.h"
+#include "core/volume/scalar_span.h"
+
+namespace isoscope::cli {
+
+// The dataset that is looked at.
+struct ViewedVolume {
+  math::Box3d bounds;
+  std::optional<volume::PatientFrame> patient_frame;
+  volume::ScalarSpan values;  // isovalues keep to it; empty if no sample is a number
+};
+
+// Thread-compatible.
+class ViewControls {
+ public:
+  // Begins with the default camera.
+  ViewControls(const ViewedVolume& volume, double isovalue);
+
+  enum class Effect { kNone, kMoved, kHelp, kQuit };
+  Effect Press(const Key& key);
+
+  [[nodiscard]] const view::Camera& camera() const { return camera_; }
+  [[nodiscard]] double isovalue() const { return isovalue_; }
+
+ private:
+  bool PressArrow(const Key& key);
+  bool PressCharacter(char character);
+  void LookFrom(int view);
+  void Zoom(double factor);
+  void Pan(double right, double up);
+  void Roll(double radians);
+  void MoveIsovalue(int steps);
+
+  const ViewedVolume volume_;
+  const double first_isovalue_;
+  const double isovalue_step_;
+  view::Camera camera_;
+  double isovalue_;
+};
+
+// The lines of the help, each at most 60 characters.
+std::string DescribeKeys();
+
+// A round number, 1, 2 or 5 times a power of ten: between a hundredth and a third of a hundredth of
+// the range, and 1 if that is empty or no number.
+double IsovalueStep(const volume::ScalarSpan& values);
+
+}  // namespace isoscope::cli
+
+#endif  // ISOSCOPE_CLIENT_CLI_TERMINAL_VIEW_CONTROLS_H_

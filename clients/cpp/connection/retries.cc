@@ -1,0 +1,57 @@
+#include "clients/cpp/connection/retries.h"
+
+#include <algorithm>
+#include <atomic>
+#include <optional>
+
+#include "absl/time/clock.h"
+
+#include "core/base/mutex.h"
+#include "core/base/retry_delay.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::client {
+namespace {
+
+std::atomic<std::int64_t> refusal_count{0};
+std::atomic<std::int64_t> retry_count{0};
+
+// Returns CANCELLED if it is interrupted.
+absl::Status Sleep(absl::Duration duration, const base::Cancellation& interrupt) {
+  base::Mutex mutex;
+  base::CondVar interrupted;
+  const base::Cancellation::Callback on_interrupt(interrupt, [&] {
+    const base::MutexLock lock(&mutex);
+    interrupted.SignalAll();
+  });
+  base::MutexLock lock(&mutex);
+  const bool is_interrupted = interrupted.AwaitUntil(&mutex, absl::Now() + duration,
+                                                     [&] { return interrupt.is_cancelled(); });
+  return is_interrupted ? absl::CancelledError("interrupted") : absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status CallWithRetries(absl::Time deadline, const base::Cancellation& interrupt,
+                             absl::FunctionRef<absl::Status()> once) {
+  const absl::Time last_try = std::min(deadline, absl::Now() + kMaxRetryTime);
+  while (true) {
+    absl::Status status = once();
+    const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
+    if (!delay.has_value()) {
+      return status;
+    }
+    ++refusal_count;
+    if (absl::Now() + *delay >= last_try) {
+      return status;
+    }
+    ISOSCOPE_RETURN_IF_ERROR(Sleep(*delay, interrupt));
+    ++retry_count;
+  }
+}
+
+RetryCounts CountRetries() {
+  return {.refusals = refusal_count.load(), .retries = retry_count.load()};
+}
+
+}  // namespace isoscope::client

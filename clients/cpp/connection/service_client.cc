@@ -1,0 +1,243 @@
+#include "clients/cpp/connection/service_client.h"
+
+#include <cstdlib>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+
+#include "clients/cpp/connection/coordinator_channel.h"
+#include "clients/cpp/connection/retries.h"
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/base/trace_context.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/read_timeout.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/response_splitter.h"
+
+namespace isoscope::client {
+
+namespace v1 = isoscope::v1;
+
+namespace {
+
+// A server ends a frame up to 200 ms before its client's deadline, to say why; with room for the
+// way of the answer.
+constexpr absl::Duration kAnswerMargin = absl::Milliseconds(500);
+
+// Whether the servers' logs may say more.
+bool IsForOperator(const absl::Status& status) {
+  return absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status) ||
+         absl::IsDataLoss(status) || absl::IsInternal(status) || absl::IsUnknown(status) ||
+         absl::IsFailedPrecondition(status) || absl::IsResourceExhausted(status);
+}
+
+absl::Status WithRequestId(const absl::Status& status, const std::string& request_id) {
+  return request_id.empty()
+             ? status
+             : absl::Status(status.code(),
+                            absl::StrCat(status.message(), " (request ", request_id, ")"));
+}
+
+class InteractStreamImpl final : public InteractStream {
+ public:
+  explicit InteractStreamImpl(const CoordinatorChannel& channel)
+      : context_(channel, {}), stream_(channel.interact()->Interact(context_.get())) {}
+  InteractStreamImpl(const InteractStreamImpl&) = delete;
+  InteractStreamImpl& operator=(const InteractStreamImpl&) = delete;
+  ~InteractStreamImpl() override { context_.get()->TryCancel(); }
+
+  bool Write(const v1::InteractRequest& request) override ABSL_LOCKS_EXCLUDED(write_mutex_) {
+    const base::MutexLock lock(&write_mutex_);
+    return stream_->Write(request);
+  }
+  bool Read(v1::InteractResponse* response) override { return stream_->Read(response); }
+  void Cancel() override { context_.get()->TryCancel(); }
+  void CloseWrites() override ABSL_LOCKS_EXCLUDED(write_mutex_) {
+    const base::MutexLock lock(&write_mutex_);
+    stream_->WritesDone();
+  }
+  absl::Status Finish() override { return rpc::ToAbslStatus(stream_->Finish()); }
+
+ private:
+  CallContext context_;
+  const std::unique_ptr<grpc::ClientReaderWriter<v1::InteractRequest, v1::InteractResponse>>
+      stream_;
+  base::Mutex write_mutex_;
+};
+
+}  // namespace
+
+ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
+                             cli::Interrupt* interrupt, std::string token)
+    : channel_(std::make_unique<CoordinatorChannel>(std::move(channel), std::move(address),
+                                                    std::move(token))),
+      interrupt_(interrupt) {}
+
+ServiceClient::~ServiceClient() = default;
+
+std::unique_ptr<InteractStream> ServiceClient::Interact() const {
+  return std::make_unique<InteractStreamImpl>(*channel_);
+}
+
+absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadline) const {
+  if (status.ok()) {
+    return absl::OkStatus();
+  }
+  if (interrupt_->cancellation().is_cancelled()) {
+    return absl::CancelledError("interrupted");
+  }
+  absl::Status explained = rpc::ToAbslStatus(status);
+  if (absl::IsCancelled(explained)) {
+    // Nobody here cancelled: a server that shuts down ends calls so that it has not begun.
+    return absl::UnavailableError(absl::StrCat(
+        "the server ended the call, as it does when it shuts down (", explained.message(), ")"));
+  }
+  explained = channel_->NameAddress(
+      explained, absl::StrCat("; start one with 'isoscope serve DIR --listen ", channel_->address(),
+                              "' or isoscope-coordinator"));
+  if (absl::IsDeadlineExceeded(explained) && absl::Now() + kAnswerMargin >= deadline) {
+    return absl::DeadlineExceededError(
+        absl::StrCat(explained.message(), "; --timeout gives it more time"));
+  }
+  return explained;
+}
+
+absl::Status ServiceClient::Call(absl::Duration timeout,
+                                 absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const {
+  const absl::Time deadline = absl::Now() + timeout;
+  const char* const traceparent = std::getenv("TRACEPARENT");
+  const std::optional<base::TraceContext> caller =
+      base::TraceContext::Parse(traceparent == nullptr ? "" : traceparent);
+  std::string request_id;
+  const absl::Status status = CallWithRetries(deadline, interrupt_->cancellation(), [&] {
+    CallContext context(*channel_, {.deadline = deadline,
+                                    .identity = caller.has_value() ? &*caller : nullptr,
+                                    .cancellation = &interrupt_->cancellation()});
+    absl::Status explained = Explain(call(context.get()), deadline);
+    request_id = rpc::RequestIdOf(*context.get());
+    return explained;
+  });
+  return IsForOperator(status) ? WithRequestId(status, request_id) : status;
+}
+
+absl::StatusOr<v1::Dataset> ServiceClient::GetDataset(const std::string& name,
+                                                      absl::Duration timeout) {
+  v1::GetDatasetRequest request;
+  request.set_name(name);
+  v1::GetDatasetResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->dataset()->GetDataset(context, request, &response);
+  }));
+  return std::move(*response.mutable_dataset());
+}
+
+absl::StatusOr<v1::GetHistogramResponse> ServiceClient::GetHistogram(
+    const v1::GetHistogramRequest& request, absl::Duration timeout) {
+  v1::GetHistogramResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->dataset()->GetHistogram(context, request, &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::ListDatasetsResponse> ServiceClient::ListDatasets(absl::Duration timeout) {
+  v1::ListDatasetsResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->dataset()->ListDatasets(context, v1::ListDatasetsRequest(), &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::GetCapabilitiesResponse> ServiceClient::GetCapabilities(absl::Duration timeout) {
+  v1::GetCapabilitiesResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->cluster()->GetCapabilities(context, v1::GetCapabilitiesRequest(), &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::GetClusterStatusResponse> ServiceClient::GetClusterStatus(
+    absl::Duration timeout) {
+  v1::GetClusterStatusResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->cluster()->GetClusterStatus(context, v1::GetClusterStatusRequest(), &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurface(
+    const v1::RenderIsosurfaceRequest& request, absl::Duration timeout) {
+  v1::RenderIsosurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->isosurface()->RenderIsosurface(context, request, &response);
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::RenderIsosurfaceResponse> ServiceClient::RenderIsosurfaceStream(
+    const v1::RenderIsosurfaceRequest& request, absl::Duration timeout) {
+  v1::RenderIsosurfaceStreamRequest in_parts;
+  *in_parts.mutable_request() = request;
+  v1::RenderIsosurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    const std::unique_ptr<grpc::ClientReader<v1::RenderIsosurfaceStreamResponse>> reader =
+        channel_->isosurface()->RenderIsosurfaceStream(context, in_parts);
+    response.Clear();  // of a try before
+    v1::RenderIsosurfaceStreamResponse message;
+    while (reader->Read(&message)) {
+      rpc::AppendPart(std::move(*message.mutable_part()), &response);
+    }
+    return reader->Finish();
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::PickSurfaceResponse> ServiceClient::PickSurface(
+    const v1::PickSurfaceRequest& request, absl::Duration timeout) {
+  v1::PickSurfaceResponse response;
+  ISOSCOPE_RETURN_IF_ERROR(Call(timeout, [&](grpc::ClientContext* context) {
+    return channel_->isosurface()->PickSurface(context, request, &response);
+  }));
+  return response;
+}
+
+absl::Status ServiceClient::ExportIsosurface(
+    const v1::ExportIsosurfaceRequest& request, absl::Duration timeout,
+    absl::FunctionRef<absl::Status(const v1::ExportIsosurfaceResponse&)> visit,
+    absl::Duration max_silence) {
+  absl::Status visited = absl::OkStatus();
+  const absl::Status called = Call(timeout, [&](grpc::ClientContext* context) {
+    const std::unique_ptr<grpc::ClientReader<v1::ExportIsosurfaceResponse>> reader =
+        channel_->isosurface()->ExportIsosurface(context, request);
+    v1::ExportIsosurfaceResponse chunk;
+    bool has_chunks = false;
+    bool is_silent = false;
+    const auto read = [&] {
+      rpc::ReadTimeout silence(context, max_silence);
+      const bool has_chunk = reader->Read(&chunk);
+      is_silent = silence.Stop();
+      return has_chunk && !is_silent;
+    };
+    while (visited.ok() && read()) {
+      visited = visit(chunk);
+      has_chunks = true;
+    }
+    if (!visited.ok()) {
+      context->TryCancel();
+    }
+    const grpc::Status status = reader->Finish();
+    if (is_silent) {
+      return grpc::Status(
+          grpc::StatusCode::DEADLINE_EXCEEDED,
+          absl::StrCat("the server sent nothing for ", absl::FormatDuration(max_silence)));
+    }
+    // Without its details it is not tried again: what was visited can't be taken back.
+    return has_chunks ? grpc::Status(status.error_code(), status.error_message()) : status;
+  });
+  return visited.ok() ? called : visited;
+}
+
+}  // namespace isoscope::client

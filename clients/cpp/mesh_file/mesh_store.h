@@ -1,0 +1,61 @@
+// A whole surface on disk, mapped into memory, for work that looks at all of it.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_STORE_H_
+#define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_STORE_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "clients/cpp/mesh_file/mesh_piece.h"
+#include "core/io/file_array.h"
+
+namespace isoscope::client {
+
+// Takes 24 bytes of disk for each vertex and 12 for each triangle. Memory holds what the system
+// leaves there. Thread-compatible.
+class MeshStore : public MeshSink {
+ public:
+  // Scratch files without a name lie on the file system of `directory`.
+  static absl::StatusOr<std::unique_ptr<MeshStore>> Create(const std::string& directory);
+
+  absl::Status Add(const MeshPiece& piece) override;
+  absl::Status Finish() override { return absl::OkStatus(); }
+
+  // Gives the mesh on to `sink`, all vertices first, without those that no triangle has; does not
+  // call its Finish. The order stays.
+  //
+  // first_vertex: vertices that the sink has of earlier surfaces
+  absl::Status Emit(MeshSink* sink, std::int64_t first_vertex = 0, int surface_index = 0) const;
+
+  [[nodiscard]] const std::string& directory() const { return directory_; }
+  [[nodiscard]] io::FileArray<float>& positions() { return positions_; }
+  [[nodiscard]] io::FileArray<std::uint32_t>& triangles() { return triangles_; }
+  [[nodiscard]] std::int64_t vertex_count() const {
+    return static_cast<std::int64_t>(positions_.size() / 3);
+  }
+  [[nodiscard]] std::int64_t triangle_count() const {
+    return static_cast<std::int64_t>(triangles_.size() / 3);
+  }
+
+ private:
+  MeshStore(std::string directory, io::FileArray<float> positions, io::FileArray<float> normals,
+            io::FileArray<std::uint32_t> triangles)
+      : directory_(std::move(directory)),
+        positions_(std::move(positions)),
+        normals_(std::move(normals)),
+        triangles_(std::move(triangles)) {}
+
+  const std::string directory_;
+  io::FileArray<float> positions_;
+  io::FileArray<float> normals_;
+  io::FileArray<std::uint32_t> triangles_;
+};
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_STORE_H_

@@ -1,0 +1,87 @@
+// Writes a mesh of unknown size to a file, in the format of its name.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_WRITER_H_
+#define ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_WRITER_H_
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "clients/cpp/mesh_file/mesh_piece.h"
+#include "core/frame/color.h"
+
+namespace isoscope::client {
+
+enum class MeshFormat { kPly, kStl, kObj, kGlb, kVtp };
+
+// "ply", "stl", "obj", "glb", "vtp".
+absl::StatusOr<MeshFormat> ParseMeshFormat(absl::string_view text);
+absl::string_view NameOf(MeshFormat format);
+
+// The format of a file: `format` if it is given, else that of the name's suffix; PLY for a name
+// without one. INVALID_ARGUMENT if the suffix is that of none, or contradicts `format`.
+absl::StatusOr<MeshFormat> MeshFormatOf(const std::string& path,
+                                        const std::optional<MeshFormat>& format);
+
+// A surface of a mesh file.
+struct MeshSurface {
+  double isovalue = 0;
+  std::optional<frame::Color> color = std::nullopt;
+};
+
+struct MeshFileOptions {
+  std::string path;
+  MeshFormat format = MeshFormat::kPly;
+  // At least one, by surface index. A file of several surfaces tells them apart where its format
+  // can: by a surface index of vertices (PLY, VTP), objects (OBJ) or primitives (GLB).
+  std::vector<MeshSurface> surfaces = std::vector<MeshSurface>(1);
+
+  // If no surface has a colour, the file has none.
+  [[nodiscard]] bool has_colors() const;
+  // The colour of a surface in a file with colours: its own, or the default one of frames.
+  [[nodiscard]] frame::Color ColorOf(int surface_index) const;
+};
+
+// INVALID_ARGUMENT if the format can't hold what is asked for: STL has no colours.
+absl::Status Validate(const MeshFileOptions& options);
+
+// Red, green and blue, rounded to 8 bits.
+std::array<std::uint8_t, 3> ToBytes(const frame::Color& color);
+
+// A MeshSink that is a file. Pieces go to disk as they come, so memory holds one at a time; but
+// STL, whose triangles repeat their corners, keeps all positions in a file that is mapped into
+// memory. `path` appears at Finish, in one step. Without it the destructor removes what was
+// written.
+class MeshWriter : public MeshSink {
+ public:
+  // REQUIRES: Validate is OK. Errors as io::CreateWritableFile.
+  static absl::StatusOr<std::unique_ptr<MeshWriter>> Create(const MeshFileOptions& options);
+
+  // Errors of writing. OUT_OF_RANGE, and what to do, where the format can't hold as many.
+  absl::Status Add(const MeshPiece& piece) final;
+
+  [[nodiscard]] std::int64_t vertex_count() const { return vertex_count_; }
+  [[nodiscard]] std::int64_t triangle_count() const { return triangle_count_; }
+  // Of the file, once finished.
+  [[nodiscard]] virtual std::int64_t size_bytes() const = 0;
+
+ protected:
+  MeshWriter() = default;
+  // The counts are those of before.
+  virtual absl::Status AddPiece(const MeshPiece& piece) = 0;
+
+ private:
+  std::int64_t vertex_count_ = 0;
+  std::int64_t triangle_count_ = 0;
+};
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_MESH_FILE_MESH_WRITER_H_

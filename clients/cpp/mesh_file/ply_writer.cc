@@ -1,0 +1,107 @@
+#include "clients/cpp/mesh_file/ply_writer.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+
+#include "clients/cpp/mesh_file/sectioned_file.h"
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::client {
+namespace {
+
+constexpr std::size_t kVectorBytes = 3 * sizeof(float);
+constexpr std::size_t kFaceBytes = 1 + 3 * sizeof(std::int32_t);
+// Room for the two largest counts: 2^31 - 1 vertices, 2^63 - 1 faces.
+constexpr std::size_t kCountDigits = 10 + 19;
+
+enum Section : std::size_t { kVertices, kFaces };
+
+class PlyWriter : public MeshWriter {
+ public:
+  explicit PlyWriter(const MeshFileOptions& options) : options_(options) {}
+
+  absl::Status Open() {
+    ISOSCOPE_ASSIGN_OR_RETURN(file_, SectionedFile::Create(options_.path, Header().size(), 2));
+    return absl::OkStatus();
+  }
+
+  absl::Status AddPiece(const MeshPiece& piece) override {
+    const auto vertex_count = static_cast<std::size_t>(piece.vertex_count());
+    std::string vertices;
+    const std::string tail = VertexTail(piece.surface_index);
+    vertices.reserve(vertex_count * (2 * kVectorBytes + tail.size()));
+    for (std::size_t i = 0; i < vertex_count; ++i) {
+      vertices.append(reinterpret_cast<const char*>(&piece.positions[3 * i]), kVectorBytes);
+      vertices.append(reinterpret_cast<const char*>(&piece.normals[3 * i]), kVectorBytes);
+      vertices += tail;
+    }
+    std::string faces;
+    faces.reserve(static_cast<std::size_t>(piece.triangle_count()) * kFaceBytes);
+    for (std::size_t i = 0; i < piece.triangles.size(); ++i) {
+      if (i % 3 == 0) {
+        base::AppendLittleEndian(std::uint8_t{3}, &faces);
+      }
+      base::AppendLittleEndian(static_cast<std::int32_t>(piece.triangles[i]), &faces);
+    }
+    ISOSCOPE_RETURN_IF_ERROR(file_->Append(kVertices, vertices));
+    return file_->Append(kFaces, faces);
+  }
+
+  absl::Status Finish() override { return file_->Finish(Header()); }
+
+  [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+
+ private:
+  [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
+  [[nodiscard]] std::string Header() const {
+    return MakePlyHeader(vertex_count(), triangle_count(), options_.has_colors(), has_indices());
+  }
+
+  // Returns what follows the normal of each vertex of a surface.
+  [[nodiscard]] std::string VertexTail(int surface_index) const {
+    std::string tail;
+    if (options_.has_colors()) {
+      for (const std::uint8_t channel : ToBytes(options_.ColorOf(surface_index))) {
+        base::AppendLittleEndian(channel, &tail);
+      }
+    }
+    if (has_indices()) {
+      base::AppendLittleEndian(static_cast<std::uint8_t>(surface_index), &tail);
+    }
+    return tail;
+  }
+
+  const MeshFileOptions options_;
+  std::unique_ptr<SectionedFile> file_;
+};
+
+}  // namespace
+
+std::string MakePlyHeader(std::int64_t vertex_count, std::int64_t triangle_count, bool has_colors,
+                          bool has_surface_indices) {
+  const std::string vertices = absl::StrCat(vertex_count);
+  const std::string faces = absl::StrCat(triangle_count);
+  // The comment takes up what the counts leave of their room.
+  const std::string padding(kCountDigits - vertices.size() - faces.size(), '.');
+  return absl::StrCat(
+      "ply\nformat binary_little_endian 1.0\ncomment isoscope ", padding, "\nelement vertex ",
+      vertices,
+      "\nproperty float x\nproperty float y\nproperty float z\n"
+      "property float nx\nproperty float ny\nproperty float nz\n",
+      has_colors ? "property uchar red\nproperty uchar green\nproperty uchar blue\n" : "",
+      has_surface_indices ? "property uchar surface_index\n" : "", "element face ", faces,
+      "\nproperty list uchar int vertex_indices\nend_header\n");
+}
+
+absl::StatusOr<std::unique_ptr<MeshWriter>> CreatePly(const MeshFileOptions& options) {
+  auto writer = std::make_unique<PlyWriter>(options);
+  ISOSCOPE_RETURN_IF_ERROR(writer->Open());
+  return writer;
+}
+
+}  // namespace isoscope::client

@@ -1,0 +1,65 @@
+// A file whose header tells counts that are known last, and whose sections all grow at a time.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_MESH_FILE_SECTIONED_FILE_H_
+#define ISOSCOPE_CLIENTS_CPP_MESH_FILE_SECTIONED_FILE_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/io/atomic_file.h"
+#include "core/io/file.h"
+
+namespace isoscope::client {
+
+// The first section goes straight behind the header, whose length is fixed; each other one into a
+// file of its own that is joined at the end. So memory stays small whatever the file's size.
+// Without Finish the destructor removes what was written. Thread-compatible.
+class SectionedFile {
+ public:
+  // `path` appears at Finish, in one step. section_count >= 1. Errors as io::AtomicFile.
+  static absl::StatusOr<std::unique_ptr<SectionedFile>> Create(const std::string& path,
+                                                               std::size_t header_bytes,
+                                                               std::size_t section_count);
+  ~SectionedFile();
+  SectionedFile(const SectionedFile&) = delete;
+  SectionedFile& operator=(const SectionedFile&) = delete;
+
+  absl::Status Append(std::size_t section, absl::string_view bytes);
+  // Of a section so far; of the first one without the header.
+  [[nodiscard]] std::int64_t section_bytes(std::size_t section) const;
+
+  // Joins the sections. `between[i]` stands between section i and section i + 1 (none where it is
+  // shorter), `tail` behind the last. REQUIRES: header.size() is that of Create.
+  absl::Status Finish(absl::string_view header, const std::vector<std::string>& between = {},
+                      absl::string_view tail = "");
+  // Of the whole file, once finished.
+  [[nodiscard]] std::int64_t size_bytes() const { return file_->size_bytes(); }
+
+ private:
+  // A section that waits in a file of its own.
+  struct Section {
+    std::string path;
+    std::unique_ptr<io::WritableFile> file;
+  };
+
+  SectionedFile(std::size_t header_bytes, std::unique_ptr<io::AtomicFile> file)
+      : header_bytes_(header_bytes), file_(std::move(file)) {}
+
+  absl::Status AppendSection(const Section& section);
+
+  const std::size_t header_bytes_;
+  const std::unique_ptr<io::AtomicFile> file_;  // the header and the first section
+  std::vector<Section> later_sections_;
+};
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_MESH_FILE_SECTIONED_FILE_H_

@@ -1,0 +1,156 @@
+// The file is an XML header of a fixed length, which declares the arrays with their offsets, and
+// behind its "_" the arrays, each with its size in bytes (uint64) before it:
+//
+//   Points, Normals, Colors (if wanted), SurfaceIndex (of several surfaces), connectivity (Int32),
+//   offsets (Int64)
+//
+// Connectivity fits 32 bits because there are at most 2^31 - 1 vertices. The offsets 3, 6, 9, ...
+// are written at the end.
+
+#include "clients/cpp/mesh_file/vtp_writer.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+
+#include "clients/cpp/mesh_file/sectioned_file.h"
+#include "core/base/check.h"
+#include "core/base/coding.h"
+#include "core/base/status_macros.h"
+
+namespace isoscope::client {
+namespace {
+
+constexpr std::size_t kHeaderBytes = 2048;
+constexpr std::int64_t kSizeBytes = sizeof(std::uint64_t);
+constexpr std::int64_t kOffsetsPerWrite = 1 << 16;
+constexpr char kTail[] = "\n  </AppendedData>\n</VTKFile>\n";
+
+std::string SizePrefix(std::int64_t bytes) {
+  std::string prefix;
+  base::AppendLittleEndian(static_cast<std::uint64_t>(bytes), &prefix);
+  return prefix;
+}
+
+absl::string_view BytesOf(const auto& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(values[0])};
+}
+
+class VtpWriter : public MeshWriter {
+ public:
+  explicit VtpWriter(const MeshFileOptions& options) : options_(options) {}
+
+  absl::Status Open() {
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        file_, SectionedFile::Create(options_.path, kHeaderBytes, connectivity() + 2));
+    return absl::OkStatus();
+  }
+
+  absl::Status AddPiece(const MeshPiece& piece) override {
+    ISOSCOPE_RETURN_IF_ERROR(file_->Append(0, BytesOf(piece.positions)));
+    ISOSCOPE_RETURN_IF_ERROR(file_->Append(1, BytesOf(piece.normals)));
+    if (has_colors()) {
+      const std::array<std::uint8_t, 3> color = ToBytes(options_.ColorOf(piece.surface_index));
+      std::string colors;
+      for (std::int64_t i = 0; i < piece.vertex_count(); ++i) {
+        absl::StrAppend(&colors, BytesOf(color));
+      }
+      ISOSCOPE_RETURN_IF_ERROR(file_->Append(2, colors));
+    }
+    if (has_indices()) {
+      ISOSCOPE_RETURN_IF_ERROR(file_->Append(
+          connectivity() - 1, std::string(static_cast<std::size_t>(piece.vertex_count()),
+                                          static_cast<char>(piece.surface_index))));
+    }
+    return file_->Append(connectivity(), BytesOf(piece.triangles));
+  }
+
+  absl::Status Finish() override {
+    std::vector<std::int64_t> offsets;
+    for (std::int64_t done = 0; done < triangle_count(); done += kOffsetsPerWrite) {
+      offsets.clear();
+      for (std::int64_t i = done; i < std::min(done + kOffsetsPerWrite, triangle_count()); ++i) {
+        offsets.push_back(3 * (i + 1));
+      }
+      ISOSCOPE_RETURN_IF_ERROR(file_->Append(connectivity() + 1, BytesOf(offsets)));
+    }
+    std::vector<std::string> between;
+    for (std::size_t section = 1; section < connectivity() + 2; ++section) {
+      between.push_back(SizePrefix(file_->section_bytes(section)));
+    }
+    return file_->Finish(MakeHeader(), between, kTail);
+  }
+
+  [[nodiscard]] std::int64_t size_bytes() const override { return file_->size_bytes(); }
+
+ private:
+  [[nodiscard]] bool has_colors() const { return options_.has_colors(); }
+  [[nodiscard]] bool has_indices() const { return options_.surfaces.size() > 1; }
+  // The section of the connectivity; that of surface indices, if there are any, is before it.
+  [[nodiscard]] std::size_t connectivity() const {
+    return std::size_t{2} + (has_colors() ? 1 : 0) + (has_indices() ? 1 : 0);
+  }
+
+  // The declaration of an array; the next one lies behind it.
+  std::string Declare(std::size_t section, absl::string_view type, absl::string_view name,
+                      int components, std::int64_t* offset) const {
+    std::string text =
+        absl::StrCat("<DataArray type=\"", type, "\" Name=\"", name, "\" NumberOfComponents=\"",
+                     components, "\" format=\"appended\" offset=\"", *offset, "\"/>");
+    *offset += kSizeBytes + file_->section_bytes(section);
+    return text;
+  }
+
+  [[nodiscard]] std::string MakeHeader() const {
+    std::int64_t offset = 0;
+    const std::string points = Declare(0, "Float32", "Points", 3, &offset);
+    std::string data = Declare(1, "Float32", "Normals", 3, &offset);
+    if (has_colors()) {
+      absl::StrAppend(&data, "\n        ", Declare(2, "UInt8", "Colors", 3, &offset));
+    }
+    if (has_indices()) {
+      absl::StrAppend(&data, "\n        ",
+                      Declare(connectivity() - 1, "UInt8", "SurfaceIndex", 1, &offset));
+    }
+    std::string cells = Declare(connectivity(), "Int32", "connectivity", 1, &offset);
+    absl::StrAppend(&cells, "\n        ",
+                    Declare(connectivity() + 1, "Int64", "offsets", 1, &offset));
+    const std::string head = absl::StrCat(
+        "<?xml version=\"1.0\"?>\n"
+        "<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" "
+        "header_type=\"UInt64\">\n"
+        "  <PolyData>\n"
+        "    <Piece NumberOfPoints=\"",
+        vertex_count(), "\" NumberOfPolys=\"", triangle_count(),
+        "\">\n      <PointData Normals=\"Normals\"",
+        has_colors()    ? " Scalars=\"Colors\""
+        : has_indices() ? " Scalars=\"SurfaceIndex\""
+                        : "",
+        ">\n        ", data, "\n      </PointData>\n      <Points>\n        ", points,
+        "\n      </Points>\n      <Polys>\n        ", cells,
+        "\n      </Polys>\n    </Piece>\n  </PolyData>\n"
+        "  <AppendedData encoding=\"raw\">\n");
+    // Spaces up to the fixed length, then the mark and the size of the first array.
+    ISOSCOPE_CHECK_LE(head.size() + 1 + kSizeBytes, kHeaderBytes);
+    const std::string padding(kHeaderBytes - head.size() - 1 - kSizeBytes, ' ');
+    return absl::StrCat(head, padding, "_", SizePrefix(file_->section_bytes(0)));
+  }
+
+  const MeshFileOptions options_;
+  std::unique_ptr<SectionedFile> file_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<MeshWriter>> CreateVtp(const MeshFileOptions& options) {
+  auto writer = std::make_unique<VtpWriter>(options);
+  ISOSCOPE_RETURN_IF_ERROR(writer->Open());
+  return writer;
+}
+
+}  // namespace isoscope::client

@@ -1,0 +1,535 @@
+// Each item is drawn on a transparent surface of its own, no larger than it needs, and laid over
+// the picture pixel by pixel. So pixels that no ink touches keep their bits, also where the picture
+// is not opaque, which Cairo would round.
+//
+// Lengths are multiples of the text's size, which is a part of the picture's shorter side. Text and
+// lines have an outline in the opposite lightness, so that they show on any surface.
+
+#include "clients/cpp/picture_file/annotations.h"
+
+#include <cairo.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
+
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/picture/color_map.h"
+
+namespace isoscope::client {
+namespace {
+
+constexpr double kTextShare = 0.022;  // of the shorter side
+constexpr double kMinTextPx = 11;
+constexpr char kFontFamily[] = "DejaVu Sans";
+constexpr double kOutlineShare = 0.22;  // of the text's size
+constexpr double kLineSpacing = 1.3;
+constexpr int kMaxLegendTicks = 8;
+constexpr double kLeastArm = 0.35;  // of an arm in the picture, for letters at both of its ends
+constexpr std::ptrdiff_t kPixelBytes = 4;  // of Cairo's ARGB32
+
+struct Ink {
+  double red = 1;
+  double green = 1;
+  double blue = 1;
+};
+
+// Red, green and blue, light enough for black and dark enough for white.
+constexpr std::array<Ink, 3> kAxisInks = {
+    {{0.95, 0.30, 0.28}, {0.25, 0.75, 0.30}, {0.30, 0.50, 1.00}}};
+
+struct SurfaceDeleter {
+  void operator()(cairo_surface_t* surface) const { cairo_surface_destroy(surface); }
+};
+struct ContextDeleter {
+  void operator()(cairo_t* context) const { cairo_destroy(context); }
+};
+
+// A transparent sheet whose top left corner lies on pixel (x, y) of the picture.
+class Sheet {
+ public:
+  Sheet(int x, int y, int width, int height, double text_px, bool is_light)
+      : x_(x),
+        y_(y),
+        surface_(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, std::max(1, width),
+                                            std::max(1, height))),
+        context_(cairo_create(surface_.get())),
+        text_px_(text_px),
+        ink_(is_light ? Ink{0, 0, 0} : Ink{1, 1, 1}),
+        outline_(is_light ? Ink{1, 1, 1} : Ink{0, 0, 0}) {
+    cairo_select_font_face(cr(), kFontFamily, CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
+    SetTextPx(text_px);
+    cairo_font_options_t* const options = cairo_font_options_create();
+    cairo_font_options_set_antialias(options, CAIRO_ANTIALIAS_GRAY);
+    cairo_font_options_set_hint_style(options, CAIRO_HINT_STYLE_NONE);
+    cairo_font_options_set_hint_metrics(options, CAIRO_HINT_METRICS_OFF);
+    cairo_set_font_options(cr(), options);
+    cairo_font_options_destroy(options);
+    cairo_set_line_cap(cr(), CAIRO_LINE_CAP_ROUND);
+    cairo_set_line_join(cr(), CAIRO_LINE_JOIN_ROUND);
+  }
+
+  [[nodiscard]] cairo_t* cr() const { return context_.get(); }
+  [[nodiscard]] const Ink& ink() const { return ink_; }
+
+  void SetTextPx(double text_px) {
+    text_px_ = text_px;
+    cairo_set_font_size(cr(), text_px);
+  }
+
+  [[nodiscard]] double WidthOf(const std::string& text) const {
+    cairo_text_extents_t extents;
+    cairo_text_extents(cr(), text.c_str(), &extents);
+    return extents.x_advance;
+  }
+
+  // Text whose baseline begins at (x, y).
+  void DrawText(double x, double y, const std::string& text, const Ink& ink) const {
+    cairo_move_to(cr(), x, y);
+    cairo_text_path(cr(), text.c_str());
+    Outline(kOutlineShare * text_px_);
+    SetInk(ink, 1);
+    cairo_fill(cr());
+  }
+
+  // A line as thick as `width`.
+  void DrawLine(double x0, double y0, double x1, double y1, double width, const Ink& ink) const {
+    cairo_move_to(cr(), x0, y0);
+    cairo_line_to(cr(), x1, y1);
+    Outline(width + kOutlineShare * text_px_);
+    SetInk(ink, 1);
+    cairo_set_line_width(cr(), width);
+    cairo_stroke(cr());
+  }
+
+  // Fills the rectangles of the path as one shape. Its edges are exact; they may lie between
+  // pixels.
+  void FillPath() const {
+    Outline(kOutlineShare * text_px_);
+    SetInk(ink_, 1);
+    cairo_fill(cr());
+  }
+
+  // Lays the sheet over the picture and adds the box of the pixels that it has touched.
+  absl::Status LayOver(image::RgbaImage* picture, std::vector<view::PixelRect>* boxes) const {
+    cairo_surface_flush(surface_.get());
+    if (const cairo_status_t status = cairo_status(cr()); status != CAIRO_STATUS_SUCCESS) {
+      return status == CAIRO_STATUS_INVALID_STRING
+                 ? absl::InvalidArgumentError("--caption: the text is not valid UTF-8")
+                 : absl::InternalError(absl::StrCat("Cairo: ", cairo_status_to_string(status)));
+    }
+    const unsigned char* const data = cairo_image_surface_get_data(surface_.get());
+    const int stride = cairo_image_surface_get_stride(surface_.get());
+    view::PixelRect box{.begin_x = picture->width, .begin_y = picture->height};
+    for (int y = std::max(0, -y_); y < cairo_image_surface_get_height(surface_.get()); ++y) {
+      for (int x = std::max(0, -x_); x < cairo_image_surface_get_width(surface_.get()); ++x) {
+        std::uint32_t argb = 0;
+        std::memcpy(&argb, data + std::ptrdiff_t{y} * stride + std::ptrdiff_t{x} * kPixelBytes,
+                    sizeof(argb));
+        const int to_x = x_ + x;
+        const int to_y = y_ + y;
+        if (argb >> 24 == 0 || to_x >= picture->width || to_y >= picture->height) {
+          continue;
+        }
+        BlendOver(argb, &picture->pixels[static_cast<std::size_t>(to_y) *
+                                             static_cast<std::size_t>(picture->width) +
+                                         static_cast<std::size_t>(to_x)]);
+        box = {.begin_x = std::min(box.begin_x, to_x),
+               .begin_y = std::min(box.begin_y, to_y),
+               .end_x = std::max(box.end_x, to_x + 1),
+               .end_y = std::max(box.end_y, to_y + 1)};
+      }
+    }
+    if (!box.empty()) {
+      boxes->push_back(box);
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  void SetInk(const Ink& ink, double alpha) const {
+    cairo_set_source_rgba(cr(), ink.red, ink.green, ink.blue, alpha);
+  }
+
+  // Strokes the current path in the opposite lightness, and keeps it.
+  void Outline(double width) const {
+    SetInk(outline_, 0.7);
+    cairo_set_line_width(cr(), width);
+    cairo_stroke_preserve(cr());
+  }
+
+  // `argb`: premultiplied, as Cairo has it; the pixel is straight.
+  static void BlendOver(std::uint32_t argb, image::Rgba8* pixel) {
+    const std::uint32_t over_alpha = argb >> 24;
+    const std::uint32_t under_weight = pixel->a * (255 - over_alpha);  // of 255 * 255
+    const std::uint32_t alpha = 255 * over_alpha + under_weight;
+    const auto channel = [&](std::uint32_t over, std::uint32_t under) {
+      return static_cast<std::uint8_t>(std::min<std::uint32_t>(
+          255, (over * 255 * 255 + under * under_weight + alpha / 2) / alpha));
+    };
+    pixel->r = channel(argb >> 16 & 0xff, pixel->r);
+    pixel->g = channel(argb >> 8 & 0xff, pixel->g);
+    pixel->b = channel(argb & 0xff, pixel->b);
+    pixel->a = static_cast<std::uint8_t>((alpha + 127) / 255);
+  }
+
+  const int x_;
+  const int y_;
+  const std::unique_ptr<cairo_surface_t, SurfaceDeleter> surface_;
+  const std::unique_ptr<cairo_t, ContextDeleter> context_;
+  double text_px_;
+  const Ink ink_;
+  const Ink outline_;
+};
+
+double TextPx(const image::RgbaImage& picture) {
+  return std::max(kMinTextPx, kTextShare * std::min(picture.width, picture.height));
+}
+
+int Ceil(double value) { return static_cast<int>(std::ceil(value)); }
+
+// An arm of the axes, from the centre, with its letter beyond the tip; of one that points at the
+// eye, beside it.
+void DrawArm(const Sheet& sheet, double center, double arm, double text, const math::Vec3d& d,
+             double thickness, const std::string& name, const Ink& ink) {
+  sheet.DrawLine(center, center, center + arm * d.x, center - arm * d.y, thickness, ink);
+  const double length = std::hypot(d.x, d.y);
+  const double beyond = arm * length + 0.9 * text;
+  const double x = center + (length > 1e-6 ? d.x / length : 0.7) * beyond;
+  const double y = center - (length > 1e-6 ? d.y / length : 0.7) * beyond;
+  sheet.DrawText(x - sheet.WidthOf(name) / 2, y + 0.36 * text, name, ink);
+}
+
+// The bottom left corner: arrows from a common point, the farthest first.
+absl::Status DrawAxes(const AnnotationScene& scene, Annotated* annotated) {
+  const double text = TextPx(annotated->picture);
+  const double arm = 3 * text;
+  const int side = Ceil(2 * (arm + 2 * text));
+  Sheet sheet(0, annotated->picture.height - side, side, side, text, scene.is_background_light);
+  const std::array<math::Vec3d, 3> directions = AxisDirections(scene.camera);
+  struct Arm {
+    std::size_t axis = 0;
+    math::Vec3d direction;
+    double length_px = 0;
+    const std::string* name = nullptr;
+  };
+  std::vector<Arm> arms;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const math::Vec3d& d = directions[axis];
+    const bool has_two = !scene.opposite_names[axis].empty();
+    // The letters of an axis along the view direction would lie on each other: the end shows that
+    // points to the eye.
+    const bool is_short = has_two && std::hypot(d.x, d.y) < kLeastArm;
+    if (!is_short || d.z < 0) {
+      arms.push_back({axis, d, arm, &scene.axis_names[axis]});
+    }
+    if (has_two && (!is_short || d.z >= 0)) {
+      arms.push_back({axis, -d, 0.6 * arm, &scene.opposite_names[axis]});
+    }
+  }
+  std::stable_sort(arms.begin(), arms.end(),
+                   [](const Arm& a, const Arm& b) { return a.direction.z > b.direction.z; });
+  for (const Arm& drawn : arms) {
+    const bool is_opposite = drawn.name == &scene.opposite_names[drawn.axis];
+    DrawArm(sheet, side / 2.0, drawn.length_px, text, drawn.direction,
+            (is_opposite ? 0.1 : 0.22) * text, *drawn.name, kAxisInks[drawn.axis]);
+  }
+  return sheet.LayOver(&annotated->picture, &annotated->boxes);
+}
+
+// The bottom right corner.
+absl::Status DrawScaleBar(const AnnotationScene& scene, Annotated* annotated) {
+  const image::RgbaImage& picture = annotated->picture;
+  const double text = TextPx(picture);
+  const ScaleBar bar = MakeScaleBar(scene, 0.25 * picture.width);
+  const int width =
+      Ceil(std::max(bar.length_px, 0.7 * text * static_cast<double>(bar.label.size())) + 2 * text);
+  const int height = Ceil(3.2 * text);
+  Sheet sheet(picture.width - width, picture.height - height, width, height, text,
+              scene.is_background_light);
+  const double right = width - text;
+  const double left = right - bar.length_px;
+  const double thickness = std::max(2.0, std::round(0.16 * text));
+  const double y = std::round(height - 1.2 * text);
+  const double tick_height = 0.6 * text + thickness;
+  cairo_rectangle(sheet.cr(), left, y, bar.length_px, thickness);
+  cairo_rectangle(sheet.cr(), left, y - 0.3 * text, thickness, tick_height);
+  cairo_rectangle(sheet.cr(), right - thickness, y - 0.3 * text, thickness, tick_height);
+  sheet.FillPath();
+  sheet.DrawText(right - sheet.WidthOf(bar.label), y - 0.7 * text, bar.label, sheet.ink());
+  return sheet.LayOver(&annotated->picture, &annotated->boxes);
+}
+
+// One bar of the legend, or one line of text for normals, which have no map.
+struct LegendItem {
+  frame::ColorBy color_by;
+  std::string title;
+};
+
+// Surfaces that were coloured alike share an item.
+std::vector<LegendItem> LegendItemsOf(const AnnotationScene& scene) {
+  std::vector<LegendItem> items;
+  std::vector<std::vector<std::string>> isovalues;
+  for (const SurfaceColoring& coloring : scene.colorings) {
+    std::size_t i = 0;
+    while (i < items.size() && !(items[i].color_by == coloring.color_by)) {
+      ++i;
+    }
+    if (i == items.size()) {
+      items.push_back({coloring.color_by, ""});
+      isovalues.emplace_back();
+    }
+    if (coloring.surface_index < scene.isovalues.size()) {
+      isovalues[i].push_back(absl::StrFormat("%.9g", scene.isovalues[coloring.surface_index]));
+    }
+  }
+  const std::array<const char*, 5> quantities = {"x", "y", "z", "normal: red x, green y, blue z",
+                                                 "gradient magnitude"};
+  for (std::size_t i = 0; i < items.size(); ++i) {
+    const bool is_all = isovalues[i].size() == scene.isovalues.size();
+    items[i].title =
+        absl::StrCat(quantities[static_cast<std::size_t>(items[i].color_by.quantity)],
+                     is_all ? "" : absl::StrCat(" at ", absl::StrJoin(isovalues[i], ", ")));
+  }
+  return items;
+}
+
+std::string TickLabel(double value, double step) {
+  return absl::StrFormat("%.9g", std::abs(value) < 1e-9 * step ? 0.0 : value);
+}
+
+// Light and dark grey squares in rows [begin_y, end_y) of a bar that begins at (x, y), two in a
+// row: what is translucent shows them.
+void DrawSquares(cairo_t* cr, double x, double begin_y, double end_y, double y, double width) {
+  const double side = std::max(1.0, std::round(width / 2));
+  for (double row = begin_y; row < end_y; ++row) {
+    const bool is_odd = static_cast<std::int64_t>((row - y) / side) % 2 != 0;
+    for (const bool is_right : {false, true}) {
+      const double grey = is_odd == is_right ? 0.85 : 0.45;
+      cairo_set_source_rgb(cr, grey, grey, grey);
+      cairo_rectangle(cr, is_right ? x + side : x, row, is_right ? width - side : side, 1);
+      cairo_fill(cr);
+    }
+  }
+}
+
+// The colours of a map from bottom to top, with a frame and ticks, in [y, y + height).
+void DrawBar(const Sheet& sheet, double x, double y, double width, double height, double text,
+             const frame::ColorBy& color_by) {
+  const picture::ColorMapTable& table = picture::ColorMapTableOf(color_by.map);
+  cairo_t* const cr = sheet.cr();
+  cairo_rectangle(cr, x, y, width, height);
+  sheet.FillPath();
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    const auto edge = [&](std::size_t step) {
+      return std::round(y + height * (1 - static_cast<double>(step) / picture::kColorMapSteps));
+    };
+    const double opacity = static_cast<double>(picture::OpacityOf(color_by, i));
+    if (opacity < 1) {
+      DrawSquares(cr, x, edge(i + 1), edge(i), y, width);
+    }
+    cairo_set_source_rgba(cr, table[i].r / 255.0, table[i].g / 255.0, table[i].b / 255.0, opacity);
+    cairo_rectangle(cr, x, edge(i + 1), width, edge(i) - edge(i + 1));
+    cairo_fill(cr);
+  }
+  const frame::ColorRange range = color_by.range.value_or(frame::ColorRange());
+  const int max_count = std::clamp(static_cast<int>(height / (2 * text)), 2, kMaxLegendTicks);
+  const std::vector<double> ticks = LegendTicks(range, max_count);
+  const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : range.max - range.min;
+  for (const double value : ticks) {
+    const double at = y + height * (1 - (value - range.min) / (range.max - range.min));
+    sheet.DrawLine(x + width, at, x + width + 0.35 * text, at, 0.1 * text, sheet.ink());
+    sheet.DrawText(x + width + 0.7 * text, at + 0.36 * text, TickLabel(value, step), sheet.ink());
+  }
+}
+
+// Draws a bar with its title so that it ends at column `right`; returns where it begins.
+absl::StatusOr<double> DrawBarItem(const AnnotationScene& scene, const LegendItem& item,
+                                   double right, double top, double bar_height,
+                                   Annotated* annotated) {
+  const double text = TextPx(annotated->picture);
+  const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);
+  const frame::ColorRange range = item.color_by.range.value_or(frame::ColorRange());
+  double labels = 0;
+  for (const double value : LegendTicks(range, kMaxLegendTicks)) {
+    labels = std::max(labels, ruler.WidthOf(TickLabel(value, range.max - range.min)));
+  }
+  const double item_width = std::max(ruler.WidthOf(item.title), 1.7 * text + labels) + text;
+  const int width = Ceil(item_width);
+  const double left = std::floor(right - width);
+  Sheet sheet(static_cast<int>(left), static_cast<int>(top), width, Ceil(bar_height + 4 * text),
+              text, scene.is_background_light);
+  sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
+  DrawBar(sheet, 0.5 * text, std::round(2.5 * text), std::round(text), bar_height, text,
+          item.color_by);
+  ISOSCOPE_RETURN_IF_ERROR(sheet.LayOver(&annotated->picture, &annotated->boxes));
+  return left;
+}
+
+// The right side: bars from right to left, and below them lines of text for normals.
+absl::Status DrawLegend(const AnnotationScene& scene, Annotated* annotated) {
+  if (scene.colorings.empty()) {
+    return absl::InvalidArgumentError(
+        "--legend: no surface shows a quantity; colour one, as with --color-by z");
+  }
+  const view::Viewport size{annotated->picture.width, annotated->picture.height};
+  const double text = TextPx(annotated->picture);
+  const double bar_height = std::round(0.45 * size.height_px);
+  const double top = std::floor((size.height_px - bar_height) / 2 - 2.5 * text);
+  double right = size.width_px - 0.5 * text;
+  double line_top = top + bar_height + 4 * text;
+  for (const LegendItem& item : LegendItemsOf(scene)) {
+    if (item.color_by.quantity != frame::ColorBy::Quantity::kNormal) {
+      ISOSCOPE_ASSIGN_OR_RETURN(right, DrawBarItem(scene, item, right, top, bar_height, annotated));
+      continue;
+    }
+    const Sheet ruler(0, 0, 1, 1, text, scene.is_background_light);
+    const int width = Ceil(ruler.WidthOf(item.title) + text);
+    Sheet sheet(size.width_px - width - Ceil(0.5 * text), static_cast<int>(line_top), width,
+                Ceil(2 * text), text, scene.is_background_light);
+    sheet.DrawText(0.5 * text, 1.2 * text, item.title, sheet.ink());
+    ISOSCOPE_RETURN_IF_ERROR(sheet.LayOver(&annotated->picture, &annotated->boxes));
+    line_top += kLineSpacing * text;
+  }
+  return absl::OkStatus();
+}
+
+std::string IsovalueText(const AnnotationScene& scene) {
+  return absl::StrJoin(scene.isovalues, ", ", [](std::string* out, double isovalue) {
+    absl::StrAppend(out, absl::StrFormat("%.9g", isovalue));
+  });
+}
+
+// The top left corner; lines that are too long for the picture make all of them smaller.
+absl::Status DrawCaption(const std::string& caption, const AnnotationScene& scene,
+                         Annotated* annotated) {
+  const image::RgbaImage& picture = annotated->picture;
+  const std::string replaced =
+      absl::StrReplaceAll(caption, {{"{isovalue}", IsovalueText(scene)}, {"\\n", "\n"}});
+  const std::vector<std::string> lines = absl::StrSplit(replaced, '\n');
+  double text = TextPx(picture);
+  const int height = Ceil((kLineSpacing * static_cast<double>(lines.size()) + 1) * text);
+  Sheet sheet(0, 0, picture.width, height, text, scene.is_background_light);
+  double widest = 0;
+  for (const std::string& line : lines) {
+    widest = std::max(widest, sheet.WidthOf(line));
+  }
+  const double room = std::max(1.0, picture.width - 2 * text);
+  if (widest > room) {
+    text *= room / widest;
+    sheet.SetTextPx(text);
+  }
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    sheet.DrawText(TextPx(picture) * 0.8, (kLineSpacing * static_cast<double>(i) + 1.5) * text,
+                   lines[i], sheet.ink());
+  }
+  return sheet.LayOver(&annotated->picture, &annotated->boxes);
+}
+
+// Without a font Cairo draws no letters and says nothing.
+absl::Status CheckFont() {
+  const Sheet sheet(0, 0, 1, 1, 100, false);
+  cairo_text_extents_t extents;
+  cairo_text_extents(sheet.cr(), "X", &extents);
+  return extents.width > 1 ? absl::OkStatus()
+                           : absl::FailedPreconditionError(
+                                 "annotations need a font, and there is none: install "
+                                 "one, as in apt-get install fonts-dejavu-core");
+}
+
+}  // namespace
+
+ScaleBar MakeScaleBar(const AnnotationScene& scene, double max_px) {
+  const view::Camera& camera = scene.camera;
+  const bool is_perspective = camera.projection == view::Projection::kPerspective;
+  const double world_height = is_perspective ? 2 * math::Length(camera.target - camera.eye) *
+                                                   std::tan(camera.fov_y_radians / 2)
+                                             : camera.view_height;
+  const double world_per_px = world_height / scene.viewport_height_px;
+  const double max_world = max_px * world_per_px;
+  const double power = std::pow(10, std::floor(std::log10(max_world)));
+  ScaleBar bar;
+  bar.world_length = power;
+  for (const double factor : {2.0, 5.0, 10.0}) {  // 10: log10 may have rounded down
+    if (factor * power <= max_world) {
+      bar.world_length = factor * power;
+    }
+  }
+  bar.length_px = bar.world_length / world_per_px;
+  bar.label =
+      absl::StrFormat("%.9g units%s", bar.world_length, is_perspective ? " at the target" : "");
+  return bar;
+}
+
+void NameAxes(const volume::PatientFrame& frame, AnnotationScene* scene) {
+  constexpr absl::string_view kSides = "LRPASI";
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t side = kSides.find(frame.name()[axis]);
+    scene->axis_names[axis] = std::string(1, kSides[side]);
+    scene->opposite_names[axis] = std::string(1, kSides[side ^ 1U]);
+  }
+}
+
+std::vector<double> LegendTicks(const frame::ColorRange& range, int max_count) {
+  const double length = range.max - range.min;
+  // A multiple of the step that rounding has moved off an end still counts.
+  const double slack = 1e-9 * length;
+  for (double power = std::max(std::pow(10, std::floor(std::log10(length / max_count))),
+                               std::numeric_limits<double>::min());
+       ; power *= 10) {
+    for (const double factor : {1.0, 2.0, 5.0}) {
+      const double step = factor * power;
+      const double first = std::ceil((range.min - slack) / step);
+      const double last = std::floor((range.max + slack) / step);
+      if (last - first + 1 > max_count) {
+        continue;
+      }
+      std::vector<double> ticks;
+      for (int i = 0; i <= last - first; ++i) {
+        ticks.push_back(std::clamp((first + i) * step, range.min, range.max));
+      }
+      return ticks;
+    }
+  }
+}
+
+std::array<math::Vec3d, 3> AxisDirections(const view::Camera& camera) {
+  const math::Vec3d forward = math::Normalized(camera.target - camera.eye);
+  const math::Vec3d right = math::Normalized(math::Cross(forward, camera.up));
+  const math::Vec3d up = math::Cross(right, forward);
+  return {math::Vec3d{right.x, up.x, forward.x}, math::Vec3d{right.y, up.y, forward.y},
+          math::Vec3d{right.z, up.z, forward.z}};
+}
+
+absl::StatusOr<Annotated> Annotate(const Annotations& annotations, const AnnotationScene& scene,
+                                   image::RgbaImage picture) {
+  Annotated annotated{.picture = std::move(picture), .boxes = {}};
+  ISOSCOPE_RETURN_IF_ERROR(CheckFont());
+  if (annotations.has_axes) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawAxes(scene, &annotated));
+  }
+  if (annotations.has_scale_bar) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawScaleBar(scene, &annotated));
+  }
+  if (annotations.has_legend) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawLegend(scene, &annotated));
+  }
+  if (annotations.caption) {
+    ISOSCOPE_RETURN_IF_ERROR(DrawCaption(*annotations.caption, scene, &annotated));
+  }
+  return annotated;
+}
+
+}  // namespace isoscope::client

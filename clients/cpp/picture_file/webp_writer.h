@@ -1,0 +1,25 @@
+// Animated WebP, lossless.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_WEBP_WRITER_H_
+#define ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_WEBP_WRITER_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+
+#include "clients/cpp/picture_file/animation_writer.h"
+
+namespace isoscope::client {
+
+// The format's own limit.
+inline constexpr int kMaxWebpSidePx = 16383;
+
+// Only what changes between frames is kept. libwebp holds a few pictures, and all frames in their
+// encoded form, until Finish: memory grows with the size of the file.
+absl::StatusOr<std::unique_ptr<AnimationWriter>> CreateWebp(const std::string& path,
+                                                            const AnimationOptions& options);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_PICTURE_FILE_WEBP_WRITER_H_

@@ -1,0 +1,18 @@
+// JSON as commands print it.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_JSON_TEXT_H_
+#define ISOSCOPE_CLIENTS_CPP_REQUEST_JSON_TEXT_H_
+
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+namespace isoscope::client {
+
+// Indented by two, with a final line feed. JSON is UTF-8, and names of files may be any bytes:
+// those that are not UTF-8 become U+FFFD. No control character stands in it (base::PrintableJson).
+std::string JsonText(const nlohmann::ordered_json& json);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_REQUEST_JSON_TEXT_H_

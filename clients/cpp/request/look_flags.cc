@@ -1,0 +1,228 @@
+#include "clients/cpp/request/look_flags.h"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "core/rpc/frame_convert.h"
+
+namespace isoscope::client {
+namespace {
+
+using frame::ColorBy;
+using frame::ColorMap;
+using frame::Light;
+
+const std::vector<std::pair<std::string, ColorMap>>& ColorMapNames() {
+  static const std::vector<std::pair<std::string, ColorMap>> names = {
+      {"viridis", ColorMap::kViridis},    {"magma", ColorMap::kMagma},
+      {"cividis", ColorMap::kCividis},    {"turbo", ColorMap::kTurbo},
+      {"cool-warm", ColorMap::kCoolWarm}, {"grey", ColorMap::kGrey}};
+  return names;
+}
+
+absl::StatusOr<Light::Space> ParseSpace(absl::string_view text) {
+  return ParseChoice<Light::Space>(
+      text, {{"view", Light::Space::kView}, {"world", Light::Space::kWorld}});
+}
+
+absl::StatusOr<std::pair<float, float>> ParseOpacities(absl::string_view text) {
+  const std::vector<absl::string_view> ends = absl::StrSplit(text, ',');
+  const absl::Status malformed = absl::InvalidArgumentError(
+      absl::StrCat("'", text,
+                   "' is not OPACITY,OPACITY, those at the least and at the greatest value, two "
+                   "numbers from 0 to 1 between a comma"));
+  if (ends.size() != 2) {
+    return malformed;
+  }
+  const absl::StatusOr<double> at_min = ParseNumber(ends[0]);
+  const absl::StatusOr<double> at_max = ParseNumber(ends[1]);
+  if (!at_min.ok() || !at_max.ok() || !(*at_min >= 0 && *at_min <= 1) ||
+      !(*at_max >= 0 && *at_max <= 1)) {
+    return malformed;
+  }
+  return std::pair(static_cast<float>(*at_min), static_cast<float>(*at_max));
+}
+
+absl::StatusOr<frame::ColorRange> ParseColorRange(absl::string_view text) {
+  const std::vector<absl::string_view> ends = absl::StrSplit(text, ',');
+  const absl::Status malformed = absl::InvalidArgumentError(
+      absl::StrCat("'", text, "' is not MIN,MAX, two numbers between a comma with MIN < MAX"));
+  if (ends.size() != 2) {
+    return malformed;
+  }
+  const absl::StatusOr<double> min = ParseNumber(ends[0]);
+  const absl::StatusOr<double> max = ParseNumber(ends[1]);
+  if (!min.ok() || !max.ok() || !(*min < *max) || !std::isfinite(*max - *min)) {
+    return malformed;
+  }
+  return frame::ColorRange{.min = *min, .max = *max};
+}
+
+}  // namespace
+
+std::string NameOf(ColorMap map) {
+  for (const auto& [name, value] : ColorMapNames()) {
+    if (value == map) {
+      return name;
+    }
+  }
+  return "";
+}
+
+absl::StatusOr<Light> ParseLight(absl::string_view text) {
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  if (parts.size() > 3) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is not X,Y,Z[:INTENSITY[:R,G,B]]"));
+  }
+  Light light;
+  ISOSCOPE_ASSIGN_OR_RETURN(light.direction, ParseVector(parts[0]));
+  const double length = math::Length(light.direction);
+  if (!(length > 0) || !std::isfinite(length)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "'", parts[0], "' has no direction: its length must be neither 0 nor infinite"));
+  }
+  if (parts.size() > 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const double intensity, ParseNumber(parts[1]));
+    if (!(intensity >= 0 && intensity <= static_cast<double>(frame::kMaxLightIntensity))) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("'", parts[1], "' is no intensity from 0 to ", frame::kMaxLightIntensity));
+    }
+    light.intensity = static_cast<float>(intensity);
+  }
+  if (parts.size() > 2) {
+    ISOSCOPE_ASSIGN_OR_RETURN(const frame::Color color, ParseColor(parts[2]));
+    const auto channel = [](float value) {
+      return static_cast<std::uint8_t>(std::lround(value * 255));
+    };
+    light.color = {channel(color.red), channel(color.green), channel(color.blue), 255};
+  }
+  return light;
+}
+
+absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text) {
+  using Quantity = ColorBy::Quantity;
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, ':');
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const std::optional<Quantity> quantity,
+      ParseChoice<std::optional<Quantity>>(parts[0], {{"x", Quantity::kPositionX},
+                                                      {"y", Quantity::kPositionY},
+                                                      {"z", Quantity::kPositionZ},
+                                                      {"normal", Quantity::kNormal},
+                                                      {"gradient", Quantity::kGradientMagnitude},
+                                                      {"none", std::nullopt}}));
+  const bool has_map = quantity.has_value() && *quantity != Quantity::kNormal;
+  if (parts.size() > (has_map ? 4U : 1U)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "'", text, "' is not ",
+        has_map ? "x|y|z|gradient[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]" : "normal or none alone"));
+  }
+  if (!quantity.has_value()) {
+    return ColorByValue{};
+  }
+  ColorBy color_by{.quantity = *quantity};
+  if (parts.size() > 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(color_by.map, ParseChoice<ColorMap>(parts[1], ColorMapNames()));
+  }
+  if (parts.size() > 2 && !(parts.size() > 3 && parts[2].empty())) {
+    ISOSCOPE_ASSIGN_OR_RETURN(color_by.range, ParseColorRange(parts[2]));
+  }
+  if (parts.size() > 3) {
+    ISOSCOPE_ASSIGN_OR_RETURN(std::tie(color_by.opacity_at_min, color_by.opacity_at_max),
+                              ParseOpacities(parts[3]));
+  }
+  return ColorByValue{color_by};
+}
+
+absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text) {
+  frame::ClipCaps caps;
+  if (text.empty()) {
+    return caps;
+  }
+  const std::vector<absl::string_view> parts = absl::StrSplit(text, absl::MaxSplits(':', 1));
+  ISOSCOPE_ASSIGN_OR_RETURN(caps.map, ParseChoice<ColorMap>(parts[0], ColorMapNames()));
+  if (parts.size() > 1) {
+    ISOSCOPE_ASSIGN_OR_RETURN(caps.range, ParseColorRange(parts[1]));
+  }
+  return caps;
+}
+
+bool LookFlags::colors_by_position() const {
+  return std::any_of(color_by.begin(), color_by.end(), [](const ColorByValue& value) {
+    return value.color_by && value.color_by->quantity != ColorBy::Quantity::kNormal;
+  });
+}
+
+void AddLookFlags(cli::FlagSet* set, LookFlags* flags) {
+  const std::string group = "Lights and colours";
+  cli::AddRepeatableFlag(set, "--light", "X,Y,Z[:INTENSITY[:R,G,B]]", &flags->lights, ParseLight,
+                         "a light from this direction, in place of the head light; up to 4 times; "
+                         "intensity 0 to 10 (default: 1)")
+      .Group(group);
+  cli::AddFlag(set, "--light-space", "view|world", &flags->light_space, ParseSpace,
+               "the space of all lights: view (default; x right, y up, z to the eye) or world")
+      .Group(group);
+  cli::AddRepeatableFlag(
+      set, "--color-by", "x|y|z|gradient|normal|none[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]",
+      &flags->color_by, ParseColorBy,
+      "colour surfaces by a world coordinate, by the length of the gradient or by their normal; "
+      "once for all of them, or once for each --surface; maps: viridis (default), magma, cividis, "
+      "turbo, cool-warm, grey; the range is the volume's box by default, of the gradient 0 to its "
+      "bound (isoscope info), as if it were left empty (z:grey::0.2,1); opacities are those at MIN "
+      "and MAX, and below 1 the surface is translucent")
+      .Group(group);
+}
+
+absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count) {
+  if (flags.lights.size() > frame::kMaxLights) {
+    return cli::UsageError(absl::StrCat("--light is given ", flags.lights.size(),
+                                        " times: at most ", frame::kMaxLights, " are allowed"));
+  }
+  if (flags.light_space && flags.lights.empty()) {
+    return cli::UsageError("--light-space is the space of --light: give at least one light");
+  }
+  if (flags.color_by.size() > 1 && flags.color_by.size() != surface_count) {
+    return cli::UsageError(
+        absl::StrCat("--color-by is given ", flags.color_by.size(), " times, with ", surface_count,
+                     " surfaces: give it once for all, or once for each in their "
+                     "order (none keeps the colour)"));
+  }
+  return absl::OkStatus();
+}
+
+void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request) {
+  for (Light light : flags.lights) {
+    light.space = flags.light_space.value_or(Light::Space::kView);
+    *request->add_lights() = rpc::ToProto(light);
+  }
+  if (flags.color_by.empty()) {
+    return;
+  }
+  if (request->surfaces().empty()) {
+    isoscope::v1::Surface* const surface = request->add_surfaces();
+    surface->set_isovalue(request->isovalue());
+    request->clear_isovalue();
+    if (request->has_base_color()) {
+      *surface->mutable_color() = request->base_color();
+      request->clear_base_color();
+    }
+  }
+  for (int i = 0; i < request->surfaces_size(); ++i) {
+    const ColorByValue& value =
+        flags.color_by[flags.color_by.size() == 1 ? 0 : static_cast<std::size_t>(i)];
+    if (value.color_by) {
+      *request->mutable_surfaces(i)->mutable_color_by() = rpc::ToProto(*value.color_by);
+    }
+  }
+}
+
+}  // namespace isoscope::client

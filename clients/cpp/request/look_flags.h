@@ -1,0 +1,60 @@
+// Lights, and what the colours of surfaces show: flags of `render`.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_
+#define ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "core/cli/flag_set.h"
+#include "core/frame/appearance.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::client {
+
+// "X,Y,Z[:INTENSITY[:R,G,B]]": the direction to the light, not (0, 0, 0). Its space is the view's.
+absl::StatusOr<frame::Light> ParseLight(absl::string_view text);
+
+// "x|y|z[:MAP[:MIN,MAX[:OPACITY,OPACITY]]]", "normal", or "none" for a surface that keeps its
+// colour. MIN,MAX may be empty before opacities.
+struct ColorByValue {
+  std::optional<frame::ColorBy> color_by;
+
+  friend bool operator==(const ColorByValue&, const ColorByValue&) = default;
+};
+absl::StatusOr<ColorByValue> ParseColorBy(absl::string_view text);
+
+// "" or "MAP[:MIN,MAX]": caps that show their surface, or the samples.
+absl::StatusOr<frame::ClipCaps> ParseCaps(absl::string_view text);
+
+struct LookFlags {
+  std::vector<frame::Light> lights = {};
+  std::optional<frame::Light::Space> light_space = std::nullopt;  // of all lights
+  // One for all surfaces, or one for each.
+  std::vector<ColorByValue> color_by = {};
+
+  [[nodiscard]] bool colors_by_position() const;
+};
+
+// `flags` must outlive the parsing.
+void AddLookFlags(cli::FlagSet* set, LookFlags* flags);
+
+// UsageError.
+absl::Status CheckUsage(const LookFlags& flags, std::size_t surface_count);
+
+// Adds the flags to a request. One that has an isovalue gets a surface of it instead if that is to
+// be coloured. REQUIRES: CheckUsage(flags, the number of its surfaces) is OK.
+void AddLook(const LookFlags& flags, isoscope::v1::RenderIsosurfaceRequest* request);
+
+// The name of a map, as --color-by takes it: "cool-warm".
+std::string NameOf(frame::ColorMap map);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_REQUEST_LOOK_FLAGS_H_

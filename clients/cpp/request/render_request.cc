@@ -1,0 +1,149 @@
+#include "clients/cpp/request/render_request.h"
+
+#include <cstddef>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/str_cat.h"
+
+#include "clients/cpp/request/look_flags.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "core/frame/frame_spec.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+#include "core/view/clip_region.h"
+
+namespace isoscope::client {
+namespace {
+
+absl::StatusOr<std::int64_t> ParseSide(absl::string_view text) {
+  return ParseInteger(text, 1, view::kMaxWholeViewportPx);
+}
+
+absl::StatusOr<frame::Culling> ParseCulling(absl::string_view text) {
+  return ParseChoice<frame::Culling>(text, {{"depth", frame::Culling::kDepth},
+                                            {"mask", frame::Culling::kMask},
+                                            {"none", frame::Culling::kNone}});
+}
+
+absl::StatusOr<std::int64_t> ParseLayers(absl::string_view text) {
+  return ParseInteger(text, 1, frame::kMaxLayers);
+}
+
+}  // namespace
+
+isoscope::v1::Color ToProto(const frame::Color& color) {
+  isoscope::v1::Color proto;
+  proto.set_red(color.red);
+  proto.set_green(color.green);
+  proto.set_blue(color.blue);
+  proto.set_alpha(color.alpha);
+  return proto;
+}
+
+void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags) {
+  cli::AddFlag(set, "--isovalue", "V", &flags->isovalue, ParseNumber, "the level, in field units");
+  cli::AddRepeatableFlag(
+      set, "--surface", "V[:R,G,B[:OPACITY]]", &flags->surfaces, ParseSurface,
+      "a surface: its level, colour and opacity (below 1: translucent); instead of "
+      "--isovalue and --color, up to 16 times");
+  cli::AddFlag(
+      set, "--max-layers", "N", &flags->max_layers, ParseLayers,
+      "translucent fragments that show in a pixel, the nearest ones, 1 to 16 (default: 8)");
+  cli::AddFlag(set, "--width", "W", &flags->width, ParseSide,
+               "pixels, up to 65536 (default: 1024)");
+  cli::AddFlag(set, "--height", "H", &flags->height, ParseSide,
+               "pixels, up to 65536 (default: 1024)");
+  cli::AddFlag(set, "--region", "X,Y,W,H", &flags->region, ParseRegion,
+               "only this window of the picture, in its pixels, with exactly its pixels");
+  cli::AddFlag(set, "--culling", "depth|mask|none", &flags->culling, ParseCulling,
+               "how hidden blocks are left out: depth (default) keeps the picture exact, mask is "
+               "approximate, none draws all");
+  cli::AddFlag(set, "--color", "R,G,B", &flags->base_color, ParseColor,
+               "colour of the surface, 0 to 1 each (default: a light clay)");
+  cli::AddFlag(set, "--background", "R,G,B[,A]", &flags->background_color, ParseColorWithAlpha,
+               "colour behind it, 0 to 1 each (default: 0,0,0,1)");
+  AddClipFlags(set, &flags->clip);
+  cli::AddFlagWithDefault(
+      set, "--caps", "[MAP[:MIN,MAX]]", &flags->caps, ParseCaps,
+      "fill the cuts of --clip-plane and --clip-box through opaque surfaces, with "
+      "their colour, or with the samples through a map of --color-by (default "
+      "range: all samples)");
+  AddCameraFlags(set, &flags->camera);
+}
+
+std::vector<double> RequestFlags::isovalues() const {
+  if (surfaces.empty()) {
+    return {isovalue.value_or(0)};
+  }
+  std::vector<double> values;
+  for (const SurfaceValue& surface : surfaces) {
+    values.push_back(surface.isovalue);
+  }
+  return values;
+}
+
+absl::Status CheckUsage(const RequestFlags& flags) {
+  if (!flags.isovalue && flags.surfaces.empty()) {
+    return cli::UsageError("--isovalue V is missing: the level of the surface, in field units");
+  }
+  if (!flags.surfaces.empty() && (flags.isovalue || flags.base_color)) {
+    return cli::UsageError(
+        absl::StrCat("--surface and ", flags.isovalue ? "--isovalue" : "--color",
+                     " exclude each other: write --surface V:R,G,B for each surface"));
+  }
+  if (flags.surfaces.size() > frame::kMaxSurfaces) {
+    return cli::UsageError(absl::StrCat("--surface is given ", flags.surfaces.size(),
+                                        " times: at most ", frame::kMaxSurfaces, " are allowed"));
+  }
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.clip));
+  if (flags.region) {
+    if (const absl::Status status = view::Validate(flags.viewport(), flags.region); !status.ok()) {
+      return cli::UsageError(absl::StrCat("--region: ", status.message()));
+    }
+  }
+  if (flags.caps && flags.clip.empty()) {
+    return cli::UsageError(
+        "--caps fills the cuts of --clip-plane and --clip-box: give at least one");
+  }
+  return CheckUsage(flags.camera);
+}
+
+isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
+                                                  const std::string& dataset,
+                                                  const view::Camera& camera) {
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.set_dataset(dataset);
+  request.set_isovalue(flags.isovalue.value_or(0));
+  for (const SurfaceValue& surface : flags.surfaces) {
+    isoscope::v1::Surface* const proto = request.add_surfaces();
+    proto->set_isovalue(surface.isovalue);
+    if (surface.color) {
+      *proto->mutable_color() = ToProto(*surface.color);
+    }
+  }
+  request.set_max_layers(static_cast<std::int32_t>(flags.max_layers.value_or(0)));
+  if (!flags.clip.empty()) {
+    *request.mutable_clip() = ToProto(flags.clip);
+  }
+  if (flags.caps) {
+    *request.mutable_caps() = rpc::ToProto(*flags.caps);
+  }
+  *request.mutable_camera() = rpc::ToProto(camera);
+  request.mutable_viewport()->set_width_px(flags.viewport().width_px);
+  request.mutable_viewport()->set_height_px(flags.viewport().height_px);
+  if (flags.region) {
+    *request.mutable_region() = rpc::ToProto(*flags.region);
+  }
+  request.set_culling(rpc::ToProto(flags.culling.value_or(frame::Culling::kDepth)));
+  if (flags.base_color) {
+    *request.mutable_base_color() = ToProto(*flags.base_color);
+  }
+  if (flags.background_color) {
+    *request.mutable_background_color() = ToProto(*flags.background_color);
+  }
+  return request;
+}
+
+}  // namespace isoscope::client

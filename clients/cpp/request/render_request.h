@@ -1,0 +1,65 @@
+// The flags of a frame, and the request that they make.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_RENDER_REQUEST_H_
+#define ISOSCOPE_CLIENTS_CPP_REQUEST_RENDER_REQUEST_H_
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+
+#include "clients/cpp/request/camera_flags.h"
+#include "clients/cpp/request/clip_flags.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/cli/flag_set.h"
+#include "core/frame/appearance.h"
+#include "core/frame/culling.h"
+#include "core/view/camera.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::client {
+
+struct RequestFlags {
+  std::optional<double> isovalue = std::nullopt;
+  std::optional<std::int64_t> width = std::nullopt;
+  std::optional<std::int64_t> height = std::nullopt;
+  std::optional<view::Region> region = std::nullopt;  // of the viewport
+  CameraFlags camera = {};
+  std::optional<frame::Culling> culling = std::nullopt;
+  std::optional<frame::Color> base_color = std::nullopt;
+  std::optional<frame::Color> background_color = std::nullopt;
+  std::vector<SurfaceValue> surfaces = {};
+  std::optional<std::int64_t> max_layers = std::nullopt;
+  ClipFlags clip = {};
+  std::optional<frame::ClipCaps> caps = std::nullopt;
+
+  // The levels of all surfaces.
+  [[nodiscard]] std::vector<double> isovalues() const;
+
+  [[nodiscard]] view::Viewport viewport() const {
+    return {.width_px = static_cast<int>(width.value_or(view::kCommonViewport.width_px)),
+            .height_px = static_cast<int>(height.value_or(view::kCommonViewport.height_px))};
+  }
+  // The size of the picture.
+  [[nodiscard]] view::Viewport image_size() const { return view::ImageSizeOf(viewport(), region); }
+};
+
+// `flags` must outlive the parsing.
+void AddRequestFlags(cli::FlagSet* set, RequestFlags* flags);
+
+// UsageError.
+absl::Status CheckUsage(const RequestFlags& flags);
+
+// REQUIRES: CheckUsage(flags) is OK.
+isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
+                                                  const std::string& dataset,
+                                                  const view::Camera& camera);
+
+isoscope::v1::Color ToProto(const frame::Color& color);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_REQUEST_RENDER_REQUEST_H_

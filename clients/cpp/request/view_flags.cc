@@ -1,0 +1,119 @@
+#include "clients/cpp/request/view_flags.h"
+
+#include "absl/strings/str_cat.h"
+
+#include "clients/cpp/request/camera_file.h"
+#include "clients/cpp/request/parse_value.h"
+#include "core/base/status_macros.h"
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "core/rpc/proto_convert.h"
+#include "core/volume/patient_frame.h"
+
+namespace isoscope::client {
+namespace {
+
+namespace v1 = isoscope::v1;
+using view::NamedView;
+
+constexpr char kGroup[] = "Views";
+
+absl::StatusOr<NamedView> ParseView(absl::string_view text) {
+  return ParseChoice<NamedView>(text, {{"front", NamedView::kFront},
+                                       {"back", NamedView::kBack},
+                                       {"left", NamedView::kLeft},
+                                       {"right", NamedView::kRight},
+                                       {"top", NamedView::kTop},
+                                       {"bottom", NamedView::kBottom},
+                                       {"anterior", NamedView::kAnterior},
+                                       {"posterior", NamedView::kPosterior},
+                                       {"superior", NamedView::kSuperior},
+                                       {"inferior", NamedView::kInferior}});
+}
+
+absl::StatusOr<v1::CameraFit> ParseFit(absl::string_view text) {
+  return ParseChoice<v1::CameraFit>(
+      text, {{"volume", v1::CAMERA_FIT_VOLUME}, {"surface", v1::CAMERA_FIT_SURFACE}});
+}
+
+// The first flag that places the eye, or that turns it; null if there is none.
+const char* FirstPlaced(const CameraFlags& camera) {
+  return camera.eye             ? "--eye"
+         : camera.target        ? "--target"
+         : camera.up            ? "--up"
+         : camera.fov_y_degrees ? "--fov-y"
+                                : nullptr;
+}
+const char* FirstTurned(const CameraFlags& camera) {
+  return camera.azimuth_degrees     ? "--azimuth"
+         : camera.elevation_degrees ? "--elevation"
+         : camera.zoom              ? "--zoom"
+                                    : nullptr;
+}
+
+}  // namespace
+
+void AddNamedViewFlags(cli::FlagSet* set, ViewFlags* flags) {
+  const auto add = [&](cli::Flag flag) { flag.Group(kGroup); };
+  add(cli::AddFlag(
+      set, "--view", "NAME", &flags->view, ParseView,
+      "look from a side: front (the default: from +z, +y up), back, left (-x), right (+x), "
+      "top (+y), bottom; where the patient is known (NIfTI, DICOM, NRRD with a space): "
+      "anterior, posterior, superior, inferior, and left and right are the patient's; "
+      "--azimuth, --elevation, --zoom turn on from there"));
+  add(cli::AddFlag(
+      set, "--fit", "volume|surface", &flags->fit, ParseFit,
+      "what the picture frames: the whole volume (default), or the blocks that the surface "
+      "meets, where nothing clips them"));
+}
+
+void AddViewFlags(cli::FlagSet* set, ViewFlags* flags) {
+  const auto add = [&](cli::Flag flag) { flag.Group(kGroup); };
+  AddNamedViewFlags(set, flags);
+  add(cli::AddFlag(set, "--camera", "FILE.json", &flags->camera_file, cli::ParseText,
+                   "the camera that --save-camera wrote; not with other flags of the camera"));
+  add(cli::AddFlag(set, "--save-camera", "FILE.json", &flags->save_camera_file, cli::ParseText,
+                   "write the camera of the first frame"));
+}
+
+absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera) {
+  const char* placed = FirstPlaced(camera);
+  const char* turned = FirstTurned(camera);
+  const char* other = placed != nullptr      ? placed
+                      : turned != nullptr    ? turned
+                      : flags.view           ? "--view"
+                      : flags.fits_surface() ? "--fit surface"
+                                             : nullptr;
+  if (flags.camera_file && other != nullptr) {
+    return cli::UsageError(
+        absl::StrCat("--camera can't be used with ", other, ": the file has the whole camera"));
+  }
+  if (placed != nullptr && (flags.view || flags.fits_surface())) {
+    return cli::UsageError(
+        absl::StrCat(placed, " can't be used with ", flags.view ? "--view" : "--fit surface",
+                     ", which places the camera; --azimuth, --elevation and --zoom "
+                     "can"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags& camera,
+                                       const v1::Dataset& dataset) {
+  if (flags.camera_file) {
+    return ReadCameraFile(*flags.camera_file);
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
+                            rpc::GeometryFromProto(dataset.geometry(), "dataset.geometry"));
+  std::optional<volume::PatientFrame> patient_frame;
+  if (!dataset.patient_frame().empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(patient_frame,
+                              volume::PatientFrame::FromName(dataset.patient_frame()));
+  }
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera start,
+                            view::MakeNamedCamera(flags.view.value_or(NamedView::kFront),
+                                                  geometry.Bounds(), patient_frame));
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera resolved, ResolveCamera(camera, start));
+  return rpc::ToProto(resolved);
+}
+
+}  // namespace isoscope::client

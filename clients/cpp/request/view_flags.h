@@ -1,0 +1,47 @@
+// Cameras by name, by what they frame, and from files: flags of `render` and `pick`.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_REQUEST_VIEW_FLAGS_H_
+#define ISOSCOPE_CLIENTS_CPP_REQUEST_VIEW_FLAGS_H_
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "clients/cpp/request/camera_flags.h"
+#include "core/cli/flag_set.h"
+#include "core/view/camera_fit.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::client {
+
+struct ViewFlags {
+  std::optional<view::NamedView> view = std::nullopt;
+  std::optional<isoscope::v1::CameraFit> fit = std::nullopt;
+  std::optional<std::string> camera_file = std::nullopt;
+  std::optional<std::string> save_camera_file = std::nullopt;
+
+  [[nodiscard]] bool fits_surface() const { return fit == isoscope::v1::CAMERA_FIT_SURFACE; }
+};
+
+// `flags` must outlive the parsing. Those that name no file alone: --view and --fit.
+void AddNamedViewFlags(cli::FlagSet* set, ViewFlags* flags);
+// All of them.
+void AddViewFlags(cli::FlagSet* set, ViewFlags* flags);
+
+// UsageError if the flags do not fit each other.
+absl::Status CheckUsage(const ViewFlags& flags, const CameraFlags& camera);
+
+// Returns the camera of the first frame, as it goes into the request: before the server moves it to
+// the surface. A camera from a file has the same bits as when it was saved.
+//
+// INVALID_ARGUMENT: it can't see, the file holds no camera, or the view is one of a patient and the
+// dataset has no patient frame. Else errors of reading the file.
+absl::StatusOr<isoscope::v1::Camera> ResolveView(const ViewFlags& flags, const CameraFlags& camera,
+                                                 const isoscope::v1::Dataset& dataset);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_REQUEST_VIEW_FLAGS_H_

@@ -1,0 +1,44 @@
+// The file of bearer tokens (docs/security.md): who may see which datasets, and how much of them.
+//
+//   {"tokens": [{"name": "alice", "sha256": "9f86...", "datasets": ["head"],
+//                "max_viewport_px": 2048, "max_frames_per_second": 10}]}
+//
+// It holds digests, so whoever reads it can't use the tokens. SHA-256 without salt is right for
+// tokens of at least 128 random bits; passwords of people do not belong here.
+
+#ifndef ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_
+#define ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::server {
+
+struct AccessToken {
+  std::string name = {};    // of its holder, for logs and messages; unique
+  std::string digest = {};  // the 32 bytes of SHA-256 of the token; unique
+  bool sees_all_datasets = false;
+  std::vector<std::string> datasets = {};  // ascending; those that it may see
+  int max_viewport_px = 0;                 // of a side of the viewport; 0: the service's own limit
+  double max_frames_per_second = 0;        // 0: no limit
+
+  friend bool operator==(const AccessToken&, const AccessToken&) = default;
+};
+
+inline constexpr std::size_t kMaxAccessTokens = 1000;
+
+// Reads the text of a file. `where`: its path, for messages. INVALID_ARGUMENT names the entry, the
+// member and what it must be; unknown members are refused, so that no limit is misspelt away.
+absl::StatusOr<std::vector<AccessToken>> ParseAccessTokens(absl::string_view text,
+                                                           absl::string_view where);
+
+// The 32 bytes of SHA-256.
+std::string DigestOfToken(absl::string_view token);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_ACCESS_ACCESS_TOKENS_H_

@@ -1,0 +1,120 @@
+#include "server/admission/coordinator_memory.h"
+
+#include <algorithm>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+#include "core/base/check.h"
+#include "core/base/memory_info.h"
+#include "core/base/units.h"
+#include "core/frame/drawn_window.h"
+
+namespace isoscope::server {
+namespace {
+
+// For a pixel: 12 bytes for the image (key and colour), 6 for the occlusion map, 8 for bands that
+// have arrived and are not composited yet.
+constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + 8;
+// For a translucent fragment of a pixel: 12 bytes for key and colour, 8 for bands as above.
+constexpr std::size_t kLayerBytesPerPixel = 12 + 8;
+// A picture that is not what was drawn, pixel for pixel, has an image of its own (key and colour).
+// It is made when occlusion map and bands are gone, in whose bytes its effects work.
+constexpr std::size_t kPictureImageBytesPerPixel = 12;
+// The picture of noise is as large as its pixels, and a little more.
+constexpr std::size_t kPictureBytesPerPixel = frame::kRgba8Bytes;
+// A frame needs this much besides, however small: messages, lists of blocks.
+constexpr std::size_t kLeastFrameBytes = base::kMiB;
+// Eight images of 2048 x 2048 pixels, or two frames of 1024 x 1024 with all their layers.
+constexpr std::size_t kMaxUnusedImageBytes = 384 * base::kMiB;
+// 4 bytes a block.
+constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
+// Of an export, from each agent: what gRPC has read ahead (rpc::MakeAgentChannel), messages and
+// blocks made of it.
+constexpr std::size_t kExportBytesPerAgent = 8 * base::kMiB;
+// Shares of the limit; the rest is for the process itself and for gRPC.
+constexpr std::size_t kFrameShare = 8;        // 5 of 8
+constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
+constexpr std::size_t kActiveBlocksShare = 16;
+
+std::size_t PixelsOf(const view::Viewport& size) {
+  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px);
+}
+
+double Mebibytes(std::size_t bytes) {
+  return static_cast<double>(bytes) / static_cast<double>(base::kMiB);
+}
+
+}  // namespace
+
+std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
+  const frame::DrawnWindow window = frame::DrawnWindowOf(spec);
+  const std::size_t pixels = PixelsOf(frame::ImageSizeOf(spec));
+  const std::size_t layers =
+      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) * kLayerBytesPerPixel
+                             : 0;
+  const std::size_t drawn = PixelsOf(window.image_size()) * (kFrameBytesPerPixel + layers) +
+                            (window.is_picture_of(spec) ? 0 : pixels * kPictureImageBytesPerPixel);
+  const frame::OutputSpec& output = spec.output;
+  const bool is_compressed = output.image_format == frame::ImageFormat::kPng ||
+                             output.image_format == frame::ImageFormat::kJpeg;
+  const std::size_t response =
+      frame::RawBytesPerPixel(output) + (is_compressed ? kPictureBytesPerPixel : 0);
+  // A compressed picture is put together from its stripes, and a whole response is copied by gRPC:
+  // not at the same time.
+  const std::size_t copies = delivery == Delivery::kWhole ? response
+                             : is_compressed              ? kPictureBytesPerPixel
+                                                          : 0;
+  return drawn + pixels * (response + copies) + kLeastFrameBytes;
+}
+
+std::size_t CoordinatorMemory::DefaultLimitBytes() {
+  return std::max<std::size_t>(base::UsableBytes() / 4, base::kGiB);
+}
+
+CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes)
+    : limit_bytes_(limit_bytes), frames_(limit_bytes / kFrameShare * 5) {
+  ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
+}
+
+std::size_t CoordinatorMemory::unused_image_bytes() const {
+  return std::min(limit_bytes_ / kUnusedImageShare, kMaxUnusedImageBytes);
+}
+
+std::size_t CoordinatorMemory::active_blocks_bytes() const {
+  return std::min(limit_bytes_ / kActiveBlocksShare, kMaxActiveBlocksBytes);
+}
+
+absl::Status CoordinatorMemory::CheckFits(const frame::FrameSpec& spec, Delivery delivery) const {
+  const std::size_t bytes = FrameBytes(spec, delivery);
+  if (bytes <= frames_.capacity_bytes()) {
+    return absl::OkStatus();
+  }
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  const int samples = spec.effects.samples();
+  return absl::ResourceExhaustedError(absl::StrFormat(
+      "a picture of %d x %d pixels%s needs %.0f MiB in the coordinator; with its memory limit of "
+      "%.0f MiB at most %.0f MiB may be used: ask for a smaller viewport or for regions of it%s%s, "
+      "or raise the coordinator's --memory-limit",
+      size.width_px, size.height_px, samples > 1 ? absl::StrCat(" of ", samples, " samples") : "",
+      Mebibytes(bytes), Mebibytes(limit_bytes_), Mebibytes(frames_.capacity_bytes()),
+      samples > 1 ? ", or for fewer samples" : "",
+      frame::RawBytesPerPixel(spec.output) > 0 ? ", or for fewer planes" : ""));
+}
+
+absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
+    const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation) {
+  if (absl::Status status = CheckFits(spec, delivery); !status.ok()) {
+    return status;
+  }
+  return frames_.Reserve(FrameBytes(spec, delivery), cancellation);
+}
+
+absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveExport(
+    std::size_t agent_count, const base::Cancellation& cancellation) {
+  const std::size_t bytes = kExportAnswerBytes + agent_count * kExportBytesPerAgent;
+  return frames_.Reserve(std::min(bytes, frames_.capacity_bytes()), cancellation);
+}
+
+}  // namespace isoscope::server

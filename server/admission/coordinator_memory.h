@@ -1,0 +1,68 @@
+// The memory limit of a coordinator, split up (docs/architecture.md, "Memory").
+
+#ifndef ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
+#define ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_
+
+#include <cstddef>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/memory_budget.h"
+#include "core/frame/frame_spec.h"
+
+namespace isoscope::server {
+
+// How a response leaves the coordinator.
+enum class Delivery {
+  kWhole,  // in one message, which gRPC copies to send it
+  kParts,  // as a stream
+};
+
+// Returns the bytes that a frame takes in the coordinator: the drawn image with its samples and its
+// margin, occlusion map, bands on their way, planes, the picture at its largest, and the response
+// until it is sent.
+std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
+
+// Thread-safe. Outlives its reservations.
+class CoordinatorMemory {
+ public:
+  static constexpr std::size_t kMinLimitBytes = std::size_t{96} * 1024 * 1024;
+
+  // A quarter of the memory that the process may use, at least 1 GiB.
+  static std::size_t DefaultLimitBytes();
+
+  // REQUIRES: limit_bytes >= kMinLimitBytes.
+  explicit CoordinatorMemory(std::size_t limit_bytes);
+
+  // The limits of what is kept between frames: images that no frame uses, and active blocks.
+  [[nodiscard]] std::size_t unused_image_bytes() const;
+  [[nodiscard]] std::size_t active_blocks_bytes() const;
+
+  [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
+  // The bytes that frames have taken.
+  [[nodiscard]] std::size_t frame_bytes() const { return frames_.reserved_bytes(); }
+
+  // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit.
+  [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery) const;
+  // Takes the memory of a frame; waits until it is free. Errors of CheckFits, and of `cancellation`
+  // if it fires first.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveFrame(
+      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation);
+  // Of an export, what is on its way to its client: chunks that wait, and gRPC's copy.
+  static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
+  // Takes the memory of an export: what is on its way from each agent and to the client. An export
+  // takes all that there is for frames if it needs more. Waits, as ReserveFrame. Agents' part may
+  // be given back (ShrinkTo) when they are done, and the rest when the client has the mesh.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveExport(
+      std::size_t agent_count, const base::Cancellation& cancellation);
+
+ private:
+  const std::size_t limit_bytes_;
+  base::MemoryBudget frames_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_ADMISSION_COORDINATOR_MEMORY_H_

@@ -1,0 +1,69 @@
+#include "server/cluster/agent_prober.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+#include <vector>
+
+#include "absl/synchronization/blocking_counter.h"
+#include "absl/time/clock.h"
+#include <grpcpp/client_context.h>
+
+#include "core/base/status_macros.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/unary_checksum.h"
+#include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+struct Call {
+  std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+  grpc::ClientContext context;
+  v1::DescribeShardsRequest request;
+  v1::DescribeShardsResponse response;
+};
+
+absl::StatusOr<v1::DescribeShardsResponse> AnswerOf(Call* call, const grpc::Status& status) {
+  ISOSCOPE_RETURN_IF_ERROR(
+      rpc::CheckAnswer(call->request, rpc::ToAbslStatus(status), call->response, call->context));
+  return std::move(call->response);
+}
+
+}  // namespace
+
+void ProbeAgents(absl::Span<AgentProbe> probes, const base::Cancellation& cancellation) {
+  if (probes.empty()) {
+    return;
+  }
+  const absl::Time deadline = std::min(absl::Now() + kProbeTimeout, cancellation.deadline());
+  // This thread destroys the calls after they have ended. If a reaction dropped the last reference
+  // to a channel instead, gRPC would join the reaction's own thread.
+  std::vector<Call> calls(probes.size());
+  absl::BlockingCounter unanswered(static_cast<int>(probes.size()));
+  for (std::size_t i = 0; i < probes.size(); ++i) {
+    AgentProbe& probe = probes[i];
+    Call& call = calls[i];
+    if (probe.channel == nullptr) {
+      probe.channel = rpc::MakeAgentChannel(probe.address, probe.dialing);
+    }
+    call.stub = v1::PartitionAgentService::NewStub(probe.channel);
+    call.context.set_deadline(absl::ToChronoTime(deadline));
+    call.stub->async()->DescribeShards(&call.context, &call.request, &call.response,
+                                       [&probe, &call, &unanswered](const grpc::Status& status) {
+                                         probe.answer = AnswerOf(&call, status);
+                                         unanswered.DecrementCount();
+                                       });
+  }
+  const base::Cancellation::Callback cancel(cancellation, [&calls] {
+    for (Call& call : calls) {
+      call.context.TryCancel();
+    }
+  });
+  unanswered.Wait();
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,150 @@
+// The members of the cluster: its agents. The registry resolves their addresses, has them asked,
+// and keeps their answers and the datasets that they make together.
+//
+// It asks every agent at start, then at every poll interval, and at once when a frame needs a
+// dataset that is not complete, or follows the loss of an agent.
+//
+// Other files have the other parts of this work: dns_target and agent_list find addresses,
+// agent_prober asks, dataset_catalog combines the answers.
+
+#ifndef ISOSCOPE_SERVER_CLUSTER_AGENT_REGISTRY_H_
+#define ISOSCOPE_SERVER_CLUSTER_AGENT_REGISTRY_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "absl/types/span.h"
+
+#include "core/base/cancellation.h"
+#include "core/base/mutex.h"
+#include "core/rpc/transport.h"
+#include "server/access/access_control.h"
+#include "server/cluster/agent_endpoint.h"
+#include "server/cluster/agent_prober.h"
+#include "server/cluster/dataset_catalog.h"
+#include "server/cluster/dns_target.h"
+
+namespace isoscope::server {
+
+struct AgentRegistryOptions {
+  std::vector<AgentEndpoint> endpoints;  // at least one
+  absl::Duration poll_interval = absl::Seconds(2);
+  // How agents are dialled. Those behind a name of the DNS must have certificates of that name,
+  // unless `dialing` has one for all.
+  rpc::Dialing dialing = {};
+  // Checks a target of a list (agent_list). An error refuses the whole list. Null: all are allowed.
+  std::function<absl::Status(const std::string& target)> check_target;
+  // Called on the registry's thread when a first dataset is complete, or none is complete any more.
+  std::function<void(bool is_any_complete)> on_readiness;
+  // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
+  // when the registry is destroyed.
+  std::function<absl::StatusOr<std::vector<std::string>>(const DnsName&)> resolve =
+      ResolveAddresses;
+  std::function<void(absl::Span<AgentProbe> probes, const base::Cancellation& cancellation)> probe =
+      ProbeAgents;
+};
+
+// Thread-safe.
+class AgentRegistry {
+ public:
+  // The longest time that a frame waits for the answers of agents.
+  static constexpr absl::Duration kMaxFrameWait = absl::Seconds(2);
+
+  // INVALID_ARGUMENT: no endpoint, two with one target, or a malformed target.
+  static absl::StatusOr<std::unique_ptr<AgentRegistry>> Start(const AgentRegistryOptions& options);
+  ~AgentRegistry();
+
+  AgentRegistry(const AgentRegistry&) = delete;
+  AgentRegistry& operator=(const AgentRegistry&) = delete;
+
+  // Returns the complete dataset of that name ("": the only one) among those that the caller may
+  // see; others are not there for it. Agents that were lost since they were last asked are not
+  // among its replicas, and are asked again. If it is not complete without them, waits for the
+  // answers, at most for kMaxFrameWait or until the deadline of `cancellation`. NOT_FOUND,
+  // INVALID_ARGUMENT, FAILED_PRECONDITION as IsosurfaceService says; CANCELLED at once when that
+  // fires. May block.
+  //
+  // With `allow_partial` some shards may be missing, and no lost agent is waited for twice.
+  absl::StatusOr<DatasetState> FindComplete(const std::string& name,
+                                            const base::Cancellation& cancellation,
+                                            const Caller& caller = {}, bool allow_partial = false);
+  // Returns the dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as
+  // DatasetService says. Does not block.
+  absl::StatusOr<DatasetState> Find(const std::string& name, const Caller& caller = {}) const;
+  // Reports that a call to the agent failed. The agent is asked again before its next frame.
+  void ReportFailure(const std::string& address);
+  // Returns false if the agent did not answer when it was last asked, or is gone.
+  [[nodiscard]] bool IsReachable(const std::string& address) const;
+
+  // By address.
+  [[nodiscard]] std::vector<AgentState> agents() const;
+  // Those that the caller may see, by name.
+  [[nodiscard]] std::map<std::string, DatasetState> datasets(const Caller& caller = {}) const;
+
+  // Does what CoordinatorServer::WaitUntilReady does.
+  absl::Status WaitUntilReady(absl::Time deadline);
+
+ private:
+  // An agent, and the endpoint that named it.
+  struct Member {
+    AgentState state;
+    std::size_t endpoint_index = 0;
+    bool is_listed = true;    // its endpoint's name still has this address
+    bool is_suspect = false;  // a call failed since it was last asked
+    bool has_fixed_channel = false;
+    bool is_name = false;  // a name without known addresses: there is nobody to ask
+  };
+  using Members = std::map<std::string, Member>;  // by address
+
+  explicit AgentRegistry(AgentRegistryOptions options);
+  void Run();
+  void Probe();
+  // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
+  Members ResolveMembers(Members members);
+  // Makes the agents of a list the members of an endpoint. A list that can't be read changes
+  // nothing.
+  void ResolveList(std::size_t endpoint_index, const std::string& path, Members* members);
+  [[nodiscard]] rpc::Dialing DialingOf(const Member& member) const;
+  void AskMembers(Members* members) const;
+  void AdoptMembers(Members members) ABSL_LOCKS_EXCLUDED(mutex_);
+  void LogMembers(const Members& members) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  void LogDatasets(const std::map<std::string, DatasetState>& datasets) const
+      ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  // Requests a probe that begins after now, and returns its number.
+  std::int64_t RequestProbe() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Requests a probe that begins after now. Waits for its end, until `deadline`, until
+  // `cancellation` fires, or until the registry stops.
+  void ProbeNow(absl::Time deadline, const base::Cancellation& cancellation)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+
+  const AgentRegistryOptions options_;
+  base::Cancellation stopping_;
+  mutable base::Mutex mutex_;
+  base::CondVar changed_;  // a probe number below has changed, or the registry stops
+  Members members_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, DatasetState> datasets_ ABSL_GUARDED_BY(mutex_);
+  std::string unreachable_ ABSL_GUARDED_BY(mutex_);  // DescribeUnreachable of the members
+  bool is_any_complete_ ABSL_GUARDED_BY(mutex_) = false;
+  // Probes are numbered from 1 on. A thread that needs a probe that begins after now wants the
+  // number after started_probe_, and waits until finished_probe_ has reached it.
+  std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;
+  std::int64_t started_probe_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::int64_t finished_probe_ ABSL_GUARDED_BY(mutex_) = 0;
+  // Of the registry's thread: the last error of each list, so that it is logged once.
+  std::map<std::string, absl::Status> list_errors_;
+  std::thread thread_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_CLUSTER_AGENT_REGISTRY_H_

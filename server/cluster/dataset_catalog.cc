@@ -1,0 +1,342 @@
+#include "server/cluster/dataset_catalog.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <set>
+#include <tuple>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
+
+#include "core/base/status_macros.h"
+#include "core/rpc/frame_convert.h"
+#include "core/rpc/proto_convert.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+// A message names this many shards, and then says "...".
+constexpr std::size_t kMaxNamedShards = 16;
+
+std::string Identity(const v1::ShardDescription& shard) {
+  return absl::StrFormat("id %s, %d shards, manifest crc32c %08x, range table crc32c %08x",
+                         shard.dataset().dataset_id(), shard.dataset().shard_count(),
+                         shard.manifest_crc32c(), shard.range_table_crc32c());
+}
+
+// Returns the first error in an agent's answer.
+absl::Status Validate(const v1::DescribeShardsResponse& response) {
+  for (int i = 0; i < response.shards_size(); ++i) {
+    const v1::ShardDescription& shard = response.shards(i);
+    const std::string path = absl::StrCat("shards[", i, "]");
+    ISOSCOPE_RETURN_IF_ERROR(rpc::Validate(shard.dataset(), absl::StrCat(path, ".dataset")));
+    if (shard.shard_index() < 0 || shard.shard_index() >= shard.dataset().shard_count()) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".shard_index is ", shard.shard_index(),
+                                                     ": must lie in [0, ",
+                                                     shard.dataset().shard_count(), ")"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::string JoinShards(const std::vector<int>& shards) {
+  if (shards.size() <= kMaxNamedShards) {
+    return absl::StrJoin(shards, ", ");
+  }
+  return absl::StrCat(
+      absl::StrJoin(shards.begin(), shards.begin() + static_cast<std::ptrdiff_t>(kMaxNamedShards),
+                    ", "),
+      ", ... (", shards.size(), " in all)");
+}
+
+// The agents that have one picture revision.
+struct Crew {
+  std::map<int, std::vector<const AgentState*>> owners;  // of shards; by address
+  std::set<const AgentState*> agents;
+};
+
+// The agents that have one content.
+struct Content {
+  const v1::ShardDescription* reference = nullptr;  // the first one
+  const AgentState* first = nullptr;                // a served one before a lost one
+  int agent_count = 0;                              // also lost ones
+  std::set<int> served_shards;
+  std::map<std::string, Crew> crews;  // by revision; only of agents that answer
+};
+
+// One dataset, while DatasetsOf goes through the agents.
+struct Draft {
+  std::map<std::string, Content> contents;  // by identity
+};
+
+void AddToDraft(const AgentState& agent, const v1::ShardDescription& shard,
+                std::set<const Content*>* counted, Draft* draft) {
+  const bool is_served = agent.status.ok();
+  Content& content = draft->contents[Identity(shard)];
+  if (content.first == nullptr || (is_served && !content.first->status.ok())) {
+    content.reference = &shard;
+    content.first = &agent;
+  }
+  if (counted->insert(&content).second) {
+    ++content.agent_count;
+  }
+  if (is_served) {
+    content.served_shards.insert(shard.shard_index());
+    Crew& crew = content.crews[frame::ToString(agent.picture_revision)];
+    crew.owners[shard.shard_index()].push_back(&agent);
+    crew.agents.insert(&agent);
+  }
+}
+
+bool HasAllShards(const Content& content, std::size_t shard_count) {
+  return shard_count == static_cast<std::size_t>(content.reference->dataset().shard_count());
+}
+
+// Returns "agent A serves ...; agent B serves ...", of the first agents of two contents that are
+// served; "" if there is only one.
+std::string ContradictionOf(const Draft& draft) {
+  std::vector<const Content*> served;
+  for (const auto& [identity, content] : draft.contents) {
+    if (!content.crews.empty()) {
+      served.push_back(&content);
+    }
+  }
+  if (served.size() < 2) {
+    return "";
+  }
+  std::sort(served.begin(), served.end(), [](const Content* a, const Content* b) {
+    return a->first->address < b->first->address;
+  });
+  return absl::StrCat("agent ", served[0]->first->address, " serves ",
+                      Identity(*served[0]->reference), "; agent ", served[1]->first->address,
+                      " serves ", Identity(*served[1]->reference));
+}
+
+// Returns the content that stands for the dataset; null if that is not clear.
+const Content* ChooseContent(const Draft& draft) {
+  const Content* most = nullptr;
+  const Content* only_served = nullptr;
+  int served_count = 0;
+  bool is_tie = false;
+  for (const auto& [identity, content] : draft.contents) {
+    if (!content.crews.empty()) {
+      only_served = &content;
+      ++served_count;
+    }
+    if (most == nullptr || content.agent_count >= most->agent_count) {
+      is_tie = most != nullptr && content.agent_count == most->agent_count;
+      most = &content;
+    }
+  }
+  if (draft.contents.size() == 1 || served_count == 0) {
+    return most;
+  }
+  // Of lost agents nobody knows whether they come back. They count against fewer others.
+  if (served_count == 1 && (is_tie || most == only_served)) {
+    return only_served;
+  }
+  return !is_tie && HasAllShards(*most, most->served_shards.size()) ? most : nullptr;
+}
+
+// Returns the revision to draw with: a complete one if there is one. Null if no agent answers.
+const Crew* ChooseCrew(const Content& content) {
+  const Crew* best = nullptr;
+  const auto rank_of = [&](const Crew& crew) {
+    const frame::PictureRevision& revision = (*crew.agents.begin())->picture_revision;
+    return std::tuple(HasAllShards(content, crew.owners.size()),
+                      HasAllShards(content, crew.owners.size()) ? 0 : crew.owners.size(),
+                      crew.agents.size(), revision.number);
+  };
+  for (const auto& [revision, crew] : content.crews) {
+    if (best == nullptr || rank_of(crew) > rank_of(*best)) {
+      best = &crew;
+    }
+  }
+  return best;
+}
+
+std::vector<ReplicaSet> ReplicaSetsOf(const Crew& crew) {
+  std::vector<ReplicaSet> sets;
+  std::map<std::vector<const AgentState*>, std::size_t> set_of;
+  for (const auto& [shard, owners] : crew.owners) {
+    const auto [entry, is_new] = set_of.emplace(owners, sets.size());
+    if (is_new) {
+      ReplicaSet set;
+      for (const AgentState* owner : owners) {
+        set.agents.push_back({owner->address, owner->channel});
+      }
+      sets.push_back(std::move(set));
+    }
+    sets[entry->second].shard_indices.push_back(shard);
+  }
+  return sets;
+}
+
+// The error of a dataset whose shards are all served, but by agents of several revisions.
+absl::Status RevisionError(const std::string& name, const Content& content) {
+  const AgentState& first = **content.crews.begin()->second.agents.begin();
+  const AgentState& other = **content.crews.rbegin()->second.agents.begin();
+  return absl::FailedPreconditionError(
+      absl::StrCat("dataset \"", name, "\": agents would draw different pictures: agent ",
+                   first.address, " has picture revision ", frame::ToString(first.picture_revision),
+                   ", agent ", other.address, " has ", frame::ToString(other.picture_revision),
+                   "; run one version with one --renderer on agents that serve all shards"));
+}
+
+DatasetState Complete(const std::string& name, const Draft& draft, absl::string_view unreachable) {
+  DatasetState state;
+  state.contradiction = ContradictionOf(draft);
+  const Content* const content = ChooseContent(draft);
+  if (content == nullptr) {
+    state.is_served = true;
+    const auto served = std::find_if(draft.contents.begin(), draft.contents.end(),
+                                     [](const auto& entry) { return !entry.second.crews.empty(); });
+    state.dataset = served->second.reference->dataset();
+    for (int shard = 0; shard < state.dataset.shard_count(); ++shard) {
+      state.dataset.add_missing_shards(shard);
+    }
+    state.status = absl::FailedPreconditionError(absl::StrCat(
+        "dataset \"", name, "\": agents contradict each other: ",
+        state.contradiction.empty() ? absl::StrCat("most of them are lost; ", unreachable)
+                                    : state.contradiction,
+        "; serve shards of one `isoscope partition` run"));
+    return state;
+  }
+  state.dataset = content->reference->dataset();
+  state.is_served = !content->crews.empty();
+  std::vector<int> missing;
+  for (int shard = 0; shard < state.dataset.shard_count(); ++shard) {
+    if (content->served_shards.count(shard) == 0) {
+      missing.push_back(shard);
+      state.dataset.add_missing_shards(shard);
+    }
+  }
+  const Crew* const crew = ChooseCrew(*content);
+  if (crew != nullptr) {
+    state.replica_sets = ReplicaSetsOf(*crew);
+    state.picture_revision = (*crew->agents.begin())->picture_revision;
+  }
+  if (!missing.empty()) {
+    state.status = absl::FailedPreconditionError(absl::StrCat(
+        "dataset \"", name, "\": ", missing.size() == 1 ? "shard " : "shards ", JoinShards(missing),
+        " of ", state.dataset.shard_count(), " not served by any agent; ",
+        unreachable.empty() ? "all agents answer: start agents for them" : unreachable));
+  } else if (!HasAllShards(*content, crew->owners.size())) {
+    state.status = RevisionError(name, *content);
+  }
+  return state;
+}
+
+}  // namespace
+
+void AdoptAnswer(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* agent) {
+  if (!answer.ok()) {
+    agent->status = std::move(answer).status();
+    return;
+  }
+  agent->version = answer->version();
+  agent->renderer = answer->renderer();
+  agent->load.reset();
+  if (answer->has_load()) {
+    agent->load = answer->load();
+  }
+  absl::StatusOr<frame::PictureRevision> revision =
+      rpc::PictureRevisionFromProto(answer->picture_revision(), "picture_revision");
+  absl::Status status = Validate(*answer);
+  status.Update(revision.status());
+  if (!status.ok()) {
+    agent->status = std::move(status);
+    agent->shards.clear();
+    return;
+  }
+  agent->picture_revision = *std::move(revision);
+  agent->status = absl::OkStatus();
+  agent->shards.assign(answer->shards().begin(), answer->shards().end());
+}
+
+std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents) {
+  std::map<std::string, Draft> drafts;
+  for (const AgentState& agent : agents) {
+    std::set<const Content*> counted;
+    for (const v1::ShardDescription& shard : agent.shards) {
+      AddToDraft(agent, shard, &counted, &drafts[shard.dataset().name()]);
+    }
+  }
+  const std::string unreachable = DescribeUnreachable(agents);
+  std::map<std::string, DatasetState> datasets;
+  for (const auto& [name, draft] : drafts) {
+    datasets.emplace(name, Complete(name, draft, unreachable));
+  }
+  return datasets;
+}
+
+void RemoveAgents(const std::set<std::string>& addresses, std::vector<ReplicaSet>* sets) {
+  for (ReplicaSet& set : *sets) {
+    std::erase_if(set.agents,
+                  [&](const ServingAgent& agent) { return addresses.count(agent.address) > 0; });
+  }
+  std::erase_if(*sets, [](const ReplicaSet& set) { return set.agents.empty(); });
+}
+
+std::string DescribeUnreachable(const std::vector<AgentState>& agents) {
+  std::vector<std::string> parts;
+  for (const AgentState& agent : agents) {
+    if (!agent.status.ok()) {
+      parts.push_back(absl::StrCat(agent.address, " (", agent.status.message(), ")"));
+    }
+  }
+  return parts.empty() ? ""
+                       : absl::StrCat("agents that can't be reached: ", absl::StrJoin(parts, ", "));
+}
+
+std::map<std::string, DatasetState> DatasetsFor(
+    const Caller& caller, const std::map<std::string, DatasetState>& datasets) {
+  if (caller.sees_all_datasets()) {
+    return datasets;
+  }
+  std::map<std::string, DatasetState> visible;
+  for (const auto& [name, state] : datasets) {
+    if (caller.MaySee(name)) {
+      visible.emplace(name, state);
+    }
+  }
+  return visible;
+}
+
+absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
+                                         const std::string& name, const std::string& unreachable,
+                                         const Caller& caller) {
+  if (!caller.sees_all_datasets()) {
+    return FindDataset(DatasetsFor(caller, datasets), name, unreachable);
+  }
+  if (name.empty() && datasets.size() == 1) {
+    return datasets.begin()->second;
+  }
+  const auto found = datasets.find(name);
+  if (found != datasets.end()) {
+    return found->second;
+  }
+  const std::string suffix = unreachable.empty() ? "" : absl::StrCat("; ", unreachable);
+  const std::string known =
+      datasets.empty()
+          ? "no dataset is served"
+          : absl::StrCat("there are: ",
+                         absl::StrJoin(datasets, ", ", [](std::string* out, const auto& entry) {
+                           absl::StrAppend(out, "\"", entry.first, "\"");
+                         }));
+  if (!name.empty()) {
+    return absl::NotFoundError(absl::StrCat("dataset \"", name, "\": ", known, suffix));
+  }
+  if (datasets.empty()) {
+    return absl::FailedPreconditionError(absl::StrCat(known, suffix));
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("dataset is empty: must name one of several; ", known));
+}
+
+}  // namespace isoscope::server

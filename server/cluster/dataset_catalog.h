@@ -1,0 +1,92 @@
+// The datasets that agents make together: the agents of each shard, missing shards, agents that
+// contradict each other, and the messages about these. Pure functions.
+//
+// Content. A dataset has a name. Agents whose shards bear the same name should agree on its
+// content: id, number of shards, checksums of manifest and range table. If they do not, the content
+// that most agents have is taken, lost ones included, as long as its shards are all served; the
+// others are not used. So a single agent that was started with the wrong folder does no harm, and a
+// picture never mixes contents.
+//
+// Revision. All agents of a frame must have one picture revision. Of those that serve all shards,
+// the one of most agents is taken, then the newest: while agents are updated one after the other,
+// frames go on with the old one until the new one is complete and has the majority.
+//
+// Replicas. Shards that the same agents serve make a set.
+
+#ifndef ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_
+#define ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include <grpcpp/channel.h>
+
+#include "core/frame/picture_revision.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/cluster_service.pb.h"
+#include "isoscope/v1/dataset.pb.h"
+#include "server/access/access_control.h"
+#include "server/cluster/frame_part.h"
+
+namespace isoscope::server {
+
+// One agent as it was last seen.
+struct AgentState {
+  std::string address;
+  std::shared_ptr<grpc::Channel> channel;
+  // OK if it answered. Otherwise the reason why it did not, or the error in its answer.
+  absl::Status status = absl::UnavailableError("not asked yet");
+  std::string version;
+  std::string renderer;
+  frame::PictureRevision picture_revision;
+  std::optional<isoscope::v1::AgentLoad> load;  // of its last answer; none from older versions
+  // The shards of its last answer, even if it does not answer any more.
+  std::vector<isoscope::internal::v1::ShardDescription> shards;
+};
+
+// One dataset of the cluster.
+struct DatasetState {
+  isoscope::v1::Dataset dataset;  // with missing_shards
+  // OK if frames can be rendered. FAILED_PRECONDITION names the missing or contradicting part.
+  absl::Status status;
+  // Each shard once, in order of the sets' first shards. If `status` is not OK: the shards that can
+  // still be drawn together, perhaps none.
+  std::vector<ReplicaSet> replica_sets;
+  frame::PictureRevision picture_revision;  // of all of these agents
+  bool is_served = false;                   // at least one shard is
+  std::string contradiction;  // if agents contradict each other: who, with which content
+};
+
+// Removes agents from the sets, and sets that have no other agent.
+void RemoveAgents(const std::set<std::string>& addresses, std::vector<ReplicaSet>* sets);
+
+// Puts an agent's answer, or the error instead of one, into its state.
+void AdoptAnswer(absl::StatusOr<isoscope::internal::v1::DescribeShardsResponse> answer,
+                 AgentState* agent);
+
+// Returns the datasets by name. `agents`: in ascending order of address.
+std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& agents);
+
+// Returns "agents that can't be reached: a:1 (why), b:1 (why)", or "" if all can be reached.
+std::string DescribeUnreachable(const std::vector<AgentState>& agents);
+
+// Returns those that the caller may see.
+std::map<std::string, DatasetState> DatasetsFor(
+    const Caller& caller, const std::map<std::string, DatasetState>& datasets);
+
+// Finds the dataset of that name ("": the only one) among those that the caller may see.
+// NOT_FOUND, INVALID_ARGUMENT, or FAILED_PRECONDITION as DatasetService says, with the names of all
+// of these and `unreachable`.
+absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
+                                         const std::string& name, const std::string& unreachable,
+                                         const Caller& caller = {});
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_

@@ -1,0 +1,110 @@
+// Which agent works on which part of a frame, where several serve the same shards.
+//
+// 1. Each shard ranks its agents by rendezvous hashing of (key, shard, address), and takes the
+// first
+//    one that does not have its share of the set's shards yet. The key has the isovalues: frames at
+//    the same ones find warm caches, others go elsewhere. An agent that comes or goes moves few
+//    shards.
+// 2. The shards of one set that took the same agent make a part. Its other agents follow in the
+//    order of their ranks: where the part is repeated if the first one is lost.
+// 3. If the first agent has more than its share of the parts that are under way, the least busy
+//    agent goes first (consistent hashing with bounded loads: Mirrokni, Thorup, Zadimoghaddam,
+//    2018). A single client never has so many, and keeps its caches.
+//
+// An agent that failed or was outrun goes last for a while, longer each time; one that does its
+// part is forgiven.
+
+#ifndef ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_
+#define ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+#include "core/base/mutex.h"
+#include "server/cluster/frame_part.h"
+
+namespace isoscope::server {
+
+// Returns the key of frames at some isovalues, in any order.
+std::string ReplicaKeyOf(absl::string_view dataset_id, std::vector<double> isovalues);
+
+// Returns the shards below `shard_count` that no part has, ascending.
+std::vector<int> MissingShards(int shard_count, const std::vector<FramePart>& parts);
+
+// Knows what the agents of a coordinator have to do for it. Thread-safe.
+class ReplicaBoard {
+ public:
+  // Counts a part that is under way, while it lives. The board outlives it.
+  class Lease {
+   public:
+    Lease(Lease&& other) noexcept
+        : board_(std::exchange(other.board_, nullptr)), address_(std::move(other.address_)) {}
+    Lease& operator=(Lease&&) = delete;
+    ~Lease() {
+      if (board_ != nullptr) {
+        board_->Return(address_);
+      }
+    }
+
+   private:
+    friend class ReplicaBoard;
+    Lease(ReplicaBoard* board, std::string address) : board_(board), address_(std::move(address)) {}
+
+    ReplicaBoard* board_;
+    std::string address_;
+  };
+
+  // At most this share of all parts is begun a second time because the first agent is slow.
+  static constexpr double kMaxHedgedShare = 0.05;
+
+  ReplicaBoard() = default;
+  ReplicaBoard(const ReplicaBoard&) = delete;
+  ReplicaBoard& operator=(const ReplicaBoard&) = delete;
+
+  // Returns the parts of a frame, in order of their first shards: the same for the same sets, key
+  // and state of the agents. O(shards * replicas * log replicas).
+  [[nodiscard]] std::vector<FramePart> Choose(const std::vector<ReplicaSet>& sets,
+                                              absl::string_view key,
+                                              absl::Time now = absl::Now()) const;
+
+  // Notes that a part is under way on the agent.
+  [[nodiscard]] Lease Take(const std::string& address);
+  // Takes one of the second attempts that are allowed, if the agent has nothing to do.
+  [[nodiscard]] bool TryHedge(const std::string& address);
+
+  // The agent failed, or a replica was faster.
+  void NoteTrouble(const std::string& address, absl::Time now = absl::Now());
+  void NoteSuccess(const std::string& address);
+
+ private:
+  struct Agent {
+    int part_count = 0;  // under way
+    absl::Duration avoidance;
+    absl::Time avoided_until = absl::InfinitePast();
+  };
+
+  void Return(const std::string& address);
+  [[nodiscard]] bool IsWell(const std::string& address, absl::Time now) const
+      ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  [[nodiscard]] int PartCountOf(const std::string& address) const
+      ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  void PutIdlestFirst(std::vector<ServingAgent>* replicas, absl::Time now) const
+      ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+
+  mutable base::Mutex mutex_;
+  // Only agents with parts under way or in trouble.
+  std::map<std::string, Agent, std::less<>> agents_ ABSL_GUARDED_BY(mutex_);
+  std::int64_t part_count_ ABSL_GUARDED_BY(mutex_) = 0;  // of all time
+  std::int64_t hedge_count_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_

@@ -1,0 +1,76 @@
+#include "server/frame/active_blocks.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+namespace isoscope::server {
+namespace {
+
+std::size_t SizeBytes(const ActiveBlocks& active) {
+  return sizeof(active) + active.ids.capacity() * sizeof(volume::BlockId) +
+         active.begin_by_agent.capacity() * sizeof(std::size_t) +
+         active.set.words().size() * sizeof(std::uint64_t);
+}
+
+}  // namespace
+
+ActiveBlocks::ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_agent,
+                           std::int64_t block_count)
+    : begin_by_agent{0}, set(block_count) {
+  for (const std::vector<volume::BlockId>& of_agent : by_agent) {
+    ids.insert(ids.end(), of_agent.begin(), of_agent.end());
+    begin_by_agent.push_back(ids.size());
+  }
+  for (const volume::BlockId id : ids) {
+    set.Insert(id);
+  }
+}
+
+std::string ActiveBlocksCache::KeyOf(const std::string& dataset_id,
+                                     const std::vector<std::vector<int>>& shard_indices_by_agent,
+                                     const std::vector<double>& isovalues) {
+  std::string key = dataset_id;
+  for (const double isovalue : isovalues) {
+    absl::StrAppend(&key, "@", absl::Hex(std::bit_cast<std::uint64_t>(isovalue + 0.0)));
+  }
+  for (const std::vector<int>& indices : shard_indices_by_agent) {
+    absl::StrAppend(&key, "/", absl::StrJoin(indices, ","));
+  }
+  return key;
+}
+
+std::shared_ptr<const ActiveBlocks> ActiveBlocksCache::Find(const std::string& key) {
+  base::MutexLock lock(&mutex_);
+  const auto found = std::find_if(entries_.begin(), entries_.end(),
+                                  [&](const Entry& entry) { return entry.key == key; });
+  if (found == entries_.end()) {
+    return nullptr;
+  }
+  entries_.splice(entries_.begin(), entries_, found);
+  return found->active;
+}
+
+void ActiveBlocksCache::Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active) {
+  const std::size_t size = SizeBytes(*active);
+  if (size > max_bytes_) {
+    return;
+  }
+  base::MutexLock lock(&mutex_);
+  const auto found = std::find_if(entries_.begin(), entries_.end(),
+                                  [&](const Entry& entry) { return entry.key == key; });
+  if (found != entries_.end()) {
+    return;  // another frame was quicker; both have the same value
+  }
+  while (size_bytes_ + size > max_bytes_) {
+    size_bytes_ -= entries_.back().size_bytes;
+    entries_.pop_back();
+  }
+  size_bytes_ += size;
+  entries_.push_front({key, std::move(active), size});
+}
+
+}  // namespace isoscope::server

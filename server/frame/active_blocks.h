@@ -1,0 +1,63 @@
+// The active blocks at an isovalue and the agents that own them. Agents report them in step 1. The
+// coordinator keeps them, so that the next frame at the same isovalue need not ask.
+
+#ifndef ISOSCOPE_SERVER_FRAME_ACTIVE_BLOCKS_H_
+#define ISOSCOPE_SERVER_FRAME_ACTIVE_BLOCKS_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+
+#include "core/base/mutex.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/block_set.h"
+
+namespace isoscope::server {
+
+// The active blocks of the volume, agent by agent, each agent's ascending. Immutable once shared.
+struct ActiveBlocks {
+  // REQUIRES: every block is below `block_count`.
+  ActiveBlocks(const std::vector<std::vector<volume::BlockId>>& by_agent, std::int64_t block_count);
+
+  std::vector<volume::BlockId> ids;
+  std::vector<std::size_t> begin_by_agent;  // in ids; one more than agents
+  volume::BlockSet set;
+};
+
+// Keeps the active blocks of the last few keys, bounded in bytes. Thread-safe.
+class ActiveBlocksCache {
+ public:
+  explicit ActiveBlocksCache(std::size_t max_bytes) : max_bytes_(max_bytes) {}
+
+  // Returns the key of a frame. The active blocks and their owners follow from the dataset's
+  // content, the shards of each agent, and the isovalues of the frame's surfaces.
+  static std::string KeyOf(const std::string& dataset_id,
+                           const std::vector<std::vector<int>>& shard_indices_by_agent,
+                           const std::vector<double>& isovalues);
+
+  // Returns null if there is no value.
+  std::shared_ptr<const ActiveBlocks> Find(const std::string& key);
+  void Insert(const std::string& key, std::shared_ptr<const ActiveBlocks> active);
+
+ private:
+  struct Entry {
+    std::string key;
+    std::shared_ptr<const ActiveBlocks> active;
+    std::size_t size_bytes = 0;
+  };
+
+  const std::size_t max_bytes_;
+  base::Mutex mutex_;
+  std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // the last used first; few
+  std::size_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_ACTIVE_BLOCKS_H_

@@ -1,0 +1,512 @@
+// A frame on an agent, as a reactor of gRPC (FrameStream):
+//
+//   event         action
+//   Start         queues `begin`, starts the first read, holds the stream, starts the call
+//   Send          queues a message; writes follow one another, one at a time
+//   OnReadDone    hands the message to the listener and starts the next read; the first malformed
+//                 message is kept as the error, and cancels the call
+//   reads end     releases the hold, and drops messages that come later
+//   OnDone        tells the listener how the call ended, then wakes WaitUntilEnded
+//
+// The hold is needed because writes start outside reactions: without it gRPC could finish the
+// stream between two of them. OnDone is the last call. GrpcAgentLink cancels and waits for it
+// before it destroys the stream.
+//
+// The status for the listener is, in this order: UNAVAILABLE for a message that was damaged on its
+// way, INTERNAL for a malformed one, INTERNAL for a
+// stream that ended with OK before the frame was done, else CallStatus of gRPC's status.
+//
+// A surface (SurfaceStream) uses gRPC's blocking reader. Next takes the blocks of a message one by
+// one and checks each: the next message is read only when somebody asks for it. Blocks come in
+// ascending order, so a replica that takes over is read up to the last block that was given.
+
+#include "server/frame/agent_client.h"
+
+#include <cstring>
+#include <deque>
+#include <iterator>
+#include <optional>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include <grpcpp/support/client_callback.h>
+
+#include "core/base/mutex.h"
+#include "core/base/status_macros.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/proto_convert.h"
+#include "core/rpc/read_timeout.h"
+#include "core/rpc/request_context.h"
+#include "core/rpc/trace_convert.h"
+#include "proto/message_checksum.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::internal::v1;
+
+void SetDeadline(absl::Time deadline, grpc::ClientContext* context) {
+  if (deadline != absl::InfiniteFuture()) {
+    context->set_deadline(absl::ToChronoTime(deadline));
+  }
+}
+
+// Fills `values` from little-endian bytes. False if their size is not a multiple of a value's.
+template <typename T>
+bool Unpack(const std::string& bytes, std::vector<T>* values) {
+  if (bytes.size() % sizeof(T) != 0) {
+    return false;
+  }
+  values->resize(bytes.size() / sizeof(T));
+  if (!bytes.empty()) {
+    std::memcpy(values->data(), bytes.data(), bytes.size());
+  }
+  return true;
+}
+
+absl::Status UnpackBlock(const v1::BlockSurface& proto, const volume::BlockLayout& layout,
+                         mesh::BlockMesh* block) {
+  if (proto.block_id() < 0 || proto.block_id() >= layout.block_count()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "block_id is ", proto.block_id(), ": must lie in [0, ", layout.block_count(), ")"));
+  }
+  block->block_id = static_cast<volume::BlockId>(proto.block_id());
+  if (!Unpack(proto.positions(), &block->positions) || !Unpack(proto.normals(), &block->normals) ||
+      !Unpack(proto.edge_keys(), &block->edge_keys) ||
+      !Unpack(proto.triangles(), &block->indices) ||
+      block->normals.size() != block->positions.size() ||
+      block->edge_keys.size() != block->positions.size() || block->indices.size() % 3 != 0) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "block ", proto.block_id(), " has ", proto.positions().size(), " bytes of positions, ",
+        proto.normals().size(), " of normals, ", proto.edge_keys().size(), " of edge keys, ",
+        proto.triangles().size(), " of triangles: they do not fit together"));
+  }
+  for (const std::uint32_t index : block->indices) {
+    if (index >= block->positions.size()) {
+      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(),
+                                                     " has a triangle of vertex ", index, " of ",
+                                                     block->positions.size()));
+    }
+  }
+  const std::int64_t edge_count = 3 * math::Volume(layout.sample_dims());
+  for (const std::int64_t key : block->edge_keys) {
+    if (key < 0 || key >= edge_count) {
+      return absl::InvalidArgumentError(absl::StrCat("block ", proto.block_id(), " has edge key ",
+                                                     key, ": must lie in [0, ", edge_count, ")"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The stream of one frame. Its owner waits until it has ended, and then destroys it. If a reaction
+// dropped the last reference to a channel instead, gRPC would join the reaction's own thread.
+class FrameStream final
+    : public grpc::ClientBidiReactor<v1::RenderFrameRequest, v1::RenderFrameResponse> {
+ public:
+  FrameStream(const AgentAssignment& agent, std::int64_t block_count, absl::Time deadline,
+              image::PixelMailboxes* mailboxes, const base::TraceContext& identity,
+              const AgentTraceTarget& trace_target, AgentListener* listener)
+      : agent_(agent.identity()),
+        block_count_(block_count),
+        mailbox_(mailboxes == nullptr ? nullptr : mailboxes->Open()),
+        trace_target_(trace_target),
+        listener_(listener),
+        stub_(v1::PartitionAgentService::NewStub(agent.channel)) {
+    SetDeadline(deadline, &context_);
+    rpc::SetTraceparent(identity, &context_);
+  }
+
+  static void Start(FrameStream* stream, v1::BeginFrame begin) {
+    stream->stub_->async()->RenderFrame(&stream->context_, stream);
+    // The hold keeps the stream alive until reads have ended.
+    stream->AddHold();
+    if (stream->mailbox_ != nullptr) {
+      begin.set_mailbox(stream->mailbox_->number());
+    }
+    v1::RenderFrameRequest request;
+    *request.mutable_begin() = std::move(begin);
+    stream->Send(std::move(request));
+    stream->StartRead(&stream->incoming_);
+    stream->StartCall();
+  }
+
+  void Send(v1::RenderFrameRequest request) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (reads_have_ended_) {
+      return;  // OnEnd reports why
+    }
+    if (trace_target_.trace != nullptr) {
+      sent_.push_back(base::TraceClock::now());
+    }
+    outgoing_.push_back(std::move(request));
+    StartNextWrite();
+  }
+
+  void Cancel() {
+    was_cancelled_.store(true);
+    context_.TryCancel();
+  }
+
+  // Waits until OnEnd has returned.
+  void WaitUntilEnded() ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    ended_.Await(&mutex_, [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return has_ended_; });
+  }
+
+  [[nodiscard]] const AgentIdentity& agent() const { return agent_; }
+  [[nodiscard]] std::int64_t network_bytes() const {
+    return mailbox_ == nullptr ? network_bytes_.load() : 0;
+  }
+
+  void OnReadDone(bool ok) override {
+    if (!ok) {
+      const base::MutexLock lock(&mutex_);
+      reads_have_ended_ = true;
+      RemoveHold();
+      return;
+    }
+    if (trace_target_.trace != nullptr) {
+      received_.push_back(base::TraceClock::now());
+      TakeTrace();
+    }
+    network_bytes_.fetch_add(static_cast<std::int64_t>(incoming_.ByteSizeLong()));
+    // After a malformed message only the end of the stream matters.
+    if (message_error_.ok()) {
+      message_error_ = Deliver(&incoming_);
+      if (!message_error_.ok()) {
+        context_.TryCancel();
+      }
+    }
+    StartRead(&incoming_);
+  }
+
+  void OnWriteDone(bool ok) override {
+    const base::MutexLock lock(&mutex_);
+    is_writing_ = false;
+    if (!ok) {
+      outgoing_.clear();  // the stream is broken, so reads end, too
+      return;
+    }
+    outgoing_.pop_front();
+    StartNextWrite();
+  }
+
+  void OnDone(const grpc::Status& grpc_status) override {
+    listener_->OnEnd(EndStatus(rpc::ToAbslStatus(grpc_status)));
+    const base::MutexLock lock(&mutex_);
+    has_ended_ = true;
+    // It signals with the mutex held: the waiting thread may destroy this as soon as it has the
+    // mutex.
+    ended_.SignalAll();
+  }
+
+ private:
+  void StartNextWrite() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (is_writing_ || outgoing_.empty() || reads_have_ended_) {
+      return;
+    }
+    is_writing_ = true;
+    network_bytes_.fetch_add(static_cast<std::int64_t>(BytesWithoutTrace(outgoing_.front())));
+    StartWrite(&outgoing_.front());
+  }
+
+  // Statistics are those of the frame without a trace.
+  static std::size_t BytesWithoutTrace(const v1::RenderFrameRequest& message) {
+    if (!message.has_begin() || !message.begin().request().with_trace()) {
+      return message.ByteSizeLong();
+    }
+    v1::RenderFrameRequest plain = message;
+    plain.mutable_begin()->mutable_request()->clear_with_trace();
+    return plain.ByteSizeLong();
+  }
+
+  // Takes the agent's times out of the message.
+  void TakeTrace() ABSL_LOCKS_EXCLUDED(mutex_) {
+    if (!incoming_.has_frame_done() || !incoming_.frame_done().has_trace()) {
+      return;
+    }
+    rpc::MessageTimes times;
+    times.received = received_;
+    {
+      const base::MutexLock lock(&mutex_);
+      times.sent = sent_;
+    }
+    *trace_target_.trace =
+        rpc::AlignAgentTrace(std::move(*incoming_.mutable_frame_done()->mutable_trace()), times,
+                             trace_target_.zero, agent_.address);
+    incoming_.mutable_frame_done()->clear_trace();
+  }
+
+  // Hands one message to the listener.
+  absl::Status Deliver(v1::RenderFrameResponse* message) {
+    ISOSCOPE_RETURN_IF_ERROR(proto::CheckIntact(*message));
+    const bool has_bands = message->bands_size() > 0;
+    if (has_bands) {
+      listener_->OnPixels({std::make_move_iterator(message->mutable_bands()->begin()),
+                           std::make_move_iterator(message->mutable_bands()->end())});
+    }
+    if (message->pixels_are_in_mailbox()) {
+      std::optional<image::DrawnPixels> pixels;
+      if (mailbox_ != nullptr) {
+        pixels = mailbox_->Take();
+      }
+      if (!pixels) {
+        return absl::InvalidArgumentError("pixels_are_in_mailbox, but there are none");
+      }
+      listener_->OnDrawnPixels(*std::move(pixels));
+    }
+    switch (message->message_case()) {
+      case v1::RenderFrameResponse::kRayHits: {
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            std::vector<volume::BlockId> hits,
+            rpc::BlockListFromProto(message->ray_hits().hits(), block_count_, "ray_hits.hits"));
+        ISOSCOPE_ASSIGN_OR_RETURN(std::vector<volume::BlockId> active,
+                                  rpc::BlockListFromProto(message->ray_hits().active_blocks(),
+                                                          block_count_, "ray_hits.active_blocks"));
+        listener_->OnRayHits(std::move(hits), std::move(active));
+        return absl::OkStatus();
+      }
+      case v1::RenderFrameResponse::kOccludersDone:
+        listener_->OnOccludersDone();
+        return absl::OkStatus();
+      case v1::RenderFrameResponse::kFrameDone: {
+        frame::AgentStatistics statistics =
+            rpc::AgentStatisticsFromProto(message->frame_done().statistics());
+        statistics.agent_address = agent_.address;
+        statistics.shard_indices = agent_.shard_indices;
+        is_frame_done_ = true;
+        listener_->OnFrameDone(std::move(statistics));
+        return absl::OkStatus();
+      }
+      case v1::RenderFrameResponse::MESSAGE_NOT_SET:
+        break;
+    }
+    return has_bands ? absl::OkStatus() : absl::InvalidArgumentError("an empty message");
+  }
+
+  absl::Status EndStatus(const absl::Status& status) const {
+    if (absl::IsUnavailable(message_error_)) {  // damaged on its way
+      return message_error_;
+    }
+    if (!message_error_.ok()) {
+      return absl::InternalError(
+          absl::StrCat("sent a malformed message: ", message_error_.message()));
+    }
+    if (status.ok() && !is_frame_done_) {
+      return absl::InternalError("ended the stream before the frame was done");
+    }
+    return CallStatus(status, was_cancelled_.load());
+  }
+
+  const AgentIdentity agent_;
+  const std::int64_t block_count_;
+  const std::unique_ptr<image::PixelMailboxes::Mailbox> mailbox_;  // null: pixels come as bands
+  const AgentTraceTarget trace_target_;
+  AgentListener* const listener_;
+  const std::unique_ptr<v1::PartitionAgentService::Stub> stub_;
+  grpc::ClientContext context_;
+  std::atomic<bool> was_cancelled_{false};
+  std::atomic<std::int64_t> network_bytes_{0};
+
+  // Only reads touch these, and they follow one another.
+  v1::RenderFrameResponse incoming_;
+  std::vector<base::TraceTime> received_;  // each message, if there is a trace
+  absl::Status message_error_;
+  bool is_frame_done_ = false;
+
+  base::Mutex mutex_;
+  base::CondVar ended_;
+  std::deque<v1::RenderFrameRequest> outgoing_ ABSL_GUARDED_BY(mutex_);  // front: in flight
+  std::vector<base::TraceTime> sent_ ABSL_GUARDED_BY(mutex_);  // each message, if there is a trace
+  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool reads_have_ended_ ABSL_GUARDED_BY(mutex_) = false;
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+class GrpcAgentLink final : public AgentLink {
+ public:
+  explicit GrpcAgentLink(std::unique_ptr<FrameStream> stream) : stream_(std::move(stream)) {}
+  ~GrpcAgentLink() override {
+    stream_->Cancel();
+    stream_->WaitUntilEnded();
+  }
+
+  void SendOccluders(const std::vector<volume::BlockId>& blocks) override {
+    v1::RenderFrameRequest request;
+    *request.mutable_occluders()->mutable_blocks() = rpc::ToProto(blocks);
+    stream_->Send(std::move(request));
+  }
+  void SendVisibleBlocks(const std::vector<volume::BlockId>& blocks,
+                         std::string open_pixels) override {
+    v1::RenderFrameRequest request;
+    *request.mutable_visible_blocks()->mutable_blocks() = rpc::ToProto(blocks);
+    request.mutable_visible_blocks()->set_open_pixels(std::move(open_pixels));
+    stream_->Send(std::move(request));
+  }
+  void Cancel() override { stream_->Cancel(); }
+  [[nodiscard]] const AgentIdentity& agent() const override { return stream_->agent(); }
+  [[nodiscard]] std::int64_t network_bytes() const override { return stream_->network_bytes(); }
+
+ private:
+  const std::unique_ptr<FrameStream> stream_;
+};
+
+}  // namespace
+
+absl::Status CallStatus(const absl::Status& status, bool was_cancelled_by_us) {
+  const bool is_cut =
+      (absl::IsCancelled(status) && !was_cancelled_by_us) ||
+      (absl::IsUnknown(status) && absl::StrContains(status.message(), "Stream removed"));
+  if (is_cut) {
+    return absl::UnavailableError(status.message());
+  }
+  if (absl::IsUnimplemented(status)) {
+    return absl::UnavailableError(
+        absl::StrCat("the agent does not know the call, which was damaged on its way, or is of "
+                     "another version: ",
+                     status.message()));
+  }
+  return absl::IsInvalidArgument(status) ? absl::InternalError(status.message()) : status;
+}
+
+std::unique_ptr<AgentLink> BeginFrameOnAgent(const AgentAssignment& agent, v1::BeginFrame begin,
+                                             std::int64_t block_count, absl::Time deadline,
+                                             image::PixelMailboxes* mailboxes,
+                                             const base::TraceContext& identity,
+                                             const AgentTraceTarget& trace_target,
+                                             AgentListener* listener) {
+  begin.clear_shard_indices();
+  for (const int index : agent.shard_indices) {
+    begin.add_shard_indices(index);
+  }
+  auto stream = std::make_unique<FrameStream>(agent, block_count, deadline, mailboxes, identity,
+                                              trace_target, listener);
+  FrameStream::Start(stream.get(), std::move(begin));
+  return std::make_unique<GrpcAgentLink>(std::move(stream));
+}
+
+struct SurfaceStream::Call {
+  std::unique_ptr<v1::PartitionAgentService::Stub> stub;
+  grpc::ClientContext context;
+  std::unique_ptr<grpc::ClientReader<v1::ExtractSurfaceResponse>> reader;
+};
+
+SurfaceStream::SurfaceStream(FramePart part, const volume::BlockLayout& layout,
+                             v1::ExtractSurfaceRequest request, absl::Time deadline,
+                             absl::Duration max_silence, const base::TraceContext& identity)
+    : part_(std::move(part)),
+      layout_(layout),
+      request_(std::move(request)),
+      deadline_(deadline),
+      max_silence_(max_silence),
+      identity_(identity) {
+  request_.clear_shard_indices();
+  for (const int index : part_.shard_indices) {
+    request_.add_shard_indices(index);
+  }
+  Open();
+}
+
+void SurfaceStream::Open() {
+  auto call = std::make_unique<Call>();
+  call->stub = v1::PartitionAgentService::NewStub(part_.replicas[replica_].channel);
+  SetDeadline(deadline_, &call->context);
+  rpc::SetTraceparent(identity_, &call->context);
+  call->reader = call->stub->ExtractSurface(&call->context, request_);
+  message_.Clear();
+  next_block_ = 0;
+  has_ended_ = false;
+  const base::MutexLock lock(&mutex_);
+  call_ = std::move(call);
+  if (was_cancelled_.load()) {
+    call_->context.TryCancel();
+  }
+}
+
+SurfaceStream::~SurfaceStream() {
+  if (!has_ended_) {
+    call_->context.TryCancel();
+    call_->reader->Finish();
+  }
+}
+
+void SurfaceStream::Cancel() {
+  was_cancelled_.store(true);
+  const base::MutexLock lock(&mutex_);
+  call_->context.TryCancel();
+}
+
+absl::StatusOr<bool> SurfaceStream::ReadMessage() {
+  message_.Clear();
+  rpc::ReadTimeout timeout(&call_->context, max_silence_);
+  const bool has_message = call_->reader->Read(&message_);
+  if (timeout.Stop()) {
+    message_.Clear();
+    return absl::DeadlineExceededError(
+        absl::StrCat("sent nothing for ", absl::FormatDuration(max_silence_)));
+  }
+  return has_message;
+}
+
+absl::Status SurfaceStream::Fail(absl::Status status, bool was_silent) {
+  failures_.push_back({.part_index = 0,
+                       .agent = part_.On(replica_).identity(),
+                       .stage = FrameStage::kRenderingVisible,
+                       .status = std::move(status)});
+  const AgentFailure& failure = failures_.back();
+  const bool is_repeatable = !was_cancelled_.load() && !absl::IsCancelled(failure.status) &&
+                             (was_silent || !absl::IsDeadlineExceeded(failure.status));
+  if (!is_repeatable || replica_ + 1 == part_.replicas.size()) {
+    return failure.ToStatus();
+  }
+  if (!has_ended_) {
+    call_->context.TryCancel();
+    call_->reader->Finish();
+  }
+  ++replica_;
+  Open();
+  return absl::OkStatus();
+}
+
+absl::StatusOr<bool> SurfaceStream::Next(mesh::BlockMesh* block) {
+  while (true) {
+    if (next_block_ == message_.blocks_size()) {
+      if (has_ended_) {
+        return false;
+      }
+      next_block_ = 0;
+      const absl::StatusOr<bool> has_message = ReadMessage();
+      if (!has_message.ok()) {
+        ISOSCOPE_RETURN_IF_ERROR(Fail(has_message.status(), /*was_silent=*/true));
+        continue;
+      }
+      if (*has_message) {
+        const absl::Status intact = proto::CheckIntact(message_);
+        if (!intact.ok()) {
+          ISOSCOPE_RETURN_IF_ERROR(Fail(intact));
+        }
+        continue;
+      }
+      message_.Clear();
+      has_ended_ = true;
+      const grpc::Status status = call_->reader->Finish();
+      if (!status.ok()) {
+        ISOSCOPE_RETURN_IF_ERROR(
+            Fail(CallStatus(rpc::ToAbslStatus(status), was_cancelled_.load())));
+      }
+      continue;
+    }
+    const absl::Status status = UnpackBlock(message_.blocks(next_block_++), layout_, block);
+    if (!status.ok()) {
+      ISOSCOPE_RETURN_IF_ERROR(
+          Fail(absl::InternalError(absl::StrCat("sent a malformed block: ", status.message()))));
+    } else if (replica_ == 0 || static_cast<std::int64_t>(block->block_id) > last_block_id_) {
+      last_block_id_ = static_cast<std::int64_t>(block->block_id);
+      return true;
+    }
+  }
+}
+
+}  // namespace isoscope::server

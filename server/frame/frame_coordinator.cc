@@ -1,0 +1,974 @@
+// A frame runs on one thread, which waits for the events of the agents. Each part of the frame is
+// at a stage. A step of the frame begins when the last part has reached its stage.
+//
+//   event           allowed at           then                 when all parts are there
+//   ray hits        kSelectingOccluders  kRenderingOccluders  union of the hits; each part gets
+//                                                             its occluding blocks
+//   pixels          kRenderingOccluders  the arena            -
+//                   kRenderingVisible    composites them
+//   occluders done  kRenderingOccluders  kRenderingVisible    occlusion map; each part gets its
+//                                                             blocks that are not hidden
+//   frame done      kRenderingVisible    kDone                -
+//   end, OK         kDone                kEnded               the frame is complete
+//   end, error      any                  the part is repeated, or the frame fails
+//
+// Any other event breaks the protocol: INTERNAL. With Culling::kNone parts begin at
+// kRenderingVisible. A frame that fails cancels all agents and waits until their streams have
+// ended, so that nobody works for it when RunFrame returns.
+//
+// Attempts. A part is tried on one replica at first. It is tried on the next one
+//   * when an attempt fails, and no other one is under way;
+//   * beside the first attempt, when that is late: its agent no longer answers, or it has used up
+//     its share of the deadline, or it takes twice as long as the other parts at this step.
+// An attempt begins at the first step and is told what the frame knows already, so it makes the
+// same messages as the one before. Its hits and pixels are reduced once more, which changes
+// nothing. The first attempt that is done wins: its statistics count, and the others are cancelled.
+// A part never goes back: while an attempt repeats what an earlier one did, the frame goes on.
+//
+// Pixels. Those that have arrived lie in a queue. The arena's threads take them from it, and so
+// does the frame's own thread before it waits for events. Agents of this process wait for memory
+// that the queued pixels hold, and an arena may have no thread to spare: one of one thread never
+// has. So without the frame's thread nobody would go on.
+
+#include "server/frame/frame_coordinator.h"
+
+#include <algorithm>
+#include <deque>
+#include <iterator>
+#include <new>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+#include "absl/types/span.h"
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+#include <oneapi/tbb/task_group.h>
+
+#include "core/base/mutex.h"
+#include "core/base/no_memory.h"
+#include "core/base/status_macros.h"
+#include "core/base/trace_recorder.h"
+#include "core/composite/depth_composite.h"
+#include "core/composite/pixel_codec.h"
+#include "core/view/clip_region.h"
+#include "core/visibility/occluder_selection.h"
+#include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
+
+namespace isoscope::server {
+namespace {
+
+// One task tests this many blocks, in some hundred microseconds.
+constexpr std::size_t kBlocksPerTask = 512;
+
+// Between two looks for parts that are late, of a frame that has spare replicas.
+constexpr absl::Duration kWatchInterval = absl::Milliseconds(10);
+// A part that takes less is never too slow: a second attempt costs about as much.
+constexpr absl::Duration kMinSlowDuration = absl::Milliseconds(40);
+// An attempt that takes longer than this share of its time to the deadline gets company.
+constexpr int kDeadlineShare = 4;
+
+// Returns true if another agent might do better. The frame's own end is none of these.
+bool IsRepeatable(const absl::Status& status) {
+  return !absl::IsCancelled(status) && !absl::IsDeadlineExceeded(status);
+}
+
+struct RayHits {
+  std::vector<volume::BlockId> hits;
+  std::vector<volume::BlockId> active;
+};
+struct Pixels {
+  std::vector<std::string> bands;
+};
+struct DrawnPixels {
+  image::DrawnPixels pixels;
+};
+struct OccludersDone {};
+struct PixelsDamaged {};  // from the thread that decoded them
+struct FrameDone {
+  frame::AgentStatistics statistics;
+};
+struct End {
+  absl::Status status;
+};
+
+// One try of a part on one agent.
+struct AttemptId {
+  std::size_t part = 0;
+  std::size_t replica = 0;  // in the order in which the part tries them
+};
+
+struct Event {
+  AttemptId from;
+  absl::Time arrival;
+  std::variant<RayHits, Pixels, DrawnPixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
+};
+
+// The events of the agents, in order of arrival. Thread-safe.
+class EventQueue {
+ public:
+  // Agents' threads call it, which nobody could tell of an exception.
+  void Push(Event event) noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
+    {
+      const base::MutexLock lock(&mutex_);
+      try {
+        events_.push_back(std::move(event));
+      } catch (const std::bad_alloc&) {
+        has_lost_one_ = true;
+      }
+    }
+    // Without the mutex, which the woken thread needs at once. The queue outlives all pushes.
+    arrived_.Signal();
+  }
+
+  [[nodiscard]] bool is_empty() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return events_.empty();
+  }
+
+  // Waits for an event until `wake`, and returns all that have come; none may have. Returns the
+  // cancellation's error if it fires first. RESOURCE_EXHAUSTED if there was no memory for an event.
+  absl::StatusOr<std::deque<Event>> PopAll(absl::Time wake, const base::Cancellation& cancellation)
+      ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::deque<Event> events;
+    {
+      const base::Cancellation::Callback stop(cancellation, [this] {
+        const base::MutexLock lock(&mutex_);
+        arrived_.SignalAll();
+      });
+      const base::MutexLock lock(&mutex_);
+      arrived_.AwaitUntil(&mutex_, std::min(wake, cancellation.deadline()),
+                          [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+                            return !events_.empty() || has_lost_one_ || cancellation.is_cancelled();
+                          });
+      if (has_lost_one_) {
+        return base::NoMemory("an agent's message");
+      }
+      events.swap(events_);
+    }
+    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    return events;
+  }
+
+ private:
+  mutable base::Mutex mutex_;
+  base::CondVar arrived_;
+  std::deque<Event> events_ ABSL_GUARDED_BY(mutex_);
+  bool has_lost_one_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+class QueueingListener final : public AgentListener {
+ public:
+  QueueingListener(AttemptId id, EventQueue* queue) : id_(id), queue_(queue) {}
+
+  void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
+    Push(RayHits{std::move(hits), std::move(active)});
+  }
+  void OnPixels(std::vector<std::string> bands) override { Push(Pixels{std::move(bands)}); }
+  void OnDrawnPixels(image::DrawnPixels pixels) override { Push(DrawnPixels{std::move(pixels)}); }
+  void OnOccludersDone() override { Push(OccludersDone{}); }
+  void OnFrameDone(frame::AgentStatistics statistics) override {
+    Push(FrameDone{std::move(statistics)});
+  }
+  void OnEnd(absl::Status status) override { Push(End{std::move(status)}); }
+
+ private:
+  template <typename T>
+  void Push(T what) {
+    queue_->Push({id_, absl::Now(), std::move(what)});
+  }
+
+  const AttemptId id_;
+  EventQueue* const queue_;
+};
+
+class Frame {
+ public:
+  Frame(const FrameSetup& setup, const BeginAgentFrame& begin,
+        const base::Cancellation& cancellation, image::FrameImage image)
+      : setup_(setup),
+        cancellation_(cancellation),
+        order_{.block_count = static_cast<std::uint32_t>(setup.layout->block_count()),
+               .ties = setup.ties},
+        clipper_(setup.spec->clip, setup.view->geometry()),
+        has_layers_(frame::HasLayers(*setup.spec)),
+        start_(absl::Now()),
+        begin_(begin),
+        row_locks_(setup.view->image_size().height_px) {
+    result_.image = std::move(image);
+    if (has_layers_) {
+      result_.layers =
+          image::LayerStack(result_.image.width, result_.image.height, setup.spec->max_layers + 1,
+                            {.block_count = order_.block_count}, setup.images);
+    }
+  }
+
+  // An exception may have left tasks.
+  ~Frame() { AbandonCompositing(); }
+  Frame(const Frame&) = delete;
+  Frame& operator=(const Frame&) = delete;
+
+  FrameOutcome Run() {
+    absl::Status status = base::OrNoMemory("the frame", [this] { return BeginAndDrive(); });
+    if (!status.ok()) {
+      for (Part& part : parts_) {
+        for (Attempt& attempt : part.attempts) {
+          attempt.link->Cancel();
+        }
+      }
+      AbandonCompositing();
+    }
+    for (Part& part : parts_) {
+      if (status.ok()) {
+        result_.network_bytes += part.attempts[*part.winner].link->network_bytes();
+        result_.agents.push_back(std::move(part.statistics));
+      }
+    }
+    {
+      const base::TraceScope trace(setup_.trace, "end streams");
+      parts_.clear();
+    }
+    FrameOutcome outcome{.status = std::move(status),
+                         .result = {},
+                         .failures = std::move(failures_),
+                         .outrun = std::move(outrun_),
+                         .lost_part = lost_part_,
+                         .hedge_count = hedge_count_};
+    if (outcome.status.ok()) {
+      result_.composite_duration = absl::Now() - phase_start_;
+      std::sort(result_.agents.begin(), result_.agents.end(),
+                [](const frame::AgentStatistics& a, const frame::AgentStatistics& b) {
+                  return a.shard_indices < b.shard_indices;
+                });
+      outcome.result = std::move(result_);
+    }
+    return outcome;
+  }
+
+ private:
+  struct Attempt {
+    std::unique_ptr<QueueingListener> listener;  // outlives the link
+    std::unique_ptr<AgentLink> link;
+    FrameStage stage = FrameStage::kSelectingOccluders;
+    absl::Time begin;
+    bool is_live = true;  // else its events no longer count
+  };
+
+  struct Part {
+    std::vector<Attempt> attempts;  // one for each replica that was tried, in their order
+    FrameStage stage = FrameStage::kSelectingOccluders;  // the farthest of any attempt
+    absl::Time stage_begin;
+    std::optional<std::size_t> winner;  // among attempts
+    frame::AgentStatistics statistics;  // of the winner
+    // What every attempt is told at the begin of steps 2 and 3.
+    std::vector<volume::BlockId> occluders;
+    std::vector<volume::BlockId> visible;
+    std::string open_pixels;
+  };
+
+  [[nodiscard]] FrameStage FirstStage() const {
+    return setup_.spec->culling == frame::Culling::kNone ? FrameStage::kRenderingVisible
+                                                         : FrameStage::kSelectingOccluders;
+  }
+
+  absl::Status BeginAndDrive() {
+    phase_start_ = start_;
+    BeginPhase(setup_.spec->culling == frame::Culling::kNone ? FrameStep::kVisibilityCulling
+                                                             : FrameStep::kOccluderSelection);
+    reported_.resize(setup_.replica_counts.size());
+    parts_.resize(setup_.replica_counts.size());
+    bool has_replicas = false;
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      parts_[i].stage = FirstStage();
+      ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
+      has_replicas = has_replicas || HasSpare(i);
+    }
+    if (setup_.active != nullptr && setup_.spec->culling != frame::Culling::kNone) {
+      FindFootprints(*setup_.active);  // while the agents cast rays
+    }
+    while (true) {
+      while (!AllAt(FrameStage::kEnded)) {
+        const absl::Time wake =
+            has_replicas ? absl::Now() + kWatchInterval : absl::InfiniteFuture();
+        CompositeUntilEvent(wake);
+        base::TraceScope wait(setup_.trace, "wait for agents");
+        absl::StatusOr<std::deque<Event>> events = queue_.PopAll(wake, cancellation_);
+        wait.End();
+        if (!events.ok()) {
+          return absl::IsDeadlineExceeded(events.status()) ? DeadlineError() : events.status();
+        }
+        for (Event& event : *events) {
+          ISOSCOPE_RETURN_IF_ERROR(Handle(std::move(event)));
+        }
+        if (has_replicas) {
+          ISOSCOPE_RETURN_IF_ERROR(RepeatLateParts());
+        }
+      }
+      ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
+      if (AllAt(FrameStage::kEnded)) {  // else a part had sent damaged pixels last
+        return absl::OkStatus();
+      }
+    }
+  }
+
+  [[nodiscard]] bool HasSpare(std::size_t part_index) const {
+    return parts_[part_index].attempts.size() <
+           static_cast<std::size_t>(setup_.replica_counts[part_index]);
+  }
+
+  [[nodiscard]] static std::size_t LiveCount(const Part& part) {
+    return static_cast<std::size_t>(
+        std::count_if(part.attempts.begin(), part.attempts.end(),
+                      [](const Attempt& attempt) { return attempt.is_live; }));
+  }
+
+  // Tries a part on its next replica. REQUIRES: there is one.
+  absl::Status BeginAttempt(std::size_t part_index) {
+    Part& part = parts_[part_index];
+    const std::size_t replica = part.attempts.size();
+    Attempt attempt;
+    attempt.listener = std::make_unique<QueueingListener>(AttemptId{part_index, replica}, &queue_);
+    attempt.stage = FirstStage();
+    attempt.begin = absl::Now();
+    ISOSCOPE_ASSIGN_OR_RETURN(
+        attempt.link,
+        begin_(static_cast<int>(part_index), static_cast<int>(replica), attempt.listener.get()));
+    part.attempts.push_back(std::move(attempt));
+    return absl::OkStatus();
+  }
+
+  // Begins a second attempt of each part whose first one is late.
+  absl::Status RepeatLateParts() {
+    const absl::Time now = absl::Now();
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      const Part& part = parts_[i];
+      if (part.stage >= FrameStage::kDone || !HasSpare(i) || LiveCount(part) != 1) {
+        continue;
+      }
+      const auto live = std::find_if(part.attempts.begin(), part.attempts.end(),
+                                     [](const Attempt& attempt) { return attempt.is_live; });
+      const auto replica = static_cast<int>(live - part.attempts.begin());
+      const auto spare = static_cast<int>(part.attempts.size());
+      const bool is_lost =
+          setup_.is_lost != nullptr && setup_.is_lost(static_cast<int>(i), replica);
+      const bool has_used_its_time =
+          now - live->begin > (cancellation_.deadline() - live->begin) / kDeadlineShare;
+      if (is_lost || has_used_its_time) {
+        ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
+      } else if (IsSlow(part, now) && setup_.may_hedge != nullptr &&
+                 setup_.may_hedge(static_cast<int>(i), spare)) {
+        ++hedge_count_;
+        ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  // Returns true if a part takes twice as long as the slowest of the others, which are at least as
+  // many as those that are not there yet.
+  [[nodiscard]] bool IsSlow(const Part& part, absl::Time now) const {
+    std::size_t behind = 0;
+    absl::Duration slowest = kMinSlowDuration / 2;
+    for (const Part& other : parts_) {
+      if (other.stage <= part.stage) {
+        ++behind;
+      } else {
+        slowest = std::max(slowest, other.stage_begin - phase_start_);
+      }
+    }
+    return 2 * behind <= parts_.size() && now - phase_start_ > 2 * slowest;
+  }
+
+  void SetStage(FrameStage stage, Part* part) {
+    part->stage = stage;
+    part->stage_begin = last_arrival_;
+  }
+
+  absl::Status Handle(Event event) {
+    const AttemptId id = event.from;
+    Attempt& attempt = AttemptOf(id);
+    if (std::holds_alternative<PixelsDamaged>(event.what)) {
+      return FinishCompositing();
+    }
+    if (!attempt.is_live) {
+      return absl::OkStatus();
+    }
+    last_arrival_ = event.arrival;
+    if (auto* hits = std::get_if<RayHits>(&event.what)) {
+      return HandleRayHits(id, std::move(*hits));
+    }
+    if (auto* pixels = std::get_if<Pixels>(&event.what)) {
+      return HandlePixels(id, std::move(pixels->bands));
+    }
+    if (auto* drawn = std::get_if<DrawnPixels>(&event.what)) {
+      return HandleDrawnPixels(id, std::move(drawn->pixels));
+    }
+    if (std::holds_alternative<OccludersDone>(event.what)) {
+      return HandleOccludersDone(id);
+    }
+    if (auto* done = std::get_if<FrameDone>(&event.what)) {
+      return HandleFrameDone(id, std::move(done->statistics));
+    }
+    return HandleEnd(id, std::get<End>(event.what).status);
+  }
+
+  [[nodiscard]] Attempt& AttemptOf(AttemptId id) { return parts_[id.part].attempts[id.replica]; }
+
+  absl::Status HandleFrameDone(AttemptId id, frame::AgentStatistics statistics) {
+    Part& part = parts_[id.part];
+    if (!IsAt(AttemptOf(id), FrameStage::kRenderingVisible)) {
+      return OutOfOrder(id, "the end of the frame");
+    }
+    AttemptOf(id).stage = FrameStage::kDone;
+    SetStage(FrameStage::kDone, &part);
+    part.winner = id.replica;
+    part.statistics = std::move(statistics);
+    for (std::size_t i = 0; i < part.attempts.size(); ++i) {
+      Attempt& other = part.attempts[i];
+      if (i != id.replica && other.is_live) {
+        other.is_live = false;
+        other.link->Cancel();
+        if (i < id.replica) {
+          outrun_.push_back(other.link->agent());
+        }
+      }
+    }
+    if (AllAt(FrameStage::kDone)) {
+      EndPhase(&result_.visibility_culling_duration, "visibility culling", FrameStep::kFinishing);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleEnd(AttemptId id, const absl::Status& status) {
+    Attempt& attempt = AttemptOf(id);
+    // An agent that is lost after its last message has done its part.
+    if (status.ok() || absl::IsUnavailable(status)) {
+      if (attempt.stage == FrameStage::kDone) {
+        attempt.is_live = false;
+        SetStage(FrameStage::kEnded, &parts_[id.part]);
+        return absl::OkStatus();
+      }
+      return status.ok() ? OutOfOrder(id, "the end of the stream") : Fail(id, status);
+    }
+    return absl::IsDeadlineExceeded(status) ? DeadlineError() : Fail(id, status);
+  }
+
+  // Pixels that wait to be composited: a band, or all of an agent's step.
+  struct Arrival {
+    AttemptId from;
+    std::variant<std::string, image::DrawnPixels> pixels;
+  };
+
+  absl::Status HandlePixels(AttemptId id, std::vector<std::string> bands) {
+    if (!IsRendering(AttemptOf(id))) {
+      return OutOfOrder(id, "pixels");
+    }
+    is_composited_into_ = true;
+    std::vector<Arrival> arrivals;
+    arrivals.reserve(bands.size());
+    for (std::string& band : bands) {
+      arrivals.push_back({id, std::move(band)});
+    }
+    Composite(std::move(arrivals));
+    return absl::OkStatus();
+  }
+
+  // The first image becomes the result; others are composited into it.
+  absl::Status HandleDrawnPixels(AttemptId id, image::DrawnPixels pixels) {
+    if (!IsRendering(AttemptOf(id))) {
+      return OutOfOrder(id, "pixels");
+    }
+    if (pixels.image.width != result_.image.width || pixels.image.height != result_.image.height) {
+      return Fail(id, absl::InternalError(absl::StrFormat(
+                          "drew %d x %d pixels of %d x %d", pixels.image.width, pixels.image.height,
+                          result_.image.width, result_.image.height)));
+    }
+    if (!std::exchange(is_composited_into_, true)) {
+      std::swap(result_.image, pixels.image);
+      if (!has_layers_) {
+        return absl::OkStatus();
+      }
+    }
+    std::vector<Arrival> arrivals;
+    arrivals.push_back({id, std::move(pixels)});
+    Composite(std::move(arrivals));
+    return absl::OkStatus();
+  }
+
+  // Lets the arena composite the pixels while others arrive.
+  void Composite(std::vector<Arrival> arrivals) ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const std::size_t count = arrivals.size();
+    has_tasks_ = true;
+    {
+      const base::MutexLock lock(&arrivals_mutex_);
+      std::move(arrivals.begin(), arrivals.end(), std::back_inserter(arrivals_));
+    }
+    setup_.arena->execute([&] {
+      for (std::size_t i = 0; i < count; ++i) {
+        compositing_.run([this] { CompositeNext(); });
+      }
+    });
+  }
+
+  // Works on what has arrived until an event comes, until `wake`, or until nothing is left.
+  void CompositeUntilEvent(absl::Time wake) {
+    const absl::Time end = std::min(wake, cancellation_.deadline());
+    while (queue_.is_empty() && HasArrivals() && !cancellation_.is_cancelled() &&
+           absl::Now() < end) {
+      setup_.arena->execute([&] { CompositeNext(); });
+    }
+  }
+
+  [[nodiscard]] bool HasArrivals() const ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const base::MutexLock lock(&arrivals_mutex_);
+    return !arrivals_.empty();
+  }
+
+  // Takes what arrived first, unless another thread has.
+  std::optional<Arrival> TakeArrival() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const base::MutexLock lock(&arrivals_mutex_);
+    if (arrivals_.empty()) {
+      return std::nullopt;
+    }
+    std::optional<Arrival> arrival(std::move(arrivals_.front()));
+    arrivals_.pop_front();
+    return arrival;
+  }
+
+  // Composites what arrived first. The pixels and their memory are free when it returns.
+  void CompositeNext() ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    const std::optional<Arrival> arrival = TakeArrival();
+    if (!arrival.has_value()) {
+      return;
+    }
+    if (const auto* band = std::get_if<std::string>(&arrival->pixels)) {
+      CompositeBand(arrival->from, *band);
+    } else {
+      CompositeDrawn(arrival->from, std::get<image::DrawnPixels>(arrival->pixels));
+    }
+  }
+
+  // Drops the pixels that nobody has begun to composite, and waits for the rest. In the arena: one
+  // of one thread has nobody else to run the tasks. Allocates nothing.
+  void AbandonCompositing() noexcept ABSL_LOCKS_EXCLUDED(arrivals_mutex_) {
+    if (!std::exchange(has_tasks_, false)) {
+      return;
+    }
+    while (TakeArrival().has_value()) {
+    }
+    try {
+      setup_.arena->execute([&] { compositing_.wait(); });
+    } catch (const std::bad_alloc&) {
+      // A task has thrown it. All are done, and the frame has failed anyhow.
+    }
+  }
+
+  void CompositeDrawn(AttemptId id, const image::DrawnPixels& pixels) {
+    try {
+      tbb::parallel_for(0, pixels.image.touched.rows(), [&](int row) {
+        const base::MutexLock lock(&row_locks_.OfTileRow(row));
+        composite::CompositeTileRowInto(pixels.image, row, order_, &result_.image);
+        if (has_layers_) {
+          composite::CompositeTileRowInto(pixels.layers, row, &result_.layers);
+        }
+      });
+    } catch (const std::bad_alloc&) {
+      ReportDamage(id, NoMemoryForLayers());
+    }
+  }
+
+  static absl::Status NoMemoryForLayers() {
+    return absl::ResourceExhaustedError("the coordinator has no memory for more layers");
+  }
+
+  void CompositeBand(AttemptId id, absl::string_view band) {
+    const base::TraceScope trace(setup_.trace, "composite");
+    const frame::FrameSpec& spec = *setup_.spec;
+    const composite::SurfaceCounts surfaces{
+        .opaque = spec.sends_normals ? frame::OwnerSurfaceCount(spec) : spec.surfaces.size(),
+        .layers = spec.surfaces.size()};
+    absl::Status status;
+    try {
+      status = composite::DecodePixelsInto(band, order_, surfaces, &result_.image, &row_locks_,
+                                           has_layers_ ? &result_.layers : nullptr);
+    } catch (const std::bad_alloc&) {
+      status = NoMemoryForLayers();
+    }
+    if (!status.ok()) {
+      ReportDamage(id, status);
+    }
+  }
+
+  void ReportDamage(AttemptId id, const absl::Status& status) ABSL_LOCKS_EXCLUDED(damage_mutex_) {
+    const base::MutexLock lock(&damage_mutex_);
+    damages_.emplace_back(id,
+                          absl::Status(status.code(), absl::StrCat("pixels: ", status.message())));
+    queue_.Push({id, absl::Now(), PixelsDamaged{}});
+  }
+
+  // Returns once all bands that have arrived are in the image. What was damaged is not, and its
+  // part is repeated.
+  absl::Status FinishCompositing() ABSL_LOCKS_EXCLUDED(damage_mutex_) {
+    {
+      const base::TraceScope trace(setup_.trace, "finish compositing");
+      setup_.arena->execute([&] { compositing_.wait(); });
+      has_tasks_ = false;
+    }
+    std::vector<std::pair<AttemptId, absl::Status>> damages;
+    {
+      const base::MutexLock lock(&damage_mutex_);
+      damages.swap(damages_);
+    }
+    for (const auto& [id, status] : damages) {
+      const Part& part = parts_[id.part];
+      if (part.winner != id.replica && (part.winner.has_value() || !AttemptOf(id).is_live)) {
+        continue;  // another attempt has sent all pixels, or will
+      }
+      ISOSCOPE_RETURN_IF_ERROR(Fail(id, status));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleRayHits(AttemptId id, RayHits hits) {
+    Attempt& attempt = AttemptOf(id);
+    Part& part = parts_[id.part];
+    if (attempt.stage != FrameStage::kSelectingOccluders) {
+      return OutOfOrder(id, "ray hits");
+    }
+    attempt.stage = FrameStage::kRenderingOccluders;
+    if (part.stage != FrameStage::kSelectingOccluders) {  // an earlier attempt had told the same
+      if (AllAt(FrameStage::kRenderingOccluders)) {
+        attempt.link->SendOccluders(part.occluders);
+      }
+      return absl::OkStatus();
+    }
+    SetStage(FrameStage::kRenderingOccluders, &part);
+    hits_ = visibility::UnionOfHits(hits_, hits.hits);
+    if (setup_.active == nullptr) {
+      reported_[id.part] = std::move(hits.active);
+    }
+    if (AllAt(FrameStage::kRenderingOccluders)) {
+      result_.active = setup_.active != nullptr ? setup_.active
+                                                : std::make_shared<const ActiveBlocks>(
+                                                      reported_, setup_.layout->block_count());
+      SendOccluders();
+      EndPhase(&result_.occluder_selection_duration, "occluder selection",
+               FrameStep::kOccluderRendering);
+    }
+    return absl::OkStatus();
+  }
+
+  void SendOccluders() {
+    const base::TraceScope trace(setup_.trace, "find occluders");
+    result_.ray_hit_block_count = static_cast<std::int64_t>(hits_.size());
+    const ActiveBlocks& active = *result_.active;
+    occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active.set);
+    if (footprints_.empty()) {
+      FindFootprints(active);
+    }
+    std::vector<Selection> selections =
+        SelectBlocks([&](std::size_t active_index, Selection* part) {
+          if (occluding_.Contains(active.ids[active_index]) &&
+              !footprints_[active_index].rect.empty()) {
+            part->blocks.push_back(active.ids[active_index]);
+          }
+        });
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      parts_[i].occluders = std::move(selections[i].blocks);
+      for (Attempt& attempt : parts_[i].attempts) {
+        if (attempt.is_live && attempt.stage == FrameStage::kRenderingOccluders) {
+          attempt.link->SendOccluders(parts_[i].occluders);
+        }
+      }
+    }
+  }
+
+  [[nodiscard]] bool IsClipped(volume::BlockId id) const {
+    return !clipper_.empty() &&
+           clipper_.SideOf(*setup_.layout, id) == view::Clipper::Side::kOutside;
+  }
+
+  // Blocks that are wholly clipped have an empty footprint, and so are never drawn.
+  void FindFootprints(const ActiveBlocks& active) {
+    const base::TraceScope trace(setup_.trace, "footprints");
+    footprints_.resize(active.ids.size());
+    setup_.arena->execute([&] {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, active.ids.size(), kBlocksPerTask),
+                        [&](const tbb::blocked_range<std::size_t>& range) {
+                          setup_.view->FootprintsOf(
+                              *setup_.layout,
+                              absl::MakeSpan(active.ids).subspan(range.begin(), range.size()),
+                              absl::MakeSpan(footprints_).subspan(range.begin(), range.size()));
+                          for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                            if (IsClipped(active.ids[i])) {
+                              footprints_[i].rect = {};
+                            }
+                          }
+                        });
+    });
+  }
+
+  // The blocks that one part draws in a step.
+  struct Selection {
+    std::vector<volume::BlockId> blocks;
+    std::vector<image::PixelMask> open;  // the pixels that each could win; or none
+  };
+
+  // Calls select(active index, selection to add it to) for every active block, in parallel, and
+  // joins the selections of each part in order.
+  template <typename Fn>
+  [[nodiscard]] std::vector<Selection> SelectBlocks(const Fn& select) const {
+    const ActiveBlocks& active = *result_.active;
+    struct Task {
+      std::size_t part_index = 0;
+      std::size_t begin = 0;
+      std::size_t end = 0;
+      Selection selection;
+    };
+    std::vector<Task> tasks;
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      for (std::size_t begin = active.begin_by_agent[i]; begin < active.begin_by_agent[i + 1];
+           begin += kBlocksPerTask) {
+        tasks.push_back(
+            {i, begin, std::min(begin + kBlocksPerTask, active.begin_by_agent[i + 1]), {}});
+      }
+    }
+    setup_.arena->execute([&] {
+      tbb::parallel_for(std::size_t{0}, tasks.size(), [&](std::size_t index) {
+        Task& task = tasks[index];
+        for (std::size_t active_index = task.begin; active_index < task.end; ++active_index) {
+          select(active_index, &task.selection);
+        }
+      });
+    });
+    std::vector<Selection> selections(parts_.size());
+    for (Task& task : tasks) {
+      Selection& of_part = selections[task.part_index];
+      Selection& of_task = task.selection;
+      of_part.blocks.insert(of_part.blocks.end(), of_task.blocks.begin(), of_task.blocks.end());
+      std::move(of_task.open.begin(), of_task.open.end(), std::back_inserter(of_part.open));
+    }
+    return selections;
+  }
+
+  absl::Status HandleOccludersDone(AttemptId id) {
+    Attempt& attempt = AttemptOf(id);
+    Part& part = parts_[id.part];
+    if (!IsAt(attempt, FrameStage::kRenderingOccluders)) {
+      return OutOfOrder(id, "the end of the occluders");
+    }
+    attempt.stage = FrameStage::kRenderingVisible;
+    if (part.stage != FrameStage::kRenderingOccluders) {
+      if (AllAt(FrameStage::kRenderingVisible)) {
+        attempt.link->SendVisibleBlocks(part.visible, part.open_pixels);
+      }
+      return absl::OkStatus();
+    }
+    SetStage(FrameStage::kRenderingVisible, &part);
+    if (AllAt(FrameStage::kRenderingVisible)) {
+      ISOSCOPE_RETURN_IF_ERROR(FinishCompositing());
+      SendVisibleBlocks();
+      EndPhase(&result_.occluder_rendering_duration, "occluder rendering",
+               FrameStep::kVisibilityCulling);
+    }
+    return absl::OkStatus();
+  }
+
+  void SendVisibleBlocks() {
+    const bool has_depth = setup_.spec->culling == frame::Culling::kDepth;
+    const base::TraceScope trace(setup_.trace, "cull");
+    const visibility::OcclusionMap map = setup_.arena->execute([&] {
+      return visibility::OcclusionMap::FromImage(
+          result_.image, has_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
+    });
+    const ActiveBlocks& active = *result_.active;
+    std::vector<Selection> selections =
+        SelectBlocks([&](std::size_t active_index, Selection* part) {
+          const view::Footprint& footprint = footprints_[active_index];
+          const bool is_drawn = !has_layers_ && occluding_.Contains(active.ids[active_index]);
+          if (is_drawn || footprint.rect.empty() || map.Hides(footprint)) {
+            return;
+          }
+          part->blocks.push_back(active.ids[active_index]);
+          // The 1-bit mask is the paper's: it culls blocks, not fragments.
+          if (has_depth) {
+            part->open.push_back(map.OpenPixels(footprint));
+          }
+        });
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      Part& part = parts_[i];
+      part.visible = std::move(selections[i].blocks);
+      if (has_depth) {
+        part.open_pixels = visibility::EncodeOpenPixels(selections[i].open);
+      }
+      for (Attempt& attempt : part.attempts) {
+        if (attempt.is_live && attempt.stage == FrameStage::kRenderingVisible) {
+          attempt.link->SendVisibleBlocks(part.visible, part.open_pixels);
+        }
+      }
+    }
+  }
+
+  // Returns true if every part is at `stage` or farther.
+  [[nodiscard]] bool AllAt(FrameStage stage) const {
+    return std::all_of(parts_.begin(), parts_.end(),
+                       [stage](const Part& part) { return part.stage >= stage; });
+  }
+
+  // Returns true if the attempt is at `stage` and was asked for it. A step begins once all parts
+  // are there.
+  [[nodiscard]] bool IsAt(const Attempt& attempt, FrameStage stage) const {
+    return attempt.stage == stage && AllAt(stage);
+  }
+  [[nodiscard]] bool IsRendering(const Attempt& attempt) const {
+    return IsAt(attempt, FrameStage::kRenderingOccluders) ||
+           IsAt(attempt, FrameStage::kRenderingVisible);
+  }
+
+  void BeginPhase(FrameStep step) {
+    if (setup_.step != nullptr) {
+      setup_.step->store(step, std::memory_order_relaxed);
+    }
+    if (setup_.trace != nullptr) {
+      phase_trace_start_ = base::TraceClock::now();
+    }
+  }
+
+  // Notes the time since the last phase ended, and what comes next. The last phase ends with the
+  // last agent's last event; compositing follows.
+  void EndPhase(absl::Duration* duration, const char* name, FrameStep next) {
+    if (setup_.trace != nullptr) {
+      setup_.trace->Add(name, phase_trace_start_, base::TraceClock::now());
+    }
+    BeginPhase(next);
+    const absl::Time now =
+        duration == &result_.visibility_culling_duration ? last_arrival_ : absl::Now();
+    // The last step ends a second time if its last pixels were damaged.
+    *duration += std::max(now - phase_start_, absl::ZeroDuration());
+    phase_start_ = std::max(now, phase_start_);
+  }
+
+  // Notes the agent that failed. Tries its part elsewhere if nobody else works on it; if there is
+  // no other agent, the frame ends with the error.
+  absl::Status Fail(AttemptId id, const absl::Status& status) {
+    Part& part = parts_[id.part];
+    Attempt& attempt = AttemptOf(id);
+    NoteFailure(id, attempt.stage, status);
+    attempt.is_live = false;
+    attempt.link->Cancel();
+    if (part.winner == id.replica) {  // it had said that it was done
+      part.winner.reset();
+      part.stage = FrameStage::kRenderingVisible;
+    }
+    if (LiveCount(part) > 0) {
+      return absl::OkStatus();
+    }
+    if (HasSpare(id.part) && IsRepeatable(status)) {
+      return BeginAttempt(id.part);
+    }
+    lost_part_ = id.part;
+    absl::Status error = failures_.back().ToStatus();
+    if (part.attempts.size() == 1) {
+      return error;
+    }
+    return {error.code(), absl::StrCat(error.message(), " (the last of ", part.attempts.size(),
+                                       " agents that serve it)")};
+  }
+
+  void NoteFailure(AttemptId id, FrameStage stage, absl::Status status) {
+    failures_.push_back({.part_index = id.part,
+                         .agent = AttemptOf(id).link->agent(),
+                         .stage = stage,
+                         .status = std::move(status)});
+  }
+
+  absl::Status OutOfOrder(AttemptId id, const char* what) {
+    return Fail(id, absl::InternalError(
+                        absl::StrFormat("sent %s out of order; its version may differ", what)));
+  }
+
+  // Returns the error of a passed deadline. The frame waits for the parts at the earliest stage.
+  absl::Status DeadlineError() {
+    FrameStage slowest = FrameStage::kEnded;
+    for (const Part& part : parts_) {
+      slowest = std::min(slowest, part.stage);
+    }
+    std::vector<std::string> waiting;
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      if (parts_[i].stage != slowest) {
+        continue;
+      }
+      for (std::size_t replica = 0; replica < parts_[i].attempts.size(); ++replica) {
+        const Attempt& attempt = parts_[i].attempts[replica];
+        const bool is_last = replica + 1 == parts_[i].attempts.size();
+        if (attempt.is_live || (is_last && LiveCount(parts_[i]) == 0)) {
+          waiting.push_back(NameOf(attempt.link->agent()));
+          NoteFailure({i, replica}, slowest, absl::DeadlineExceededError("had not answered"));
+        }
+      }
+    }
+    return absl::DeadlineExceededError(absl::StrFormat(
+        "the frame's deadline passed after %s; not answered: %s",
+        absl::FormatDuration(absl::Trunc(absl::Now() - start_, absl::Milliseconds(1))),
+        absl::StrJoin(waiting, ", ")));
+  }
+
+  const FrameSetup& setup_;
+  const base::Cancellation& cancellation_;
+  const image::FragmentOrder order_;
+  const view::Clipper clipper_;
+  const bool has_layers_;  // step 2 then draws only the opaque surfaces of a block
+  const absl::Time start_;
+  absl::Time phase_start_;
+  base::TraceTime phase_trace_start_;  // if there is a trace
+  absl::Time last_arrival_;
+  EventQueue queue_;  // outlives the links
+  const BeginAgentFrame& begin_;
+  std::vector<Part> parts_;
+  std::vector<volume::BlockId> hits_;
+  std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by part
+  volume::BlockSet occluding_;
+  std::vector<view::Footprint> footprints_;  // of the active blocks
+  FrameResult result_;
+  composite::RowLocks row_locks_;    // of its image
+  bool is_composited_into_ = false;  // result_.image
+  mutable base::Mutex arrivals_mutex_;
+  std::deque<Arrival> arrivals_ ABSL_GUARDED_BY(arrivals_mutex_);
+  tbb::task_group compositing_;  // has a task for each arrival, which may come too late for it
+  bool has_tasks_ = false;       // since compositing_ was waited for; the frame's thread
+  base::Mutex damage_mutex_;
+  std::vector<std::pair<AttemptId, absl::Status>> damages_ ABSL_GUARDED_BY(damage_mutex_);
+  std::vector<AgentFailure> failures_;
+  std::vector<AgentIdentity> outrun_;
+  std::optional<std::size_t> lost_part_;
+  int hedge_count_ = 0;
+};
+
+}  // namespace
+
+FrameOutcome RunFrame(const FrameSetup& setup, const BeginAgentFrame& begin,
+                      const base::Cancellation& cancellation) {
+  const view::Viewport size = setup.view->image_size();
+  try {
+    base::TraceScope trace(setup.trace, "take image");
+    image::FrameImage image = setup.images->Take(size.width_px, size.height_px);
+    trace.End();
+    return Frame(setup, begin, cancellation, std::move(image)).Run();
+  } catch (const std::bad_alloc&) {
+    return {.status = base::OrNoMemory("a picture", [&] {
+              // Not StrFormat, which ends the process if memory runs out.
+              return absl::ResourceExhaustedError(
+                  absl::StrCat("the coordinator has no memory for a picture of ", size.width_px,
+                               " x ", size.height_px, " pixels"));
+            })};
+  }
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,175 @@
+// Runs frames for the calls of IsosurfaceService: counts them, finds dataset and agents, and keeps
+// what frames share.
+
+#ifndef ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
+#define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include <oneapi/tbb/task_arena.h>
+
+#include "core/base/cancellation.h"
+#include "core/base/trace_context.h"
+#include "core/base/trace_recorder.h"
+#include "core/frame/frame_spec.h"
+#include "core/image/frame_image.h"
+#include "core/image/pixel_mailboxes.h"
+#include "core/view/camera.h"
+#include "core/view/view.h"
+#include "isoscope/internal/v1/partition_agent_service.pb.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+#include "server/access/access_control.h"
+#include "server/admission/admission.h"
+#include "server/admission/coordinator_memory.h"
+#include "server/admission/frame_board.h"
+#include "server/cluster/agent_failure.h"
+#include "server/cluster/agent_registry.h"
+#include "server/cluster/frame_part.h"
+#include "server/cluster/replica_board.h"
+#include "server/frame/active_blocks.h"
+#include "server/frame/agent_queries.h"
+#include "server/frame/frame_coordinator.h"
+#include "server/metrics/coordinator_metrics.h"
+
+namespace isoscope::server {
+
+struct FrameRunnerOptions {
+  AgentRegistry* registry = nullptr;       // outlives the runner
+  int max_concurrent_frames = 4;           // >= 1
+  int max_queued_frames = 32;              // >= 0
+  std::shared_ptr<tbb::task_arena> arena;  // for what the coordinator computes
+  std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
+  // Those of the agents, if all of them share this process; else null.
+  std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
+  // The runner takes memory for frames of this size at start. Not set: as frames come.
+  std::optional<view::Viewport> expected_viewport = std::nullopt;
+};
+
+// A dataset, the parts of a frame on it, and its view.
+struct FrameTarget {
+  DatasetState dataset;
+  std::vector<FramePart> parts;  // of all shards, unless some are missing (allow_partial)
+  view::View view;
+  volume::BlockLayout layout;
+  image::FragmentOrder order;
+};
+
+// A frame apart from what it draws: who it is, and who looks on. All that it points to outlives the
+// frame.
+struct FrameIdentity {
+  std::int64_t number = 0;
+  const base::TraceContext* request = nullptr;
+  std::atomic<FrameStep>* step = nullptr;  // null: nobody looks
+  base::TraceRecorder* trace = nullptr;    // null: none is asked for
+  base::TraceTime trace_zero;              // of the axis
+  // Gets the traces of the agents, in their order, if `trace` is set.
+  std::vector<isoscope::v1::ProcessTrace>* agent_traces = nullptr;
+};
+
+// Thread-safe.
+class FrameRunner {
+ public:
+  // A part with more shards stays one, whatever `is_each_shard_apart` says.
+  static constexpr std::size_t kMaxShardsApart = 32;
+
+  explicit FrameRunner(const FrameRunnerOptions& options);
+
+  // Takes a place for a frame of `client`, a token's name or a peer. RESOURCE_EXHAUSTED if there is
+  // none, which says when to come again, or if the frame can never fit the memory limit. Does not
+  // block.
+  absl::StatusOr<Admission::Place> Admit(const std::string& client, const frame::FrameSpec& spec,
+                                         Delivery delivery);
+  // The line of frames: what has a place is scheduled there.
+  [[nodiscard]] Admission* admission() { return &admission_; }
+
+  // Takes the memory of a frame, and waits until it is free. Errors as CoordinatorMemory.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveMemory(
+      const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation) {
+    return memory_.ReserveFrame(spec, delivery, cancellation);
+  }
+
+  // The same for an export.
+  absl::StatusOr<base::MemoryBudget::Reservation> ReserveExportMemory(
+      std::size_t agent_count, const base::Cancellation& cancellation) {
+    return memory_.ReserveExport(agent_count, cancellation);
+  }
+
+  std::int64_t NextFrameNumber() { return next_frame_number_.fetch_add(1); }
+  [[nodiscard]] tbb::task_arena* arena() const { return options_.arena.get(); }
+  [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
+
+  // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
+  // can draw it. Resolves the camera in both `request` and `spec`. If `is_each_shard_apart`, each
+  // shard becomes a part of its own. Errors as IsosurfaceService says.
+  absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
+                                         frame::FrameSpec* spec, bool is_each_shard_apart,
+                                         const base::TraceContext& identity,
+                                         const base::Cancellation& cancellation,
+                                         const Caller& caller = {});
+
+  // Runs one frame to its end. Blocks. Errors as IsosurfaceService says; logs agents that failed.
+  // With allow_partial, `parts` loses those that no agent could do, and the frame is of the others.
+  absl::StatusOr<FrameResult> Run(const FrameIdentity& identity,
+                                  const isoscope::v1::RenderIsosurfaceRequest& request,
+                                  const frame::FrameSpec& spec, const FrameTarget& target,
+                                  const base::Cancellation& cancellation,
+                                  std::vector<FramePart>* parts);
+
+  // Returns the parts of a request that is not a frame.
+  [[nodiscard]] std::vector<FramePart> PartsOf(const DatasetState& dataset) const {
+    return replicas_.Choose(dataset.replica_sets, dataset.dataset.dataset_id());
+  }
+
+  // Logs and counts agents that failed (frame 0: in an export or a query), and tells the registry
+  // about those that were lost or have changed.
+  void ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
+                      const std::vector<AgentFailure>& failures);
+
+  // The frames that have a place.
+  [[nodiscard]] FrameBoard* board() { return &board_; }
+  [[nodiscard]] CoordinatorMetrics* metrics() { return &metrics_; }
+  // What the metrics do not count themselves, but for agents and datasets.
+  [[nodiscard]] CoordinatorGauges gauges() const;
+
+ private:
+  // One try of Run, with these parts. With an error, `lost_part` is the part that ended the frame,
+  // if one did.
+  absl::StatusOr<FrameResult> RunParts(const FrameIdentity& identity,
+                                       const isoscope::v1::RenderIsosurfaceRequest& request,
+                                       const frame::FrameSpec& spec, const FrameTarget& target,
+                                       const std::vector<FramePart>& parts,
+                                       const base::Cancellation& cancellation,
+                                       std::optional<std::size_t>* lost_part);
+  void LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome);
+  // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
+  absl::Status PlaceCamera(const QueryTarget& query, const volume::GridGeometry& geometry,
+                           const volume::BlockLayout& layout, const base::TraceContext& identity,
+                           const base::Cancellation& cancellation,
+                           isoscope::v1::RenderIsosurfaceRequest* request, frame::FrameSpec* spec);
+
+  const FrameRunnerOptions options_;
+  CoordinatorMemory memory_;
+  CoordinatorMetrics metrics_;
+  FrameBoard board_;
+  std::atomic<std::int64_t> next_frame_number_{1};
+  ActiveBlocksCache active_blocks_;
+  ReplicaBoard replicas_;
+  const std::shared_ptr<image::FrameImagePool> images_;
+  Admission admission_;  // last: its threads use the members above
+};
+
+// Returns the layout of the dataset's blocks. INVALID_ARGUMENT if it has none.
+absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
+                                             const volume::GridGeometry& geometry);
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_

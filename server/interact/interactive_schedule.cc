@@ -1,0 +1,156 @@
+// The rules, in the order in which Next applies them:
+//
+// 1. Cancel. A frame in work whose state was replaced, or a moving frame of a view that has come to
+//    rest, is cancelled if less than half of its expected time has passed. Never two in a row, so
+//    that a steady drag still shows frames; and no quick moving frames (kWorthCancelling).
+// 2. Exact. A view that rests gets its exact frame, once, when nothing is in work. It needs no
+//    credit: nothing follows it.
+// 3. Moving. A view that moves gets a frame of its newest state, once the one before is drawn and
+//    while credits allow.
+//
+//   state 1   moving 1: drawn, encoded, sent ..... shown
+//      state 2, 3     moving 3: drawn, encoded, sent ..... shown        (2 was never begun)
+//                                         120 ms after 3:  exact 3 ............ sent
+
+#include "server/interact/interactive_schedule.h"
+
+#include <algorithm>
+
+namespace isoscope::server {
+namespace {
+
+// A running mean that follows within a few frames.
+void Blend(absl::Duration value, std::optional<absl::Duration>* mean) {
+  *mean = mean->has_value() ? (**mean * 3 + value) / 4 : value;
+}
+
+}  // namespace
+
+void InteractiveSchedule::OnState(std::int64_t sequence, bool is_at_rest, absl::Time now) {
+  newest_ = sequence;
+  newest_time_ = now;
+  newest_rests_ = is_at_rest;
+}
+
+void InteractiveSchedule::OnDrawn(std::int64_t work) {
+  const auto it = in_work_.find(work);
+  if (it != in_work_.end()) {
+    it->second.is_drawn = true;
+  }
+}
+
+void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now) {
+  const auto it = in_work_.find(work);
+  if (it == in_work_.end()) {
+    return;
+  }
+  cancelled_last_ = it->second.is_cancelled;
+  if (!it->second.is_cancelled) {
+    Blend(now - it->second.start, it->second.is_exact ? &expected_exact_ : &expected_moving_);
+  }
+  in_work_.erase(it);
+  waiting_count_ += has_answer ? 1 : 0;
+}
+
+void InteractiveSchedule::OnSent(std::int64_t frame_number, absl::Time now) {
+  --waiting_count_;
+  sent_.emplace(frame_number, now);
+}
+
+void InteractiveSchedule::OnDropped() { --waiting_count_; }
+
+std::optional<absl::Duration> InteractiveSchedule::OnShown(std::int64_t frame_number,
+                                                           absl::Time now) {
+  for (std::map<std::int64_t, absl::Time>* frames : {&sent_, &overdue_}) {
+    const auto it = frames->find(frame_number);
+    if (it != frames->end()) {
+      const absl::Duration delay = now - it->second;
+      frames->erase(it);
+      return delay;
+    }
+  }
+  return std::nullopt;
+}
+
+void InteractiveSchedule::SetCredits(int credits) {
+  credits_ = std::clamp(credits, kMinCredits, kMaxCredits);
+}
+
+std::vector<std::int64_t> InteractiveSchedule::Expire(absl::Time now) {
+  std::vector<std::int64_t> expired;
+  for (auto it = sent_.begin(); it != sent_.end();) {
+    if (now - it->second < kShownTimeout) {
+      ++it;
+      continue;
+    }
+    expired.push_back(it->first);
+    overdue_.insert(*it);
+    it = sent_.erase(it);
+  }
+  while (overdue_.size() > kMaxOverdue) {
+    overdue_.erase(overdue_.begin());
+  }
+  return expired;
+}
+
+bool InteractiveSchedule::MayDraw() const {
+  return static_cast<int>(in_work_.size()) < kMaxInWork &&
+         std::all_of(in_work_.begin(), in_work_.end(), [](const auto& work) {
+           return work.second.is_drawn || work.second.is_cancelled;
+         });
+}
+
+bool InteractiveSchedule::MayCancel(const Work& work, absl::Time now) const {
+  const std::optional<absl::Duration>& expected =
+      work.is_exact ? expected_exact_ : expected_moving_;
+  return !work.is_cancelled && !work.is_drawn && !cancelled_last_ && expected.has_value() &&
+         (work.is_exact || *expected >= kWorthCancelling) && now - work.start < *expected / 2;
+}
+
+FrameStart InteractiveSchedule::Begin(bool is_exact, absl::Time now) {
+  moving_started_ = newest_;
+  if (is_exact) {
+    exact_started_ = newest_;
+  }
+  const std::int64_t work = next_work_++;
+  in_work_[work] = {.sequence = newest_, .is_exact = is_exact, .start = now};
+  return {.work = work, .sequence = newest_, .is_exact = is_exact};
+}
+
+InteractiveSchedule::Step InteractiveSchedule::Next(absl::Time now) {
+  Step step;
+  step.overdue = Expire(now);
+  if (newest_ == 0) {
+    return step;
+  }
+  const bool rests = newest_rests_ || now - newest_time_ >= kRestDelay;
+  for (auto& [number, work] : in_work_) {
+    const bool is_stale = work.sequence != newest_ || (rests && !work.is_exact);
+    const bool other_is_cancelled = std::any_of(
+        in_work_.begin(), in_work_.end(), [](const auto& w) { return w.second.is_cancelled; });
+    if (is_stale && !other_is_cancelled && MayCancel(work, now)) {
+      work.is_cancelled = true;
+      step.cancel.push_back(number);
+    }
+  }
+  if (rests) {
+    if (exact_started_ != newest_ && in_work_.empty()) {
+      step.start = Begin(/*is_exact=*/true, now);
+    }
+    return step;  // else the end of what is in work brings us back
+  }
+  step.wake = newest_time_ + kRestDelay;
+  if (moving_started_ != newest_ && MayDraw()) {
+    if (under_way_count() < credits_) {
+      step.start = Begin(/*is_exact=*/false, now);
+    } else if (!sent_.empty()) {
+      const auto oldest =
+          std::min_element(sent_.begin(), sent_.end(),
+                           [](const auto& a, const auto& b) { return a.second < b.second; });
+      step.wake = std::min(step.wake, oldest->second + kShownTimeout);
+    }
+  }
+  return step;
+}
+
+}  // namespace isoscope::server

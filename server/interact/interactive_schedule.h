@@ -1,0 +1,109 @@
+// Decides which frames of an interactive stream are drawn, and when. No gRPC, no threads, no clock
+// of its own: every event brings its time.
+
+#ifndef ISOSCOPE_SERVER_INTERACT_INTERACTIVE_SCHEDULE_H_
+#define ISOSCOPE_SERVER_INTERACT_INTERACTIVE_SCHEDULE_H_
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <vector>
+
+#include "absl/time/time.h"
+
+namespace isoscope::server {
+
+// A frame that is to be drawn now.
+struct FrameStart {
+  std::int64_t work = 0;      // its number among the frames that were begun: 1, 2, ...
+  std::int64_t sequence = 0;  // the state that it shows
+  bool is_exact = false;
+};
+
+// Thread-compatible. Times never go back.
+class InteractiveSchedule {
+ public:
+  // A view rests when no state has come for this long.
+  static constexpr absl::Duration kRestDelay = absl::Milliseconds(120);
+  // A frame that was sent this long ago counts as shown, so that a stalled client holds nothing.
+  static constexpr absl::Duration kShownTimeout = absl::Seconds(2);
+  // One frame is drawn at a time, while the one before is encoded. Two that are drawn at a time
+  // share cores and agents: they come no faster, and each shows an older state.
+  static constexpr int kMaxInWork = 2;
+  static constexpr int kMinCredits = 2;
+  static constexpr int kMaxCredits = 8;
+  // A moving frame that takes less is not worth cancelling: by the time that the next one is
+  // complete, it would have been shown long ago.
+  static constexpr absl::Duration kWorthCancelling = absl::Milliseconds(100);
+
+  // A new state, which replaces all before it. REQUIRES: `sequence` is greater than every one
+  // before.
+  void OnState(std::int64_t sequence, bool is_at_rest, absl::Time now);
+  // The picture of the work is drawn, and is now encoded.
+  void OnDrawn(std::int64_t work);
+  // The work has ended. If `has_answer`, its answer waits to be sent.
+  void OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now);
+  // An answer was handed to the network, under the number that the client will name.
+  void OnSent(std::int64_t frame_number, absl::Time now);
+  // An answer that waited was replaced by a newer one, and will not be sent.
+  void OnDropped();
+  // The client has shown a frame. Returns the time since it was sent; none if it was shown before,
+  // is far too long ago, or was never sent.
+  std::optional<absl::Duration> OnShown(std::int64_t frame_number, absl::Time now);
+  // The most frames under way, kMinCredits to kMaxCredits: in work, waiting, or sent and not shown.
+  void SetCredits(int credits);
+
+  struct Step {
+    std::vector<std::int64_t> cancel;  // works to cancel
+    std::optional<FrameStart> start;
+    std::vector<std::int64_t> overdue;  // frames that count as shown from now on
+    // When to ask again if nothing happens before. Infinite future: not needed.
+    absl::Time wake = absl::InfiniteFuture();
+  };
+  // Decides what to do now. Ask again after each start, until there is none.
+  Step Next(absl::Time now);
+
+  [[nodiscard]] int under_way_count() const {
+    return static_cast<int>(in_work_.size()) + waiting_count_ + static_cast<int>(sent_.size());
+  }
+  [[nodiscard]] bool is_working() const { return !in_work_.empty(); }
+
+ private:
+  struct Work {
+    std::int64_t sequence = 0;
+    bool is_exact = false;
+    bool is_cancelled = false;
+    bool is_drawn = false;
+    absl::Time start;
+  };
+
+  static constexpr std::size_t kMaxOverdue = 64;
+
+  // Returns the frames that timed out.
+  std::vector<std::int64_t> Expire(absl::Time now);
+  // Whether another frame may be drawn.
+  [[nodiscard]] bool MayDraw() const;
+  [[nodiscard]] bool MayCancel(const Work& work, absl::Time now) const;
+  FrameStart Begin(bool is_exact, absl::Time now);
+
+  std::int64_t newest_ = 0;
+  absl::Time newest_time_;
+  bool newest_rests_ = false;
+  std::int64_t moving_started_ = 0;  // the newest state of which a frame was begun
+  std::int64_t exact_started_ = 0;   // the same of exact frames
+
+  std::int64_t next_work_ = 1;
+  std::map<std::int64_t, Work> in_work_;
+  bool cancelled_last_ = false;  // the last work that ended had been cancelled
+  std::optional<absl::Duration> expected_moving_;
+  std::optional<absl::Duration> expected_exact_;
+
+  int credits_ = kMinCredits;
+  int waiting_count_ = 0;
+  std::map<std::int64_t, absl::Time> sent_;     // and not shown yet
+  std::map<std::int64_t, absl::Time> overdue_;  // the last kMaxOverdue of those that timed out
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_INTERACT_INTERACTIVE_SCHEDULE_H_

@@ -1,0 +1,138 @@
+// Two ladders, and the coarser of their sizes counts.
+//
+// Of an unknown connection the round trip must be learned before frames queue on it. So a stream
+// begins with small frames. If the first is shown quickly, the finest setting follows at once. Else
+// the setting is refined in short steps until frames first queue.
+//
+// The network's: if a frame is shown later than the round trip of an idle connection by more than a
+// frame's period, frames queue on the way. So the load is that delay over the period (at least
+// 30 ms, below which delays are noise). Nothing foretells the load of a finer setting, so it is
+// tried when the present one leaves half of the room.
+//
+// The machine's: the load is the time of drawing over the period; the picture is encoded while the
+// next one is drawn. A frame's time has a
+// part that does not depend on its size (rays, extraction, messages), so a size of half the pixels
+// is taken to save a third.
+
+#include "server/interact/rate_control.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace isoscope::server {
+namespace {
+
+struct NetworkStep {
+  int jpeg_quality;
+  double scale;
+  int depth_grid_side;
+};
+// A grid of 128 has 32 KiB, which is as much as a picture of quality 45.
+constexpr std::array<NetworkStep, 8> kNetworkSteps = {{{85, 1, 192},
+                                                       {75, 1, 128},
+                                                       {60, 1, 128},
+                                                       {45, 1, 96},
+                                                       {45, 0.75, 80},
+                                                       {45, 0.5, 64},
+                                                       {40, 0.375, 64},
+                                                       {40, 0.25, 48}}};
+constexpr std::array<double, 5> kSizes = {1, 0.75, 0.5, 0.375, 0.25};
+
+// Where an unknown connection begins, and the delay below which it is a fast one.
+constexpr std::size_t kFirstNetworkStep = 5;
+constexpr absl::Duration kFastDelay = absl::Milliseconds(20);
+
+constexpr int kOverloadsToCoarsen = 3;
+constexpr double kSevereLoad = 2;  // at once
+constexpr double kRoomToRefine = 0.9;
+constexpr absl::Duration kDelayNoise = absl::Milliseconds(30);
+constexpr absl::Duration kSpan = absl::Seconds(5);
+
+}  // namespace
+
+void QualityLadder::OnLoad(double load, double finer_load, absl::Time now) {
+  if (load > 1) {
+    ++overload_count_;
+    const bool is_due = overload_count_ >= kOverloadsToCoarsen || load > kSevereLoad;
+    // After a step, frames of the setting before are still on their way.
+    if (!is_due || step_ + 1 >= step_count_ || now - last_change_ < absl::Milliseconds(250)) {
+      return;
+    }
+    if (is_starting_) {
+      is_starting_ = false;
+      hold_ = kMinHold;
+    } else if (last_was_finer_ && now - last_change_ < hold_) {
+      hold_ = std::min(hold_ * 2, kMaxHold);
+    }
+    ++step_;
+    last_was_finer_ = false;
+  } else {
+    overload_count_ = 0;
+    if (step_ == 0 || finer_load > kRoomToRefine || now - last_change_ < hold_) {
+      return;
+    }
+    --step_;
+    last_was_finer_ = true;
+  }
+  overload_count_ = 0;
+  last_change_ = now;
+}
+
+RateControl::RateControl() : network_(kNetworkSteps.size()), size_(kSizes.size()) {
+  network_.StartAt(kFirstNetworkStep);
+}
+
+void RateControl::OnDrawn(absl::Duration duration, absl::Time now) {
+  mean_drawn_ = mean_drawn_ == absl::ZeroDuration() ? duration : (mean_drawn_ * 3 + duration) / 4;
+  const double load = absl::FDivDuration(duration, period_);
+  const std::size_t step = size_.step();
+  const double ratio = step == 0 ? 1 : std::pow(kSizes[step - 1] / kSizes[step], 2);
+  constexpr double kFixedShare = 1.0 / 3;
+  size_.OnLoad(load, load * (kFixedShare + (1 - kFixedShare) * ratio), now);
+}
+
+void RateControl::OnShown(absl::Duration delay, absl::Duration decode, absl::Time now) {
+  const absl::Duration on_the_way = std::max(delay - decode, absl::ZeroDuration());
+  if (now - span_start_ >= kSpan) {
+    least_before_ = least_;
+    least_.reset();
+    span_start_ = now;
+  }
+  least_ = std::min(least_.value_or(on_the_way), on_the_way);
+  if (!is_known_) {
+    is_known_ = true;
+    if (on_the_way <= kFastDelay) {
+      network_.StartAt(0);
+      return;
+    }
+  }
+  const absl::Duration queued = std::max(on_the_way - round_trip(), decode);
+  const double load = absl::FDivDuration(queued, std::max(period_, kDelayNoise));
+  network_.OnLoad(load, load < 0.5 ? 0 : 1, now);
+}
+
+void RateControl::OnOverdue(absl::Time now) { network_.OnLoad(2 * kSevereLoad, 1, now); }
+
+absl::Duration RateControl::round_trip() const {
+  if (!least_.has_value()) {
+    return least_before_.value_or(absl::ZeroDuration());
+  }
+  return std::min(*least_, least_before_.value_or(*least_));
+}
+
+MovingQuality RateControl::quality() const {
+  const NetworkStep& step = kNetworkSteps[network_.step()];
+  return {.jpeg_quality = step.jpeg_quality,
+          .scale = std::min(step.scale, kSizes[size_.step()]),
+          .depth_grid_side = step.depth_grid_side};
+}
+
+int RateControl::credits() const {
+  const absl::Duration frame = std::max(period_, mean_drawn_);
+  const double frames_on_the_way = absl::FDivDuration(round_trip(), frame);
+  return frames_on_the_way <= 1 ? 2
+                                : 1 + static_cast<int>(std::ceil(std::min(frames_on_the_way, 7.0)));
+}
+
+}  // namespace isoscope::server

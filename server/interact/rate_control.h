@@ -1,0 +1,91 @@
+// Adapts the moving frames of an interactive stream to the connection and to the time that frames
+// take: first their JPEG quality, then their size, then their rate.
+
+#ifndef ISOSCOPE_SERVER_INTERACT_RATE_CONTROL_H_
+#define ISOSCOPE_SERVER_INTERACT_RATE_CONTROL_H_
+
+#include <cstddef>
+#include <optional>
+
+#include "absl/time/time.h"
+
+namespace isoscope::server {
+
+// A position on a ladder of settings, 0 the finest. It goes coarser quickly and finer slowly. A
+// step to a finer setting that has to be taken back doubles the wait before the next one, so that
+// it does not oscillate. Thread-compatible.
+class QualityLadder {
+ public:
+  static constexpr absl::Duration kStartHold = absl::Milliseconds(150);
+  static constexpr absl::Duration kMinHold = absl::Seconds(1);
+  static constexpr absl::Duration kMaxHold = absl::Seconds(30);
+
+  explicit QualityLadder(std::size_t step_count) : step_count_(step_count) {}
+
+  // Begins at a step, with short holds until the first overload.
+  void StartAt(std::size_t step) {
+    step_ = step;
+    hold_ = kStartHold;
+    is_starting_ = true;
+  }
+  // `load`: what the present setting takes, as a share of what there is; above 1 it is too fine.
+  // `finer_load`: the same of the next finer setting, as far as it can be foreseen.
+  void OnLoad(double load, double finer_load, absl::Time now);
+  [[nodiscard]] std::size_t step() const { return step_; }
+
+ private:
+  const std::size_t step_count_;
+  std::size_t step_ = 0;
+  int overload_count_ = 0;  // loads above 1 in a row
+  absl::Duration hold_ = kMinHold;
+  absl::Time last_change_;
+  bool last_was_finer_ = false;
+  bool is_starting_ = false;
+};
+
+struct MovingQuality {
+  int jpeg_quality = 85;
+  double scale = 1;           // of the sides of the picture
+  int depth_grid_side = 192;  // the longer side
+};
+
+// Thread-compatible.
+class RateControl {
+ public:
+  static constexpr double kDefaultFramesPerSecond = 30;
+
+  RateControl();
+
+  // REQUIRES: > 0.
+  void SetTarget(double frames_per_second) { period_ = absl::Seconds(1 / frames_per_second); }
+
+  // A moving frame took `duration` from its start to its picture, before which the next one could
+  // not begin.
+  void OnDrawn(absl::Duration duration, absl::Time now);
+  // A moving frame was shown `delay` after it was sent, of which the client took `decode`.
+  void OnShown(absl::Duration delay, absl::Duration decode, absl::Time now);
+
+  // A moving frame was not shown within InteractiveSchedule::kShownTimeout.
+  void OnOverdue(absl::Time now);
+
+  [[nodiscard]] MovingQuality quality() const;
+  // The frames that should be under way, >= 2: more where the round trip is longer than a frame.
+  [[nodiscard]] int credits() const;
+  // The least delay of the last 5 to 10 seconds, without decoding.
+  [[nodiscard]] absl::Duration round_trip() const;
+
+ private:
+  absl::Duration period_ = absl::Seconds(1 / kDefaultFramesPerSecond);
+  QualityLadder network_;
+  QualityLadder size_;
+  bool is_known_ = false;  // a frame was shown
+  absl::Duration mean_drawn_;
+  // Least delays of this span of 5 seconds and of the one before.
+  std::optional<absl::Duration> least_;
+  std::optional<absl::Duration> least_before_;
+  absl::Time span_start_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_INTERACT_RATE_CONTROL_H_

@@ -1,0 +1,184 @@
+#include "server/metrics/coordinator_metrics.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <utility>
+
+namespace isoscope::server {
+namespace {
+
+using base::MetricFamily;
+using base::MetricLabels;
+using base::MetricSample;
+
+MetricSample Value(double value, const char* label = nullptr, const char* label_value = "") {
+  return MetricSample::Of(value,
+                          label == nullptr ? MetricLabels() : MetricLabels{{label, label_value}});
+}
+
+MetricSample Value(const base::Counter& counter, const char* label = nullptr,
+                   const char* label_value = "") {
+  return Value(static_cast<double>(counter.value()), label, label_value);
+}
+
+MetricFamily Of(MetricFamily::Type type, const char* name, const char* help,
+                std::vector<MetricSample> samples) {
+  return {.name = name, .help = help, .type = type, .samples = std::move(samples)};
+}
+
+// "rendering occluders" -> "rendering_occluders".
+std::string LabelOf(FrameStage stage) {
+  std::string label = NameOf(stage);
+  for (char& c : label) {
+    c = c == ' ' ? '_' : c;
+  }
+  return label;
+}
+
+// Whether a failure is counted from 0 on. A series that begins with its first failure would hide it
+// from `increase` and `rate`.
+bool IsExpected(FrameStage stage, absl::StatusCode code) {
+  return stage < FrameStage::kDone &&
+         (code == absl::StatusCode::kUnavailable || code == absl::StatusCode::kDeadlineExceeded ||
+          code == absl::StatusCode::kDataLoss || code == absl::StatusCode::kInternal);
+}
+
+void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& gauges,
+                  std::vector<MetricFamily>* families) {
+  using Type = MetricFamily::Type;
+  families->push_back(Of(Type::kCounter, "isoscope_frames_total",
+                         "Frames and picks that ended, by outcome.",
+                         {Value(metrics.done_frames, "outcome", "done"),
+                          Value(metrics.failed_frames, "outcome", "failed"),
+                          Value(metrics.cancelled_frames, "outcome", "cancelled"),
+                          Value(metrics.refused_frames, "outcome", "refused")}));
+  families->push_back(Of(Type::kHistogram, "isoscope_frame_duration_seconds",
+                         "Time from the arrival of a frame or a pick to its end, waiting included.",
+                         {MetricSample::Of(metrics.frame_duration)}));
+  families->push_back(
+      Of(Type::kHistogram, "isoscope_frame_step_duration_seconds",
+         "Time of each step of frames that ended well.",
+         {MetricSample::Of(metrics.occluder_selection, {{"step", "occluder_selection"}}),
+          MetricSample::Of(metrics.occluder_rendering, {{"step", "occluder_rendering"}}),
+          MetricSample::Of(metrics.visibility_culling, {{"step", "visibility_culling"}}),
+          MetricSample::Of(metrics.composite, {{"step", "composite"}}),
+          MetricSample::Of(metrics.encode, {{"step", "encode"}})}));
+  families->push_back(Of(Type::kHistogram, "isoscope_admission_wait_seconds",
+                         "Time that frames waited before they began: for a thread, and for memory.",
+                         {MetricSample::Of(metrics.queue_wait, {{"for", "thread"}}),
+                          MetricSample::Of(metrics.memory_wait, {{"for", "memory"}})}));
+  families->push_back(Of(Type::kGauge, "isoscope_admission_frames",
+                         "Frames in work and waiting now.",
+                         {Value(gauges.working_frames, "state", "working"),
+                          Value(gauges.queued_frames, "state", "queued")}));
+  families->push_back(Of(Type::kGauge, "isoscope_admission_clients",
+                         "Clients with queued frames, and refused ones that keep their turn.",
+                         {Value(gauges.waiting_clients, "state", "queued"),
+                          Value(gauges.outside_clients, "state", "refused")}));
+  const std::int64_t displaced = metrics.displaced_frames.value();
+  const std::int64_t full = std::max(metrics.refused_frames.value() - displaced, std::int64_t{0});
+  families->push_back(Of(Type::kCounter, "isoscope_admission_refused_frames_total",
+                         "Frames and picks that were not drawn, by reason.",
+                         {Value(static_cast<double>(full), "reason", "queue_full"),
+                          Value(static_cast<double>(displaced), "reason", "made_room"),
+                          Value(metrics.expired_frames, "reason", "deadline"),
+                          Value(metrics.rate_limited_frames, "reason", "token_rate"),
+                          Value(metrics.too_large_frames, "reason", "memory_limit")}));
+  families->push_back(Of(Type::kGauge, "isoscope_admission_limit_frames",
+                         "Most frames in work (--max-concurrent-frames) and waiting "
+                         "(--max-queued-frames).",
+                         {Value(gauges.max_working_frames, "state", "working"),
+                          Value(gauges.max_queued_frames, "state", "queued")}));
+  families->push_back(Of(Type::kGauge, "isoscope_frame_memory_bytes",
+                         "Memory that frames in work have reserved.",
+                         {Value(static_cast<double>(gauges.frame_memory_bytes))}));
+  families->push_back(Of(Type::kCounter, "isoscope_response_bytes_total",
+                         "Bytes of pictures and planes of frames that ended well.",
+                         {Value(metrics.response_bytes)}));
+}
+
+}  // namespace
+
+CoordinatorMetrics::CoordinatorMetrics()
+    : requests_({"RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface",
+                 "Interact", "ListDatasets", "GetDataset", "GetHistogram", "GetCapabilities",
+                 "GetClusterStatus"}) {}
+
+void CoordinatorMetrics::CountRequest(RequestMethod method, const absl::Status& status,
+                                      absl::Duration duration) {
+  requests_.Count(static_cast<std::size_t>(method), status.code(), duration);
+}
+
+void CoordinatorMetrics::CountFrame(const absl::Status& status, absl::Duration duration) {
+  if (absl::IsCancelled(status)) {
+    cancelled_frames.Add();
+    return;
+  }
+  (status.ok() ? done_frames : failed_frames).Add();
+  frame_duration.Observe(duration);
+}
+
+void CoordinatorMetrics::CountAgentFailure(FrameStage stage, const absl::Status& status) {
+  const auto code = static_cast<std::size_t>(status.code());
+  agent_failures_[static_cast<std::size_t>(stage)]
+                 [code < kCodeCount ? code : static_cast<std::size_t>(absl::StatusCode::kUnknown)]
+                     .Add();
+}
+
+std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& gauges) const {
+  using Type = MetricFamily::Type;
+  std::vector<MetricFamily> families = base::ProcessMetrics(
+      "isoscope-coordinator", static_cast<std::int64_t>(gauges.memory_limit_bytes));
+  families.push_back(Of(Type::kCounter, "isoscope_requests_total",
+                        "Calls that ended, by method and status code.", requests_.Counts()));
+  families.push_back(Of(Type::kHistogram, "isoscope_request_duration_seconds",
+                        "Time of calls, by method.", requests_.Durations()));
+  AppendFrames(*this, gauges, &families);
+  families.push_back(Of(Type::kCounter, "isoscope_agent_network_bytes_total",
+                        "Bytes of messages between coordinator and agents for frames, both ways.",
+                        {Value(network_bytes)}));
+  families.push_back(Of(Type::kCounter, "isoscope_cache_lookups_total",
+                        "Looks into a cache, by result.",
+                        {MetricSample::Of(static_cast<double>(active_blocks_hits.value()),
+                                          {{"cache", "active_blocks"}, {"result", "hit"}}),
+                         MetricSample::Of(static_cast<double>(active_blocks_misses.value()),
+                                          {{"cache", "active_blocks"}, {"result", "miss"}})}));
+  families.push_back(Of(Type::kGauge, "isoscope_agents", "Agents, as they were last seen.",
+                        {Value(gauges.reachable_agents, "state", "reachable"),
+                         Value(gauges.unreachable_agents, "state", "unreachable")}));
+  families.push_back(Of(Type::kGauge, "isoscope_datasets",
+                        "Datasets; of a complete one all shards are served, by agents of one "
+                        "picture revision.",
+                        {Value(gauges.complete_datasets, "state", "complete"),
+                         Value(gauges.incomplete_datasets, "state", "incomplete")}));
+  families.push_back(
+      Of(Type::kCounter, "isoscope_replica_parts_total",
+         "Parts of frames that a second agent worked on: repeated because the first "
+         "failed, hedged because it was slow; outrun: the second was done first.",
+         {Value(repeated_parts, "event", "repeated"), Value(hedged_parts, "event", "hedged"),
+          Value(outrun_parts, "event", "outrun")}));
+  families.push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
+                        "Frames without some shards, as their request allowed.",
+                        {Value(partial_frames)}));
+  std::vector<MetricSample> failures;
+  for (std::size_t stage = 0; stage < kStageCount; ++stage) {
+    for (std::size_t code = 0; code < kCodeCount; ++code) {
+      const std::int64_t count = agent_failures_[stage][code].value();
+      if (count > 0 ||
+          IsExpected(static_cast<FrameStage>(stage), static_cast<absl::StatusCode>(code))) {
+        failures.push_back(MetricSample::Of(
+            static_cast<double>(count),
+            {{"stage", LabelOf(static_cast<FrameStage>(stage))},
+             {"code", absl::StatusCodeToString(static_cast<absl::StatusCode>(code))}}));
+      }
+    }
+  }
+  families.push_back(Of(Type::kCounter, "isoscope_agent_failures_total",
+                        "Agents that made a frame or another request fail, by stage of the frame "
+                        "and status code.",
+                        std::move(failures)));
+  return families;
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,96 @@
+// All metrics of a coordinator. docs/operations.md has them in a table, which a test compares with
+// what Collect gives.
+
+#ifndef ISOSCOPE_SERVER_METRICS_COORDINATOR_METRICS_H_
+#define ISOSCOPE_SERVER_METRICS_COORDINATOR_METRICS_H_
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/time/time.h"
+
+#include "core/base/metrics.h"
+#include "server/cluster/agent_failure.h"
+
+namespace isoscope::server {
+
+// Every method of the public services.
+enum class RequestMethod {
+  kRenderIsosurface,
+  kRenderIsosurfaceStream,
+  kPickSurface,
+  kExportIsosurface,
+  kInteract,
+  kListDatasets,
+  kGetDataset,
+  kGetHistogram,
+  kGetCapabilities,
+  kGetClusterStatus,
+};
+
+// Numbers that others keep, as they are when they are asked for.
+struct CoordinatorGauges {
+  int working_frames = 0;
+  int queued_frames = 0;
+  int waiting_clients = 0;  // of the queued frames
+  int outside_clients = 0;  // refused, and expected again
+  int max_working_frames = 0;
+  int max_queued_frames = 0;
+  int reachable_agents = 0;
+  int unreachable_agents = 0;
+  int complete_datasets = 0;
+  int incomplete_datasets = 0;
+  std::size_t memory_limit_bytes = 0;
+  std::size_t frame_memory_bytes = 0;  // reserved by frames
+};
+
+// Updated while the coordinator works, by atomics alone. Thread-safe.
+struct CoordinatorMetrics {
+  CoordinatorMetrics();
+
+  void CountRequest(RequestMethod method, const absl::Status& status, absl::Duration duration);
+  // Counts a frame or a pick that ended after it had waited for a thread.
+  void CountFrame(const absl::Status& status, absl::Duration duration);
+  void CountAgentFailure(FrameStage stage, const absl::Status& status);
+
+  base::Counter done_frames;
+  base::Counter failed_frames;     // but for cancelled ones
+  base::Counter cancelled_frames;  // by the client, or because a newer view replaced it
+  base::Counter refused_frames;    // too many were in work and waiting, or came before
+  base::Counter displaced_frames;  // of those, waited and made room for another client
+  base::Counter expired_frames;    // of failed ones, whose deadline passed in the queue
+  base::Counter rate_limited_frames;
+  base::Counter too_large_frames;  // for the memory limit
+  base::DurationHistogram frame_duration;
+  base::DurationHistogram queue_wait;
+  base::DurationHistogram memory_wait;
+  base::DurationHistogram occluder_selection;
+  base::DurationHistogram occluder_rendering;
+  base::DurationHistogram visibility_culling;
+  base::DurationHistogram composite;
+  base::DurationHistogram encode;
+  base::Counter network_bytes;
+  base::Counter response_bytes;
+  base::Counter active_blocks_hits;
+  base::Counter active_blocks_misses;
+  base::Counter repeated_parts;  // of frames that ended well all the same
+  base::Counter hedged_parts;    // also begun on a replica, because the agent was slow
+  base::Counter outrun_parts;    // a replica was done first
+  base::Counter partial_frames;
+
+  // Returns all of the above and `gauges`, with the metrics of the process.
+  [[nodiscard]] std::vector<base::MetricFamily> Collect(const CoordinatorGauges& gauges) const;
+
+ private:
+  static constexpr std::size_t kStageCount = 5;
+  static constexpr std::size_t kCodeCount = 17;
+
+  base::RequestMetrics requests_;
+  std::array<std::array<base::Counter, kCodeCount>, kStageCount> agent_failures_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_METRICS_COORDINATOR_METRICS_H_

@@ -1,0 +1,66 @@
+// The stages, in this order:
+//
+//   0. Deferred shading turns normals into colours, if they came in place of them.
+//   1. Ambient occlusion darkens what was drawn, in all samples and in the margin.
+//   2. Silhouettes are drawn over that.
+//   3. Translucent layers are blended over it: they neither cast nor receive.
+//   4. Samples: each pixel is the mean of its own; or the region without its margin.
+
+#include "server/picture/picture_finish.h"
+
+#include <utility>
+
+#include "core/base/check.h"
+#include "core/picture/ambient_occlusion.h"
+#include "core/picture/deferred_shading.h"
+#include "core/picture/downsample.h"
+#include "core/picture/layer_blending.h"
+#include "core/picture/silhouette.h"
+
+namespace isoscope::server {
+
+FinishedPicture FinishPicture(const PictureSetup& setup, image::FrameImage* drawn) {
+  const frame::FrameSpec& spec = *setup.spec;
+  const frame::DrawnWindow& window = *setup.window;
+  ISOSCOPE_CHECK_EQ(drawn->width, window.image_size().width_px);
+  ISOSCOPE_CHECK_EQ(drawn->height, window.image_size().height_px);
+  const int samples_per_side = spec.effects.samples_per_side;
+  if (picture::NeedsDeferredShading(spec)) {
+    const picture::DeferredShader shader(spec, *setup.drawn_view, setup.order);
+    shader.ShadeImage(drawn);
+    for (image::FrameImage* level : setup.layers->MutableLevels()) {
+      shader.ShadeImage(level);
+    }
+  }
+  if (spec.effects.ambient_occlusion.has_value()) {
+    picture::ShadeAmbientOcclusion(*spec.effects.ambient_occlusion, *setup.drawn_view,
+                                   samples_per_side, drawn);
+  }
+  if (spec.effects.silhouette.has_value()) {
+    picture::DrawSilhouettes(*spec.effects.silhouette, *setup.drawn_view, setup.order,
+                             samples_per_side, drawn);
+  }
+  FinishedPicture finished;
+  finished.truncated_pixel_count = picture::BlendLayers(*setup.layers, spec, drawn);
+  if (spec.output.any_plane()) {
+    picture::ShowNearestKeys(*setup.layers, drawn);
+  }
+  if (window.is_picture_of(spec)) {
+    finished.image = std::move(*drawn);
+    return finished;
+  }
+  const view::Viewport size = frame::ImageSizeOf(spec);
+  finished.image = setup.images->Take(size.width_px, size.height_px);
+  if (samples_per_side > 1) {
+    picture::Downsample(*drawn,
+                        {.samples_per_side = samples_per_side,
+                         .begin_x = window.begin_x,
+                         .begin_y = window.begin_y},
+                        spec.background_color, &finished.image);
+  } else {
+    picture::Crop(*drawn, window.begin_x, window.begin_y, &finished.image);
+  }
+  return finished;
+}
+
+}  // namespace isoscope::server

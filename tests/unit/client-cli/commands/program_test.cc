@@ -1,0 +1,437 @@
+#include "client-cli/commands/program.h"
+
+#include <fstream>
+#include <ostream>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "client-cli/session/source_flags.h"
+#include "core/base/units.h"
+#include "core/base/version.h"
+#include "core/cli/interrupt.h"
+#include "core/io/file.h"
+#include "core/math/vec.h"
+#include "core/store/shard_reader.h"
+#include "core/volume/scalar_type.h"
+#include "tests/support/temp_dir.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::isoscope::testing::TempDir;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+struct Outcome {
+  int exit_code = 0;
+  std::string out;
+  std::string err;
+};
+
+Outcome RunCli(const std::vector<std::string>& arguments) {
+  Interrupt interrupt;
+  std::ostringstream out;
+  std::ostringstream err;
+  const int exit_code =
+      RunProgram(IsoscopeProgram(), arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
+  return {exit_code, out.str(), err.str()};
+}
+
+// A wrong command line, and what its one line of standard error must say.
+struct WrongUsage {
+  std::vector<std::string> arguments;
+  std::vector<std::string> said;
+};
+
+std::ostream& operator<<(std::ostream& out, const WrongUsage& row) {
+  for (const std::string& argument : row.arguments) {
+    out << argument << " ";
+  }
+  return out;
+}
+
+class WrongUsageTest : public ::testing::TestWithParam<WrongUsage> {};
+
+TEST_P(WrongUsageTest, ExitsWithTwoAndOneLineThatHelps) {
+  const Outcome outcome = RunCli(GetParam().arguments);
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_THAT(outcome.err, StartsWith("isoscope"));
+  EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
+  for (const std::string& text : GetParam().said) {
+    EXPECT_THAT(outcome.err, HasSubstr(text));
+  }
+}
+
+std::vector<WrongUsage> GeneralRows() {
+  return {
+      {{}, {"a command is missing", "partition, info, serve, render, pick, export"}},
+      {{"rendr"}, {"'rendr' is no command", "did you mean 'render'", "partition"}},
+      {{"bench", "frame", "--runs", "3"}, {"'bench' is no command", "isoscope-bench"}},
+      {{"help", "rendr"}, {"'rendr' is no command"}},
+      {{"qqqqqqq"}, {"'qqqqqqq' is no command", "There are: partition"}},
+      {{"--isovalue", "3"}, {"unknown flag --isovalue", "a command comes first"}},
+      {{"info"}, {"give a volume, a dataset folder or --server"}},
+      {{"info", "v.nrrd", "--dims", "2,2,2"}, {"--dims is for raw files only", "'v.nrrd'"}},
+      {{"info", "--server", "h:1", "--type", "uint8"}, {"--type can't be used with --server"}},
+      {{"info", "d", "--server", "h:1"}, {"can't be used with --server"}},
+      {{"info", "d", "--jsn"}, {"unknown flag --jsn", "did you mean --json"}},
+      {{"info", "d", "e"}, {"'e' is one argument too many"}},
+      {{"info", "--server", "h"}, {"--server", "'h' is not HOST:PORT"}},
+      {{"serve"}, {"DIR is missing"}},
+      {{"serve", "d", "--listen", "70000"}, {"--listen", "HOST:PORT"}},
+      {{"serve", "d", "--renderer", "gl"}, {"--renderer", "\"gl\"", "auto", "egl", "cpu"}},
+      {{"serve", "d", "--threads", "0"}, {"--threads", "'0' is not a whole number from 1"}},
+  };
+}
+
+std::vector<WrongUsage> PartitionRows() {
+  return {
+      {{"partition"}, {"INPUT is missing"}},
+      {{"partition", "v.nrrd"}, {"--output DIR is missing"}},
+      {{"partition", "v.nrrd", "--output"}, {"--output"}},
+      {{"partition", "v.nrrd", "--output", ""}, {"--output", "is empty"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "0"},
+       {"--shards", "'0' is not a whole number from 1"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "-2"}, {"--shards", "'-2'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "two"}, {"--shards", "'two'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--shards", "1", "--shards", "2"}, {"--shards"}},
+      {{"partition", "v.nrrd", "--output", "d", "--block-cells", "8x8"},
+       {"--block-cells", "N or NXxNYxNZ"}},
+      {{"partition", "v.nrrd", "--output", "d", "--distribution", "even"},
+       {"--distribution", "\"even\"", "greedy"}},
+      {{"partition", "v.nrrd", "--output", "d", "--seed", "-1"}, {"--seed", "'-1'"}},
+      {{"partition", "v.nrrd", "--output", "d", "--memory-limit", "1kb"},
+       {"--memory-limit", "'1kb'", "MiB"}},
+      {{"partition", "v.nrrd", "--output", "d", "--dims", "4,4,4", "--type", "uint8"},
+       {"--dims is for raw files only", "'v.nrrd'"}},
+      {{"partition", "V.NII.GZ", "--output", "d", "--spacing", "1,1,1"},
+       {"--spacing is for raw files only"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4"}, {"--type is missing"}},
+      {{"partition", "v.raw", "--output", "d", "--type", "uint8"}, {"--dims is missing"}},
+      {{"partition", "v.raw", "--output", "d", "--header-bytes", "16"},
+       {"both --dims X,Y,Z and --type"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4", "--type", "uint8"},
+       {"--dims", "'4,4' is not X,Y,Z"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "byte"},
+       {"--type", "\"byte\"", "uint8"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8", "--endian",
+        "middle"},
+       {"--endian", "'middle' is none of: little, big"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8", "--spacing",
+        "0,1,1"},
+       {"--spacing", "above 0"}},
+      {{"partition", "v.raw", "--output", "d", "--dims", "4,4,4", "--type", "uint8",
+        "--header-bytes", "-1"},
+       {"--header-bytes"}},
+  };
+}
+
+// `render v.nrrd --isovalue 1 --output o.png` with `more`.
+WrongUsage Render(const std::vector<std::string>& more, const std::vector<std::string>& said) {
+  WrongUsage row{{"render", "v.nrrd", "--isovalue", "1", "--output", "o.png"}, said};
+  row.arguments.insert(row.arguments.end(), more.begin(), more.end());
+  return row;
+}
+
+WrongUsage RenderRemote(const std::vector<std::string>& more,
+                        const std::vector<std::string>& said) {
+  WrongUsage row{{"render", "--server", "h:1", "--isovalue", "1", "--output", "o.png"}, said};
+  row.arguments.insert(row.arguments.end(), more.begin(), more.end());
+  return row;
+}
+
+std::vector<WrongUsage> RenderRows() {
+  return {
+      {{"render"}, {"give a volume, a dataset folder or --server"}},
+      {{"render", "v.nrrd"}, {"--isovalue V is missing"}},
+      {{"render", "v.nrrd", "--isovalue", "1"}, {"--output FILE.png is missing"}},
+      {{"render", "v.nrrd", "--isvalue", "1", "--output", "o.png"},
+       {"unknown flag --isvalue", "did you mean --isovalue"}},
+      {{"render", "v.nrrd", "--isovalue", "nan", "--output", "o.png"},
+       {"--isovalue", "'nan' is not a finite number"}},
+      {{"render", "v.nrrd", "--isovalue", "high", "--output", "o.png"}, {"--isovalue", "'high'"}},
+      Render({"--server", "h:1"}, {"can't be used with --server"}),
+      Render({"--width", "0"}, {"--width", "from 1 to 65536"}),
+      Render({"--height", "65537"}, {"--height", "from 1 to 65536"}),
+      Render({"--region", "0,0,0,5"}, {"--region", "X,Y,W,H"}),
+      Render({"--region", "1000,0,25,5"}, {"--region", "25 x 5 pixels at 1000, 0", "1024 x 1024"}),
+      Render({"--quality", "80"}, {"--quality is for JPEG", ".jpg"}),
+      Render({"--width", "20000", "--repeat", "2"}, {"--repeat", "20000 x 1024", "regions"}),
+      Render({"--width", "20000", "--depth", "d.npy"}, {"20000 x 1024", "--region"}),
+      {{"pick", "v.nrrd", "--isovalue", "1"}, {"--pixel X,Y is given 0 times", "1 to 1000"}},
+      {{"pick", "v.nrrd", "--isovalue", "1", "--pixel", "1024,0"},
+       {"--pixel '1024,0'", "a column from 0 to 1023"}},
+      {{"pick", "v.nrrd", "--isovalue", "1", "--pixel", "1"}, {"--pixel '1' is not X,Y"}},
+      Render({"--eye", "1,2"}, {"--eye", "'1,2' is not X,Y,Z"}),
+      Render({"--eye", "1,2,3", "--azimuth", "30"}, {"--eye can't be used with --azimuth"}),
+      Render({"--up", "0,0,1", "--zoom", "2"}, {"--up can't be used with --zoom"}),
+      Render({"--fov-y", "180"}, {"--fov-y", "below 180"}),
+      Render({"--zoom", "0"}, {"--zoom", "above 0"}),
+      Render({"--azimuth", "east"}, {"--azimuth", "'east'"}),
+      Render({"--culling", "all"}, {"--culling", "'all' is none of: depth, mask, none"}),
+      Render({"--renderer", "metal"}, {"--renderer", "\"metal\""}),
+      Render({"--shards", "0"}, {"--shards", "'0'"}),
+      Render({"--threads", "0"}, {"--threads", "'0'"}),
+      Render({"--repeat", "0"}, {"--repeat", "'0'"}),
+      Render({"--orbit", "5"}, {"--orbit", "--repeat N"}),
+      Render({"--timeout", "0"}, {"--timeout", "seconds above 0"}),
+      Render({"--color", "1,1"}, {"--color", "R,G,B"}),
+      Render({"--background", "0,0,0,2"}, {"--background", "from 0 to 1"}),
+      Render({"--dims", "4,4,4", "--type", "uint8"}, {"--dims is for raw files only"}),
+      Render({"--dataset", "head"}, {"--dataset is for --server"}),
+      RenderRemote({"--renderer", "cpu"}, {"--renderer can't be used with --server"}),
+      RenderRemote({"--shards", "2"}, {"--shards can't be used with --server"}),
+      RenderRemote({"--threads", "2"}, {"--threads can't be used with --server"}),
+      RenderRemote({"--cache-limit", "1G"}, {"--cache-limit can't be used with --server"}),
+      Render({"--cache-limit", "0"}, {"--cache-limit", "'0' is not a size"}),
+      {{"cache"}, {"'cache' is the first of two words", "cache list, cache clear"}},
+      {{"cache", "list", "x"}, {"'x' is one argument too many"}},
+      RenderRemote({"--dims", "4,4,4"}, {"--dims can't be used with --server"}),
+      {{"export", "v.nrrd", "--output", "o.ply"}, {"--isovalue V is missing"}},
+      {{"export", "v.nrrd", "--isovalue", "1"}, {"--output FILE is missing"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.gif"},
+       {"'a.gif'", "the suffix '.gif'", "PNG", "expected 'a.png'"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "f/a-%d.png.gz"},
+       {"the suffix '.gz'", "PNG"}},
+      {{"render", "v.nrrd", "--isovalue", "1", "--output", "a.%d"}, {"the suffix '.0'", "PNG"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.fbx"},
+       {"'o.fbx'", "the suffix '.fbx'", ".ply, .stl, .obj, .glb, .vtp"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.stl", "--format", "ply"},
+       {"'o.stl'", "--format ply"}},
+      {{"render", "v.nrrd", "--isovalue", "1:3:1", "--output", "o.png"}, {"put %d or {}"}},
+      {{"render", "v.nrrd", "--isovalue", "1:3", "--output", "o.png"}, {"START:STOP:STEP"}},
+      {{"render", "v.nrrd", "--like", "p.png", "--output", "o.png", "--isovalue", "1"},
+       {"--isovalue can't be used with --like"}},
+      {{"export", "v.nrrd", "--isovalue", "1", "--output", "o.ply", "--azimuth", "1"},
+       {"unknown flag --azimuth"}},
+  };
+}
+
+// `generate FIELD --dims 4,4,4 --output v.nrrd` with `more`.
+WrongUsage Generate(const std::string& field, const std::vector<std::string>& more,
+                    const std::vector<std::string>& said) {
+  WrongUsage row{{"generate", field, "--dims", "4,4,4", "--output", "v.nrrd"}, said};
+  row.arguments.insert(row.arguments.end(), more.begin(), more.end());
+  return row;
+}
+
+std::vector<WrongUsage> GenerateRows() {
+  return {
+      {{"generate"}, {"FIELD is missing", "random", "mixing"}},
+      {{"generate", "gyroid"}, {"--dims X,Y,Z is missing"}},
+      {{"generate", "gyroid", "--dims", "4,4,4"}, {"--output FILE is missing", ".nrrd"}},
+      {{"generate", "gyroid", "--dims", "4,4,4", "--output", "v.vti"},
+       {"v.vti", "unknown kind of volume file", ".nrrd", ".nhdr", ".mha", ".raw"}},
+      {{"generate", "gyroid", "--dims", "4,4", "--output", "v.nrrd"}, {"--dims", "'4,4'"}},
+      Generate("noise", {}, {"'noise' is none of: random, gyroid, marschner-lobb, shells, mixing"}),
+      Generate("random", {"--type", "byte"}, {"--type", "\"byte\"", "uint8"}),
+      Generate("random", {"--seed", "-1"}, {"--seed", "'-1'"}),
+      Generate("random", {"--waves", "0"}, {"--waves", "'0'"}),
+      Generate("random", {"--waves", "4097"}, {"--waves", "'4097'"}),
+      Generate("random", {"--wave-number", "0"}, {"--wave-number", "'0'"}),
+      Generate("random", {"--exponent", "inf"}, {"--exponent", "'inf'"}),
+      Generate("random", {"--spacing", "0,1,1"}, {"--spacing", "above 0"}),
+      Generate("random", {"--origin", "1,2"}, {"--origin", "'1,2'"}),
+      Generate("random", {"--periods", "3"}, {"--periods has no meaning for the field random"}),
+      Generate("gyroid", {"--periods", "-1"}, {"--periods", "'-1'"}),
+      Generate("gyroid", {"--waves", "3"}, {"--waves has no meaning for the field gyroid"}),
+      Generate("gyroid", {"--thickness", "1"}, {"--thickness has no meaning for the field gyroid"}),
+      Generate("shells", {"--shells", "1001"}, {"--shells", "'1001'"}),
+      Generate("shells", {"--frequency", "3"}, {"--frequency has no meaning for the field shells"}),
+      Generate("mixing", {"--alpha", "1"}, {"--alpha has no meaning for the field mixing"}),
+      Generate("mixing", {"--shells", "3"}, {"--shells has no meaning for the field mixing"}),
+  };
+}
+
+INSTANTIATE_TEST_SUITE_P(General, WrongUsageTest, ::testing::ValuesIn(GeneralRows()));
+INSTANTIATE_TEST_SUITE_P(Generate, WrongUsageTest, ::testing::ValuesIn(GenerateRows()));
+INSTANTIATE_TEST_SUITE_P(Partition, WrongUsageTest, ::testing::ValuesIn(PartitionRows()));
+INSTANTIATE_TEST_SUITE_P(Render, WrongUsageTest, ::testing::ValuesIn(RenderRows()));
+
+TEST(CommandTest, VersionIsOneLine) {
+  const Outcome outcome = RunCli({"--version"});
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_EQ(outcome.out, absl::StrCat("isoscope ", base::Version(), "\n"));
+}
+
+TEST(CommandTest, HelpListsEveryCommand) {
+  for (const char* flag : {"--help", "-h", "help"}) {
+    const Outcome outcome = RunCli({flag});
+    EXPECT_EQ(outcome.exit_code, 0);
+    for (const Command& command : IsoscopeProgram().commands) {
+      EXPECT_THAT(outcome.out, HasSubstr("  " + command.name));
+    }
+  }
+}
+
+TEST(CommandTest, HelpOfACommandHasExamplesAndDefaults) {
+  for (const Command& command : IsoscopeProgram().commands) {
+    std::vector<std::string> arguments = absl::StrSplit(command.name, ' ');
+    arguments.emplace_back("--help");
+    const Outcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_THAT(outcome.out, HasSubstr("\nUsage: isoscope " + command.name + " " + command.usage));
+    EXPECT_EQ(outcome.out.find("Usage:"), outcome.out.rfind("Usage:"));
+    EXPECT_THAT(outcome.out, HasSubstr("Examples:\n  isoscope " + command.name));
+    EXPECT_THAT(outcome.out, HasSubstr("default:"));
+    EXPECT_EQ(RunCli({"help", command.name}).out, outcome.out);
+  }
+}
+
+// The flags that scripts outside of the repository use.
+TEST(CommandTest, TheFlagsOfTheContractExist) {
+  const std::vector<std::pair<std::string, std::vector<std::string>>> contract = {
+      {"partition",
+       {"--output", "--shards", "--block-cells", "--distribution", "--seed", "--memory-limit",
+        "--dims", "--type", "--spacing", "--origin", "--endian", "--header-bytes"}},
+      {"info", {"--server", "--json"}},
+      {"serve", {"--listen"}},
+      {"render",
+       {"--server", "--isovalue", "--output", "--width", "--height", "--eye", "--target", "--up",
+        "--fov-y", "--azimuth", "--elevation", "--zoom", "--culling", "--renderer", "--shards",
+        "--threads", "--repeat", "--orbit", "--stats"}},
+      {"export", {"--server", "--isovalue", "--output"}}};
+  for (const auto& [command, flags] : contract) {
+    const std::string help = RunCli({command, "--help"}).out;
+    for (const std::string& flag : flags) {
+      EXPECT_THAT(help, HasSubstr("  " + flag + " ")) << command;
+    }
+  }
+}
+
+TEST(CommandTest, FailedRequestsExitWithOneAndNameTheCode) {
+  const TempDir folder;
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"info", folder.Sub("absent")},
+           {"serve", folder.Sub("absent"), "--listen", "127.0.0.1:0"},
+           {"partition", folder.Sub("absent.nrrd"), "--output", folder.Sub("d")},
+           {"render", folder.Sub("absent.nrrd"), "--isovalue", "1", "--output",
+            folder.Sub("o.png")},
+           {"render", folder.path(), "--isovalue", "1", "--output", folder.Sub("o.png")},
+           {"export", folder.Sub("absent"), "--isovalue", "1", "--output", folder.Sub("o.ply")}}) {
+    const Outcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 1) << arguments[0];
+    EXPECT_EQ(outcome.out, "");
+    EXPECT_THAT(outcome.err, StartsWith("isoscope: NOT_FOUND: "));
+    EXPECT_EQ(outcome.err.find('\n'), outcome.err.size() - 1) << outcome.err;
+  }
+}
+
+TEST(CommandTest, UnwritableOutputIsFoundBeforeAnyWork) {
+  const TempDir folder;
+  const Outcome outcome = RunCli({"render", folder.Sub("absent.nrrd"), "--isovalue", "1",
+                                  "--output", folder.Sub("no/such/folder/o.png")});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err, HasSubstr("no/such/folder/o.png"));
+}
+
+TEST(CommandTest, AbsentServerIsNamedWithAWayToStartOne) {
+  const TempDir folder;
+  // Port 1 needs privileges to listen on, and nothing of ours does.
+  const Outcome outcome = RunCli({"render", "--server", "127.0.0.1:1", "--isovalue", "-.5",
+                                  "--output", folder.Sub("o.png"), "--timeout", "5"});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.err,
+              StartsWith("isoscope: UNAVAILABLE: no coordinator answers at 127.0.0.1:1"));
+  EXPECT_THAT(outcome.err, HasSubstr("isoscope serve"));
+}
+
+TEST(CommandTest, SelfDescribingNamesAreKnownInAnyCase) {
+  for (const char* name : {"a.nii", "a.nii.gz", "a.NRRD", "a.nhdr", "b/a.mha", "a.mhd", "a.hdr"}) {
+    EXPECT_TRUE(HasSelfDescribingName(name)) << name;
+  }
+  for (const char* name : {"a.raw", "a.nrrd.raw", "a", "nii", "a.gz"}) {
+    EXPECT_FALSE(HasSelfDescribingName(name)) << name;
+  }
+}
+
+class GenerateTest : public ::testing::Test {
+ protected:
+  // The bytes that `generate FIELD --dims 24,20,16` writes with `more`; the samples alone.
+  std::string Bytes(const std::string& field, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{"generate", field,      "--dims",
+                                       "24,20,16", "--output", folder_.Sub("bytes.raw")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const Outcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return io::ReadWholeFile(folder_.Sub("bytes.raw"), base::kMiB).value_or("");
+  }
+
+  TempDir folder_;
+};
+
+TEST_F(GenerateTest, EveryFieldInEveryKindOfFileIsAVolumeForPartition) {
+  for (const char* field : {"random", "gyroid", "marschner-lobb", "shells", "mixing"}) {
+    for (const char* ending : {".nrrd", ".nhdr", ".mha", ".raw"}) {
+      SCOPED_TRACE(absl::StrCat(field, ending));
+      const std::string path = folder_.Sub(absl::StrCat(field, ending));
+      const std::string dataset = path + ".d";
+      const std::vector<std::string> geometry{"--dims",   "24,20,16", "--spacing", "1,0.5,2",
+                                              "--origin", "-3,4,5",   "--type",    "uint8"};
+      std::vector<std::string> generate{"generate", field, "--output", path};
+      generate.insert(generate.end(), geometry.begin(), geometry.end());
+      const Outcome generated = RunCli(generate);
+      ASSERT_EQ(generated.exit_code, 0) << generated.err;
+      EXPECT_THAT(generated.out, HasSubstr("24 x 20 x 16 samples of uint8"));
+      EXPECT_THAT(generated.out, HasSubstr("middle value 127.5"));
+
+      std::vector<std::string> partition{"partition", path, "--output", dataset};
+      if (absl::EndsWith(path, ".raw")) {
+        partition.insert(partition.end(), geometry.begin(), geometry.end());
+      }
+      const Outcome partitioned = RunCli(partition);
+      ASSERT_EQ(partitioned.exit_code, 0) << partitioned.err;
+      const absl::StatusOr<store::DatasetDescription> description = store::OpenDataset(dataset);
+      ASSERT_TRUE(description.ok()) << description.status();
+      const store::Manifest& manifest = description->manifest;
+      EXPECT_EQ(manifest.scalar_type, volume::ScalarType::kUint8);
+      EXPECT_EQ(manifest.geometry.sample_dims, (math::Index3{24, 20, 16}));
+      EXPECT_EQ(manifest.geometry.spacing, (math::Vec3d{1, 0.5, 2}));
+      EXPECT_EQ(manifest.geometry.origin, (math::Vec3d{-3, 4, 5}));
+      // There is a surface at the level that the command names.
+      EXPECT_LT(manifest.value_range.min, 127);
+      EXPECT_GT(manifest.value_range.max, 128);
+    }
+  }
+}
+
+TEST_F(GenerateTest, SeedAloneDecidesAboutChance) {
+  for (const char* field : {"random", "mixing"}) {
+    const std::string bytes = Bytes(field, {});
+    EXPECT_EQ(bytes.size(), 24U * 20 * 16 * 2) << "uint16 by default";
+    EXPECT_EQ(Bytes(field, {"--seed", "1"}), bytes) << field;
+    EXPECT_NE(Bytes(field, {"--seed", "2"}), bytes) << field;
+    EXPECT_EQ(Bytes(field, {"--seed", "2"}), Bytes(field, {"--seed", "2"})) << field;
+  }
+}
+
+TEST_F(GenerateTest, EveryFlagOfAFieldChangesIt) {
+  const std::vector<std::pair<std::string, std::vector<std::string>>> rows = {
+      {"random", {"--waves", "8"}},
+      {"random", {"--wave-number", "6"}},
+      {"random", {"--exponent", "1"}},
+      {"mixing", {"--waves", "8"}},
+      {"mixing", {"--thickness", "0.2"}},
+      {"gyroid", {"--periods", "3"}},
+      {"marschner-lobb", {"--frequency", "3"}},
+      {"marschner-lobb", {"--alpha", "0.5"}},
+      {"shells", {"--shells", "2"}},
+      {"gyroid", {"--type", "float32"}},
+  };
+  for (const auto& [field, flags] : rows) {
+    EXPECT_NE(Bytes(field, flags), Bytes(field, {})) << field << " " << flags[0];
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::cli

@@ -1,0 +1,75 @@
+#include "client-cli/commands/view_command.h"
+
+#include <limits>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/cli/usage.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::testing::HasSubstr;
+namespace v1 = isoscope::v1;
+
+TEST(ViewCommandTest, BeginsWithTheLevelBetweenClasses) {
+  v1::Dataset dataset;
+  v1::GetHistogramResponse histogram;
+  EXPECT_EQ(FirstIsovalue(histogram, dataset), 0);
+  dataset.mutable_value_range()->set_min(10);
+  dataset.mutable_value_range()->set_max(30);
+  EXPECT_EQ(FirstIsovalue(histogram, dataset), 20);
+  v1::IsovalueSuggestion* suggestion = histogram.add_suggestions();
+  suggestion->set_method(v1::IsovalueSuggestion::METHOD_ONE_PERCENT);
+  suggestion->set_isovalue(25);
+  EXPECT_EQ(FirstIsovalue(histogram, dataset), 25);
+  suggestion = histogram.add_suggestions();
+  suggestion->set_method(v1::IsovalueSuggestion::METHOD_BETWEEN_CLASSES);
+  suggestion->set_isovalue(12);
+  EXPECT_EQ(FirstIsovalue(histogram, dataset), 12);
+}
+
+TEST(ViewCommandTest, TheMiddleOfAWideRangeIsFinite) {
+  v1::Dataset dataset;
+  dataset.mutable_value_range()->set_min(-std::numeric_limits<double>::max());
+  dataset.mutable_value_range()->set_max(std::numeric_limits<double>::max());
+  EXPECT_EQ(FirstIsovalue({}, dataset), 0);
+}
+
+TEST(ViewCommandTest, TheAddressHasDatasetAndIsovalue) {
+  EXPECT_EQ(ViewAddress("http://h:1/", "a b&c", 60.25),
+            "http://h:1/?dataset=a%20b%26c&isovalue=60.25");
+  EXPECT_EQ(ViewAddress("http://h:1/?token=x", "a", -1e-7),
+            "http://h:1/?token=x&dataset=a&isovalue=-1e-07");
+}
+
+TEST(ViewCommandTest, WrongUsageIsNamed) {
+  const struct {
+    std::vector<std::string> arguments;
+    std::string said;
+  } cases[] = {
+      {{"view"}, "give a volume"},
+      {{"view", "a", "--server", "h:1"}, "--server"},
+      {{"view", "a", "--isovalue", "x"}, "--isovalue"},
+      {{"view", "a", "--listen", "8080"}, "--listen"},
+      {{"view", "a", "--isovale", "1"}, "--isovalue"},
+      {{"view", "a", "--terminal", "--gateway-token-file", "t"}, "--gateway-token-file"},
+  };
+  for (const auto& c : cases) {
+    std::ostringstream out;
+    std::ostringstream err;
+    Interrupt interrupt;
+    EXPECT_EQ(RunProgram(IsoscopeProgram(), c.arguments,
+                         {.out = &out, .err = &err, .interrupt = &interrupt}),
+              kExitWrongUsage);
+    EXPECT_THAT(err.str(), HasSubstr(c.said));
+    EXPECT_EQ(out.str(), "");
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::cli

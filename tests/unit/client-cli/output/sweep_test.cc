@@ -1,0 +1,143 @@
+#include "client-cli/output/sweep.h"
+
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/cli/flags.h"
+#include "core/cli/usage.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::cli {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+std::vector<double> ValuesOf(absl::string_view text) {
+  const absl::StatusOr<IsovalueRange> range = ParseIsovalues(text);
+  EXPECT_THAT(range, testing::IsOk()) << text;
+  std::vector<double> values;
+  for (int i = 0; range.ok() && i < range->count; ++i) {
+    values.push_back(range->At(i));
+  }
+  return values;
+}
+
+TEST(SweepTest, StopIsIncludedExactlyWhereTheStepDividesTheWay) {
+  EXPECT_THAT(ValuesOf("20:40:5"), ElementsAre(20, 25, 30, 35, 40));
+  EXPECT_THAT(ValuesOf("20:44:5"), ElementsAre(20, 25, 30, 35, 40));
+  EXPECT_THAT(ValuesOf("40:20:-10"), ElementsAre(40, 30, 20));
+  EXPECT_THAT(ValuesOf("-1:1:1"), ElementsAre(-1, 0, 1));
+  EXPECT_THAT(ValuesOf("7:7:1"), ElementsAre(7));
+  EXPECT_THAT(ValuesOf("7"), ElementsAre(7));
+  EXPECT_THAT(ValuesOf("1e-3:3e-3:1e-3"), ElementsAre(1e-3, 2e-3, 3e-3));
+}
+
+TEST(SweepTest, DecimalStepsGiveTheNumbersThatAreTypedForOnePicture) {
+  // 3 * 0.1 is not 0.3, and (1 - 0) / 0.1 is not above 10 in binary.
+  EXPECT_THAT(ValuesOf("0:1:0.1"),
+              ElementsAre(0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0));
+  EXPECT_EQ(ValuesOf("0:0.7:0.1").size(), 8U);
+}
+
+TEST(SweepTest, WrongSweepsSayWhy) {
+  for (const char* text : {"", "1:2", "1:2:3:4", "a:2:1", "1:b:1", "1:2:c", "1:2:0", "2:1:1",
+                           "1:2:-1", "1:inf:1", "nan:1:1", "0:1e9:1", "0:1e300:1e-300", "1::1"}) {
+    const absl::Status status = ParseIsovalues(text).status();
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kInvalidArgument)) << text;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("'")) << text;
+  }
+}
+
+// Parses a command line of sweep and request flags.
+struct Parsed {
+  SweepFlags sweep;
+  client::RequestFlags request;
+};
+absl::Status Parse(const std::vector<std::string>& arguments, Parsed* parsed) {
+  FlagSet set;
+  client::AddRequestFlags(&set, &parsed->request);
+  AddSweepFlags(&set, &parsed->sweep, &parsed->request);
+  return set.Parse(arguments);
+}
+
+TEST(SweepTest, SweepSetsTheIsovalueOfEachFrameAndOrbitTurnsBetween) {
+  Parsed parsed;
+  ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "10:30:10", "--orbit", "90"}, &parsed));
+  EXPECT_EQ(parsed.request.isovalue, 10) << "the checks of a request see the first value";
+  EXPECT_EQ(parsed.sweep.frame_count(), 3);
+  EXPECT_EQ(RequestOfFrame(parsed.sweep, parsed.request, 2).isovalue, 30);
+  const view::Camera camera{.eye = {0, 0, 10}, .target = {0, 0, 0}, .fov_y_radians = 0.5};
+  EXPECT_EQ(CameraOfFrame(parsed.sweep, camera, 0), camera);
+  EXPECT_NEAR(CameraOfFrame(parsed.sweep, camera, 2).eye.z, -10, 1e-9);
+  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a-%d.png"));
+  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a-%03d.png"));
+  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a.apng"));
+}
+
+TEST(SweepTest, NegativeStartIsNoFlag) {
+  Parsed parsed;
+  ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "-10:10:5"}, &parsed));
+  EXPECT_EQ(parsed.sweep.frame_count(), 5);
+  EXPECT_EQ(parsed.request.isovalue, -10);
+}
+
+TEST(SweepTest, OneIsovalueIsNoSweep) {
+  Parsed parsed;
+  ISOSCOPE_ASSERT_OK(Parse({"--isovalue", "-1.5", "--repeat", "4"}, &parsed));
+  EXPECT_EQ(parsed.request.isovalue, -1.5);
+  EXPECT_FALSE(parsed.sweep.is_isovalue_sweep());
+  EXPECT_EQ(parsed.sweep.frame_count(), 4);
+  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a.png"));
+}
+
+TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
+  struct Case {
+    std::vector<std::string> arguments;
+    std::string output;
+    std::string message;
+  };
+  for (const Case& c : std::vector<Case>{
+           {{"--isovalue", "1:3:1"}, "a.png", "put %d or {} into the name"},
+           {{"--isovalue", "1:3:1"}, "a-%3x.png", "3 frames would overwrite each other"},
+           {{"--isovalue", "1", "--repeat", "36"}, "a-%i.png", "36 frames would overwrite"},
+           {{"--isovalue", "1"}, "a-%d-%s.png", "'%s' is no number of a frame"},
+           {{"--isovalue", "1:3:1"}, "a-%d.webp", "one file of all frames"},
+           {{"--isovalue", "1:3:1", "--repeat", "3"}, "a-%d.png", "which has 3 frames"},
+           {{"--isovalue", "1", "--orbit", "10"}, "a.png", "--repeat N"},
+           {{"--isovalue", "1", "--fps", "10"}, "a.png", "ends in .apng or .webp"}}) {
+    Parsed parsed;
+    ISOSCOPE_ASSERT_OK(Parse(c.arguments, &parsed));
+    const absl::Status status = client::CheckUsage(parsed.sweep, c.output);
+    EXPECT_TRUE(IsUsageError(status)) << c.message;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(c.message));
+  }
+  for (const char* fps : {"0", "-1", "121", "nan", "x"}) {
+    Parsed parsed;
+    EXPECT_THAT(Parse({"--fps", fps}, &parsed),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("0.1 to 120")))
+        << fps;
+  }
+}
+
+TEST(SweepTest, ProgressTellsTheTimeLeft) {
+  EXPECT_EQ(FormatFrameProgress(0, 72, absl::Seconds(2)), "frame 0 of 72");
+  EXPECT_EQ(FormatFrameProgress(12, 72, absl::Seconds(3)), "frame 12 of 72   15 s left");
+}
+
+TEST(SweepTest, ShortOrUnwatchedWorkShowsNoProgress) {
+  std::ostringstream err;
+  FrameProgress quick(10, &err, /*is_terminal=*/true);
+  quick.Update(5);
+  FrameProgress unwatched(10, &err, /*is_terminal=*/false);
+  unwatched.Update(5);
+  EXPECT_EQ(err.str(), "");
+}
+
+}  // namespace
+}  // namespace isoscope::cli

@@ -1,0 +1,143 @@
+#include "client-cli/terminal/view_controls.h"
+
+#include <limits>
+#include <string>
+
+#include "absl/strings/str_split.h"
+#include "gtest/gtest.h"
+
+#include "core/view/camera_fit.h"
+
+namespace isoscope::cli {
+namespace {
+
+using Effect = ViewControls::Effect;
+using Kind = Key::Kind;
+
+const ViewedVolume kVolume{
+    .bounds = {{0, 0, 0}, {2, 4, 6}}, .patient_frame = std::nullopt, .values = {0, 255}};
+
+void Type(const std::string& keys, ViewControls* controls) {
+  for (const char c : keys) {
+    controls->Press({.kind = Kind::kCharacter, .character = c});
+  }
+}
+
+void ExpectNear(const math::Vec3d& a, const math::Vec3d& b) {
+  EXPECT_NEAR(a.x, b.x, 1e-9);
+  EXPECT_NEAR(a.y, b.y, 1e-9);
+  EXPECT_NEAR(a.z, b.z, 1e-9);
+}
+
+TEST(ViewControlsTest, BeginsAsRenderDoes) {
+  const ViewControls controls(kVolume, 60);
+  EXPECT_EQ(controls.camera(), view::MakeDefaultCamera(kVolume.bounds));
+  EXPECT_EQ(controls.isovalue(), 60);
+}
+
+TEST(ViewControlsTest, TheSceneTurnsWithTheArrow) {
+  ViewControls controls(kVolume, 60);
+  const view::Camera before = controls.camera();
+  EXPECT_EQ(controls.Press({.kind = Kind::kRight}), Effect::kMoved);
+  EXPECT_LT(controls.camera().eye.x, before.eye.x);  // the eye goes the other way
+  controls.Press({.kind = Kind::kLeft});
+  ExpectNear(controls.camera().eye, before.eye);
+  controls.Press({.kind = Kind::kUp});
+  EXPECT_LT(controls.camera().eye.y, before.eye.y);
+  controls.Press({.kind = Kind::kDown});
+  ExpectNear(controls.camera().eye, before.eye);
+}
+
+TEST(ViewControlsTest, AFullTurnOverThePoleEndsWhereItBegan) {
+  ViewControls controls(kVolume, 60);
+  const view::Camera before = controls.camera();
+  for (int i = 0; i < 72; ++i) {
+    controls.Press({.kind = Kind::kUp});
+    EXPECT_TRUE(view::Validate(controls.camera()).ok()) << i;
+  }
+  ExpectNear(controls.camera().eye, before.eye);
+  ExpectNear(controls.camera().up, before.up);
+}
+
+TEST(ViewControlsTest, LettersAreArrowsAndCapitalsMove) {
+  ViewControls letters(kVolume, 60);
+  ViewControls arrows(kVolume, 60);
+  Type("hjkl", &letters);
+  for (const Kind kind : {Kind::kLeft, Kind::kDown, Kind::kUp, Kind::kRight}) {
+    arrows.Press({.kind = kind});
+  }
+  EXPECT_EQ(letters.camera(), arrows.camera());
+  ViewControls moved(kVolume, 60);
+  const view::Camera before = moved.camera();
+  Type("L", &moved);
+  EXPECT_LT(moved.camera().target.x, before.target.x);
+  ExpectNear(moved.camera().eye - moved.camera().target, before.eye - before.target);
+}
+
+TEST(ViewControlsTest, ZoomHasLimits) {
+  ViewControls controls(kVolume, 60);
+  const double distance = math::Length(controls.camera().eye - controls.camera().target);
+  Type("+-", &controls);
+  EXPECT_NEAR(math::Length(controls.camera().eye - controls.camera().target), distance, 1e-9);
+  for (const char c : {'+', '-'}) {
+    Type(std::string(1000, c), &controls);
+    EXPECT_TRUE(view::Validate(controls.camera()).ok());
+  }
+}
+
+TEST(ViewControlsTest, NamedViewsAndReset) {
+  ViewControls controls(kVolume, 60);
+  Type("5", &controls);
+  EXPECT_EQ(controls.camera(),
+            view::MakeNamedCamera(view::NamedView::kTop, kVolume.bounds, std::nullopt).value());
+  Type("]+hr", &controls);
+  EXPECT_EQ(controls.camera(), view::MakeDefaultCamera(kVolume.bounds));
+  EXPECT_EQ(controls.isovalue(), 60);
+}
+
+TEST(ViewControlsTest, RollKeepsTheDirection) {
+  ViewControls controls(kVolume, 60);
+  const view::Camera before = controls.camera();
+  Type(",", &controls);
+  EXPECT_EQ(controls.camera().eye, before.eye);
+  EXPECT_NE(controls.camera().up, before.up);
+  Type(".", &controls);
+  ExpectNear(controls.camera().up, before.up);
+}
+
+TEST(ViewControlsTest, IsovaluesStepOnRoundNumbersInsideTheRange) {
+  EXPECT_EQ(IsovalueStep({0, 255}), 2);
+  EXPECT_EQ(IsovalueStep({0, 1}), 0.01);
+  EXPECT_EQ(IsovalueStep({-1024, 3071}), 20);
+  EXPECT_EQ(IsovalueStep({5, 5}), 1);
+  EXPECT_EQ(IsovalueStep({}), 1);
+  const double largest = std::numeric_limits<double>::max();
+  EXPECT_GT(IsovalueStep({-largest, largest}), 0);
+  ViewControls controls(kVolume, 61);
+  Type("]", &controls);
+  EXPECT_EQ(controls.isovalue(), 64);  // 61 is nearest to 62, or 60
+  Type("}", &controls);
+  EXPECT_EQ(controls.isovalue(), 84);
+  Type(std::string(50, '}'), &controls);
+  EXPECT_EQ(controls.isovalue(), 255);
+  Type(std::string(50, '{'), &controls);
+  EXPECT_EQ(controls.isovalue(), 0);
+}
+
+TEST(ViewControlsTest, OtherKeysDoNothing) {
+  ViewControls controls(kVolume, 60);
+  for (const char c : std::string("aZ7 \t\n")) {
+    EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = c}), Effect::kNone);
+  }
+  EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = 'q'}), Effect::kQuit);
+  EXPECT_EQ(controls.Press({.kind = Kind::kCharacter, .character = '?'}), Effect::kHelp);
+}
+
+TEST(DescribeKeysTest, FitsASmallWindow) {
+  for (const absl::string_view line : absl::StrSplit(DescribeKeys(), '\n')) {
+    EXPECT_LE(line.size(), 78);
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::cli

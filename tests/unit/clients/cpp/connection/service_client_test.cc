@@ -1,0 +1,163 @@
+#include "clients/cpp/connection/service_client.h"
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/time/clock.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::client {
+namespace {
+
+namespace v1 = isoscope::v1;
+using isoscope::testing::IsOk;
+using isoscope::testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+constexpr absl::Duration kShort = absl::Milliseconds(50);
+
+// Never answers; ends when its client has gone.
+grpc::Status Hang(grpc::ServerContext* context) {
+  while (!context->IsCancelled()) {
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  return grpc::Status::CANCELLED;
+}
+
+class HangingDatasets final : public v1::DatasetService::Service {
+ public:
+  grpc::Status GetDataset(grpc::ServerContext* context, const v1::GetDatasetRequest*,
+                          v1::GetDatasetResponse*) override {
+    return Hang(context);
+  }
+  grpc::Status GetHistogram(grpc::ServerContext* context, const v1::GetHistogramRequest*,
+                            v1::GetHistogramResponse*) override {
+    return Hang(context);
+  }
+  grpc::Status ListDatasets(grpc::ServerContext* context, const v1::ListDatasetsRequest*,
+                            v1::ListDatasetsResponse*) override {
+    return Hang(context);
+  }
+};
+
+class HangingCluster final : public v1::ClusterService::Service {
+ public:
+  grpc::Status GetCapabilities(grpc::ServerContext* context, const v1::GetCapabilitiesRequest*,
+                               v1::GetCapabilitiesResponse*) override {
+    return Hang(context);
+  }
+  grpc::Status GetClusterStatus(grpc::ServerContext* context, const v1::GetClusterStatusRequest*,
+                                v1::GetClusterStatusResponse*) override {
+    return Hang(context);
+  }
+};
+
+// Hangs, after some parts or chunks.
+class HangingSurfaces final : public v1::IsosurfaceService::Service {
+ public:
+  grpc::Status RenderIsosurface(grpc::ServerContext* context, const v1::RenderIsosurfaceRequest*,
+                                v1::RenderIsosurfaceResponse*) override {
+    return Hang(context);
+  }
+  grpc::Status RenderIsosurfaceStream(
+      grpc::ServerContext* context, const v1::RenderIsosurfaceStreamRequest*,
+      grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* writer) override {
+    writer->Write({});
+    return Hang(context);
+  }
+  grpc::Status PickSurface(grpc::ServerContext* context, const v1::PickSurfaceRequest*,
+                           v1::PickSurfaceResponse*) override {
+    return Hang(context);
+  }
+  grpc::Status ExportIsosurface(grpc::ServerContext* context, const v1::ExportIsosurfaceRequest*,
+                                grpc::ServerWriter<v1::ExportIsosurfaceResponse>* writer) override {
+    for (int i = 0; i < chunk_count; ++i) {
+      writer->Write({});
+    }
+    return hangs ? Hang(context) : grpc::Status::OK;
+  }
+
+  int chunk_count = 0;
+  bool hangs = true;
+};
+
+class ServiceClientTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&datasets_);
+    builder.RegisterService(&cluster_);
+    builder.RegisterService(&surfaces_);
+    server_ = builder.BuildAndStart();
+    client_ = std::make_unique<ServiceClient>(server_->InProcessChannel({}), "", &interrupt_, "");
+  }
+
+  HangingDatasets datasets_;
+  HangingCluster cluster_;
+  HangingSurfaces surfaces_;
+  std::unique_ptr<grpc::Server> server_;
+  cli::Interrupt interrupt_;
+  std::unique_ptr<ServiceClient> client_;
+};
+
+TEST_F(ServiceClientTest, EveryCallToAServerThatNeverAnswersEndsAndNamesTheFlag) {
+  const auto ends = StatusIs(absl::StatusCode::kDeadlineExceeded, HasSubstr("--timeout"));
+  EXPECT_THAT(client_->GetDataset("", kShort), ends);
+  EXPECT_THAT(client_->GetHistogram({}, kShort), ends);
+  EXPECT_THAT(client_->ListDatasets(kShort), ends);
+  EXPECT_THAT(client_->GetCapabilities(kShort), ends);
+  EXPECT_THAT(client_->GetClusterStatus(kShort), ends);
+  EXPECT_THAT(client_->RenderIsosurface({}, kShort), ends);
+  EXPECT_THAT(client_->RenderIsosurfaceStream({}, kShort), ends);
+  EXPECT_THAT(client_->PickSurface({}, kShort), ends);
+  const auto ignore = [](const v1::ExportIsosurfaceResponse&) { return absl::OkStatus(); };
+  EXPECT_THAT(client_->ExportIsosurface({}, kShort, ignore), ends);
+}
+
+TEST_F(ServiceClientTest, AnExportWithoutADeadlineEndsWhenTheServerIsSilent) {
+  for (const int chunk_count : {0, 3}) {
+    surfaces_.chunk_count = chunk_count;
+    int seen = 0;
+    const auto count = [&](const v1::ExportIsosurfaceResponse&) {
+      ++seen;
+      return absl::OkStatus();
+    };
+    EXPECT_THAT(client_->ExportIsosurface({}, absl::InfiniteDuration(), count, absl::Seconds(1)),
+                StatusIs(absl::StatusCode::kDeadlineExceeded,
+                         AllOf(HasSubstr("sent nothing for 1s"), Not(HasSubstr("--timeout")))));
+    EXPECT_EQ(seen, chunk_count);
+  }
+}
+
+TEST_F(ServiceClientTest, AnExportWhoseChunksComeIsReadToItsEnd) {
+  surfaces_.chunk_count = 5;
+  surfaces_.hangs = false;
+  int seen = 0;
+  EXPECT_THAT(client_->ExportIsosurface({}, absl::InfiniteDuration(),
+                                        [&](const v1::ExportIsosurfaceResponse&) {
+                                          ++seen;
+                                          return absl::OkStatus();
+                                        }),
+              IsOk());
+  EXPECT_EQ(seen, 5);
+}
+
+TEST_F(ServiceClientTest, AnInterruptEndsACallThatWouldTakeLong) {
+  interrupt_.Trigger();
+  EXPECT_THAT(client_->GetDataset("", kAnswerTimeout), StatusIs(absl::StatusCode::kCancelled));
+}
+
+}  // namespace
+}  // namespace isoscope::client

@@ -1,0 +1,161 @@
+#include "clients/cpp/request/look_flags.h"
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/cli/usage.h"
+#include "core/rpc/frame_convert.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::client {
+namespace {
+
+using frame::ColorBy;
+using frame::ColorMap;
+using frame::Light;
+using isoscope::testing::StatusIs;
+using ::testing::HasSubstr;
+
+TEST(LookFlagsTest, LightsHaveDirectionIntensityAndColor) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Light plain, ParseLight("1,-2,0.5"));
+  EXPECT_EQ(plain, (Light{.direction = {1, -2, 0.5}}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Light orange, ParseLight("0,0,1:0.25:1,0.5,0"));
+  EXPECT_EQ(orange,
+            (Light{.direction = {0, 0, 1}, .intensity = 0.25F, .color = {255, 128, 0, 255}}));
+  for (const char* text :
+       {"", "1,2", "0,0,0", "1e300,0,0", "1e-300,0,0", "nan,0,1", "1,2,3,4", "1,2,3:", "1,2,3:-1",
+        "1,2,3:10.5", "1,2,3:inf", "1,2,3:1:2,0,0", "1,2,3:1:1,1,1:1"}) {
+    EXPECT_THAT(ParseLight(text), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("'")))
+        << text;
+  }
+}
+
+TEST(LookFlagsTest, ColorByHasQuantityMapAndRange) {
+  const std::vector<std::pair<const char*, ColorByValue>> right = {
+      {"z", {ColorBy{.quantity = ColorBy::Quantity::kPositionZ}}},
+      {"x:cool-warm:-3,4.5",
+       {ColorBy{.quantity = ColorBy::Quantity::kPositionX,
+                .map = ColorMap::kCoolWarm,
+                .range = frame::ColorRange{-3, 4.5}}}},
+      {"y:grey:0,1:0.25,1",
+       {ColorBy{.quantity = ColorBy::Quantity::kPositionY,
+                .map = ColorMap::kGrey,
+                .range = frame::ColorRange{0, 1},
+                .opacity_at_min = 0.25F}}},
+      {"z:magma::1,0",
+       {ColorBy{.quantity = ColorBy::Quantity::kPositionZ,
+                .map = ColorMap::kMagma,
+                .opacity_at_max = 0}}},
+      {"gradient:turbo",
+       {ColorBy{.quantity = ColorBy::Quantity::kGradientMagnitude, .map = ColorMap::kTurbo}}},
+      {"normal", {ColorBy{.quantity = ColorBy::Quantity::kNormal}}},
+      {"none", {}}};
+  for (const auto& [text, expected] : right) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorByValue value, ParseColorBy(text));
+    EXPECT_EQ(value, expected) << text;
+  }
+  for (const char* text : {"",
+                           "w",
+                           "x:",
+                           "x:jet",
+                           "x:turbo:",
+                           "x:turbo:1",
+                           "x:turbo:2,2",
+                           "x:turbo:3,2",
+                           "x:turbo:nan,2",
+                           "x:turbo:-1e308,1e308",
+                           "x:turbo:1,2:3",
+                           "x:turbo:1,2:",
+                           "x:turbo::",
+                           "x:turbo::-0.1,1",
+                           "x:turbo::0,1.1",
+                           "x:turbo::nan,1",
+                           "x:turbo::0,1,1",
+                           "x:turbo:1,2:0,1:1",
+                           "normal:turbo",
+                           "normal:::0,1",
+                           "none:turbo"}) {
+    EXPECT_THAT(ParseColorBy(text), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("'")))
+        << text;
+  }
+}
+
+TEST(LookFlagsTest, CapsHaveAMapAndARangeOrNothing) {
+  const std::vector<std::pair<const char*, frame::ClipCaps>> right = {
+      {"", {}},
+      {"grey", {.map = ColorMap::kGrey}},
+      {"cool-warm:-3,4.5", {.map = ColorMap::kCoolWarm, .range = frame::ColorRange{-3, 4.5}}}};
+  for (const auto& [text, expected] : right) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::ClipCaps caps, ParseCaps(text));
+    EXPECT_EQ(caps, expected) << text;
+  }
+  for (const char* text : {"jet", "grey:", "grey:1", "grey:2,2", "grey:3,2", "grey:nan,2",
+                           "grey:-1e308,1e308", "grey:1,2:3", ":1,2", "x:grey"}) {
+    EXPECT_THAT(ParseCaps(text), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("'")))
+        << text;
+  }
+}
+
+TEST(LookFlagsTest, EveryMapHasItsName) {
+  for (const char* name : {"viridis", "magma", "cividis", "turbo", "cool-warm", "grey"}) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const ColorByValue value, ParseColorBy(std::string("y:") + name));
+    EXPECT_EQ(NameOf(value.color_by->map), name);
+  }
+}
+
+TEST(LookFlagsTest, OneColorByIsForAllSurfacesOrThereIsOneForEach) {
+  LookFlags flags;
+  flags.color_by.resize(1);
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 3));
+  flags.color_by.resize(2);
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 3)));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 1)));
+  ISOSCOPE_EXPECT_OK(CheckUsage(flags, 2));
+  flags.lights.resize(5);
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(flags, 2)));
+  EXPECT_TRUE(cli::IsUsageError(CheckUsage(LookFlags{.light_space = Light::Space::kWorld}, 1)));
+}
+
+TEST(LookFlagsTest, TheRequestSaysWhatTheFlagsSay) {
+  LookFlags flags;
+  flags.lights = {{.direction = {1, 2, 3}, .intensity = 0.5F}, {.color = {255, 0, 0, 255}}};
+  flags.light_space = Light::Space::kWorld;
+  flags.color_by = {{ColorBy{.quantity = ColorBy::Quantity::kPositionY}}};
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.set_isovalue(60);
+  request.mutable_base_color()->set_red(1);
+  request.mutable_base_color()->set_alpha(1);
+  request.mutable_viewport()->set_width_px(10);
+  request.mutable_viewport()->set_height_px(10);
+  AddLook({}, &request);
+  EXPECT_EQ(request.isovalue(), 60) << "without flags the request stays what it was";
+  AddLook(flags, &request);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const frame::FrameSpec spec, rpc::FrameSpecFromProto(request));
+  for (Light& light : flags.lights) {
+    light.space = Light::Space::kWorld;
+  }
+  EXPECT_EQ(spec.lights, flags.lights);
+  ASSERT_EQ(spec.surfaces.size(), 1U);
+  EXPECT_EQ(spec.surfaces[0].isovalue, 60);
+  EXPECT_EQ(spec.surfaces[0].appearance.base_color, (image::Rgba8{255, 0, 0, 255}));
+  EXPECT_EQ(spec.surfaces[0].color_by, flags.color_by[0].color_by);
+}
+
+TEST(LookFlagsTest, ASurfaceMayKeepItsColor) {
+  LookFlags flags;
+  flags.color_by = {{}, {ColorBy{.quantity = ColorBy::Quantity::kNormal}}};
+  EXPECT_FALSE(flags.colors_by_position());
+  isoscope::v1::RenderIsosurfaceRequest request;
+  request.add_surfaces();
+  request.add_surfaces();
+  AddLook(flags, &request);
+  EXPECT_FALSE(request.surfaces(0).has_color_by());
+  EXPECT_TRUE(request.surfaces(1).has_color_by());
+}
+
+}  // namespace
+}  // namespace isoscope::client

@@ -1,0 +1,116 @@
+#include "server/admission/coordinator_memory.h"
+
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "absl/time/clock.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/units.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::server {
+namespace {
+
+using isoscope::testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr std::size_t kMiB = std::size_t{1} << 20;
+
+frame::FrameSpec SpecOf(int width, int height) {
+  frame::FrameSpec spec;
+  spec.viewport = {width, height};
+  return spec;
+}
+
+TEST(CoordinatorMemoryTest, AFramesBytesGrowWithPixelsAndWhatIsAskedFor) {
+  frame::FrameSpec spec = SpecOf(1024, 1024);
+  const std::size_t png = FrameBytes(spec, Delivery::kWhole);
+  EXPECT_EQ(png, 35 * kMiB);  // 26 + 8 bytes a pixel, and 1 MiB
+  spec.output.depth = true;
+  EXPECT_EQ(FrameBytes(spec, Delivery::kWhole), png + 8 * kMiB);
+  EXPECT_EQ(FrameBytes(spec, Delivery::kParts), png + 4 * kMiB);
+  spec.output = {.image_format = frame::ImageFormat::kNone, .surface_index = true};
+  EXPECT_EQ(FrameBytes(spec, Delivery::kParts), 28 * kMiB);
+  // The picture counts, not the viewport that it is a part of.
+  spec.viewport = {65536, 65536};
+  spec.region = view::Region{0, 0, 1024, 1024};
+  EXPECT_EQ(FrameBytes(spec, Delivery::kParts), 28 * kMiB);
+}
+
+TEST(CoordinatorMemoryTest, SamplesAndMarginsCountAsTheyAreDrawn) {
+  frame::FrameSpec spec = SpecOf(1024, 1024);
+  spec.effects.samples_per_side = 2;
+  // 4 times 26 bytes a pixel, the picture's image of 12, and 8 as before.
+  EXPECT_EQ(FrameBytes(spec, Delivery::kWhole), (4 * 26 + 12 + 8 + 1) * kMiB);
+  spec = SpecOf(4096, 4096);
+  spec.region = view::Region{512, 512, 1024, 1024};
+  spec.effects.silhouette = {.width_px = 14, .color = {}};
+  EXPECT_EQ(FrameBytes(spec, Delivery::kWhole),
+            std::size_t{1056} * 1056 * 26 + (12 + 8 + 1) * kMiB);
+  spec = SpecOf(4096, 4096);
+  spec.effects.samples_per_side = 4;
+  EXPECT_THAT(
+      CoordinatorMemory(256 * kMiB).CheckFits(spec, Delivery::kWhole),
+      StatusIs(absl::StatusCode::kResourceExhausted,
+               AllOf(HasSubstr("4096 x 4096 pixels of 16 samples"), HasSubstr("fewer samples"))));
+}
+
+TEST(CoordinatorMemoryTest, TheSmallestLimitTakesACommonFrame) {
+  const CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
+  ISOSCOPE_EXPECT_OK(memory.CheckFits(SpecOf(1024, 1024), Delivery::kWhole));
+  EXPECT_GT(memory.unused_image_bytes(), std::size_t{0});
+  EXPECT_LT(memory.unused_image_bytes() + memory.active_blocks_bytes(),
+            CoordinatorMemory::kMinLimitBytes / 4);
+}
+
+TEST(CoordinatorMemoryTest, AFrameThatCanNeverFitIsRefusedAtOnceWithTheLimit) {
+  CoordinatorMemory memory(256 * kMiB);
+  base::Cancellation cancellation;
+  for (const absl::Status& status :
+       {memory.CheckFits(SpecOf(16384, 16384), Delivery::kWhole),
+        memory.ReserveFrame(SpecOf(16384, 16384), Delivery::kWhole, cancellation).status()}) {
+    EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted,
+                                 AllOf(HasSubstr("16384 x 16384"), HasSubstr("256 MiB"),
+                                       HasSubstr("8705 MiB"), HasSubstr("160 MiB"),
+                                       HasSubstr("--memory-limit"))));
+  }
+}
+
+TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
+  CoordinatorMemory memory(96 * kMiB);  // 60 for frames: one of 1024 x 1024
+  base::Cancellation none;
+  std::optional<base::MemoryBudget::Reservation> first;
+  {
+    auto taken = memory.ReserveFrame(SpecOf(1024, 1024), Delivery::kWhole, none);
+    ISOSCOPE_ASSERT_OK(taken);
+    first.emplace(*std::move(taken));
+  }
+  base::Cancellation short_time(absl::Now() + absl::Milliseconds(30));
+  EXPECT_THAT(memory.ReserveFrame(SpecOf(1024, 1024), Delivery::kWhole, short_time),
+              StatusIs(absl::StatusCode::kDeadlineExceeded));
+  std::thread waiting(
+      [&] { ISOSCOPE_EXPECT_OK(memory.ReserveFrame(SpecOf(1024, 1024), Delivery::kWhole, none)); });
+  first.reset();
+  waiting.join();
+}
+
+TEST(CoordinatorMemoryTest, ExportsShareTheMemoryOfFramesAndTheLargestTakesAllOfIt) {
+  const base::Cancellation never;
+  CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
+  {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto small, memory.ReserveExport(2, never));
+    EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kExportAnswerBytes + 16 * base::kMiB);
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, memory.ReserveExport(1000, never));
+  EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kMinLimitBytes / 8 * 5);
+  base::Cancellation cancelled;
+  cancelled.Cancel();
+  EXPECT_THAT(memory.ReserveExport(1, cancelled), StatusIs(absl::StatusCode::kCancelled));
+}
+
+}  // namespace
+}  // namespace isoscope::server

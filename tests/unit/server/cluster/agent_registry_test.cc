@@ -1,0 +1,370 @@
+#include "server/cluster/agent_registry.h"
+
+#include <atomic>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/time/clock.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/mutex.h"
+#include "core/frame/picture_revision.h"
+#include "core/rpc/frame_convert.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/server/make_shard.h"
+
+namespace isoscope::server {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::MakeShard;
+using testing::StatusIs;
+
+using Shards = std::vector<isoscope::internal::v1::ShardDescription>;
+
+constexpr char kOtherId[] = "ffffffffffffffffffffffffffffffff";
+
+// A cluster without agents: what it answers for them is set by address. Thread-safe. The tests of
+// the registry use it instead of gRPC, which ThreadSanitizer does not see through.
+class FakeCluster {
+ public:
+  void Serve(const std::string& address, Shards shards) {
+    const base::MutexLock lock(&mutex_);
+    shards_[address] = std::move(shards);
+  }
+  void Stop(const std::string& address) {
+    const base::MutexLock lock(&mutex_);
+    shards_.erase(address);
+  }
+  void SetResolved(std::vector<std::string> addresses) {
+    const base::MutexLock lock(&mutex_);
+    resolved_ = std::move(addresses);
+  }
+  // From now on nobody answers before the probe is cancelled.
+  void Hang() {
+    const base::MutexLock lock(&mutex_);
+    hangs_ = true;
+  }
+  void WaitUntilOneHangs() {
+    const base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_,
+                   [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return hanging_count_ > 0; });
+  }
+
+  // Polls so seldom that only what the registry does by itself counts.
+  AgentRegistryOptions LazyOptions(const std::vector<std::string>& targets) {
+    AgentRegistryOptions options;
+    for (const std::string& target : targets) {
+      options.endpoints.push_back({target, nullptr});
+    }
+    options.poll_interval = absl::Hours(1);
+    options.resolve = [this](const DnsName& name) -> absl::StatusOr<std::vector<std::string>> {
+      EXPECT_EQ(name.host, "agents");
+      const base::MutexLock lock(&mutex_);
+      if (resolved_.empty()) {
+        return absl::UnavailableError("can't resolve agents:50052");
+      }
+      return resolved_;
+    };
+    options.probe = [this](absl::Span<AgentProbe> probes, const base::Cancellation& cancellation) {
+      const absl::Status status = base::AwaitOrCancelled(
+          cancellation, &mutex_, &changed_, [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+            hanging_count_ += hangs_ ? 1 : 0;
+            changed_.SignalAll();
+            return !hangs_;
+          });
+      const base::MutexLock lock(&mutex_);
+      for (AgentProbe& probe : probes) {
+        const auto found = shards_.find(probe.address);
+        if (!status.ok()) {
+          probe.answer = status;
+        } else if (found == shards_.end()) {
+          probe.answer = absl::UnavailableError("connection refused");
+        } else {
+          isoscope::internal::v1::DescribeShardsResponse answer;
+          *answer.mutable_picture_revision() = rpc::ToProto(frame::PictureRevision());
+          answer.mutable_shards()->Assign(found->second.begin(), found->second.end());
+          probe.answer = std::move(answer);
+        }
+      }
+    };
+    return options;
+  }
+
+ private:
+  base::Mutex mutex_;
+  base::CondVar changed_;
+  std::map<std::string, Shards> shards_ ABSL_GUARDED_BY(mutex_);
+  std::vector<std::string> resolved_ ABSL_GUARDED_BY(mutex_);
+  bool hangs_ ABSL_GUARDED_BY(mutex_) = false;
+  int hanging_count_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+absl::Time Soon() { return absl::Now() + absl::Seconds(20); }
+
+TEST(AgentRegistryTest, BadEndpointsAreRefused) {
+  FakeCluster cluster;
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({})),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"a:1", "a:1"})),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("twice")));
+  EXPECT_THAT(AgentRegistry::Start(cluster.LazyOptions({"dns:///x"})),
+              StatusIs(absl::StatusCode::kInvalidArgument));
+}
+
+TEST(AgentRegistryTest, NamesAreFoundAndTheOnlyDatasetNeedsNone) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const base::Cancellation soon(Soon());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("", soon));
+  EXPECT_EQ(found.dataset.name(), "head");
+  EXPECT_THAT(registry->FindComplete("haed", soon),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("\"head\"")));
+}
+
+TEST(AgentRegistryTest, OneOfSeveralDatasetsMustBeNamed) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("foot", 0, 1, kOtherId), MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  EXPECT_THAT(registry->Find(""), StatusIs(absl::StatusCode::kInvalidArgument,
+                                           AllOf(HasSubstr("\"foot\""), HasSubstr("\"head\""))));
+}
+
+TEST(AgentRegistryTest, AReturningAgentServesTheNextFrameAtOnce) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  std::atomic<int> ready_count{0};
+  std::atomic<int> lost_count{0};
+  AgentRegistryOptions options = cluster.LazyOptions({"a:1"});
+  options.on_readiness = [&](bool is_ready) { (is_ready ? ready_count : lost_count)++; };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  EXPECT_EQ(ready_count.load(), 1);
+
+  cluster.Stop("a:1");
+  registry->ReportFailure("a:1");
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("head", soon),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("a:1")));
+  EXPECT_EQ(lost_count.load(), 1);
+
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  EXPECT_THAT(registry->FindComplete("head", soon), IsOk());
+  EXPECT_EQ(ready_count.load(), 2);
+}
+
+// The probe hangs: a frame that waited for it would get both agents.
+TEST(AgentRegistryTest, ALostAgentWithAReplicaIsLeftOutAndNotWaitedFor) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  cluster.Serve("b:1", {MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  EXPECT_TRUE(registry->IsReachable("a:1"));
+  EXPECT_FALSE(registry->IsReachable("x:1"));
+  cluster.Hang();
+  registry->ReportFailure("a:1");
+  const base::Cancellation never;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("head", never));
+  ASSERT_EQ(found.replica_sets.size(), 1u);
+  ASSERT_EQ(found.replica_sets[0].agents.size(), 1u);
+  EXPECT_EQ(found.replica_sets[0].agents[0].address, "b:1");
+  cluster.WaitUntilOneHangs();  // the lost one is asked all the same
+}
+
+TEST(AgentRegistryTest, WithoutSomeShardsADatasetIsFoundOnlyIfThatIsAllowed) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("b:1", {MakeShard("head", 1, 2)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  cluster.Stop("a:1");
+  registry->ReportFailure("a:1");
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("head", soon),
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const DatasetState found,
+      registry->FindComplete("head", soon, Caller(), /*allow_partial=*/true));
+  ASSERT_EQ(found.replica_sets.size(), 1u);
+  EXPECT_EQ(found.replica_sets[0].shard_indices, std::vector<int>{1});
+  cluster.Stop("b:1");
+  registry->ReportFailure("b:1");
+  EXPECT_THAT(registry->FindComplete("head", soon, Caller(), /*allow_partial=*/true),
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+}
+
+TEST(AgentRegistryTest, WaitsForAgentsThatComeLater) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1", "b:1"})));
+  EXPECT_THAT(registry->WaitUntilReady(absl::Now() + absl::Milliseconds(20)),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("b:1")));
+  std::thread starter([&] { cluster.Serve("b:1", {MakeShard("head", 1, 2)}); });
+  ISOSCOPE_EXPECT_OK(registry->WaitUntilReady(Soon()));
+  starter.join();
+}
+
+TEST(AgentRegistryTest, AnAgentThatLiesAboutItsDatasetIsNotUsed) {
+  isoscope::internal::v1::ShardDescription bad = MakeShard("head", 0, 1);
+  bad.mutable_dataset()->set_block_count(12345);
+  FakeCluster cluster;
+  cluster.Serve("a:1", {bad});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  EXPECT_THAT(registry->FindComplete("head", base::Cancellation(Soon())),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("block_count is 12345")));
+}
+
+TEST(AgentRegistryTest, EveryAddressBehindANameIsAnAgentAndThoseThatVanishAreDropped) {
+  FakeCluster cluster;
+  cluster.Serve("10.0.0.1:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("10.0.0.2:1", {MakeShard("head", 1, 2)});
+  cluster.Serve("10.0.0.3:1", {MakeShard("head", 1, 2)});
+  cluster.SetResolved({"10.0.0.1:1", "10.0.0.2:1"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"dns:///agents:50052"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  EXPECT_EQ(registry->agents().size(), 2u);
+
+  cluster.Stop("10.0.0.2:1");
+  cluster.SetResolved({"10.0.0.1:1", "10.0.0.3:1"});
+  registry->ReportFailure("10.0.0.2:1");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found,
+                                registry->FindComplete("head", base::Cancellation(Soon())));
+  ASSERT_EQ(found.replica_sets.size(), 2u);
+  EXPECT_EQ(found.replica_sets[1].agents.front().address, "10.0.0.3:1");
+  for (const AgentState& agent : registry->agents()) {
+    EXPECT_NE(agent.address, "10.0.0.2:1");
+  }
+}
+
+TEST(AgentRegistryTest, AnAddressThatTheNameForgotStaysAsLongAsItAnswers) {
+  FakeCluster cluster;
+  cluster.Serve("10.0.0.1:1", {MakeShard("head", 0, 1)});
+  cluster.SetResolved({"10.0.0.1:1"});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"dns:///agents:50052"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const base::Cancellation soon(Soon());
+  for (const std::vector<std::string>& resolved :
+       {std::vector<std::string>{"10.0.0.2:1"}, std::vector<std::string>{}}) {
+    cluster.SetResolved(resolved);
+    registry->ReportFailure("10.0.0.1:1");
+    EXPECT_THAT(registry->FindComplete("head", soon), IsOk());
+  }
+}
+
+TEST(AgentRegistryTest, AgentsComeAndGoWithAListAndABadListChangesNothing) {
+  const testing::TempDir directory;
+  const std::string path = directory.Sub("agents");
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  cluster.Serve("b:1", {MakeShard("head", 0, 1)});
+  std::ofstream(path) << "a:1\n";
+  AgentRegistryOptions options = cluster.LazyOptions({"file:" + path});
+  options.poll_interval = absl::Milliseconds(1);
+  options.check_target = [](const std::string& target) {
+    return target == "evil:1" ? absl::InvalidArgumentError("in plaintext") : absl::OkStatus();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const auto await_agents = [&](const std::vector<std::string>& expected) {
+    std::vector<std::string> addresses;
+    const absl::Time limit = Soon();
+    while (addresses != expected && absl::Now() < limit) {
+      addresses.clear();
+      for (const AgentState& agent : registry->agents()) {
+        addresses.push_back(agent.address);
+      }
+    }
+    EXPECT_EQ(addresses, expected);
+  };
+  await_agents({"a:1"});
+  std::ofstream(path) << "a:1\nb:1\n";
+  await_agents({"a:1", "b:1"});
+  std::ofstream(path) << "b:1\n";
+  await_agents({"b:1"});
+  for (const char* bad : {"a:1 b:1\n", "evil:1\n"}) {
+    std::ofstream(path) << bad;
+    absl::SleepFor(absl::Milliseconds(20));
+    await_agents({"b:1"});
+  }
+  EXPECT_THAT(registry->FindComplete("head", base::Cancellation(Soon())), IsOk());
+}
+
+TEST(AgentRegistryTest, ANameThatCannotBeResolvedIsReportedAsSuchUntilItCan) {
+  FakeCluster cluster;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"dns:///agents:50052"})));
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("", soon),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("can't resolve")));
+  cluster.Serve("10.0.0.1:1", {MakeShard("head", 0, 1)});
+  cluster.SetResolved({"10.0.0.1:1"});
+  EXPECT_THAT(registry->FindComplete("", soon), IsOk());
+  EXPECT_EQ(registry->agents().size(), 1u);
+}
+
+// Without a deadline of their own: what is not woken would wait for kMaxFrameWait or hang.
+TEST(AgentRegistryTest, ACancelledFrameAndTheEndDoNotWaitForAgentsThatHang) {
+  FakeCluster cluster;
+  cluster.Hang();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto registry, AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  cluster.WaitUntilOneHangs();
+  base::Cancellation cancellation;
+  std::thread frame([&] {
+    EXPECT_THAT(registry->FindComplete("head", cancellation),
+                StatusIs(absl::StatusCode::kCancelled));
+  });
+  cancellation.Cancel();
+  frame.join();
+  registry.reset();
+}
+
+TEST(AgentRegistryTest, FramesFailuresAndQuestionsMeet) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("b:1", {MakeShard("head", 1, 2)});
+  AgentRegistryOptions options = cluster.LazyOptions({"a:1", "b:1"});
+  options.poll_interval = absl::Milliseconds(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 3; ++i) {
+    threads.emplace_back([&registry, i] {
+      for (int round = 0; round < 30; ++round) {
+        registry->ReportFailure(round % 2 == 0 ? "a:1" : "b:1");
+        const base::Cancellation soon(Soon());
+        EXPECT_THAT(registry->FindComplete(i == 0 ? "" : "head", soon), IsOk());
+        EXPECT_EQ(registry->agents().size(), 2u);
+        EXPECT_EQ(registry->datasets().size(), 1u);
+      }
+    });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::server

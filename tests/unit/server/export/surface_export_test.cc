@@ -1,0 +1,205 @@
+#include "server/export/surface_export.h"
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+#include "core/base/coding.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::server {
+namespace {
+
+using testing::IsOk;
+using testing::StatusIs;
+
+// Hands out what it was given.
+class ListSource final : public SurfaceSource {
+ public:
+  explicit ListSource(std::vector<mesh::BlockMesh> blocks, absl::Status end = absl::OkStatus())
+      : blocks_(std::move(blocks)), end_(std::move(end)) {}
+
+  absl::StatusOr<bool> Next(mesh::BlockMesh* block) override {
+    if (next_ == blocks_.size()) {
+      if (!end_.ok()) {
+        return end_;
+      }
+      return false;
+    }
+    *block = blocks_[next_++];
+    return true;
+  }
+
+ private:
+  const std::vector<mesh::BlockMesh> blocks_;
+  const absl::Status end_;
+  std::size_t next_ = 0;
+};
+
+volume::GridGeometry Geometry() {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = {33, 3, 3};
+  geometry.spacing = {2, 1, 1};
+  geometry.origin = {10, 0, 0};
+  return geometry;
+}
+
+volume::BlockLayout Layout() {
+  return *volume::BlockLayout::Make(Geometry().sample_dims, {4, 4, 4});
+}
+
+// A triangle on the x edges of the block's own samples: three vertices that no other block has.
+mesh::BlockMesh Triangle(volume::BlockId id, std::size_t copies = 1) {
+  mesh::BlockMesh block;
+  block.block_id = id;
+  const auto x = static_cast<float>(4 * id) + 1.5F;
+  for (std::size_t copy = 0; copy < copies; ++copy) {
+    const auto first = static_cast<std::uint32_t>(block.positions.size());
+    for (int i = 0; i < 3; ++i) {
+      block.positions.push_back({x, static_cast<float>(i % 2), static_cast<float>(i / 2)});
+      block.normals.push_back({1, 0, 0});
+      // Edges inside of the block: x = 4 id + 1, y = z = 1 are never on a face between blocks.
+      block.edge_keys.push_back(
+          3 * (static_cast<std::int64_t>(4 * id) + 1 + 33 * (i % 2) + 99 * (i / 2)));
+    }
+    block.indices.insert(block.indices.end(), {first, first + 1, first + 2});
+  }
+  return block;
+}
+
+absl::StatusOr<std::vector<SurfaceChunk>> Export(
+    const volume::GridGeometry& geometry, const std::vector<std::vector<mesh::BlockMesh>>& agents,
+    const view::ClipRegion& clip = {}, std::int64_t first_vertex = 0) {
+  std::vector<std::unique_ptr<ListSource>> owned;
+  std::vector<SurfaceSource*> sources;
+  for (const auto& blocks : agents) {
+    owned.push_back(std::make_unique<ListSource>(blocks));
+    sources.push_back(owned.back().get());
+  }
+  std::vector<SurfaceChunk> chunks;
+  std::int64_t sent_count = 0;
+  const absl::StatusOr<std::int64_t> vertex_count =
+      ExportSurface({.geometry = geometry, .layout = Layout(), .clip = clip}, sources, first_vertex,
+                    [&](SurfaceChunk chunk) {
+                      sent_count += static_cast<std::int64_t>(chunk.positions.size() / 12);
+                      chunks.push_back(std::move(chunk));
+                      return absl::OkStatus();
+                    });
+  if (!vertex_count.ok()) {
+    return vertex_count.status();
+  }
+  EXPECT_EQ(*vertex_count, sent_count);
+  return chunks;
+}
+
+TEST(SurfaceExportTest, TheMeshDoesNotDependOnHowBlocksAreSpread) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto one, Export(Geometry(), {{Triangle(0), Triangle(1), Triangle(2), Triangle(5)}}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto three,
+      Export(Geometry(), {{Triangle(1), Triangle(5)}, {}, {Triangle(0), Triangle(2)}}));
+  ASSERT_EQ(one.size(), 1u);
+  ASSERT_EQ(three.size(), 1u);
+  EXPECT_EQ(one[0].positions, three[0].positions);
+  EXPECT_EQ(one[0].normals, three[0].normals);
+  EXPECT_EQ(one[0].triangles, three[0].triangles);
+}
+
+TEST(SurfaceExportTest, PositionsAreInWorldUnitsAndTrianglesCountOverTheStream) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks,
+                                Export(Geometry(), {{Triangle(0)}, {Triangle(1)}}));
+  const char* positions = chunks[0].positions.data();
+  EXPECT_FLOAT_EQ(base::LoadLittleEndian<float>(positions), 10 + 2 * 1.5F);
+  EXPECT_FLOAT_EQ(base::LoadLittleEndian<float>(positions + 36), 10 + 2 * 5.5F);
+  ASSERT_EQ(chunks[0].triangles.size(), 48u);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunks[0].triangles.data() + 8 * i), i);
+  }
+}
+
+TEST(SurfaceExportTest, LaterSurfacesCountBehindEarlierOnes) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks,
+                                Export(Geometry(), {{Triangle(0)}}, {}, std::int64_t{1} << 40));
+  EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(chunks[0].triangles.data() + 8),
+            (std::int64_t{1} << 40) + 1);
+}
+
+// The borders are those of the world: spacing 2, origin 10.
+TEST(SurfaceExportTest, TrianglesAreCutAtTheBordersOfTheRegion) {
+  mesh::BlockMesh block = Triangle(0);
+  block.positions = {{0, 0, 1}, {4, 0, 1}, {0, 2, 1}};
+  const auto positions = [&](const view::ClipRegion& region) {
+    const auto chunks = Export(Geometry(), {{block}}, region);
+    EXPECT_THAT(chunks, IsOk());
+    std::vector<float> values;
+    for (std::size_t i = 0; i < chunks->front().positions.size(); i += sizeof(float)) {
+      values.push_back(base::LoadLittleEndian<float>(chunks->front().positions.data() + i));
+    }
+    return values;
+  };
+  EXPECT_EQ(positions({.half_spaces = {{{1, 0, 0}, 14}}, .box = {}}),
+            (std::vector<float>{18, 0, 1, 14, 0, 1, 14, 1, 1}));
+  EXPECT_EQ(positions({.half_spaces = {}, .box = math::Box3d{{0, 1, 0}, {99, 9, 9}}}),
+            (std::vector<float>{10, 2, 1, 14, 1, 1, 10, 1, 1}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const auto none,
+      Export(Geometry(), {{block}}, {.half_spaces = {{{1, 0, 0}, 19}}, .box = {}}));
+  EXPECT_TRUE(none.empty());
+}
+
+TEST(SurfaceExportTest, AMirroredGridTurnsTrianglesOver) {
+  volume::GridGeometry mirrored = Geometry();
+  mirrored.direction.columns[0] = {-1, 0, 0};
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks, Export(mirrored, {{Triangle(0)}}));
+  const char* triangles = chunks[0].triangles.data();
+  EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(triangles), 0);
+  EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(triangles + 8), 2);
+  EXPECT_EQ(base::LoadLittleEndian<std::int64_t>(triangles + 16), 1);
+}
+
+TEST(SurfaceExportTest, ChunksStayBelowTheirLimitAndUseOnlyVerticesThatWereSent) {
+  std::vector<mesh::BlockMesh> blocks;
+  for (volume::BlockId id = 0; id < 8; ++id) {
+    blocks.push_back(Triangle(id, 5000));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks, Export(Geometry(), {blocks}));
+  ASSERT_GT(chunks.size(), 1u);
+  std::int64_t vertex_count = 0;
+  std::size_t triangle_bytes = 0;
+  for (const SurfaceChunk& chunk : chunks) {
+    EXPECT_LE(chunk.size_bytes(), kSurfaceChunkBytes);
+    vertex_count += static_cast<std::int64_t>(chunk.positions.size() / 12);
+    triangle_bytes += chunk.triangles.size();
+    for (std::size_t i = 0; i < chunk.triangles.size(); i += 8) {
+      ASSERT_LT(base::LoadLittleEndian<std::int64_t>(chunk.triangles.data() + i), vertex_count);
+    }
+  }
+  EXPECT_EQ(triangle_bytes, 8u * 5000u * 24u);
+}
+
+TEST(SurfaceExportTest, NoSurfaceIsNoChunk) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto chunks, Export(Geometry(), {{}, {}}));
+  EXPECT_TRUE(chunks.empty());
+}
+
+TEST(SurfaceExportTest, BlocksSentTwiceOrOutOfOrderAreRefused) {
+  EXPECT_THAT(Export(Geometry(), {{Triangle(3)}, {Triangle(3)}}),
+              StatusIs(absl::StatusCode::kInternal));
+  EXPECT_THAT(Export(Geometry(), {{Triangle(4), Triangle(2)}}),
+              StatusIs(absl::StatusCode::kInternal));
+}
+
+TEST(SurfaceExportTest, ErrorsOfSourcesAndOfTheReceiverEndIt) {
+  ListSource bad({Triangle(0)}, absl::DataLossError("block 1"));
+  const auto ignore = [](SurfaceChunk) { return absl::OkStatus(); };
+  const ExportedVolume volume{.geometry = Geometry(), .layout = Layout()};
+  EXPECT_THAT(ExportSurface(volume, {&bad}, 0, ignore), StatusIs(absl::StatusCode::kDataLoss));
+  ListSource good({Triangle(0)});
+  const auto refuse = [](SurfaceChunk) { return absl::CancelledError("gone"); };
+  EXPECT_THAT(ExportSurface(volume, {&good}, 0, refuse), StatusIs(absl::StatusCode::kCancelled));
+}
+
+}  // namespace
+}  // namespace isoscope::server

@@ -1,0 +1,339 @@
+// Histograms and fitted cameras of the public services, against agents of a script.
+
+#include "server/frame/agent_queries.h"
+
+#include <atomic>
+#include <memory>
+#include <string>
+
+#include "absl/time/clock.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "core/base/mutex.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/proto_convert.h"
+#include "core/view/camera_fit.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/coordinator_server.h"
+#include "tests/support/status_matchers.h"
+#include "tests/unit/server/fake_agent.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace internal = isoscope::internal::v1;
+namespace v1 = isoscope::v1;
+
+using ::testing::AllOf;
+using testing::FakeAgent;
+using ::testing::HasSubstr;
+using testing::MakeShard;
+using testing::StatusIs;
+
+// Two bins, of values 10 and 11, with these counts.
+void FillPart(std::int64_t lower, std::int64_t upper,
+              internal::GetShardHistogramResponse* response) {
+  response->set_first_bin(10);
+  response->set_stored_bin_count(2);
+  response->set_bins_per_group_count(1);
+  for (const std::int64_t count : {lower, upper}) {
+    response->add_active_block_counts(count);
+    response->add_active_block_bytes(100 * count);
+    response->add_estimated_triangle_counts(179 * count);
+    response->mutable_samples()->add_counts(1000 * count);
+  }
+  response->mutable_samples()->set_nan_count(lower);
+}
+
+class AgentQueriesTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    first_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
+      FillPart(1, 2, response);
+      return grpc::Status::OK;
+    };
+    second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
+      FillPart(3, 4, response);
+      return grpc::Status::OK;
+    };
+    for (FakeAgent* agent : {&first_, &second_}) {
+      agent->on_frame = [this](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+        internal::RenderFrameRequest request;
+        stream->Read(&request);
+        {
+          const base::MutexLock lock(&begin_mutex_);  // both agents are asked at a time
+          begin_ = request.begin();
+        }
+        internal::RenderFrameResponse response;
+        response.mutable_frame_done();
+        stream->Write(response);
+        return grpc::Status::OK;
+      };
+      agent->on_active_box = [this](const internal::GetActiveBoxRequest& request, auto* response) {
+        ++box_count_;
+        asked_ = request;
+        *response = answer_;
+        return grpc::Status::OK;
+      };
+    }
+  }
+
+  void StartCluster() {
+    first_.Start();
+    second_.Start();
+    CoordinatorServerOptions options;
+    options.poll_interval = absl::Hours(1);
+    options.agents = {{first_.address(), nullptr}, {second_.address(), nullptr}};
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options));
+    ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + absl::Seconds(20)));
+    channel_ = coordinator_->InProcessChannel();
+  }
+
+  absl::StatusOr<v1::GetHistogramResponse> Ask(absl::Duration timeout = absl::Seconds(20)) {
+    grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
+    v1::GetHistogramResponse response;
+    const absl::Status status = rpc::ToAbslStatus(
+        v1::DatasetService::NewStub(channel_)->GetHistogram(&context, {}, &response));
+    if (!status.ok()) {
+      return status;
+    }
+    return response;
+  }
+
+  absl::StatusOr<v1::Camera> Render(const v1::RenderIsosurfaceRequest& request) {
+    grpc::ClientContext context;
+    v1::RenderIsosurfaceResponse response;
+    const absl::Status status = rpc::ToAbslStatus(
+        v1::IsosurfaceService::NewStub(channel_)->RenderIsosurface(&context, request, &response));
+    if (!status.ok()) {
+      return status;
+    }
+    return response.camera();
+  }
+
+  // Atomic and written before the answer is read; frames follow one another.
+  std::atomic<int> box_count_{0};
+  internal::GetActiveBoxRequest asked_;
+  internal::GetActiveBoxResponse answer_;
+  base::Mutex begin_mutex_;
+  internal::BeginFrame begin_;
+
+  FakeAgent first_{{MakeShard("head", 0, 2)}};
+  FakeAgent second_{{MakeShard("head", 1, 2)}};
+  std::unique_ptr<CoordinatorServer> coordinator_;
+  std::shared_ptr<grpc::Channel> channel_;
+};
+
+TEST_F(AgentQueriesTest, PartsOfAllAgentsAddUpAndEachIsAskedForItsOwnShards) {
+  std::string shards;
+  second_.on_histogram = [&](grpc::ServerContext*, const auto& request, auto* response) {
+    shards = request.ShortDebugString();
+    FillPart(3, 4, response);
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
+  EXPECT_THAT(shards, AllOf(HasSubstr("shard_indices: 1"), HasSubstr("max_bin_count: 256")));
+  ASSERT_EQ(response.bins_size(), 2);
+  EXPECT_EQ(response.bins(0).sample_count(), 4000);
+  EXPECT_EQ(response.bins(1).sample_count(), 6000);
+  EXPECT_EQ(response.bins(1).active_block_count(), 6);
+  EXPECT_EQ(response.bins(1).active_block_bytes(), 600);
+  EXPECT_EQ(response.bins(1).estimated_triangle_count(), 179 * 6);
+  EXPECT_EQ(response.nan_count(), 4);
+  ASSERT_EQ(response.suggestions_size(), 2);
+  EXPECT_EQ(response.suggestions(0).isovalue(), 10.5);
+  EXPECT_DOUBLE_EQ(response.suggestions(0).inside_fraction(), 0.6);
+}
+
+TEST_F(AgentQueriesTest, AnAgentWithoutCountsLeavesTheVolumeWithout) {
+  second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
+    FillPart(3, 4, response);
+    response->clear_samples();
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
+  EXPECT_FALSE(response.has_sample_counts());
+  EXPECT_EQ(response.bins(0).sample_count(), 0);
+  EXPECT_EQ(response.bins(0).active_block_count(), 4);
+  EXPECT_TRUE(response.suggestions().empty());
+}
+
+TEST_F(AgentQueriesTest, AFailureNamesAgentAndShards) {
+  struct Row {
+    grpc::StatusCode sent;
+    absl::StatusCode seen;
+  };
+  for (const Row& row : {Row{grpc::StatusCode::DATA_LOSS, absl::StatusCode::kDataLoss},
+                         Row{grpc::StatusCode::UNAVAILABLE, absl::StatusCode::kUnavailable},
+                         Row{grpc::StatusCode::CANCELLED, absl::StatusCode::kUnavailable}}) {
+    SetUp();
+    second_.Stop();
+    first_.Stop();
+    second_.on_histogram = [&row](grpc::ServerContext*, const auto&, auto*) {
+      return grpc::Status(row.sent, "the disk smokes");
+    };
+    StartCluster();
+    EXPECT_THAT(Ask(), StatusIs(row.seen, AllOf(HasSubstr(second_.address()), HasSubstr("shard 1"),
+                                                HasSubstr("the disk smokes"))));
+  }
+}
+
+// Both agents have all of the dataset; whoever is asked first fails.
+class ReplicaQueriesTest : public AgentQueriesTest {
+ protected:
+  void SetUp() override {
+    AgentQueriesTest::SetUp();
+    for (FakeAgent* agent : {&first_, &second_}) {
+      agent->SetShards({MakeShard("head", 0, 1)});
+      agent->on_histogram = [this](grpc::ServerContext*, const auto&, auto* response) {
+        if (++asked_count_ <= failing_count_) {
+          return grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes");
+        }
+        FillPart(1, 2, response);
+        return grpc::Status::OK;
+      };
+    }
+  }
+
+  std::atomic<int> asked_count_{0};
+  int failing_count_ = 1;
+};
+
+TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhereOneFails) {
+  StartCluster();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
+  EXPECT_EQ(asked_count_, 2);
+  ASSERT_EQ(response.bins_size(), 2);
+  EXPECT_EQ(response.bins(0).sample_count(), 1000);
+}
+
+TEST_F(ReplicaQueriesTest, WhereAllFailTheErrorIsTheLastOnes) {
+  failing_count_ = 2;
+  StartCluster();
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kDataLoss, HasSubstr("the disk smokes")));
+  EXPECT_EQ(asked_count_, 2);
+}
+
+TEST_F(AgentQueriesTest, AnAgentThatHangsIsNamedAtTheDeadlineAndACallerThatLeavesIsLetGo) {
+  second_.on_histogram = [](grpc::ServerContext* context, const auto&, auto*) {
+    while (!context->IsCancelled()) {
+      absl::SleepFor(absl::Milliseconds(2));
+    }
+    return grpc::Status::CANCELLED;
+  };
+  StartCluster();
+  EXPECT_THAT(Ask(absl::Milliseconds(300)), StatusIs(absl::StatusCode::kDeadlineExceeded));
+}
+
+TEST_F(AgentQueriesTest, AnswersThatCanNotBeRightAreInternalErrors) {
+  second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
+    FillPart(3, 4, response);
+    response->set_active_block_counts(0, -1);
+    return grpc::Status::OK;
+  };
+  StartCluster();
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal,
+                              AllOf(HasSubstr(second_.address()), HasSubstr("malformed"))));
+  second_.on_histogram = [](grpc::ServerContext*, const auto&, auto* response) {
+    FillPart(3, 4, response);
+    response->set_first_bin(11);
+    return grpc::Status::OK;
+  };
+  EXPECT_THAT(Ask(), StatusIs(absl::StatusCode::kInternal, HasSubstr("different datasets")));
+}
+
+// The dataset of MakeShard has 9^3 samples of unit spacing at the origin.
+math::Box3d BoxOf(double min, double max) {
+  math::Box3d box;
+  box.Add({min, min, min});
+  box.Add({max, max, max});
+  return box;
+}
+
+v1::RenderIsosurfaceRequest RequestThatFits() {
+  v1::RenderIsosurfaceRequest request;
+  request.set_isovalue(100);
+  request.mutable_viewport()->set_width_px(8);
+  request.mutable_viewport()->set_height_px(8);
+  request.set_culling(v1::CULLING_NONE);
+  request.set_camera_fit(v1::CAMERA_FIT_SURFACE);
+  return request;
+}
+
+TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
+  answer_.set_active_block_count(1);
+  for (auto* corner : {answer_.mutable_begin_cell(), answer_.mutable_end_cell()}) {
+    const int at = corner == answer_.mutable_end_cell() ? 8 : 4;
+    corner->set_x(at);
+    corner->set_y(at);
+    corner->set_z(at);
+  }
+  StartCluster();
+  v1::RenderIsosurfaceRequest request = RequestThatFits();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera by_default, Render(request));
+  EXPECT_EQ(box_count_, 1) << "one agent knows all ranges";
+  EXPECT_EQ(asked_.isovalues_size(), 1);
+  EXPECT_EQ(asked_.isovalues(0), 100);
+  EXPECT_EQ(by_default.SerializeAsString(),
+            rpc::ToProto(view::MakeDefaultCamera(BoxOf(4, 8))).SerializeAsString());
+  EXPECT_EQ(begin_.request().camera_fit(), v1::CAMERA_FIT_UNSPECIFIED) << "the camera is final";
+  EXPECT_EQ(begin_.request().camera().SerializeAsString(), by_default.SerializeAsString());
+
+  view::Camera given = view::MakeDefaultCamera(BoxOf(0, 8));
+  view::Azimuth(0.5, &given);
+  view::Zoom(2, &given);
+  *request.mutable_camera() = rpc::ToProto(given);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera moved, Render(request));
+  const view::Camera expected = view::MoveToBox(
+      rpc::CameraFromProto(request.camera(), "camera").value(), BoxOf(0, 8), BoxOf(4, 8));
+  EXPECT_EQ(moved.SerializeAsString(), rpc::ToProto(expected).SerializeAsString());
+
+  // The answer makes the picture again.
+  request.set_camera_fit(v1::CAMERA_FIT_VOLUME);
+  *request.mutable_camera() = moved;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera again, Render(request));
+  EXPECT_EQ(again.SerializeAsString(), moved.SerializeAsString());
+  EXPECT_EQ(box_count_, 2);
+}
+
+TEST_F(AgentQueriesTest, ACameraIsFittedToWhatTheClipRegionLeaves) {
+  answer_.set_active_block_count(1);
+  answer_.mutable_begin_cell();
+  answer_.mutable_end_cell()->set_x(8);
+  answer_.mutable_end_cell()->set_y(8);
+  answer_.mutable_end_cell()->set_z(8);
+  StartCluster();
+  v1::RenderIsosurfaceRequest request = RequestThatFits();
+  v1::ClipRegion* const clip = request.mutable_clip();
+  clip->add_half_spaces()->mutable_normal()->set_x(1);
+  *clip->mutable_box()->mutable_min() = rpc::ToProto(math::Vec3d{2, 2, 2});
+  *clip->mutable_box()->mutable_max() = rpc::ToProto(math::Vec3d{6, 6, 6});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, Render(request));
+  EXPECT_EQ(asked_.clip().SerializeAsString(), clip->SerializeAsString());
+  EXPECT_EQ(camera.SerializeAsString(),
+            rpc::ToProto(view::MakeDefaultCamera(BoxOf(2, 6))).SerializeAsString());
+}
+
+TEST_F(AgentQueriesTest, WithoutASurfaceTheCameraStays) {
+  StartCluster();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::Camera camera, Render(RequestThatFits()));
+  EXPECT_EQ(camera.SerializeAsString(),
+            rpc::ToProto(view::MakeDefaultCamera(BoxOf(0, 8))).SerializeAsString());
+}
+
+TEST_F(AgentQueriesTest, ABoxOutsideTheVolumeIsAnInternalError) {
+  answer_.set_active_block_count(1);
+  answer_.mutable_end_cell()->set_x(9);
+  StartCluster();
+  EXPECT_THAT(Render(RequestThatFits()),
+              StatusIs(absl::StatusCode::kInternal,
+                       AllOf(HasSubstr(first_.address()), HasSubstr("malformed"))));
+}
+
+}  // namespace
+}  // namespace isoscope::server

@@ -1,0 +1,1154 @@
+#include "server/frame/frame_coordinator.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "absl/types/span.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/task_arena.h>
+#include <sys/resource.h>
+
+#include "core/base/memory_budget.h"
+#include "core/base/mutex.h"
+#include "core/base/random.h"
+#include "core/base/status_macros.h"
+#include "core/composite/depth_composite.h"
+#include "core/composite/pixel_codec.h"
+#include "core/visibility/occlusion_map.h"
+#include "core/visibility/open_pixels.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::server {
+namespace {
+
+using ::isoscope::testing::StatusIs;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+using Blocks = std::vector<volume::BlockId>;
+
+// What step 3 is told.
+struct VisibleBlocks {
+  Blocks blocks;
+  std::string open_pixels;
+};
+
+constexpr int kWidth = 37;
+constexpr int kHeight = 29;
+constexpr math::Index3 kDims{17, 17, 17};
+constexpr volume::BlockId kBlockCount = 64;  // of 4^3 cells
+
+view::View MakeView() {
+  volume::GridGeometry geometry;
+  geometry.sample_dims = kDims;
+  // Close enough that some blocks are beside the picture.
+  view::Camera camera = view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}});
+  view::Zoom(5.0, &camera);
+  return *view::View::Make(camera, {kWidth, kHeight}, geometry);
+}
+
+bool IsIn(const Blocks& blocks, volume::BlockId id) {
+  return std::binary_search(blocks.begin(), blocks.end(), id);
+}
+
+// Blocks in {0 .. kBlockCount - 1} with id % divisor == rest.
+Blocks Every(volume::BlockId divisor, volume::BlockId rest) {
+  Blocks blocks;
+  for (volume::BlockId id = rest; id < kBlockCount; id += divisor) {
+    blocks.push_back(id);
+  }
+  return blocks;
+}
+
+// An image where each pixel is covered with the given chance; depths repeat, so that owners decide.
+image::FrameImage RandomImage(std::uint64_t seed, double coverage) {
+  image::FrameImage image(kWidth, kHeight);
+  std::uint64_t i = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x, ++i) {
+      if (base::RandomUnit(seed, 4 * i) >= coverage) {
+        continue;
+      }
+      const float depth =
+          static_cast<float>(static_cast<int>(8 * base::RandomUnit(seed, 4 * i + 1))) / 8;
+      const auto owner =
+          static_cast<std::uint32_t>(kBlockCount * base::RandomUnit(seed, 4 * i + 2));
+      // A block has one fragment in a pixel: owner and depth decide the colour.
+      const auto shade = static_cast<std::uint8_t>(owner % 251);
+      image.Set(x, y, image::FragmentKey(depth, owner),
+                {shade, static_cast<std::uint8_t>(255 * depth), shade, 255});
+    }
+  }
+  return image;
+}
+
+// A picture of depth 0.01 but for a strip: hides what is behind it.
+image::FrameImage Wall() {
+  image::FrameImage image(kWidth, kHeight);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      if (x / 6 != 3) {
+        image.Set(x, y, image::FragmentKey(0.01F, 0), {9, 9, 9, 255});
+      }
+    }
+  }
+  return image;
+}
+
+// The bands of `image`, in pieces of a few rows, in random order.
+std::vector<std::string> ShuffledBands(const image::FrameImage& image, std::uint64_t seed) {
+  std::vector<std::string> bands;
+  for (int first_row = 0; first_row < kHeight; first_row += 5) {
+    image::FrameImage piece(kWidth, kHeight);
+    for (int y = first_row; y < std::min(first_row + 5, kHeight); ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        if (const std::size_t i = image.IndexOf(x, y); image.keys[i] != image::kBackgroundKey) {
+          piece.Set(x, y, image.keys[i], image.colors[i]);
+        }
+      }
+    }
+    for (std::string& band : composite::EncodePixels(piece)) {
+      bands.push_back(std::move(band));
+    }
+  }
+  for (std::size_t i = bands.size(); i > 1; --i) {
+    std::swap(bands[i - 1],
+              bands[static_cast<std::size_t>(base::RandomUnit(seed, i) * static_cast<double>(i))]);
+  }
+  return bands;
+}
+
+// What the test learns of one agent; outlives its link.
+class Agent {
+ public:
+  Agent(int index, int replica, AgentListener* listener)
+      : index_(index),
+        identity_{absl::StrCat("agent-", index, replica == 0 ? "" : absl::StrCat(".", replica)),
+                  {index}},
+        listener_(listener) {}
+
+  AgentListener& coordinator() { return *listener_; }
+  [[nodiscard]] int index() const { return index_; }
+  [[nodiscard]] std::string name() const { return identity_.address; }
+  [[nodiscard]] const AgentIdentity& identity() const { return identity_; }
+
+  // Wait for the coordinator's word; CANCELLED once the frame is cancelled.
+  absl::StatusOr<Blocks> AwaitOccluders() { return Await(&occluders_); }
+  absl::StatusOr<VisibleBlocks> AwaitVisible() { return Await(&visible_); }
+  absl::Status AwaitCancel() {
+    const base::MutexLock lock(&mutex_);
+    changed_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return cancelled_; });
+    return absl::CancelledError("cancelled by the coordinator");
+  }
+
+  void SetOccluders(const Blocks& blocks) {
+    const base::MutexLock lock(&mutex_);
+    EXPECT_FALSE(occluders_.has_value()) << name() << ": occluders were sent twice";
+    occluders_ = blocks;
+    changed_.SignalAll();
+  }
+  void SetVisible(VisibleBlocks visible) {
+    const base::MutexLock lock(&mutex_);
+    EXPECT_FALSE(visible_.has_value()) << name() << ": visible blocks were sent twice";
+    visible_ = std::move(visible);
+    changed_.SignalAll();
+  }
+  void Cancel() {
+    const base::MutexLock lock(&mutex_);
+    cancelled_ = true;
+    changed_.SignalAll();
+  }
+
+  [[nodiscard]] std::optional<Blocks> occluders() const {
+    const base::MutexLock lock(&mutex_);
+    return occluders_;
+  }
+  [[nodiscard]] std::optional<VisibleBlocks> visible() const {
+    const base::MutexLock lock(&mutex_);
+    return visible_;
+  }
+  [[nodiscard]] bool is_cancelled() const {
+    const base::MutexLock lock(&mutex_);
+    return cancelled_;
+  }
+
+ private:
+  template <typename T>
+  absl::StatusOr<T> Await(std::optional<T>* message) {
+    const base::MutexLock lock(&mutex_);
+    const auto arrived = [this, message]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+      return cancelled_ || message->has_value();
+    };
+    changed_.Await(&mutex_, arrived);
+    if (cancelled_) {
+      return absl::CancelledError("cancelled by the coordinator");
+    }
+    return **message;
+  }
+
+  const int index_;
+  const AgentIdentity identity_;
+  AgentListener* const listener_;
+  mutable base::Mutex mutex_;
+  base::CondVar changed_;
+  std::optional<Blocks> occluders_ ABSL_GUARDED_BY(mutex_);
+  std::optional<VisibleBlocks> visible_ ABSL_GUARDED_BY(mutex_);
+  bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+frame::AgentStatistics MakeStatistics(const Agent& agent, const std::vector<int>& shard_indices) {
+  frame::AgentStatistics statistics;
+  statistics.agent_address = agent.name();
+  statistics.shard_indices = shard_indices;
+  statistics.active_block_count = 100 + shard_indices.front();
+  return statistics;
+}
+
+// What an agent does; its result is the end of the stream.
+using Script = std::function<absl::Status(Agent& self)>;
+
+class FrameCoordinatorTest : public ::testing::Test {
+ protected:
+  class Link final : public AgentLink {
+   public:
+    Link(std::shared_ptr<Agent> agent, const Script& script, FrameCoordinatorTest* test)
+        : agent_(std::move(agent)), test_(test), thread_([this, script] {
+            absl::Status status = script(*agent_);
+            agent_->coordinator().OnEnd(std::move(status));
+          }) {
+      ++test_->live_links_;
+    }
+    ~Link() override {
+      agent_->Cancel();
+      thread_.join();
+      --test_->live_links_;
+    }
+    void SendOccluders(const Blocks& blocks) override {
+      if (test_->on_occluders) {
+        test_->on_occluders();
+      }
+      agent_->SetOccluders(blocks);
+    }
+    void SendVisibleBlocks(const Blocks& blocks, std::string open_pixels) override {
+      if (test_->on_visible) {
+        test_->on_visible();
+      }
+      agent_->SetVisible({blocks, std::move(open_pixels)});
+    }
+    void Cancel() override { agent_->Cancel(); }
+    [[nodiscard]] const AgentIdentity& agent() const override { return agent_->identity(); }
+    [[nodiscard]] std::int64_t network_bytes() const override {
+      return std::int64_t{1000} << agent_->index();
+    }
+
+   private:
+    const std::shared_ptr<Agent> agent_;
+    FrameCoordinatorTest* const test_;
+    std::thread thread_;  // last: it uses what is above
+  };
+
+  absl::StatusOr<FrameResult> Run(frame::Culling culling, const std::vector<Script>& scripts) {
+    std::vector<std::vector<Script>> parts;
+    for (const Script& script : scripts) {
+      parts.push_back({script});
+    }
+    absl::StatusOr<FrameResult> result = RunParts(culling, parts);
+    EXPECT_TRUE(failures_.empty() || !result.ok());
+    return result;
+  }
+
+  // The scripts of each part's replicas.
+  absl::StatusOr<FrameResult> RunParts(frame::Culling culling,
+                                       const std::vector<std::vector<Script>>& parts) {
+    agents_.clear();
+    const auto begin = [&](int index, int replica,
+                           AgentListener* listener) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+      if (index == failing_begin_) {
+        return absl::FailedPreconditionError("agent-1 serves another dataset");
+      }
+      agents_.push_back(std::make_shared<Agent>(index, replica, listener));
+      return std::make_unique<Link>(
+          agents_.back(), parts[static_cast<std::size_t>(index)][static_cast<std::size_t>(replica)],
+          this);
+    };
+    frame::FrameSpec spec;
+    spec.surfaces.resize(1);
+    spec.culling = culling;
+    FrameSetup setup;
+    setup.spec = &spec;
+    setup.view = &view_;
+    setup.layout = &layout_;
+    for (const std::vector<Script>& replicas : parts) {
+      setup.replica_counts.push_back(static_cast<int>(replicas.size()));
+    }
+    setup.is_lost = is_lost_;
+    setup.may_hedge = may_hedge_;
+    setup.active = known_active_;
+    setup.images = images_.get();
+    setup.arena = used_arena_;
+    FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
+    EXPECT_EQ(live_links_, 0) << "a link outlived the frame";
+    failures_ = outcome.failures;
+    outrun_ = outcome.outrun;
+    lost_part_ = outcome.lost_part;
+    if (!outcome.status.ok()) {
+      return outcome.status;
+    }
+    return std::move(outcome.result);
+  }
+
+  // All pixels of a step: in shuffled bands, or at once as an agent of this process does.
+  static void SendPixels(const image::FrameImage& image, std::uint64_t seed, Agent* self) {
+    if (seed % 2 == 0) {
+      self->coordinator().OnDrawnPixels({.image = image, .layers = {}, .memory = nullptr});
+      return;
+    }
+    for (std::string& band : ShuffledBands(image, seed)) {
+      self->coordinator().OnPixels({std::move(band)});
+    }
+  }
+
+  // An agent that behaves: its hits and active blocks, then images.
+  static Script Behave(const Blocks& hits, const Blocks& active, const image::FrameImage& occluders,
+                       const image::FrameImage& rest, std::uint64_t seed = 1) {
+    return [=](Agent& self) -> absl::Status {
+      self.coordinator().OnRayHits(hits, active);
+      if (const auto all = self.AwaitOccluders(); !all.ok()) {
+        return all.status();
+      }
+      SendPixels(occluders, seed, &self);
+      self.coordinator().OnOccludersDone();
+      if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+        return visible.status();
+      }
+      SendPixels(rest, seed, &self);
+      self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
+      return absl::OkStatus();
+    };
+  }
+  static Script BehaveWithoutPixels() {
+    return Behave({3}, {}, image::FrameImage(kWidth, kHeight), image::FrameImage(kWidth, kHeight));
+  }
+  static Script Wait() {
+    return [](Agent& self) { return self.AwaitCancel(); };
+  }
+
+  const view::View view_ = MakeView();
+  const volume::BlockLayout layout_ = *volume::BlockLayout::Make(kDims, {4, 4, 4});
+  const std::shared_ptr<image::FrameImagePool> images_ = image::FrameImagePool::Make(1 << 20);
+  tbb::task_arena arena_{2};
+  tbb::task_arena* used_arena_ = &arena_;
+  const image::FragmentOrder order_{
+      .block_count = static_cast<std::uint32_t>(layout_.block_count()),
+      .ties = image::TieRule::kColor};
+  std::shared_ptr<const ActiveBlocks> known_active_;
+  std::function<bool(int, int)> is_lost_;
+  std::function<bool(int, int)> may_hedge_;
+  std::vector<AgentFailure> failures_;  // of the last frame
+  std::vector<AgentIdentity> outrun_;
+  std::optional<std::size_t> lost_part_;
+  std::unique_ptr<base::Cancellation> cancellation_ = std::make_unique<base::Cancellation>();
+  std::vector<std::shared_ptr<Agent>> agents_;
+  std::atomic<int> live_links_{0};
+  int failing_begin_ = -1;
+  std::function<void()> on_occluders;
+  std::function<void()> on_visible;
+};
+
+TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOfTheOccludingBlocks) {
+  const image::FrameImage none(kWidth, kHeight);
+  const std::vector<Blocks> active = {Every(5, 0), Every(5, 2), Every(5, 3)};
+  const std::vector<Blocks> hits = {{2, 5, 63}, {}, {5, 40}};
+  std::vector<Script> scripts;
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    scripts.push_back(Behave(hits[i], active[i], none, none));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
+  EXPECT_EQ(result.ray_hit_block_count, 4);
+  ASSERT_NE(result.active, nullptr);
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    const auto ids = absl::MakeConstSpan(result.active->ids);
+    const std::size_t begin = result.active->begin_by_agent[i];
+    EXPECT_THAT(ids.subspan(begin, result.active->begin_by_agent[i + 1] - begin),
+                ::testing::ElementsAreArray(active[i]));
+  }
+
+  // An active block is occluding if a hit is it, or touches it. Those beside the picture are not
+  // sent: nobody would see them.
+  const Blocks all_hits = {2, 5, 40, 63};
+  std::size_t occluding_count = 0;
+  std::size_t unsent_count = 0;
+  for (std::size_t i = 0; i < active.size(); ++i) {
+    Blocks expected;
+    for (const volume::BlockId id : active[i]) {
+      const math::Index3 at = layout_.IndexOf(id);
+      for (const volume::BlockId hit : all_hits) {
+        const math::Index3 of_hit = layout_.IndexOf(hit);
+        if (std::abs(at.x - of_hit.x) <= 1 && std::abs(at.y - of_hit.y) <= 1 &&
+            std::abs(at.z - of_hit.z) <= 1) {
+          if (view_.FootprintOf(layout_, id).rect.empty()) {
+            ++unsent_count;
+          } else {
+            expected.push_back(id);
+          }
+          break;
+        }
+      }
+    }
+    EXPECT_EQ(agents_[i]->occluders(), expected) << i;
+    occluding_count += expected.size();
+  }
+  EXPECT_GT(occluding_count, 3U);
+  EXPECT_GT(unsent_count, 3U);
+}
+
+TEST_F(FrameCoordinatorTest, EveryAgentGetsItsOwnOtherBlocksAndWhatPixelsTheyCanWin) {
+  const std::vector<Blocks> active = {Every(3, 0), Every(3, 1), Every(3, 2)};
+  const image::FrameImage none(kWidth, kHeight);
+  for (const auto culling : {frame::Culling::kDepth, frame::Culling::kMask}) {
+    const bool is_depth = culling == frame::Culling::kDepth;
+    SCOPED_TRACE(is_depth ? "depth" : "mask");
+    ISOSCOPE_ASSERT_OK(
+        Run(culling, {Behave({21}, active[0], Wall(), none), Behave({}, active[1], none, none),
+                      Behave({}, active[2], none, none)}));
+    const auto map = visibility::OcclusionMap::FromImage(
+        Wall(), is_depth ? visibility::MapKind::kDepth : visibility::MapKind::kMask);
+    std::size_t hidden_count = 0;
+    std::size_t off_screen_count = 0;
+    std::size_t visible_count = 0;
+    for (std::size_t i = 0; i < active.size(); ++i) {
+      const Blocks occluders = *agents_[i]->occluders();
+      Blocks expected;
+      std::vector<image::PixelMask> masks;
+      for (const volume::BlockId id : active[i]) {
+        if (IsIn(occluders, id)) {
+          continue;
+        }
+        const view::Footprint footprint = view_.FootprintOf(layout_, id);
+        if (footprint.rect.empty()) {
+          ++off_screen_count;
+        } else if (map.Hides(footprint)) {
+          ++hidden_count;
+        } else {
+          expected.push_back(id);
+          masks.push_back(map.OpenPixels(footprint));
+        }
+      }
+      visible_count += expected.size();
+      const auto visible = agents_[i]->visible();
+      ASSERT_TRUE(visible.has_value());
+      EXPECT_EQ(visible->blocks, expected);
+      // The paper's mask says nothing of pixels.
+      EXPECT_TRUE(visible->open_pixels ==
+                  (is_depth ? visibility::EncodeOpenPixels(masks) : std::string()));
+    }
+    // The scene shows all three fates, or the test says nothing.
+    EXPECT_GT(visible_count, 0U);
+    EXPECT_GT(hidden_count, 0U);
+    EXPECT_GT(off_screen_count, 0U);
+  }
+}
+
+TEST_F(FrameCoordinatorTest, KnownActiveBlocksReplaceTheReportAndGiveTheSameFrame) {
+  const std::vector<Blocks> active = {Every(2, 0), Every(2, 1)};
+  const image::FrameImage rest = RandomImage(4, 0.3);
+  const auto run = [&](bool reports) {
+    const Blocks none;
+    return Run(frame::Culling::kDepth, {Behave({9, 30}, reports ? active[0] : none, Wall(), rest),
+                                        Behave({8}, reports ? active[1] : none, rest, Wall())});
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult first, run(true));
+  const auto first_agents = agents_;
+  known_active_ = first.active;
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult second, run(false));
+  EXPECT_EQ(second.active, known_active_);
+  EXPECT_TRUE(second.image == first.image);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_FALSE(agents_[i]->occluders()->empty());
+    EXPECT_FALSE(agents_[i]->visible()->blocks.empty());
+    EXPECT_EQ(agents_[i]->occluders(), first_agents[i]->occluders());
+    EXPECT_EQ(agents_[i]->visible()->blocks, first_agents[i]->visible()->blocks);
+    EXPECT_TRUE(agents_[i]->visible()->open_pixels == first_agents[i]->visible()->open_pixels);
+  }
+}
+
+TEST_F(FrameCoordinatorTest, NothingIsSentBeforeEveryAgentHasAnswered) {
+  constexpr int kAgentCount = 4;
+  std::atomic<int> hits_said{0};
+  std::atomic<int> occluders_said{0};
+  on_occluders = [&] { EXPECT_EQ(hits_said, kAgentCount); };
+  on_visible = [&] { EXPECT_EQ(occluders_said, kAgentCount); };
+  const Script script = [&](Agent& self) -> absl::Status {
+    // The agents speak one after the other: whoever is answered too early is seen.
+    while (hits_said != self.index()) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    ++hits_said;
+    self.coordinator().OnRayHits({1}, {});
+    if (const auto all = self.AwaitOccluders(); !all.ok()) {
+      return all.status();
+    }
+    while (occluders_said != self.index()) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    ++occluders_said;
+    self.coordinator().OnOccludersDone();
+    if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+      return visible.status();
+    }
+    self.coordinator().OnFrameDone({});
+    return absl::OkStatus();
+  };
+  ISOSCOPE_EXPECT_OK(
+      Run(frame::Culling::kDepth, std::vector<Script>(kAgentCount, script)).status());
+}
+
+TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
+  for (std::uint64_t seed = 0; seed < 12; ++seed) {
+    SCOPED_TRACE(seed);
+    const auto culling = seed % 2 == 0 ? frame::Culling::kDepth : frame::Culling::kMask;
+    image::FrameImage occluders(kWidth, kHeight);
+    std::vector<Script> scripts;
+    std::vector<image::FrameImage> rest;
+    for (std::uint64_t agent = 0; agent < 5; ++agent) {
+      const image::FrameImage first = RandomImage(100 * seed + 2 * agent, 0.15);
+      rest.push_back(RandomImage(100 * seed + 2 * agent + 1, 0.15));
+      composite::CompositeInto(first, order_, &occluders);
+      scripts.push_back(Behave({}, {}, first, rest.back(), 100 * seed + agent));
+    }
+    image::FrameImage expected = occluders;
+    for (const image::FrameImage& image : rest) {
+      composite::CompositeInto(image, order_, &expected);
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
+    EXPECT_TRUE(result.image == expected);
+  }
+}
+
+// Symptom: with four agents in one process and an arena of one thread no frame came to its end. The
+// last agents waited for the memory of pixels that the arena had no thread to composite.
+TEST_F(FrameCoordinatorTest, AgentsThatWaitForTheMemoryOfQueuedPixelsGoOnWithoutASpareThread) {
+  const tbb::global_control no_workers(tbb::global_control::max_allowed_parallelism, 1);
+  for (const int arena_width : {1, 2}) {
+    for (const frame::Culling culling : {frame::Culling::kDepth, frame::Culling::kNone}) {
+      SCOPED_TRACE(absl::StrCat("arena of ", arena_width, ", culling ", static_cast<int>(culling)));
+      tbb::task_arena arena(arena_width);
+      used_arena_ = &arena;
+      // A frame that hangs fails then.
+      cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(20));
+      base::MemoryBudget budget(2);
+      const auto send = [&](const image::FrameImage& image, Agent* self) -> absl::Status {
+        ISOSCOPE_ASSIGN_OR_RETURN(auto reserved, budget.Reserve(1, *cancellation_));
+        self->coordinator().OnDrawnPixels(
+            {.image = image,
+             .layers = {},
+             .memory =
+                 std::make_shared<const base::MemoryBudget::Reservation>(std::move(reserved))});
+        return absl::OkStatus();
+      };
+      image::FrameImage expected(kWidth, kHeight);
+      std::vector<Script> scripts;
+      for (std::uint64_t agent = 0; agent < 8; ++agent) {
+        const image::FrameImage occluders = RandomImage(2 * agent, 0.15);
+        const image::FrameImage rest = RandomImage(2 * agent + 1, 0.15);
+        if (culling != frame::Culling::kNone) {
+          composite::CompositeInto(occluders, order_, &expected);
+        }
+        composite::CompositeInto(rest, order_, &expected);
+        scripts.push_back([=](Agent& self) -> absl::Status {
+          if (culling != frame::Culling::kNone) {
+            self.coordinator().OnRayHits({}, {});
+            ISOSCOPE_RETURN_IF_ERROR(self.AwaitOccluders().status());
+            ISOSCOPE_RETURN_IF_ERROR(send(occluders, &self));
+            self.coordinator().OnOccludersDone();
+            ISOSCOPE_RETURN_IF_ERROR(self.AwaitVisible().status());
+          }
+          ISOSCOPE_RETURN_IF_ERROR(send(rest, &self));
+          self.coordinator().OnFrameDone(MakeStatistics(self, {self.index()}));
+          return absl::OkStatus();
+        });
+      }
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(culling, scripts));
+      EXPECT_TRUE(result.image == expected);
+      EXPECT_EQ(budget.reserved_bytes(), 0U);
+    }
+  }
+}
+
+TEST_F(FrameCoordinatorTest, WithoutCullingNoAgentIsSentAnything) {
+  image::FrameImage expected(kWidth, kHeight);
+  std::vector<Script> scripts;
+  for (std::uint64_t agent = 0; agent < 3; ++agent) {
+    const image::FrameImage image = RandomImage(agent, 0.4);
+    composite::CompositeInto(image, order_, &expected);
+    scripts.push_back([image, agent](Agent& self) {
+      for (std::string& band : ShuffledBands(image, agent)) {
+        self.coordinator().OnPixels({std::move(band)});
+      }
+      self.coordinator().OnFrameDone({});
+      return absl::OkStatus();
+    });
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kNone, scripts));
+  EXPECT_TRUE(result.image == expected);
+  EXPECT_EQ(result.ray_hit_block_count, 0);
+  EXPECT_EQ(result.active, nullptr) << "would be kept as if no block were active";
+  EXPECT_EQ(result.occluder_selection_duration, absl::ZeroDuration());
+  EXPECT_EQ(result.occluder_rendering_duration, absl::ZeroDuration());
+  for (const auto& agent : agents_) {
+    EXPECT_FALSE(agent->occluders().has_value());
+    EXPECT_FALSE(agent->visible().has_value());
+  }
+}
+
+TEST_F(FrameCoordinatorTest, StatisticsAreSortedAndBytesSummed) {
+  std::vector<Script> scripts;
+  const std::vector<std::vector<int>> shards = {{7}, {0, 9}, {10}, {1, 2}};
+  for (const std::vector<int>& indices : shards) {
+    scripts.push_back([indices](Agent& self) {
+      self.coordinator().OnFrameDone(MakeStatistics(self, indices));
+      return absl::OkStatus();
+    });
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kNone, scripts));
+  ASSERT_EQ(result.agents.size(), 4U);
+  std::vector<std::string> names;
+  for (const frame::AgentStatistics& agent : result.agents) {
+    names.push_back(agent.agent_address);
+    EXPECT_EQ(agent.active_block_count, 100 + agent.shard_indices.front());
+  }
+  EXPECT_THAT(names, ElementsAre("agent-1", "agent-3", "agent-0", "agent-2"));
+  EXPECT_EQ(result.network_bytes, 1000 + 2000 + 4000 + 8000);
+}
+
+// What an agent says, without regard for the order.
+enum class Say { kHits, kPixels, kOccludersDone, kFrameDone, kEnd, kAwaitOccluders, kAwaitVisible };
+
+Script SayInOrder(const std::vector<Say>& words) {
+  return [words](Agent& self) -> absl::Status {
+    for (const Say word : words) {
+      switch (word) {
+        case Say::kHits:
+          self.coordinator().OnRayHits({1}, {});
+          break;
+        case Say::kPixels:
+          self.coordinator().OnPixels(ShuffledBands(RandomImage(1, 0.5), 1));
+          break;
+        case Say::kOccludersDone:
+          self.coordinator().OnOccludersDone();
+          break;
+        case Say::kFrameDone:
+          self.coordinator().OnFrameDone({});
+          break;
+        case Say::kEnd:
+          return absl::OkStatus();
+        case Say::kAwaitOccluders:
+          if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
+            return hits.status();
+          }
+          break;
+        case Say::kAwaitVisible:
+          if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+            return visible.status();
+          }
+          break;
+      }
+    }
+    return self.AwaitCancel();
+  };
+}
+
+TEST_F(FrameCoordinatorTest, EveryMessageOutOfOrderIsAnErrorThatNamesTheAgent) {
+  using enum Say;
+  const std::vector<Say> step1;
+  const std::vector<Say> step2 = {kHits, kAwaitOccluders};
+  const std::vector<Say> step3 = {kHits, kAwaitOccluders, kPixels, kOccludersDone, kAwaitVisible};
+  const std::vector<Say> done = {kHits,         kAwaitOccluders, kPixels,   kOccludersDone,
+                                 kAwaitVisible, kPixels,         kFrameDone};
+  const struct {
+    frame::Culling culling;
+    std::vector<Say> before;
+    std::vector<Say> wrong;
+  } cases[] = {
+      {frame::Culling::kDepth, step1, {kPixels, kOccludersDone, kFrameDone, kEnd}},
+      {frame::Culling::kDepth, step2, {kHits, kFrameDone, kEnd}},
+      {frame::Culling::kDepth, step3, {kHits, kOccludersDone, kEnd}},
+      {frame::Culling::kDepth, done, {kHits, kPixels, kOccludersDone, kFrameDone}},
+      {frame::Culling::kNone, {}, {kHits, kOccludersDone, kEnd}},
+      {frame::Culling::kNone, {kPixels, kFrameDone}, {kHits, kPixels, kOccludersDone, kFrameDone}},
+  };
+  for (const auto& [culling, before, wrong] : cases) {
+    for (const Say word : wrong) {
+      SCOPED_TRACE(absl::StrCat("culling ", static_cast<int>(culling), ", after ", before.size(),
+                                " words, word ", static_cast<int>(word)));
+      std::vector<Say> words = before;
+      words.push_back(word);
+      const Script other =
+          culling == frame::Culling::kNone
+              ? SayInOrder({kPixels})
+              : SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
+      EXPECT_THAT(Run(culling, {other, SayInOrder(words)}),
+                  StatusIs(absl::StatusCode::kInternal,
+                           AllOf(HasSubstr("agent-1"), HasSubstr("out of order"))));
+    }
+  }
+}
+
+TEST_F(FrameCoordinatorTest, AgentThatDoesNotWaitForTheOthersIsOutOfOrder) {
+  using enum Say;
+  // The other agent holds the step open.
+  for (const Say word : {kPixels, kOccludersDone}) {
+    EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), SayInOrder({kHits, word})}),
+                StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
+  }
+  for (const Say word : {kPixels, kFrameDone}) {
+    EXPECT_THAT(
+        Run(frame::Culling::kDepth, {SayInOrder({kHits, kAwaitOccluders}),
+                                     SayInOrder({kHits, kAwaitOccluders, kOccludersDone, word})}),
+        StatusIs(absl::StatusCode::kInternal, HasSubstr("agent-1")));
+  }
+}
+
+TEST_F(FrameCoordinatorTest, DamagedBandIsDataLossThatNamesTheAgent) {
+  const Script damaged = [](Agent& self) {
+    std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
+    band[band.size() / 2] = static_cast<char>(band[band.size() / 2] ^ 0x10);
+    self.coordinator().OnPixels({band});
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), damaged, Wait()}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-1")));
+  const Script truncated = [](Agent& self) {
+    std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
+    band.pop_back();
+    self.coordinator().OnPixels({band});
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(frame::Culling::kNone, {Wait(), Wait(), truncated}),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("agent-2")));
+}
+
+TEST_F(FrameCoordinatorTest, ErrorOfOneAgentEndsTheFrameAndCancelsTheOthers) {
+  const absl::Status error = absl::DataLossError("dataset head, shard 1: block 7 damaged");
+  const std::vector<Script> failing = {
+      [&](Agent&) { return error; },
+      [&](Agent& self) {
+        self.coordinator().OnRayHits({1}, {});
+        return self.AwaitOccluders().ok() ? error : absl::InternalError("no occluders came");
+      },
+      [&](Agent& self) -> absl::Status {
+        self.coordinator().OnRayHits({1}, {});
+        if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
+          return hits.status();
+        }
+        self.coordinator().OnOccludersDone();
+        return self.AwaitVisible().ok() ? error : absl::InternalError("no visible blocks came");
+      }};
+  const std::vector<FrameStage> stages{FrameStage::kSelectingOccluders,
+                                       FrameStage::kRenderingOccluders,
+                                       FrameStage::kRenderingVisible};
+  for (const Script& script : failing) {
+    // The others have done all they are asked for and wait for the end, or for the next step.
+    using enum Say;
+    const Script other = SayInOrder({kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible});
+    const auto result = Run(frame::Culling::kDepth, {other, script, other});
+    EXPECT_EQ(
+        result.status(),
+        absl::DataLossError("agent agent-1 (shard 1): dataset head, shard 1: block 7 damaged"));
+    // As data, for who repeats the agent's part.
+    ASSERT_EQ(failures_.size(), 1U);
+    EXPECT_EQ(failures_[0].part_index, 1U);
+    EXPECT_EQ(failures_[0].agent, (AgentIdentity{"agent-1", {1}}));
+    EXPECT_EQ(failures_[0].stage, stages[static_cast<std::size_t>(&script - failing.data())]);
+    EXPECT_EQ(failures_[0].status, error);
+    EXPECT_TRUE(agents_[0]->is_cancelled());
+    EXPECT_TRUE(agents_[2]->is_cancelled());
+  }
+}
+
+TEST_F(FrameCoordinatorTest, FailingToBeginOneAgentCancelsThoseThatBegan) {
+  failing_begin_ = 1;
+  EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), Wait(), Wait()}),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr("another dataset")));
+  ASSERT_EQ(agents_.size(), 1U) << "agents after the failing one were begun";
+  EXPECT_TRUE(agents_[0]->is_cancelled());
+}
+
+TEST_F(FrameCoordinatorTest, PictureWithoutMemoryIsResourceExhaustedAndNoAgentIsAsked) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "sanitizers need address space of their own";
+#else
+  const view::View huge =
+      *view::View::Make(view::MakeDefaultCamera({{0, 0, 0}, {16, 16, 16}}),
+                        {view::kMaxViewportPx, view::kMaxViewportPx}, view_.geometry());
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
+  const rlimit none{.rlim_cur = 1 << 20, .rlim_max = before.rlim_max};
+  frame::FrameSpec spec;
+  spec.surfaces.resize(1);
+  FrameSetup setup;
+  setup.spec = &spec;
+  setup.view = &huge;
+  setup.layout = &layout_;
+  setup.replica_counts = {1};
+  setup.images = images_.get();
+  setup.arena = &arena_;
+  bool was_begun = false;
+  ASSERT_EQ(setrlimit(RLIMIT_AS, &none), 0);
+  const absl::Status status =
+      RunFrame(
+          setup,
+          [&](int, int, AgentListener*) -> absl::StatusOr<std::unique_ptr<AgentLink>> {
+            was_begun = true;
+            return absl::CancelledError();
+          },
+          *cancellation_)
+          .status;
+  ASSERT_EQ(setrlimit(RLIMIT_AS, &before), 0);
+  EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("16384 x 16384")));
+  EXPECT_FALSE(was_begun);
+#endif
+}
+
+TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(30));
+  EXPECT_THAT(Run(frame::Culling::kDepth, {Wait(), Wait()}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-0 (shard 0), agent agent-1 (shard 1)")));
+  EXPECT_TRUE(agents_[0]->is_cancelled());
+  EXPECT_TRUE(agents_[1]->is_cancelled());
+}
+
+TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
+  // An agent's own deadline fires once the others have answered: no clock decides.
+  std::atomic<int> answered{0};
+  const auto deadline_after = [&answered](int count) {
+    return Script([&answered, count](Agent&) {
+      while (answered != count) {
+        absl::SleepFor(absl::Milliseconds(1));
+      }
+      return absl::DeadlineExceededError("");
+    });
+  };
+  const Script answers = [&](Agent& self) {
+    self.coordinator().OnRayHits({1}, {});
+    ++answered;
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers, deadline_after(2)}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-3 (shard 3)")));
+
+  answered = 0;
+  const Script draws = [&](Agent& self) -> absl::Status {
+    self.coordinator().OnRayHits({1}, {});
+    if (const auto hits = self.AwaitOccluders(); !hits.ok()) {
+      return hits.status();
+    }
+    if (self.index() == 2) {
+      while (answered != 2) {
+        absl::SleepFor(absl::Milliseconds(1));
+      }
+      return absl::DeadlineExceededError("");
+    }
+    self.coordinator().OnOccludersDone();
+    ++answered;
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(Run(frame::Culling::kDepth, {draws, draws, draws}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-2 (shard 2)")));
+}
+
+TEST_F(FrameCoordinatorTest, CancellationEndsTheFrameInEveryStep) {
+  using enum Say;
+  const std::vector<std::vector<Say>> steps = {
+      {},
+      {kHits, kAwaitOccluders},
+      {kHits, kAwaitOccluders, kOccludersDone, kAwaitVisible, kPixels}};
+  for (const std::vector<Say>& step : steps) {
+    cancellation_ = std::make_unique<base::Cancellation>();
+    const Script cancels = [&](Agent& self) {
+      std::thread user([&] { cancellation_->Cancel(); });
+      user.join();
+      return self.AwaitCancel();
+    };
+    const Script then_cancels = [&](Agent& self) -> absl::Status {
+      for (const Say word : step) {
+        if (word == kHits) {
+          self.coordinator().OnRayHits({1}, {});
+        } else if (word == kAwaitOccluders) {
+          EXPECT_THAT(self.AwaitOccluders(), isoscope::testing::IsOk());
+        } else if (word == kOccludersDone) {
+          self.coordinator().OnOccludersDone();
+        } else if (word == kAwaitVisible) {
+          EXPECT_THAT(self.AwaitVisible(), isoscope::testing::IsOk());
+        }
+      }
+      return cancels(self);
+    };
+    const auto result = Run(frame::Culling::kDepth, {SayInOrder(step), then_cancels});
+    EXPECT_THAT(result, StatusIs(absl::StatusCode::kCancelled, Not(HasSubstr("agent-"))));
+    EXPECT_TRUE(agents_[0]->is_cancelled());
+  }
+}
+
+// A frame of three parts. The middle one has replicas: `first` is tried before one that behaves.
+class ReplicaTest : public FrameCoordinatorTest {
+ protected:
+  ReplicaTest() {
+    for (std::uint64_t part = 0; part < 3; ++part) {
+      scripts_.push_back(Behave({9 + static_cast<volume::BlockId>(part)},
+                                Every(3, static_cast<volume::BlockId>(part)),
+                                RandomImage(10 + part, 0.3), RandomImage(20 + part, 0.3), part));
+    }
+  }
+
+  absl::StatusOr<FrameResult> RunWith(const std::vector<Script>& replicas) {
+    return RunParts(frame::Culling::kDepth, {{scripts_[0]}, replicas, {scripts_[2]}});
+  }
+
+  // Expects the frame of three agents that behave, with the middle part done by `winner`.
+  void ExpectTheSameFrame(const FrameResult& result, const std::string& winner) {
+    const std::vector<AgentFailure> failures = failures_;
+    const auto agents = agents_;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult plain, RunWith({scripts_[1]}));
+    EXPECT_TRUE(result.image == plain.image);
+    EXPECT_EQ(result.ray_hit_block_count, plain.ray_hit_block_count);
+    EXPECT_EQ(result.active->ids, plain.active->ids);
+    ASSERT_EQ(result.agents.size(), 3u) << "a part counts once, or not at all";
+    EXPECT_EQ(result.agents[1].agent_address, winner);
+    EXPECT_EQ(result.agents[1].active_block_count, plain.agents[1].active_block_count);
+    EXPECT_EQ(result.network_bytes, plain.network_bytes);
+    failures_ = failures;
+    agents_ = agents;
+  }
+
+  [[nodiscard]] const Agent& AgentOfName(const std::string& name) const {
+    for (const auto& agent : agents_) {
+      if (agent->name() == name) {
+        return *agent;
+      }
+    }
+    ADD_FAILURE() << name << " was not asked";
+    return *agents_.front();
+  }
+
+  // Does what the middle part does up to a word, then `end`.
+  [[nodiscard]] Script UpTo(int word, const std::function<absl::Status(Agent&)>& end) const {
+    return [=](Agent& self) -> absl::Status {
+      if (word == 0) {
+        return end(self);
+      }
+      self.coordinator().OnRayHits({10}, Every(3, 1));
+      if (word == 1) {
+        return end(self);
+      }
+      if (const auto all = self.AwaitOccluders(); !all.ok()) {
+        return all.status();
+      }
+      const std::vector<std::string> bands = ShuffledBands(RandomImage(11, 0.3), 1);
+      for (std::size_t i = 0; i < (word == 2 ? bands.size() / 2 : bands.size()); ++i) {
+        self.coordinator().OnPixels({bands[i]});
+      }
+      if (word == 2) {
+        return end(self);
+      }
+      self.coordinator().OnOccludersDone();
+      if (word == 3) {
+        return end(self);
+      }
+      if (const auto visible = self.AwaitVisible(); !visible.ok()) {
+        return visible.status();
+      }
+      self.coordinator().OnPixels({ShuffledBands(RandomImage(21, 0.3), 1).front()});
+      return end(self);
+    };
+  }
+  static constexpr int kWordCount = 5;
+
+  std::vector<Script> scripts_;
+};
+
+TEST_F(ReplicaTest, AnAgentLostAtAnyStepIsReplacedAndTheFrameIsTheSame) {
+  const std::vector<absl::Status> ends = {
+      absl::UnavailableError("connection reset"), absl::DataLossError("block 7 damaged"),
+      absl::FailedPreconditionError("serves other content"), absl::InternalError("a bug"),
+      absl::ResourceExhaustedError("too many frames")};
+  for (int word = 0; word < kWordCount; ++word) {
+    for (const absl::Status& end : ends) {
+      SCOPED_TRACE(absl::StrCat(word, " ", end.ToString()));
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+          const FrameResult result,
+          RunWith({UpTo(word, [&](Agent&) { return end; }), scripts_[1]}));
+      ExpectTheSameFrame(result, "agent-1.1");
+      ASSERT_EQ(failures_.size(), 1u);
+      EXPECT_EQ(failures_[0].agent.address, "agent-1");
+      EXPECT_EQ(failures_[0].status, end);
+      EXPECT_EQ(lost_part_, std::nullopt);
+      EXPECT_TRUE(outrun_.empty());
+    }
+  }
+}
+
+TEST_F(ReplicaTest, ReplicasAreTriedUntilOneDoesThePart) {
+  const auto fails = [](Agent&) { return absl::UnavailableError("gone"); };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({UpTo(4, fails), UpTo(0, fails),
+                                                                   UpTo(2, fails), scripts_[1]}));
+  ExpectTheSameFrame(result, "agent-1.3");
+  EXPECT_EQ(failures_.size(), 3u);
+}
+
+TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowManyThereWere) {
+  const auto fails = [](Agent& self) {
+    return absl::UnavailableError(absl::StrCat("no way to ", self.name()));
+  };
+  EXPECT_THAT(RunWith({UpTo(2, fails), UpTo(1, fails)}),
+              StatusIs(absl::StatusCode::kUnavailable,
+                       AllOf(HasSubstr("no way to agent-1.1"),
+                             HasSubstr("the last of 2 agents that serve it"))));
+  EXPECT_EQ(failures_.size(), 2u);
+  EXPECT_EQ(lost_part_, 1u);
+  EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
+}
+
+TEST_F(ReplicaTest, AnAgentThatIsLostAfterItsLastWordHasDoneItsPart) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result,
+                                RunWith({[this](Agent& self) -> absl::Status {
+                                           const absl::Status status = scripts_[1](self);
+                                           return status.ok() ? absl::UnavailableError("killed")
+                                                              : status;
+                                         },
+                                         Wait()}));
+  ExpectTheSameFrame(result, "agent-1");
+  EXPECT_TRUE(failures_.empty());
+}
+
+TEST_F(ReplicaTest, DamagedPixelsAreSentAgainByAReplicaAlsoAfterTheAgentWasDone) {
+  const auto damaged = [](Agent& self) {
+    std::string band = ShuffledBands(RandomImage(5, 0.5), 1).front();
+    band[band.size() / 2] = static_cast<char>(band[band.size() / 2] ^ 0x10);
+    self.coordinator().OnPixels({band});
+  };
+  for (const bool is_done : {false, true}) {
+    SCOPED_TRACE(is_done);
+    const Script script = UpTo(4, [&](Agent& self) -> absl::Status {
+      damaged(self);
+      if (!is_done) {
+        return self.AwaitCancel();
+      }
+      self.coordinator().OnFrameDone(MakeStatistics(self, {1}));
+      return absl::OkStatus();
+    });
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({script, scripts_[1]}));
+    ExpectTheSameFrame(result, "agent-1.1");
+    ASSERT_EQ(failures_.size(), 1u);
+    EXPECT_THAT(failures_[0].status, StatusIs(absl::StatusCode::kDataLoss));
+  }
+}
+
+TEST_F(ReplicaTest, APartWhoseAgentNoLongerAnswersIsTriedBesideItAtAnyStep) {
+  is_lost_ = [](int part, int replica) { return part == 1 && replica == 0; };
+  for (int word = 0; word < kWordCount; ++word) {
+    SCOPED_TRACE(word);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const FrameResult result,
+        RunWith({UpTo(word, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
+    EXPECT_TRUE(AgentOfName("agent-1").is_cancelled());
+    EXPECT_EQ(outrun_, (std::vector<AgentIdentity>{{"agent-1", {1}}}));
+    ExpectTheSameFrame(result, "agent-1.1");
+    EXPECT_TRUE(failures_.empty());
+  }
+}
+
+TEST_F(ReplicaTest, OfTwoAgentsAtOnePartTheOneThatIsDoneFirstCounts) {
+  is_lost_ = [](int part, int replica) { return part == 1 && replica == 0; };
+  std::atomic<bool> has_second{false};
+  const Script comes_back = [&](Agent& self) {
+    while (!has_second) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    return scripts_[1](self);
+  };
+  const Script second = [&](Agent& self) {
+    has_second = true;
+    return self.AwaitCancel();
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({comes_back, second}));
+  EXPECT_TRUE(AgentOfName("agent-1.1").is_cancelled());
+  EXPECT_TRUE(outrun_.empty()) << "the first one was not slower";
+  ExpectTheSameFrame(result, "agent-1");
+}
+
+TEST_F(ReplicaTest, ASlowPartIsHedgedOnceIfThatIsAllowed) {
+  std::atomic<int> asked{0};
+  may_hedge_ = [&](int part, int replica) {
+    EXPECT_EQ(part, 1);
+    EXPECT_EQ(replica, 1);
+    ++asked;
+    return asked > 2;
+  };
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const FrameResult result,
+      RunWith({UpTo(2, [](Agent& self) { return self.AwaitCancel(); }), scripts_[1]}));
+  EXPECT_EQ(asked, 3);
+  EXPECT_EQ(outrun_.size(), 1u);
+  may_hedge_ = nullptr;
+  ExpectTheSameFrame(result, "agent-1.1");
+}
+
+TEST_F(ReplicaTest, APartThatHasUsedItsShareOfTheDeadlineIsTriedElsewhere) {
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Seconds(8));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, RunWith({Wait(), scripts_[1]}));
+  cancellation_ = std::make_unique<base::Cancellation>();
+  ExpectTheSameFrame(result, "agent-1.1");
+}
+
+TEST_F(ReplicaTest, TheDeadlineNamesEveryAgentThatWasAsked) {
+  is_lost_ = [](int, int) { return true; };
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(200));
+  EXPECT_THAT(RunWith({Wait(), Wait(), Wait()}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-1 (shard 1), agent agent-1.1 "
+                                "(shard 1)")));
+}
+
+TEST_F(ReplicaTest, ACancelledFrameAsksNoReplica) {
+  const Script cancels = [&](Agent& self) {
+    std::thread user([&] { cancellation_->Cancel(); });
+    user.join();
+    return self.AwaitCancel();
+  };
+  EXPECT_THAT(RunWith({cancels, Wait()}), StatusIs(absl::StatusCode::kCancelled));
+  EXPECT_EQ(agents_.size(), 3u);
+}
+
+TEST_F(FrameCoordinatorTest, ManyAgentsAtOnceGiveOneFrame) {
+  const std::vector<Script> scripts(32, BehaveWithoutPixels());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
+  ASSERT_EQ(result.agents.size(), 32U);
+  for (int i = 0; i < 32; ++i) {
+    EXPECT_THAT(result.agents[static_cast<std::size_t>(i)].shard_indices, ElementsAre(i));
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::server

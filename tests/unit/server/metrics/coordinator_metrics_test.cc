@@ -1,0 +1,123 @@
+#include "server/metrics/coordinator_metrics.h"
+
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "gtest/gtest.h"
+
+namespace isoscope::server {
+namespace {
+
+// "name{a=b,c=d}" to value; of histograms the number of observations.
+std::map<std::string, double> ValuesOf(const std::vector<base::MetricFamily>& families) {
+  std::map<std::string, double> values;
+  for (const base::MetricFamily& family : families) {
+    for (const base::MetricSample& sample : family.samples) {
+      std::string key = family.name;
+      for (const auto& [name, value] : sample.labels) {
+        absl::StrAppend(&key, " ", name, "=", value);
+      }
+      values[key] = sample.cumulative_counts.empty()
+                        ? sample.value
+                        : static_cast<double>(sample.cumulative_counts.back());
+    }
+  }
+  return values;
+}
+
+TEST(CoordinatorMetricsTest, FramesAreCountedByOutcomeAndCancelledOnesHaveNoDuration) {
+  CoordinatorMetrics metrics;
+  metrics.CountFrame(absl::OkStatus(), absl::Seconds(1));
+  metrics.CountFrame(absl::UnavailableError(""), absl::Seconds(1));
+  metrics.CountFrame(absl::CancelledError(""), absl::Seconds(1));
+  metrics.refused_frames.Add();
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_frames_total outcome=done"], 1);
+  EXPECT_EQ(values["isoscope_frames_total outcome=failed"], 1);
+  EXPECT_EQ(values["isoscope_frames_total outcome=cancelled"], 1);
+  EXPECT_EQ(values["isoscope_frames_total outcome=refused"], 1);
+  EXPECT_EQ(values["isoscope_frame_duration_seconds"], 2);
+}
+
+TEST(CoordinatorMetricsTest, FramesThatWereNotDrawnAreCountedByReason) {
+  CoordinatorMetrics metrics;
+  metrics.refused_frames.Add(5);
+  metrics.displaced_frames.Add(2);
+  metrics.expired_frames.Add();
+  metrics.too_large_frames.Add(7);
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=queue_full"], 3);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=made_room"], 2);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=deadline"], 1);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=token_rate"], 0);
+  EXPECT_EQ(values["isoscope_admission_refused_frames_total reason=memory_limit"], 7);
+}
+
+TEST(CoordinatorMetricsTest, FailuresOfAgentsAreCountedByStageAndCode) {
+  CoordinatorMetrics metrics;
+  metrics.CountAgentFailure(FrameStage::kRenderingVisible, absl::DataLossError(""));
+  metrics.CountAgentFailure(FrameStage::kEnded, {static_cast<absl::StatusCode>(99), ""});
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_agent_failures_total stage=rendering_visible_blocks code=DATA_LOSS"],
+            1);
+  EXPECT_EQ(values["isoscope_agent_failures_total stage=ended code=UNKNOWN"], 1);
+}
+
+TEST(CoordinatorMetricsTest, EveryMethodHasItsName) {
+  CoordinatorMetrics metrics;
+  metrics.CountRequest(RequestMethod::kRenderIsosurface, absl::OkStatus(), absl::Seconds(1));
+  metrics.CountRequest(RequestMethod::kGetClusterStatus, absl::OkStatus(), absl::Seconds(1));
+  metrics.CountRequest(RequestMethod::kInteract, absl::NotFoundError(""), absl::Seconds(1));
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_requests_total method=RenderIsosurface code=OK"], 1);
+  EXPECT_EQ(values["isoscope_requests_total method=GetClusterStatus code=OK"], 1);
+  EXPECT_EQ(values["isoscope_requests_total method=Interact code=NOT_FOUND"], 1);
+  EXPECT_EQ(values["isoscope_request_duration_seconds method=GetClusterStatus"], 1);
+}
+
+TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
+  auto values = ValuesOf(CoordinatorMetrics().Collect({.working_frames = 3,
+                                                       .queued_frames = 7,
+                                                       .waiting_clients = 6,
+                                                       .outside_clients = 9,
+                                                       .max_working_frames = 4,
+                                                       .max_queued_frames = 32,
+                                                       .reachable_agents = 5,
+                                                       .unreachable_agents = 1,
+                                                       .complete_datasets = 2,
+                                                       .incomplete_datasets = 8,
+                                                       .memory_limit_bytes = 1 << 30,
+                                                       .frame_memory_bytes = 12345}));
+  EXPECT_EQ(values["isoscope_admission_frames state=working"], 3);
+  EXPECT_EQ(values["isoscope_admission_frames state=queued"], 7);
+  EXPECT_EQ(values["isoscope_admission_limit_frames state=queued"], 32);
+  EXPECT_EQ(values["isoscope_admission_clients state=queued"], 6);
+  EXPECT_EQ(values["isoscope_admission_clients state=refused"], 9);
+  EXPECT_EQ(values["isoscope_agents state=reachable"], 5);
+  EXPECT_EQ(values["isoscope_agents state=unreachable"], 1);
+  EXPECT_EQ(values["isoscope_datasets state=incomplete"], 8);
+  EXPECT_EQ(values["isoscope_memory_limit_bytes"], 1 << 30);
+  EXPECT_EQ(values["isoscope_frame_memory_bytes"], 12345);
+}
+
+TEST(CoordinatorMetricsTest, NamesFollowTheConvention) {
+  std::set<std::string> names;
+  for (const base::MetricFamily& family : CoordinatorMetrics().Collect({})) {
+    EXPECT_TRUE(names.insert(family.name).second) << family.name << " comes twice";
+    EXPECT_TRUE(absl::EndsWith(family.help, ".")) << family.name;
+    EXPECT_FALSE(family.samples.empty()) << family.name;
+    EXPECT_EQ(absl::EndsWith(family.name, "_total"),
+              family.type == base::MetricFamily::Type::kCounter)
+        << family.name;
+    if (family.type == base::MetricFamily::Type::kHistogram) {
+      EXPECT_TRUE(absl::EndsWith(family.name, "_seconds")) << family.name;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::server
