@@ -35,9 +35,9 @@ class RenderIsosurfaceRequest;
 class RenderIsosurfaceResponse;
 }  // namespace isoscope::v1
 
-namespace isoscope::cli {
-class client::CoordinatorChannel;
-}  // namespace isoscope::cli
+namespace isoscope::client {
+class CoordinatorChannel;
+}  // namespace isoscope::client
 
 namespace isoscope::gateway {
 

@@ -148,9 +148,9 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> RenderRequestFromQuery(const QueryPa
   cli::AddFlag(&set, "--format", "png|jpeg|depth", &format, ParseFormat, "");
   cli::AddFlag(&set, "--quality", "N", &quality, ParseQuality, "");
   ISOSCOPE_RETURN_IF_ERROR(Parse(query, &set));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(flags)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(view, flags.camera)));
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(look, flags.isovalues().size())));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(flags)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(view, flags.camera)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(look, flags.isovalues().size())));
   if (quality && format != Format::kJpeg) {
     return absl::InvalidArgumentError(
         absl::StrCat("quality is ", *quality, " without format=jpeg: only a JPEG has one"));
@@ -191,7 +191,7 @@ absl::StatusOr<MeshQuery> MeshQueryFromQuery(const QueryParameters& query,
                                                    " times: at most ", frame::kMaxSurfaces,
                                                    " are allowed"));
   }
-  ISOSCOPE_RETURN_IF_ERROR(ParameterError(client::CheckUsage(clip)));
+  ISOSCOPE_RETURN_IF_ERROR(ParameterError(CheckUsage(clip)));
   MeshQuery mesh;
   mesh.request.set_dataset(dataset.name());
   mesh.request.set_isovalue(isovalue.value_or(0));

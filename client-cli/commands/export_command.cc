@@ -76,8 +76,8 @@ absl::StatusOr<double> ParseShare(absl::string_view text) {
   return share;
 }
 
-absl::Status client::CheckUsage(const ExportFlags& flags) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
+absl::Status CheckUsage(const ExportFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.isovalue && flags.surfaces.empty()) {
     return UsageError("--isovalue V is missing: the level of the surface, in field units");
   }
@@ -100,11 +100,11 @@ absl::Status client::CheckUsage(const ExportFlags& flags) {
   if (!flags.output) {
     return UsageError("--output FILE is missing: the mesh to write");
   }
-  return client::CheckUsage(flags.clip);
+  return CheckUsage(flags.clip);
 }
 
 absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   client::MeshFileOptions options{.path = *flags.output, .surfaces = flags.mesh_surfaces()};
   const absl::StatusOr<client::MeshFormat> format =
       client::MeshFormatOf(*flags.output, flags.format);
@@ -114,8 +114,8 @@ absl::StatusOr<client::MeshFileOptions> FileOptions(const ExportFlags& flags) {
   return options;
 }
 
-isoscope::v1::ExportIsosurfaceRequest client::MakeRequest(const ExportFlags& flags,
-                                                          const std::string& dataset) {
+isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
+                                                  const std::string& dataset) {
   isoscope::v1::ExportIsosurfaceRequest request;
   request.set_dataset(dataset);
   request.set_isovalue(flags.isovalue.value_or(0));
@@ -183,8 +183,8 @@ absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Sessi
                                              chunk.normals(), chunk.triangles()));
     return sink->Add(piece);
   };
-  return session->client().ExportIsosurface(client::MakeRequest(flags, dataset),
-                                            session->export_timeout(), add_chunk);
+  return session->client().ExportIsosurface(MakeRequest(flags, dataset), session->export_timeout(),
+                                            add_chunk);
 }
 
 absl::Status DropIslands(std::int64_t min_triangles, const SurfaceStores& surfaces,

@@ -85,7 +85,7 @@ absl::StatusOr<std::int64_t> ParseShellsInBall(absl::string_view text) {
   return client::ParseInteger(text, 1, 1000);
 }
 
-const char* client::NameOf(GeneratedField field) {
+const char* NameOf(GeneratedField field) {
   for (const FieldRow& row : kFields) {
     if (row.field == field) {
       return row.name;
@@ -94,7 +94,7 @@ const char* client::NameOf(GeneratedField field) {
   return "";
 }
 
-absl::Status client::CheckUsage(const GenerateFlags& flags) {
+absl::Status CheckUsage(const GenerateFlags& flags) {
   if (!flags.field) {
     return UsageError("FIELD is missing: random, gyroid, marschner-lobb, shells or mixing");
   }
@@ -127,8 +127,7 @@ absl::Status client::CheckUsage(const GenerateFlags& flags) {
   for (const auto& row : rows) {
     if (row.is_given && !row.is_used) {
       return UsageError(absl::StrCat(row.name, " has no meaning for the field ",
-                                     client::NameOf(*flags.field),
-                                     "; --help lists what belongs to which"));
+                                     NameOf(*flags.field), "; --help lists what belongs to which"));
     }
   }
   return absl::OkStatus();
@@ -162,7 +161,7 @@ double MiddleOf(volume::ScalarType type) {
 }
 
 absl::Status Run(const GenerateFlags& flags, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   const volume::ScalarType type = flags.type.value_or(volume::ScalarType::kUint16);
   const absl::Time start = absl::Now();
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<source::VolumeGenerator> generator,
@@ -184,8 +183,8 @@ absl::Status Run(const GenerateFlags& flags, const Context& context) {
   }
   ISOSCOPE_RETURN_IF_ERROR(bytes.status());
   const math::Index3& dims = *flags.dims;
-  *context.out << *flags.output << ": " << client::NameOf(*flags.field) << ", " << dims.x << " x "
-               << dims.y << " x " << dims.z << " samples of " << volume::NameOf(type) << ", "
+  *context.out << *flags.output << ": " << NameOf(*flags.field) << ", " << dims.x << " x " << dims.y
+               << " x " << dims.z << " samples of " << volume::NameOf(type) << ", "
                << FormatMebibytes(*bytes) << ", middle value "
                << absl::StrFormat("%.10g", MiddleOf(type)) << ", in "
                << FormatElapsed(absl::Now() - start) << "\n";

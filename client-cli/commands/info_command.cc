@@ -30,6 +30,7 @@
 #include "core/cli/waiting_line.h"
 #include "core/io/atomic_file.h"
 #include "core/render/renderer_factory.h"
+#include "core/rpc/host_port.h"
 #include "core/source/value_range.h"
 #include "core/store/shard_reader.h"
 #include "core/volume/sample_histogram.h"
@@ -246,10 +247,10 @@ absl::Status Run(const InfoFlags& flags, const Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckHistogramUsage(flags));
   Json json;
   if (flags.server) {
-    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.connection));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.connection));
     ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeServer(flags, context));
   } else {
-    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.source, *flags.input));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.source, *flags.input));
     if (store::IsDatasetDirectory(*flags.input)) {
       ISOSCOPE_ASSIGN_OR_RETURN(json, DescribeDirectory(*flags.input));
     } else if (!flags.wants_histogram()) {
@@ -270,7 +271,7 @@ Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<InfoFlags>();
   AddFlag(set, "input", "INPUT|DIR", &flags->input, ParseText,
           "a volume, as 'partition' takes it, or a dataset folder");
-  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort, "a coordinator");
   AddConnectionFlags(set, &flags->connection);
   AddFlag(set, "--timeout", "SECONDS", &flags->timeout, client::ParseSeconds,
           "how long to wait for the server (default: 10)");

@@ -39,14 +39,14 @@ struct PartitionFlags {
   SourceFlags source;
 };
 
-absl::Status client::CheckUsage(const PartitionFlags& flags) {
+absl::Status CheckUsage(const PartitionFlags& flags) {
   if (!flags.input) {
     return UsageError("INPUT is missing: the volume to partition");
   }
   if (!flags.output) {
     return UsageError("--output DIR is missing: the dataset folder to make");
   }
-  return client::CheckUsage(flags.source, *flags.input);
+  return CheckUsage(flags.source, *flags.input);
 }
 
 std::string Summarize(const store::Manifest& manifest, const std::string& directory,
@@ -70,7 +70,7 @@ std::string Summarize(const store::Manifest& manifest, const std::string& direct
 }
 
 absl::Status Run(const PartitionFlags& flags, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   partition::PartitionOptions options;
   options.output_directory = *flags.output;
   while (options.output_directory.size() > 1 && options.output_directory.back() == '/') {

@@ -58,10 +58,10 @@ absl::StatusOr<rpc::PixelPosition> ParsePixel(absl::string_view text,
   return pixel;
 }
 
-absl::Status client::CheckUsage(const PickFlags& flags) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.request));
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.view, flags.request.camera));
+absl::Status CheckUsage(const PickFlags& flags) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
   if (flags.request.region) {
     return UsageError("--region is for render; --pixel counts in the whole picture");
   }
@@ -131,7 +131,7 @@ std::string DescribeAsTable(const v1::PickSurfaceRequest& request,
 }
 
 absl::Status Run(const PickFlags& flags, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   if (flags.view.save_camera_file) {
     ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.view.save_camera_file));
   }

@@ -59,6 +59,6 @@ absl::StatusOr<std::unique_ptr<RedirectFile>> RedirectFile::Create(const std::st
   return file;
 }
 
-RedirectFile::~RedirectFile() { RemoveTemporaryFile(path_); }
+RedirectFile::~RedirectFile() { gateway::RemoveTemporaryFile(path_); }
 
 }  // namespace isoscope::cli

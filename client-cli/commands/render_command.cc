@@ -175,18 +175,17 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
   return absl::OkStatus();
 }
 
-absl::Status client::CheckUsage(const RenderFlags& flags, const FlagSet& set,
-                                const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
+absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Context& context) {
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   if (!flags.like) {
-    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.request));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.request));
   }
   ISOSCOPE_RETURN_IF_ERROR(CheckShow(flags, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckFormat(flags));
   if (!flags.like) {
-    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.view, flags.request.camera));
-    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.planes, flags.output));
-    ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.look, flags.request.isovalues().size()));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
+    ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.isovalues().size()));
     if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
     }
@@ -197,7 +196,7 @@ absl::Status client::CheckUsage(const RenderFlags& flags, const FlagSet& set,
       return UsageError("--legend shows what the colours of --color-by mean: give that too");
     }
     ISOSCOPE_RETURN_IF_ERROR(CheckPoster(flags));
-    return client::CheckUsage(flags.sweep, flags.output.value_or(""));
+    return CheckUsage(flags.sweep, flags.output.value_or(""));
   }
   if (flags.request.culling == frame::Culling::kMask) {
     return UsageError("--culling mask can't be used with --like: it is approximate");
@@ -535,7 +534,7 @@ view::Viewport ExpectedSize(const RenderFlags& flags) {
 }
 
 absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags, set, context));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, set, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
   const PictureDisplay display = PictureDisplay::ForStandardOutput(ShowModeOf(flags), context);
   if (!flags.output && !flags.planes.any_plane() && !display.is_on()) {

@@ -17,6 +17,7 @@
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
 #include "core/render/renderer_kind.h"
+#include "core/rpc/host_port.h"
 #include "core/rpc/server_flags.h"
 
 namespace isoscope::cli {
@@ -81,7 +82,7 @@ Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<ServeFlags>();
   AddFlag(set, "directory", "DIR", &flags->directory, ParseText, "dataset folder");
   AddFlag(
-      set, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
+      set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
       absl::StrCat("where to listen; port 0 takes a free one (default: ", kDefaultAddress, ")"));
   rpc::AddTransportFlags(set, &flags->transport, /*has_server_name=*/false);
   set->AddText("--tokens", "FILE", &flags->token_file,

@@ -35,6 +35,7 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "core/rpc/host_port.h"
 #include "isoscope/v1/cluster_service.pb.h"
 
 namespace isoscope::cli {
@@ -209,7 +210,7 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
   if (!flags.server) {
     return UsageError("--server HOST:PORT is missing: the coordinator to look at");
   }
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.connection));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.connection));
   if (flags.interval && *flags.interval < kLeastInterval) {
     return UsageError("--interval must be at least 0.1 seconds");
   }
@@ -221,7 +222,7 @@ absl::Status Run(const TopFlags& flags, const Context& context) {
 
 Action RegisterFlags(FlagSet* set) {
   const auto flags = std::make_shared<TopFlags>();
-  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort, "a coordinator");
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort, "a coordinator");
   AddConnectionFlags(set, &flags->connection);
   AddFlag(set, "--interval", "SECONDS", &flags->interval, client::ParseSeconds,
           "time between two looks, at least 0.1 (default: 2); agents tell their load every 2 "

@@ -33,6 +33,7 @@
 #include "core/base/status_macros.h"
 #include "core/cli/flags.h"
 #include "core/cli/usage.h"
+#include "core/rpc/host_port.h"
 #include "core/rpc/transport.h"
 #include "isoscope/v1/dataset.pb.h"
 #include "isoscope/v1/dataset_service.pb.h"
@@ -106,9 +107,10 @@ absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> StartGateway(
   options->certificate_file = flags.session.connection.transport.certificate_file;
   options->key_file = flags.session.connection.transport.key_file;
   // Every user of this machine reaches its loopback address, too.
-  ISOSCOPE_ASSIGN_OR_RETURN(options->access.token, ReadGatewayToken(flags.gateway_token_file));
+  ISOSCOPE_ASSIGN_OR_RETURN(options->access.token,
+                            gateway::ReadGatewayToken(flags.gateway_token_file));
   if (options->access.token.empty()) {
-    options->access.token = MakeToken();
+    options->access.token = gateway::MakeToken();
   }
   absl::StatusOr<std::unique_ptr<gateway::GatewayServer>> server =
       gateway::GatewayServer::Start(*options);
@@ -152,7 +154,7 @@ absl::Status CheckTerminalUsage(const ViewFlags& flags) {
 }
 
 absl::Status Run(const ViewFlags& flags, const Context& context) {
-  ISOSCOPE_RETURN_IF_ERROR(client::CheckUsage(flags.session));
+  ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.session));
   ISOSCOPE_RETURN_IF_ERROR(CheckListen(flags));
   ISOSCOPE_RETURN_IF_ERROR(CheckTerminalUsage(flags));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<Session> session,
@@ -176,11 +178,11 @@ absl::Status Run(const ViewFlags& flags, const Context& context) {
   ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<gateway::GatewayServer> server,
                             StartGateway(flags, &options));
   // Without the token: it is for those who are told.
-  session->SetGatewayAddress(PageAddress(options.listen_address, server->port(), /*token=*/"",
-                                         !options.certificate_file.empty()));
+  session->SetGatewayAddress(gateway::PageAddress(options.listen_address, server->port(),
+                                                  /*token=*/"", !options.certificate_file.empty()));
   const std::string address =
-      ViewAddress(PageAddress(options.listen_address, server->port(), options.access.token,
-                              !options.certificate_file.empty()),
+      ViewAddress(gateway::PageAddress(options.listen_address, server->port(), options.access.token,
+                                       !options.certificate_file.empty()),
                   dataset.name(), isovalue);
   *context.out << address << std::endl;
   if (context.err_is_terminal) {
@@ -208,7 +210,7 @@ Action RegisterFlags(FlagSet* set) {
   AddRendererFlag(set, &flags->session);
   AddFlag(set, "--isovalue", "V", &flags->isovalue, client::ParseNumber,
           "the level to begin with, in field units (default: one that the samples suggest)");
-  AddFlag(set, "--listen", "HOST:PORT", &flags->listen_address, ParseHostPort,
+  AddFlag(set, "--listen", "HOST:PORT", &flags->listen_address, rpc::ParseHostPort,
           absl::StrCat("where the page is; port 0 takes a free one (default: ", kFirstAddress,
                        ", or another port if that is taken)"));
   set->AddText("--gateway-token-file", "FILE", &flags->gateway_token_file,
@@ -240,8 +242,8 @@ double FirstIsovalue(const v1::GetHistogramResponse& histogram, const v1::Datase
 
 std::string ViewAddress(absl::string_view page, const std::string& dataset, double isovalue) {
   return absl::StrCat(page, page.find('?') == absl::string_view::npos ? "?" : "&",
-                      "dataset=", EscapeQueryValue(dataset),
-                      "&isovalue=", EscapeQueryValue(absl::StrFormat("%.9g", isovalue)));
+                      "dataset=", gateway::EscapeQueryValue(dataset),
+                      "&isovalue=", gateway::EscapeQueryValue(absl::StrFormat("%.9g", isovalue)));
 }
 
 Command ViewCommand() {

@@ -32,7 +32,7 @@ constexpr std::array<const char*, 9> kEighths{" ", "▁", "▂", "▃", "▄", "
 
 std::string Number(double value) { return absl::StrFormat("%.6g", value); }
 
-const char* client::NameOf(v1::IsovalueSuggestion::Method method) {
+const char* NameOf(v1::IsovalueSuggestion::Method method) {
   return method == v1::IsovalueSuggestion::METHOD_ONE_PERCENT ? "one-percent" : "between-classes";
 }
 
@@ -230,7 +230,7 @@ class SvgPlot {
                             "<path d=\"M%.2f %gV%g\" stroke=\"#222\" stroke-dasharray=\"4 3\"/>\n"
                             "<text x=\"%.2f\" y=\"%g\" text-anchor=\"%s\">%s: %s</text>\n",
                             x, kTop, kBottom, x + (is_at_the_right ? -5 : 5), y,
-                            is_at_the_right ? "end" : "start", client::NameOf(suggestion.method()),
+                            is_at_the_right ? "end" : "start", NameOf(suggestion.method()),
                             Number(suggestion.isovalue()));
       y += 16;
     }
@@ -304,7 +304,7 @@ Json HistogramToJson(const v1::GetHistogramResponse& histogram) {
   }
   json["suggestions"] = Json::array();
   for (const v1::IsovalueSuggestion& suggestion : histogram.suggestions()) {
-    json["suggestions"].push_back({{"method", client::NameOf(suggestion.method())},
+    json["suggestions"].push_back({{"method", NameOf(suggestion.method())},
                                    {"isovalue", suggestion.isovalue()},
                                    {"inside_fraction", suggestion.inside_fraction()}});
   }

@@ -50,7 +50,7 @@ bool IsJpegName(const std::string& path) {
   return absl::EqualsIgnoreCase(suffix, ".jpg") || absl::EqualsIgnoreCase(suffix, ".jpeg");
 }
 
-absl::Status client::CheckUsage(const PlaneFlags& flags, const std::optional<std::string>& output) {
+absl::Status CheckUsage(const PlaneFlags& flags, const std::optional<std::string>& output) {
   if (flags.jpeg_quality && !(output && IsJpegName(*output))) {
     return UsageError("--quality is for JPEG: --output must end in .jpg");
   }

@@ -37,7 +37,7 @@ bool IsJpegName(const std::string& path);
 
 // UsageError if the flags do not fit each other or the picture's name; `output` is not set if no
 // picture is asked for.
-absl::Status client::CheckUsage(const PlaneFlags& flags, const std::optional<std::string>& output);
+absl::Status CheckUsage(const PlaneFlags& flags, const std::optional<std::string>& output);
 
 // OK if all planes can be written.
 absl::Status CheckWritable(const PlaneFlags& flags);

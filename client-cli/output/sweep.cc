@@ -98,7 +98,7 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
           "frames a second of an animation, 0.1 to 120 (default: 12)");
 }
 
-absl::Status client::CheckUsage(const SweepFlags& flags, const std::string& output) {
+absl::Status CheckUsage(const SweepFlags& flags, const std::string& output) {
   if (flags.is_isovalue_sweep() && flags.repeat_count) {
     return UsageError(absl::StrCat("--repeat can't be used with a sweep of isovalues, which has ",
                                    flags.isovalues->count, " frames"));

@@ -57,7 +57,7 @@ void AddSweepFlags(FlagSet* set, SweepFlags* flags, client::RequestFlags* reques
 
 // UsageError if the flags do not fit each other or the name of the output (CheckFrameName): a sweep
 // of isovalues needs a name with a number in it, or that of an animation; --fps needs an animation.
-absl::Status client::CheckUsage(const SweepFlags& flags, const std::string& output);
+absl::Status CheckUsage(const SweepFlags& flags, const std::string& output);
 
 // The flags and the camera of frame i. REQUIRES: CheckUsage is OK, 0 <= i < frame_count.
 client::RequestFlags RequestOfFrame(const SweepFlags& flags, const client::RequestFlags& request,

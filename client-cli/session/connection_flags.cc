@@ -35,7 +35,7 @@ void AddConnectionFlags(FlagSet* set, ConnectionFlags* flags) {
                  "allow plaintext, and tokens in it, beyond this machine");
 }
 
-absl::Status client::CheckUsage(const ConnectionFlags& flags) {
+absl::Status CheckUsage(const ConnectionFlags& flags) {
   const absl::Status status = rpc::CheckDialFlags(flags.transport);
   return status.ok() ? status : UsageError(status.message());
 }

@@ -24,7 +24,7 @@ struct ConnectionFlags {
 void AddConnectionFlags(FlagSet* set, ConnectionFlags* flags);
 
 // UsageError if flags do not fit together.
-absl::Status client::CheckUsage(const ConnectionFlags& flags);
+absl::Status CheckUsage(const ConnectionFlags& flags);
 
 // The token of the flags or of the environment; empty if there is none. INVALID_ARGUMENT: the file
 // holds no token. UsageError: it would go to `server` in plaintext, beyond this machine.

@@ -20,6 +20,7 @@
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
 #include "core/rpc/channel.h"
+#include "core/rpc/host_port.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/shard.h"
 
@@ -127,7 +128,7 @@ void AddSessionFlags(FlagSet* set, SessionFlags* flags) {
   AddFlag(
       set, "input", "INPUT|DIR", &flags->input, ParseText,
       "a volume, as 'partition' takes it (partitioned into a cache first), or a dataset folder");
-  AddFlag(set, "--server", "HOST:PORT", &flags->server, ParseHostPort,
+  AddFlag(set, "--server", "HOST:PORT", &flags->server, rpc::ParseHostPort,
           "ask a coordinator instead of starting everything here");
   AddFlag(set, "--dataset", "NAME", &flags->dataset, ParseText,
           "which dataset of the server (default: its only one)");
@@ -158,7 +159,7 @@ void AddRendererFlag(FlagSet* set, SessionFlags* flags) {
           "back end of the embedded agents (default: auto, EGL on a GPU, else the CPU)");
 }
 
-absl::Status client::CheckUsage(const SessionFlags& flags) {
+absl::Status CheckUsage(const SessionFlags& flags) {
   if (flags.input.has_value() == flags.server.has_value()) {
     return UsageError(flags.input ? "a file or folder can't be used with --server; give one of them"
                                   : "give a volume, a dataset folder or --server HOST:PORT");
@@ -175,12 +176,12 @@ absl::Status client::CheckUsage(const SessionFlags& flags) {
                                      " can't be used with --server: that is settled where the "
                                      "agents and the dataset are"));
     }
-    return client::CheckUsage(flags.connection);
+    return CheckUsage(flags.connection);
   }
   if (flags.dataset) {
     return UsageError("--dataset is for --server; a file or folder is one dataset");
   }
-  return client::CheckUsage(flags.source, *flags.input);
+  return CheckUsage(flags.source, *flags.input);
 }
 
 struct Session::Parts {

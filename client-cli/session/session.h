@@ -23,9 +23,11 @@ namespace grpc {  // NOLINT(readability-identifier-naming): theirs
 class Channel;
 }  // namespace grpc
 
-namespace isoscope::cli {
+namespace isoscope::client {
+class ServiceClient;
+}  // namespace isoscope::client
 
-class client::ServiceClient;
+namespace isoscope::cli {
 
 struct SessionFlags {
   std::optional<std::string> input;   // source volume or dataset directory
@@ -50,7 +52,7 @@ void AddCacheLimitFlag(FlagSet* set, std::optional<std::int64_t>* limit_bytes);
 void AddRendererFlag(FlagSet* set, SessionFlags* flags);
 
 // UsageError if not exactly one of input and server is given, or if flags do not fit that one.
-absl::Status client::CheckUsage(const SessionFlags& flags);
+absl::Status CheckUsage(const SessionFlags& flags);
 
 // A way to ask for frames of one dataset. Thread-safe.
 class Session {

@@ -70,7 +70,7 @@ bool HasSelfDescribingName(const std::string& path) {
   return false;
 }
 
-absl::Status client::CheckUsage(const SourceFlags& flags, const std::string& path) {
+absl::Status CheckUsage(const SourceFlags& flags, const std::string& path) {
   const char* given = flags.FirstGiven();
   if (given == nullptr) {
     return absl::OkStatus();

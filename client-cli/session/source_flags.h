@@ -39,7 +39,7 @@ void AddSourceFlags(FlagSet* set, SourceFlags* flags);
 bool HasSelfDescribingName(const std::string& path);
 
 // UsageError if the flags do not fit each other, the file's name, or a folder.
-absl::Status client::CheckUsage(const SourceFlags& flags, const std::string& path);
+absl::Status CheckUsage(const SourceFlags& flags, const std::string& path);
 
 // Opens it as a raw file if --dims is given, else by its format. Errors as source::OpenRawFile and
 // source::OpenVolumeFile.

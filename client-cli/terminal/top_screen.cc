@@ -220,7 +220,7 @@ std::vector<std::string> AgentCells(const v1::AgentStatus& agent, const v1::Agen
   return cells;
 }
 
-const char* client::NameOf(v1::FrameInWork::Step step) {
+const char* NameOf(v1::FrameInWork::Step step) {
   switch (step) {
     case v1::FrameInWork::STEP_QUEUED:
       return "queued";
@@ -305,7 +305,7 @@ void AppendFrames(const ClusterSample& now, const TopScreenOptions& options,
     table.AddRow({base::PrintableAscii(frame.request_id()), base::PrintableAscii(frame.client()),
                   frame.dataset().empty() ? "-" : base::PrintableAscii(frame.dataset()),
                   absl::StrCat(frame.extent().width_px(), "x", frame.extent().height_px()),
-                  client::NameOf(frame.step()),
+                  NameOf(frame.step()),
                   absl::StrFormat("%.1f s", absl::ToDoubleSeconds(
                                                 rpc::DurationFromProto(frame.age_duration())))});
   }

@@ -19,7 +19,6 @@
 #include "core/frame/color.h"
 #include "core/math/box.h"
 #include "core/math/vec.h"
-#include "core/rpc/host_port.h"
 #include "core/view/camera.h"
 
 namespace isoscope::client {
@@ -46,7 +45,6 @@ absl::StatusOr<math::Index3> ParseBlockCells(absl::string_view text);
 absl::StatusOr<std::int64_t> ParseByteSize(absl::string_view text);
 // A number of seconds > 0, with s, ms, m or h if wanted: "30", "1.5s", "2m".
 absl::StatusOr<absl::Duration> ParseSeconds(absl::string_view text);
-using rpc::ParseHostPort;
 
 // "R,G,B": opaque.
 absl::StatusOr<frame::Color> ParseColor(absl::string_view text);

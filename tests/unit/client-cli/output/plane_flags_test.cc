@@ -37,9 +37,9 @@ TEST(PlaneFlagsTest, FlagsBecomeOptionsOfTheRequest) {
 }
 
 TEST(PlaneFlagsTest, QualityIsForJpegOnly) {
-  ISOSCOPE_EXPECT_OK(client::CheckUsage(PlaneFlags{.jpeg_quality = 40}, "a.jpg"));
-  EXPECT_TRUE(IsUsageError(client::CheckUsage(PlaneFlags{.jpeg_quality = 40}, "a.png")));
-  EXPECT_TRUE(IsUsageError(client::CheckUsage(PlaneFlags{.jpeg_quality = 40}, std::nullopt)));
+  ISOSCOPE_EXPECT_OK(CheckUsage(PlaneFlags{.jpeg_quality = 40}, "a.jpg"));
+  EXPECT_TRUE(IsUsageError(CheckUsage(PlaneFlags{.jpeg_quality = 40}, "a.png")));
+  EXPECT_TRUE(IsUsageError(CheckUsage(PlaneFlags{.jpeg_quality = 40}, std::nullopt)));
 }
 
 TEST(PlaneFlagsTest, PlanesAreWrittenWithTheirShape) {

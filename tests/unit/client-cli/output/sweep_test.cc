@@ -75,9 +75,9 @@ TEST(SweepTest, SweepSetsTheIsovalueOfEachFrameAndOrbitTurnsBetween) {
   const view::Camera camera{.eye = {0, 0, 10}, .target = {0, 0, 0}, .fov_y_radians = 0.5};
   EXPECT_EQ(CameraOfFrame(parsed.sweep, camera, 0), camera);
   EXPECT_NEAR(CameraOfFrame(parsed.sweep, camera, 2).eye.z, -10, 1e-9);
-  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a-%d.png"));
-  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a-%03d.png"));
-  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a.apng"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a-%d.png"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a-%03d.png"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a.apng"));
 }
 
 TEST(SweepTest, NegativeStartIsNoFlag) {
@@ -93,7 +93,7 @@ TEST(SweepTest, OneIsovalueIsNoSweep) {
   EXPECT_EQ(parsed.request.isovalue, -1.5);
   EXPECT_FALSE(parsed.sweep.is_isovalue_sweep());
   EXPECT_EQ(parsed.sweep.frame_count(), 4);
-  ISOSCOPE_EXPECT_OK(client::CheckUsage(parsed.sweep, "a.png"));
+  ISOSCOPE_EXPECT_OK(CheckUsage(parsed.sweep, "a.png"));
 }
 
 TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
@@ -113,7 +113,7 @@ TEST(SweepTest, FlagsThatDoNotFitEachOtherAreWrongUsage) {
            {{"--isovalue", "1", "--fps", "10"}, "a.png", "ends in .apng or .webp"}}) {
     Parsed parsed;
     ISOSCOPE_ASSERT_OK(Parse(c.arguments, &parsed));
-    const absl::Status status = client::CheckUsage(parsed.sweep, c.output);
+    const absl::Status status = CheckUsage(parsed.sweep, c.output);
     EXPECT_TRUE(IsUsageError(status)) << c.message;
     EXPECT_THAT(std::string(status.message()), HasSubstr(c.message));
   }

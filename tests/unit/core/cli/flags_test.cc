@@ -18,7 +18,7 @@ using ::isoscope::testing::StatusIs;
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
-absl::StatusOr<int> client::ParseNumber(absl::string_view text) {
+absl::StatusOr<int> ParseNumber(absl::string_view text) {
   int number = 0;
   if (text.empty()) {
     return -1;
@@ -40,10 +40,10 @@ struct Numbers {
 absl::StatusOr<Numbers> Parse(const std::vector<std::string>& arguments) {
   FlagSet set;
   Numbers numbers;
-  AddFlag(&set, "--one", "N", &numbers.one, client::ParseNumber, "");
-  AddFlagWithDefault(&set, "--optional", "[N]", &numbers.optional, client::ParseNumber, "");
-  AddListFlag(&set, "--list", "N", &numbers.list, client::ParseNumber, "");
-  AddRepeatableFlag(&set, "--repeated", "N", &numbers.repeated, client::ParseNumber, "");
+  AddFlag(&set, "--one", "N", &numbers.one, ParseNumber, "");
+  AddFlagWithDefault(&set, "--optional", "[N]", &numbers.optional, ParseNumber, "");
+  AddListFlag(&set, "--list", "N", &numbers.list, ParseNumber, "");
+  AddRepeatableFlag(&set, "--repeated", "N", &numbers.repeated, ParseNumber, "");
   ISOSCOPE_RETURN_IF_ERROR(set.Parse(arguments));
   return numbers;
 }
