@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Fuzzes every decoder of foreign bytes with libFuzzer, AddressSanitizer and UBSan: docs/fuzzing.md.
+# Fuzzes every decoder of foreign bytes with libFuzzer, AddressSanitizer and UBSan: docs/lab/fuzzing.md.
 set -euo pipefail
 
 usage() {

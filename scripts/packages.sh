@@ -44,7 +44,7 @@ ISOSCOPE_DEMO_PACKAGES=(mricron-data)
 # objects come from npm: tests/deploy/check_deploy.py.
 ISOSCOPE_DEPLOY_PACKAGES=(python3-yaml shellcheck kubernetes-client docker-compose slurm-wlm slurm-client munge)
 
-# What `isoscope bench paper` draws its plots with; its tables come without.
+# What `isoscope-bench paper` draws its plots with; its tables come without.
 ISOSCOPE_PLOT_PACKAGES=(gnuplot-nox)
 
 # What tools/format.sh and tools/check.sh need, and the clang and fuzz presets.

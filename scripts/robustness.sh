@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Breaks a running cluster by a seeded schedule and judges every answer: the long form of the test
-# that scripts/test.sh runs for a minute. Builds what is missing. docs/robustness.md says more.
+# that scripts/test.sh runs for a minute. Builds what is missing. docs/lab/robustness.md says more.
 set -euo pipefail
 
 usage() {

@@ -7,7 +7,7 @@
 Six rules, each printed as `file:line: what is wrong`; exit code 1 if any is broken:
 
 1. A room (a folder) includes itself and rooms on lower floors (FLOORS), never one on its own floor or above: so there
-   is no circle.
+   is no circle. The three services (SERVICES) never include each other.
 2. gRPC and protobuf appear only in the rooms of GRPC_ROOMS and PROTO_ROOMS.
 3. core/x/y.h has a test tests/unit/core/x/y_test.cc, or stands in UNTESTED_HEADERS with a reason.
 4. CLI11 appears only in CLI11_FILE: its headers cost six seconds of compile time each time.
@@ -46,6 +46,8 @@ FLOORS = [
 ]
 # Room: floor, from the ground up.
 ROOMS = {room: floor for floor, rooms in enumerate(reversed(FLOORS)) for room in rooms}
+
+SERVICES = {"partition-agent", "server", "web-gateway"}
 
 # Who may name gRPC's headers, and the generated service stubs (*.grpc.pb.h).
 GRPC_ROOMS = {
@@ -171,6 +173,9 @@ def check_include(file, included):
         return f"product code includes {included}"
     if of_included is None or of_file == of_included:
         return None
+    services = {room.partition("/")[0] for room in (of_file, of_included)}
+    if len(services) == 2 and services <= SERVICES:
+        return f"{of_file} includes {included}: services do not know each other"
     if ROOMS[of_included] >= ROOMS[of_file]:
         return f"{of_file} (floor {ROOMS[of_file]}) includes {included} (floor {ROOMS[of_included]})"
     return None

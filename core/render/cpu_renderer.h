@@ -1,5 +1,5 @@
 // The CPU back end, for nodes without a GPU: faster than a software OpenGL on isosurfaces, whose
-// triangles are about a pixel in size (docs/experiments.md).
+// triangles are about a pixel in size (docs/lab/experiments.md).
 
 #ifndef ISOSCOPE_CORE_RENDER_CPU_RENDERER_H_
 #define ISOSCOPE_CORE_RENDER_CPU_RENDERER_H_

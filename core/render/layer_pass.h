@@ -1,6 +1,6 @@
 // Draws translucent meshes, for every back end: the CPU rasterises and shades all fragments and
 // keeps the first few of each pixel. Colours then do not depend on an OpenGL driver, and a software
-// OpenGL is no faster (docs/experiments.md).
+// OpenGL is no faster (docs/lab/experiments.md).
 
 #ifndef ISOSCOPE_CORE_RENDER_LAYER_PASS_H_
 #define ISOSCOPE_CORE_RENDER_LAYER_PASS_H_

@@ -39,7 +39,7 @@ namespace {
 
 // The density of random rays. They find blocks that rays through face centres miss: those inside
 // the volume that show between others. Four times as many rays save less than 2 % of the triangles
-// (docs/experiments.md).
+// (docs/lab/experiments.md).
 constexpr double kPixelsPerRay = 8.0 * 8.0;
 constexpr double kMinImageRays = 1024;
 constexpr double kMaxImageRays = 65536;

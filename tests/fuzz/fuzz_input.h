@@ -1,7 +1,7 @@
 // What the fuzz drivers share: they take an input apart, state what must hold, and name seeds.
 //
 // A driver defines LLVMFuzzerTestOneInput, as libFuzzer knows it, and Seeds. libFuzzer runs it with
-// clang; replay_main.cc runs it with any compiler (docs/fuzzing.md).
+// clang; replay_main.cc runs it with any compiler (docs/lab/fuzzing.md).
 
 #ifndef ISOSCOPE_TESTS_FUZZ_FUZZ_INPUT_H_
 #define ISOSCOPE_TESTS_FUZZ_FUZZ_INPUT_H_

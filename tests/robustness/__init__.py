@@ -1,6 +1,6 @@
 """Faults under load: real processes, a seeded schedule of faults, a model that judges every answer.
 
-run.py is the command, docs/robustness.md says what it does and what it found.
+run.py is the command, docs/lab/robustness.md says what it does and what it found.
 
     schedule.py    which fault when, on whom: a function of the seed and the topology
     cluster.py     the processes: agents, coordinators, a reference; ports, logs, exits

@@ -4,7 +4,7 @@ verdict       meaning
 exact         all bytes are those of the reference
 partial       shards are missing, the answer says so, and all bytes are those of the reference without them
 error         a documented code, a message that says something, in time, while there is a fault to blame
-altered       plaintext only: OK with other bytes, while bits flipped on the way; docs/robustness.md
+altered       plaintext only: OK with other bytes, while bits flipped on the way; docs/lab/robustness.md
 garbled       plaintext only: an error that the method does not have, while bits flipped on the way
 wrong         another picture                                                               a finding
 undocumented  a code that the method's comment does not have, or has for bugs; no message   a finding
@@ -112,7 +112,7 @@ class Episodes:
 
 
 # gRPC itself says so of a connection that broke on a damaged record, and of a call that came while a server shut down:
-# no server of ours did (docs/robustness.md).
+# no server of ours did (docs/lab/robustness.md).
 _WORDS_OF_GRPC = {("UNKNOWN", "Stream removed"), ("CANCELLED", "CANCELLED")}
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Real processes, faults by a seeded schedule, continuous load; every answer is judged. See docs/robustness.md.
+"""Real processes, faults by a seeded schedule, continuous load; every answer is judged. See docs/lab/robustness.md.
 
 Exit codes: 0 no finding, 1 findings, 2 wrong usage, 3 the harness itself could not go on, 77 something is missing here.
 """

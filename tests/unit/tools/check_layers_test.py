@@ -18,14 +18,17 @@ class CheckIncludeTest(unittest.TestCase):
         for file, included in [
             ("core/render/a.cc", "core/view/view.h"),
             ("core/render/a.cc", "core/render/b.h"),
-            ("client-cli/a.cc", "server/coordinator_server.h"),
             ("core/base/a.cc", "vector"),
             ("core/rpc/channel.h", "grpcpp/channel.h"),
-            ("clients/cpp/request/render_request.h", "isoscope/v1/frame.pb.h"),
-            ("bench/a.cc", "client-cli/commands.h"),
-            ("bench/a.cc", "isoscope/v1/frame.pb.h"),
-            ("client-cli/main.cc", "bench/commands.h"),
             ("core/cli/flag_set.cc", "CLI/CLI.hpp"),
+            ("clients/cpp/connection/a.cc", "clients/cpp/request/b.h"),
+            ("clients/cpp/request/a.h", "isoscope/v1/frame.pb.h"),
+            ("server/frame/a.cc", "server/cluster/b.h"),
+            ("server/a.cc", "server/frame/b.h"),
+            ("web-gateway/a.cc", "clients/cpp/request/b.h"),
+            ("client-cli/session/a.cc", "server/coordinator_server.h"),
+            ("client-cli/commands/a.cc", "web-gateway/gateway_server.h"),
+            ("bench/a.cc", "client-cli/session/session.h"),
         ]:
             self.assertIsNone(check_layers.check_include(file, included), (file, included))
 
@@ -33,27 +36,42 @@ class CheckIncludeTest(unittest.TestCase):
         for file, included in [
             ("core/base/a.cc", "core/math/vec.h"),
             ("core/store/a.cc", "core/index/interval_tree.h"),
+            ("core/rpc/a.cc", "server/frame/agent_link.h"),
             ("server/a.cc", "partition-agent/shard.h"),
             ("partition-agent/a.cc", "server/frame/agent_link.h"),
-            ("core/rpc/a.cc", "server/frame/agent_link.h"),
-            ("client-cli/commands.cc", "bench/commands.h"),
+            ("server/cluster/a.h", "server/coordinator_server.h"),
+            ("server/cluster/a.h", "server/frame/b.h"),
+            ("server/access/a.h", "server/admission/b.h"),
+            ("clients/cpp/request/a.cc", "clients/cpp/connection/b.h"),
+            ("clients/cpp/request/a.cc", "client-cli/output/b.h"),
+            ("web-gateway/a.cc", "client-cli/session/session.h"),
+            ("client-cli/output/a.cc", "client-cli/session/session.h"),
+            ("client-cli/terminal/a.cc", "client-cli/commands/program.h"),
+            ("client-cli/main.cc", "bench/program.h"),
             ("core/base/a.cc", "tests/support/temp_dir.h"),
         ]:
             self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
 
-    def test_one_source_sees_cli11(self):
-        for file in ("core/cli/flag_set.h", "client-cli/commands.cc", "server/main.cc"):
-            self.assertIsNotNone(check_layers.check_include(file, "CLI/CLI.hpp"), file)
-
-    def test_grpc_and_messages_stay_at_the_edges(self):
+    def test_grpc_messages_and_cli11_stay_in_their_rooms(self):
         for file, included in [
             ("core/store/a.cc", "isoscope/v1/frame.pb.h"),
-            ("partition-agent/frame_pipeline.cc", "google/protobuf/arena.h"),
-            ("server/frame/frame_coordinator.h", "grpcpp/grpcpp.h"),
-            ("client-cli/output.cc", "isoscope/v1/dataset_service.grpc.pb.h"),
+            ("server/picture/a.cc", "google/protobuf/arena.h"),
+            ("server/admission/a.h", "grpcpp/grpcpp.h"),
+            ("client-cli/output/a.cc", "isoscope/v1/dataset_service.grpc.pb.h"),
             ("bench/peer.h", "grpcpp/grpcpp.h"),
+            ("client-cli/commands/a.cc", "CLI/CLI.hpp"),
+            ("core/cli/flag_set.h", "CLI/CLI.hpp"),
         ]:
             self.assertIsNotNone(check_layers.check_include(file, included), (file, included))
+
+    def test_floors_hold_each_room_once_and_no_circle_fits_in(self):
+        rooms = [room for floor in check_layers.FLOORS for room in floor]
+        self.assertEqual(len(rooms), len(set(rooms)))
+        for a in rooms:
+            for b in rooms:
+                there = check_layers.check_include(f"{a}/x.h", f"{b}/y.h") is None
+                back = check_layers.check_include(f"{b}/y.h", f"{a}/x.h") is None
+                self.assertFalse(a != b and there and back, (a, b))
 
 
 class CheckLibmTest(unittest.TestCase):
@@ -61,7 +79,7 @@ class CheckLibmTest(unittest.TestCase):
         for file, line in [
             ("core/view/a.cc", "  const double s = 1 / std::tan(x / 2);"),
             ("core/picture/a.h", "inline float P(float x) { return powf(x, 2); }"),
-            ("server/a.cc", "y = std::hypot (a, b) + ::exp2f(c);"),
+            ("server/frame/a.cc", "y = std::hypot (a, b) + ::exp2f(c);"),
             ("partition-agent/a.cc", "std::fma(a, b, c)"),
             ("core/math/a.h", "return std::atan2(y, x);"),
         ]:
@@ -87,14 +105,17 @@ class CheckTreeTest(unittest.TestCase):
             (root / "core/base/a.h").write_text('\n#include "core/math/vec.h"\n')
             (root / "core/attic").mkdir()
             (root / "core/base/b.cc").write_text("double F(double x) {\n  return std::cos(x);\n}\n")
-            (root / "server").mkdir()
+            (root / "core/README.md").write_text("# core\n")
+            (root / "core/attic/c.h").write_text("\n")
+            (root / "server/interact").mkdir(parents=True)
             (root / "server/interact/rate_control.cc").write_text("int x;\n")
             complaints = "\n".join(check_layers.check(root))
         self.assertIn("core/base/a.h:2: core/base (floor 0) includes core/math/vec.h", complaints)
         self.assertIn("core/base/a.h:1: has no test tests/unit/core/base/a_test.cc", complaints)
         self.assertIn("core/base/b.cc:2: calls cos of libm", complaints)
         self.assertIn("server/interact/rate_control.cc:1: may call libm but does not", complaints)
-        self.assertIn("core/attic:1: stands on no floor", complaints)
+        self.assertIn("core/attic/c.h:1: stands on no floor", complaints)
+        self.assertIn("core/README.md:1: has another drawing", complaints)
 
 
 if __name__ == "__main__":

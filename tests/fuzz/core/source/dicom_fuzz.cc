@@ -2,7 +2,7 @@
 // is there.
 //
 // Our own look through the file is fuzzed in full. GDCM, as Debian builds it, ends the process it
-// runs in by assertions on many broken files, which is not this one (docs/fuzzing.md).
+// runs in by assertions on many broken files, which is not this one (docs/lab/fuzzing.md).
 
 #include <cstddef>
 #include <cstdint>
