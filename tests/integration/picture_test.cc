@@ -234,7 +234,7 @@ std::vector<image::RgbaImage> FramesOfApng(const std::string& apng) {
   std::vector<std::string> pngs;
   for (const client::PngChunk& chunk : *chunks) {
     if (chunk.type == "fcTL") {
-      pngs.push_back(absl::StrCat(cli::kPngSignature, chunks->front().bytes));
+      pngs.push_back(absl::StrCat(client::kPngSignature, chunks->front().bytes));
     } else if (chunk.type == "IDAT") {
       absl::StrAppend(&pngs.back(), chunk.bytes);
     } else if (chunk.type == "fdAT") {

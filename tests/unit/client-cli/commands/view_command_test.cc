@@ -8,6 +8,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "client-cli/commands/program.h"
 #include "core/cli/usage.h"
 
 namespace isoscope::cli {

@@ -23,7 +23,7 @@ constexpr std::size_t kMaxDecodedPixels = std::size_t{1} << 24;
 
 // The same chunks, each with its checksum.
 std::string Sealed(absl::string_view png) {
-  std::string sealed(png.substr(0, cli::kPngSignature.size()));
+  std::string sealed(png.substr(0, client::kPngSignature.size()));
   std::size_t at = sealed.size();
   while (png.size() - at >= 12) {
     const std::size_t size = client::LoadBigEndian32(png.substr(at));

@@ -7,7 +7,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "client-cli/commands.h"
+#include "core/cli/command.h"
+#include "core/cli/flag_set.h"
 #include "core/cli/usage.h"
 #include "core/image/png_codec.h"
 #include "tests/support/status_matchers.h"
