@@ -22,7 +22,7 @@ import sys
 
 # The rooms of each floor, from the top of the house to its ground.
 FLOORS = [
-    ["bench"],
+    ["bench", "clients/cpp/example"],
     ["client-cli"],
     ["client-cli/commands"],
     ["client-cli/terminal"],
@@ -65,6 +65,7 @@ GRPC_ROOMS = {
 # Who may name protobuf's headers and generated messages (*.pb.h) besides.
 PROTO_ROOMS = GRPC_ROOMS | {
     "clients/cpp/request",
+    "clients/cpp/example",
     "client-cli/commands",
     "client-cli/output",
     "client-cli/terminal",

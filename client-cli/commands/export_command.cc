@@ -17,6 +17,7 @@
 #include "client-cli/commands/program.h"
 #include "client-cli/output/no_surface.h"
 #include "client-cli/session/session.h"
+#include "clients/cpp/connection/mesh_export.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/mesh_file/mesh_components.h"
 #include "clients/cpp/mesh_file/mesh_piece.h"
@@ -173,18 +174,13 @@ class SurfaceStores : public client::MeshSink {
 // Gives the stream of the isosurfaces to `sink`.
 absl::Status Receive(const ExportFlags& flags, const std::string& dataset, Session* session,
                      client::MeshSink* sink, const Context& context) {
-  client::MeshDecoder decoder(static_cast<int>(flags.mesh_surfaces().size()));
   ProgressLine line(context.err, context.err_is_terminal);
-  const auto add_chunk = [&](const isoscope::v1::ExportIsosurfaceResponse& chunk) -> absl::Status {
-    line.Update(absl::StrCat("exporting  ", FormatCount(decoder.vertex_count()), " vertices, ",
-                             FormatCount(decoder.triangle_count()), " triangles"));
-    ISOSCOPE_ASSIGN_OR_RETURN(const client::MeshPiece piece,
-                              decoder.Decode(chunk.surface_index(), chunk.positions(),
-                                             chunk.normals(), chunk.triangles()));
-    return sink->Add(piece);
-  };
-  return session->client().ExportIsosurface(MakeRequest(flags, dataset), session->export_timeout(),
-                                            add_chunk);
+  return client::ReceiveMesh(
+      MakeRequest(flags, dataset), session->export_timeout(), &session->client(), sink,
+      [&](std::int64_t vertex_count, std::int64_t triangle_count) {
+        line.Update(absl::StrCat("exporting  ", FormatCount(vertex_count), " vertices, ",
+                                 FormatCount(triangle_count), " triangles"));
+      });
 }
 
 absl::Status DropIslands(std::int64_t min_triangles, const SurfaceStores& surfaces,

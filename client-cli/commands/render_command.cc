@@ -27,6 +27,7 @@
 #include "client-cli/terminal/show_picture.h"
 #include "clients/cpp/connection/like_picture.h"
 #include "clients/cpp/connection/png_metadata.h"
+#include "clients/cpp/connection/render_frame.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/picture_file/annotations.h"
 #include "clients/cpp/picture_file/picture_scaling.h"
@@ -58,9 +59,6 @@ namespace isoscope::cli {
 namespace {
 
 namespace v1 = isoscope::v1;
-
-// One message is copied less often than parts are, but takes memory for the whole twice.
-constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
 
 struct RenderFlags {
   SessionFlags session;
@@ -123,7 +121,7 @@ absl::Status CheckPoster(const RenderFlags& flags) {
     return UsageError(absl::StrCat("--output FILE.png is missing: a picture of ", size,
                                    " is written while it is drawn"));
   }
-  if (IsJpeg(flags) || flags.planes.any_plane()) {
+  if (IsJpeg(flags) || flags.planes.files.any_plane()) {
     return UsageError(absl::StrCat(
         "a picture of ", size, " is drawn in regions into a PNG: ",
         IsJpeg(flags) ? "--output must end in .png" : "planes are written of a --region of it"));
@@ -169,7 +167,7 @@ absl::Status CheckShow(const RenderFlags& flags, const Context& context) {
     return UsageError("--show and --stats - both write to standard output: leave one out");
   }
   const bool may_show = IsFormat(mode) || (mode == ShowMode::kAuto && context.out_columns > 0);
-  if (!flags.output && (flags.like || (!flags.planes.any_plane() && !may_show))) {
+  if (!flags.output && (flags.like || (!flags.planes.files.any_plane() && !may_show))) {
     return UsageError("--output FILE.png is missing: the picture to write");
   }
   return absl::OkStatus();
@@ -186,7 +184,7 @@ absl::Status CheckUsage(const RenderFlags& flags, const FlagSet& set, const Cont
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.view, flags.request.camera));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.planes, flags.output));
     ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags.look, flags.request.isovalues().size()));
-    if (flags.planes.any_plane() && flags.sweep.frame_count() > 1) {
+    if (flags.planes.files.any_plane() && flags.sweep.frame_count() > 1) {
       return UsageError("planes are written of one picture: leave --repeat and sweeps out");
     }
     if (flags.trace && flags.sweep.frame_count() > 1) {
@@ -263,26 +261,17 @@ PictureOutput MakeOutput(const RenderFlags& flags, const Subject& subject) {
                         .samples_digest = subject.dataset.samples_digest()});
 }
 
-std::size_t PlaneBytes(const RenderFlags& flags) {
-  const view::Viewport size = flags.request.image_size();
-  return static_cast<std::size_t>(size.width_px) * static_cast<std::size_t>(size.height_px) *
-         flags.planes.bytes_per_pixel();
-}
-
-// Renders one frame, remembers its statistics and writes its trace. Large planes come in parts.
+// Renders one frame, remembers its statistics and writes its trace.
 absl::StatusOr<v1::RenderIsosurfaceResponse> RenderFrame(
-    const v1::RenderIsosurfaceRequest& plain_request, std::size_t plane_bytes,
-    const std::optional<std::string>& trace_path, Session* session,
-    std::vector<FrameRecord>* frames, bool says_waiting, const Context& context) {
+    const v1::RenderIsosurfaceRequest& plain_request, const std::optional<std::string>& trace_path,
+    Session* session, std::vector<FrameRecord>* frames, bool says_waiting, const Context& context) {
   v1::RenderIsosurfaceRequest request = plain_request;
   request.set_with_trace(trace_path.has_value());
   const absl::Time start = absl::Now();
   const WaitingLine waiting(context.err, says_waiting && context.err_is_terminal, "rendering");
   ISOSCOPE_ASSIGN_OR_RETURN(
       v1::RenderIsosurfaceResponse response,
-      plane_bytes > kMaxUnaryPlaneBytes
-          ? session->client().RenderIsosurfaceStream(request, session->frame_timeout())
-          : session->client().RenderIsosurface(request, session->frame_timeout()));
+      client::RenderFrame(request, session->frame_timeout(), &session->client()));
   frames->push_back({.wall_ms = absl::ToDoubleMilliseconds(absl::Now() - start),
                      .statistics = response.statistics()});
   if (trace_path) {
@@ -408,10 +397,10 @@ absl::Status WriteFrame(const RenderFlags& flags, int frame_index,
       ISOSCOPE_RETURN_IF_ERROR(
           io::WriteFileAtomically(FrameFileName(*flags.output, frame_index), response.jpeg()));
     }
-  } else if (flags.output || !flags.planes.any_plane()) {
+  } else if (flags.output || !flags.planes.files.any_plane()) {
     ISOSCOPE_RETURN_IF_ERROR(output->Write(frame_index, request, response));
   }
-  return WritePlanes(flags.planes, response);
+  return client::WritePlanes(flags.planes.files, response);
 }
 
 // The request of frame `i`, whose camera is `first` turned on.
@@ -419,11 +408,11 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
                                                              const client::RequestFlags& of_frame,
                                                              const std::string& dataset,
                                                              const v1::Camera& first, int i) {
-  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
-  v1::RenderIsosurfaceRequest request = client::MakeRequest(of_frame, dataset, camera);
-  // All but the eye has the very bits of the first camera, which may come from a file.
-  *request.mutable_camera() = first;
+  ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceRequest request,
+                            client::MakeRequest(of_frame, dataset, first));
   if (i > 0 && flags.sweep.orbit_degrees.value_or(0) != 0) {
+    // All but the eye has the very bits of the first camera.
+    ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera camera, rpc::CameraFromProto(first, "camera"));
     *request.mutable_camera()->mutable_eye() =
         rpc::ToProto(CameraOfFrame(flags.sweep, camera, i).eye);
   }
@@ -433,7 +422,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
   request.set_allow_partial(flags.allow_partial);
-  if (IsJpeg(flags) || flags.planes.any_plane()) {
+  if (IsJpeg(flags) || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
   return request;
@@ -469,10 +458,9 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
       }
       ISOSCOPE_ASSIGN_OR_RETURN(const v1::RenderIsosurfaceRequest request,
                                 MakeFrameRequest(flags, of_frame, dataset.name(), camera, i));
-      ISOSCOPE_ASSIGN_OR_RETURN(
-          v1::RenderIsosurfaceResponse response,
-          RenderFrame(request, PlaneBytes(flags), flags.trace, session, &frames,
-                      /*says_waiting=*/frame_count == 1, context));
+      ISOSCOPE_ASSIGN_OR_RETURN(v1::RenderIsosurfaceResponse response,
+                                RenderFrame(request, flags.trace, session, &frames,
+                                            /*says_waiting=*/frame_count == 1, context));
       if (i == 0 && flags.view.save_camera_file) {
         ISOSCOPE_RETURN_IF_ERROR(io::WriteFileAtomically(*flags.view.save_camera_file,
                                                          client::CameraToJson(response.camera())));
@@ -487,8 +475,8 @@ absl::Status RunFrames(const RenderFlags& flags, const PictureDisplay& display, 
   ISOSCOPE_RETURN_IF_ERROR(WriteStatistics(flags, frames, context));
   WarnIfTruncated(frames, flags, context);
   const std::string name = flags.output ? FrameFileName(*flags.output, frame_count - 1)
-                           : flags.planes.any_plane() ? "planes"
-                                                      : "picture";
+                           : flags.planes.files.any_plane() ? "planes"
+                                                            : "picture";
   TextOut(flags, context) << DescribeStatistics(frames, context.out_columns) << "\n"
                           << name << ": " << flags.request.image_size().width_px << " x "
                           << flags.request.image_size().height_px << " pixels"
@@ -509,7 +497,7 @@ absl::Status RunLike(const RenderFlags& flags, const client::RecordedPng& record
   request.set_culling(rpc::ToProto(flags.request.culling.value_or(frame::Culling::kDepth)));
   std::vector<FrameRecord> frames;
   ISOSCOPE_ASSIGN_OR_RETURN(const isoscope::v1::RenderIsosurfaceResponse response,
-                            RenderFrame(request, /*plane_bytes=*/0, flags.trace, session, &frames,
+                            RenderFrame(request, flags.trace, session, &frames,
                                         /*says_waiting=*/true, context));
   PictureOutput output = MakeOutput(flags, subject);
   ISOSCOPE_RETURN_IF_ERROR(output.Write(0, request, response));
@@ -537,7 +525,7 @@ absl::Status Run(const RenderFlags& flags, const FlagSet& set, const Context& co
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags, set, context));
   ISOSCOPE_RETURN_IF_ERROR(CheckOutputs(flags));
   const PictureDisplay display = PictureDisplay::ForStandardOutput(ShowModeOf(flags), context);
-  if (!flags.output && !flags.planes.any_plane() && !display.is_on()) {
+  if (!flags.output && !flags.planes.files.any_plane() && !display.is_on()) {
     return UsageError("--output FILE.png is missing: this terminal shows no pictures");
   }
   if (flags.like) {

@@ -5,6 +5,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 
+#include "clients/cpp/connection/connect.h"
 #include "core/base/status_macros.h"
 #include "core/cli/usage.h"
 #include "core/rpc/peer.h"
@@ -51,8 +52,7 @@ absl::StatusOr<std::string> ReadToken(const ConnectionFlags& flags, const std::s
   } else if (const absl::Status checked = rpc::CheckTokenText(token); !checked.ok()) {
     return absl::InvalidArgumentError(absl::StrCat("$", kTokenVariable, ": ", checked.message()));
   }
-  if (!flags.transport.has_tls() && !flags.transport.is_insecure &&
-      !rpc::IsLoopbackTarget(server)) {
+  if (!client::MaySendToken(flags.transport, server)) {
     return UsageError(absl::StrCat("the token would go to ", server,
                                    " in plaintext: give --tls-ca FILE, or --insecure where the "
                                    "way there is safe by other means"));

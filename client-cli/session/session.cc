@@ -10,6 +10,7 @@
 #include "client-cli/session/dataset_cache.h"
 #include "client-cli/session/embedded_cluster.h"
 #include "client-cli/session/partition_volume.h"
+#include "clients/cpp/connection/connect.h"
 #include "clients/cpp/connection/service_client.h"
 #include "clients/cpp/request/parse_value.h"
 #include "core/base/log.h"
@@ -19,7 +20,6 @@
 #include "core/cli/waiting_line.h"
 #include "core/io/file.h"
 #include "core/partition/partitioner.h"
-#include "core/rpc/channel.h"
 #include "core/rpc/host_port.h"
 #include "core/store/shard_reader.h"
 #include "partition-agent/shard.h"
@@ -187,7 +187,6 @@ absl::Status CheckUsage(const SessionFlags& flags) {
 struct Session::Parts {
   EntryLock dataset_lock;                    // of a cached dataset; outlives the cluster
   std::unique_ptr<EmbeddedCluster> cluster;  // null with a server
-  std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<client::ServiceClient> client;
   std::string token;
   std::string dataset_name;
@@ -208,11 +207,11 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   if (flags.server) {
     parts->dataset_name = flags.dataset.value_or("");
     ISOSCOPE_ASSIGN_OR_RETURN(parts->token, ReadToken(flags.connection, *flags.server));
-    ISOSCOPE_ASSIGN_OR_RETURN(const rpc::Dialing dialing,
-                              rpc::MakeDialing(flags.connection.transport, /*own_role=*/""));
-    parts->channel = rpc::MakeChannel(*flags.server, dialing);
-    parts->client = std::make_unique<client::ServiceClient>(parts->channel, *flags.server,
-                                                            context.interrupt, parts->token);
+    ISOSCOPE_ASSIGN_OR_RETURN(parts->client,
+                              client::Connect({.address = *flags.server,
+                                               .transport = flags.connection.transport,
+                                               .token = parts->token},
+                                              context.interrupt));
     return std::unique_ptr<Session>(new Session(std::move(parts)));
   }
   ISOSCOPE_ASSIGN_OR_RETURN(CachedDataset dataset, PrepareInput(flags, context));
@@ -229,15 +228,14 @@ absl::StatusOr<std::unique_ptr<Session>> Session::Open(
   // Log lines of --verbose would stand in the middle of it.
   const WaitingLine waiting(context.err, context.err_is_terminal && !flags.is_verbose, "opening");
   ISOSCOPE_ASSIGN_OR_RETURN(parts->cluster, EmbeddedCluster::Start(options));
-  parts->channel = parts->cluster->Channel();
   parts->client =
-      std::make_unique<client::ServiceClient>(parts->channel, "", context.interrupt, "");
+      std::make_unique<client::ServiceClient>(parts->cluster->Channel(), "", context.interrupt, "");
   return std::unique_ptr<Session>(new Session(std::move(parts)));
 }
 
 client::ServiceClient& Session::client() { return *parts_->client; }
 
-const std::shared_ptr<grpc::Channel>& Session::channel() const { return parts_->channel; }
+const std::shared_ptr<grpc::Channel>& Session::channel() const { return parts_->client->channel(); }
 
 const std::string& Session::token() const { return parts_->token; }
 

@@ -1,4 +1,4 @@
-// SIGINT and SIGTERM as a Cancellation, so that an interrupted command cleans up.
+// SIGINT and SIGTERM, or Trigger() alone, as a Cancellation: what is interrupted cleans up.
 
 #ifndef ISOSCOPE_CORE_CLI_INTERRUPT_H_
 #define ISOSCOPE_CORE_CLI_INTERRUPT_H_
@@ -20,7 +20,7 @@ class Interrupt {
   // long as the process.
   void InstallForProcess(void (*before_exit)() = nullptr);
 
-  // Does as the first signal does.
+  // Does as the first signal does, installed or not. Not in a handler of signals: it locks.
   void Trigger() { cancellation_.Cancel(); }
   // Blocks until Trigger().
   void Wait();

@@ -38,6 +38,7 @@ class CoordinatorChannel {
   [[nodiscard]] isoscope::v1::DatasetService::Stub* dataset() const { return dataset_.get(); }
   [[nodiscard]] isoscope::v1::ClusterService::Stub* cluster() const { return cluster_.get(); }
   [[nodiscard]] isoscope::v1::InteractService::Stub* interact() const { return interact_.get(); }
+  [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const { return channel_; }
   [[nodiscard]] const std::string& address() const { return address_; }
   [[nodiscard]] const std::string& token() const { return token_; }
 

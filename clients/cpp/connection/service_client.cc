@@ -74,9 +74,11 @@ ServiceClient::ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string
                              cli::Interrupt* interrupt, std::string token)
     : channel_(std::make_unique<CoordinatorChannel>(std::move(channel), std::move(address),
                                                     std::move(token))),
-      interrupt_(interrupt) {}
+      interrupt_(interrupt == nullptr ? never_ : interrupt->cancellation()) {}
 
 ServiceClient::~ServiceClient() = default;
+
+const std::shared_ptr<grpc::Channel>& ServiceClient::channel() const { return channel_->channel(); }
 
 std::unique_ptr<InteractStream> ServiceClient::Interact() const {
   return std::make_unique<InteractStreamImpl>(*channel_);
@@ -86,7 +88,7 @@ absl::Status ServiceClient::Explain(const grpc::Status& status, absl::Time deadl
   if (status.ok()) {
     return absl::OkStatus();
   }
-  if (interrupt_->cancellation().is_cancelled()) {
+  if (interrupt_.is_cancelled()) {
     return absl::CancelledError("interrupted");
   }
   absl::Status explained = rpc::ToAbslStatus(status);
@@ -112,10 +114,10 @@ absl::Status ServiceClient::Call(absl::Duration timeout,
   const std::optional<base::TraceContext> caller =
       base::TraceContext::Parse(traceparent == nullptr ? "" : traceparent);
   std::string request_id;
-  const absl::Status status = CallWithRetries(deadline, interrupt_->cancellation(), [&] {
+  const absl::Status status = CallWithRetries(deadline, interrupt_, [&] {
     CallContext context(*channel_, {.deadline = deadline,
                                     .identity = caller.has_value() ? &*caller : nullptr,
-                                    .cancellation = &interrupt_->cancellation()});
+                                    .cancellation = &interrupt_});
     absl::Status explained = Explain(call(context.get()), deadline);
     request_id = rpc::RequestIdOf(*context.get());
     return explained;

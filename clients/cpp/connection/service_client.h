@@ -14,6 +14,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
+#include "core/base/cancellation.h"
 #include "core/cli/interrupt.h"
 
 namespace grpc {
@@ -75,11 +76,15 @@ class InteractStream {
 // Thread-safe.
 class ServiceClient {
  public:
-  // `address`: for messages; "" for an in-process channel. `interrupt` must outlive the client.
-  // `token`: goes with each call; empty: none.
+  // `address`: for messages; "" for an in-process channel. `token`: goes with each call; empty:
+  // none. `interrupt`: outlives the client, and needs no handler of signals: whoever calls its
+  // Trigger() ends all calls, those to come too. Null: calls end with their timeouts only.
   ServiceClient(std::shared_ptr<grpc::Channel> channel, std::string address,
                 cli::Interrupt* interrupt, std::string token);
   ~ServiceClient();
+
+  // For others that speak with the same coordinator.
+  [[nodiscard]] const std::shared_ptr<grpc::Channel>& channel() const;
 
   // Errors of the service; UNAVAILABLE says how to start a server if none is there.
   absl::StatusOr<isoscope::v1::Dataset> GetDataset(const std::string& name, absl::Duration timeout);
@@ -116,7 +121,8 @@ class ServiceClient {
                     absl::FunctionRef<grpc::Status(grpc::ClientContext*)> call) const;
 
   const std::unique_ptr<CoordinatorChannel> channel_;
-  cli::Interrupt* const interrupt_;
+  const base::Cancellation never_;  // stands in for an interrupt that is null
+  const base::Cancellation& interrupt_;
 };
 
 }  // namespace isoscope::client

@@ -2,7 +2,6 @@
 
 #include <cstddef>
 
-#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 
 #include "clients/cpp/request/look_flags.h"
@@ -143,6 +142,14 @@ isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
   if (flags.background_color) {
     *request.mutable_background_color() = ToProto(*flags.background_color);
   }
+  return request;
+}
+
+absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
+    const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const view::Camera checked, rpc::CameraFromProto(camera, "camera"));
+  isoscope::v1::RenderIsosurfaceRequest request = MakeRequest(flags, dataset, checked);
+  *request.mutable_camera() = camera;
   return request;
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 
 #include "clients/cpp/request/camera_flags.h"
@@ -57,6 +58,10 @@ absl::Status CheckUsage(const RequestFlags& flags);
 isoscope::v1::RenderIsosurfaceRequest MakeRequest(const RequestFlags& flags,
                                                   const std::string& dataset,
                                                   const view::Camera& camera);
+// The same with the very bits of a camera, such as ResolveView gives, which may come from a file.
+// INVALID_ARGUMENT if it can't see.
+absl::StatusOr<isoscope::v1::RenderIsosurfaceRequest> MakeRequest(
+    const RequestFlags& flags, const std::string& dataset, const isoscope::v1::Camera& camera);
 
 isoscope::v1::Color ToProto(const frame::Color& color);
 

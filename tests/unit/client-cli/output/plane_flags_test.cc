@@ -3,9 +3,7 @@
 #include "gtest/gtest.h"
 
 #include "core/cli/usage.h"
-#include "core/io/file.h"
 #include "tests/support/status_matchers.h"
-#include "tests/support/temp_dir.h"
 
 namespace isoscope::cli {
 namespace {
@@ -28,7 +26,7 @@ TEST(PlaneFlagsTest, FlagsBecomeOptionsOfTheRequest) {
   EXPECT_EQ(jpeg.image_format(), v1::OutputOptions::IMAGE_FORMAT_JPEG);
   EXPECT_EQ(jpeg.jpeg_quality(), 40);
   const v1::OutputOptions planes =
-      MakeOutputOptions({.depth = "d.npy", .position = "p.npy"}, std::nullopt);
+      MakeOutputOptions({.files = {.depth = "d.npy", .position = "p.npy"}}, std::nullopt);
   EXPECT_EQ(planes.image_format(), v1::OutputOptions::IMAGE_FORMAT_NONE);
   EXPECT_TRUE(planes.depth());
   EXPECT_TRUE(planes.position());
@@ -40,23 +38,6 @@ TEST(PlaneFlagsTest, QualityIsForJpegOnly) {
   ISOSCOPE_EXPECT_OK(CheckUsage(PlaneFlags{.jpeg_quality = 40}, "a.jpg"));
   EXPECT_TRUE(IsUsageError(CheckUsage(PlaneFlags{.jpeg_quality = 40}, "a.png")));
   EXPECT_TRUE(IsUsageError(CheckUsage(PlaneFlags{.jpeg_quality = 40}, std::nullopt)));
-}
-
-TEST(PlaneFlagsTest, PlanesAreWrittenWithTheirShape) {
-  const testing::TempDir folder;
-  v1::RenderIsosurfaceResponse response;
-  response.mutable_extent()->set_width_px(2);
-  response.mutable_extent()->set_height_px(3);
-  response.set_surface_index("abcdef");
-  const PlaneFlags flags{.surface_index = folder.Sub("s.npy")};
-  ISOSCOPE_EXPECT_OK(CheckWritable(flags));
-  ISOSCOPE_ASSERT_OK(WritePlanes(flags, response));
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string file,
-                                io::ReadWholeFile(folder.Sub("s.npy"), 1000));
-  EXPECT_NE(file.find("(3, 2)"), std::string::npos);
-  EXPECT_EQ(file.substr(file.size() - 6), "abcdef");
-  EXPECT_FALSE(WritePlanes(PlaneFlags{.depth = folder.Sub("d.npy")}, response).ok())
-      << "a server that does not know planes";
 }
 
 }  // namespace

@@ -1,0 +1,43 @@
+// The door of the client: from an address, files of TLS and a token to calls.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_CONNECT_H_
+#define ISOSCOPE_CLIENTS_CPP_CONNECTION_CONNECT_H_
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+
+#include "clients/cpp/connection/service_client.h"
+#include "core/cli/interrupt.h"
+#include "core/rpc/transport.h"
+
+namespace isoscope::client {
+
+struct ConnectOptions {
+  std::string address;  // HOST:PORT of a coordinator, or of `isoscope serve`
+  // `ca_file` switches TLS on. gRPC reads the files again when they change.
+  rpc::TransportFlags transport = {};
+  // Goes with each call; at most one of the two. Both empty: none.
+  std::string token = {};
+  std::string token_file = {};
+};
+
+// Whether a token may go to `address`: in plaintext it stays on this machine, unless the flags are
+// insecure.
+bool MaySendToken(const rpc::TransportFlags& transport, absl::string_view address);
+
+// The channel dials with the first call, so a server that is not there is an error of that call.
+//
+// `interrupt`: outlives the client; null: calls end with their timeouts only.
+//
+// INVALID_ARGUMENT: the address, the combination of files, the token, or a token that would leave
+// this machine in plaintext. NOT_FOUND, PERMISSION_DENIED, FAILED_PRECONDITION: of the files.
+// Thread-safe.
+absl::StatusOr<std::unique_ptr<ServiceClient>> Connect(const ConnectOptions& options,
+                                                       cli::Interrupt* interrupt = nullptr);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_CONNECTION_CONNECT_H_

@@ -1,0 +1,44 @@
+// Meshes from the service into sinks and files.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_MESH_EXPORT_H_
+#define ISOSCOPE_CLIENTS_CPP_CONNECTION_MESH_EXPORT_H_
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+
+#include "clients/cpp/connection/service_client.h"
+#include "clients/cpp/mesh_file/mesh_piece.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::client {
+
+// Called with the vertices and triangles that have come, before each chunk is added to them.
+using MeshProgress = std::function<void(std::int64_t vertex_count, std::int64_t triangle_count)>;
+
+// Gives the surfaces of the request to `sink` as they come; does not call its Finish. `progress`
+// may be null. Errors as ServiceClient::ExportIsosurface, MeshDecoder and the sink.
+absl::Status ReceiveMesh(const isoscope::v1::ExportIsosurfaceRequest& request,
+                         absl::Duration timeout, ServiceClient* client, MeshSink* sink,
+                         const MeshProgress& progress = nullptr);
+
+struct MeshFileSummary {
+  std::int64_t vertex_count = 0;
+  std::int64_t triangle_count = 0;
+  std::int64_t size_bytes = 0;
+};
+
+// Writes the surfaces of the request to a file, in the format of its suffix: .ply, .stl, .obj, .glb
+// or .vtp. The file appears whole or not at all. INVALID_ARGUMENT: another suffix. Else errors of
+// writing and as ReceiveMesh.
+absl::StatusOr<MeshFileSummary> WriteMeshFile(const isoscope::v1::ExportIsosurfaceRequest& request,
+                                              const std::string& path, absl::Duration timeout,
+                                              ServiceClient* client);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_CONNECTION_MESH_EXPORT_H_

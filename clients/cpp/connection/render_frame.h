@@ -1,0 +1,45 @@
+// A frame in the way that fits its size, and its planes as files.
+
+#ifndef ISOSCOPE_CLIENTS_CPP_CONNECTION_RENDER_FRAME_H_
+#define ISOSCOPE_CLIENTS_CPP_CONNECTION_RENDER_FRAME_H_
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+
+#include "clients/cpp/connection/service_client.h"
+#include "isoscope/v1/isosurface_service.pb.h"
+
+namespace isoscope::client {
+
+// Renders one frame; large planes come in parts. Errors as ServiceClient::RenderIsosurface.
+absl::StatusOr<isoscope::v1::RenderIsosurfaceResponse> RenderFrame(
+    const isoscope::v1::RenderIsosurfaceRequest& request, absl::Duration timeout,
+    ServiceClient* client);
+
+// Where planes go, as NumPy files (.npy); those that are not set are not written.
+struct PlaneFiles {
+  std::optional<std::string> depth = std::nullopt;
+  std::optional<std::string> surface_index = std::nullopt;
+  std::optional<std::string> position = std::nullopt;
+  std::optional<std::string> normal = std::nullopt;
+
+  // Whether any plane is asked for.
+  [[nodiscard]] bool any_plane() const { return depth || surface_index || position || normal; }
+};
+
+// Asks for these planes, and leaves the picture as it is asked for.
+void RequestPlanes(const PlaneFiles& files, isoscope::v1::OutputOptions* options);
+
+// Writes the planes of a response, as arrays of shape height, width and, for vectors, 3. Each file
+// appears whole or not at all. DATA_LOSS: a plane has not the size of the picture, as one that the
+// request did not ask for. Else errors of writing.
+absl::Status WritePlanes(const PlaneFiles& files,
+                         const isoscope::v1::RenderIsosurfaceResponse& response);
+
+}  // namespace isoscope::client
+
+#endif  // ISOSCOPE_CLIENTS_CPP_CONNECTION_RENDER_FRAME_H_
