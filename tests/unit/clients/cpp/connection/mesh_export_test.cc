@@ -42,7 +42,7 @@ class Triangles final : public v1::IsosurfaceService::Service {
       chunk.set_surface_index(i);
       chunk.set_positions(Bytes<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}));
       chunk.set_normals(Bytes<float>({0, 0, 1, 0, 0, 1, 0, 0, 1}));
-      chunk.set_triangles(Bytes<std::int64_t>({0, 1, 2}));
+      chunk.set_triangles(Bytes<std::int64_t>({3 * i, 3 * i + 1, 3 * i + 2}));
       writer->Write(chunk);
     }
     return grpc::Status::OK;
