@@ -5,7 +5,7 @@
 //   peer, A: 6 frames, B: 6 frames  run 2
 //
 // So what slows the machine down for a while slows all of them. A process is `isoscope render
-// --stats -` of this very program; its pictures go to /dev/null.
+// --stats -` of `isoscope`; its pictures go to /dev/null.
 //
 // `first` is the median over runs of frame 0, the cold one; `following` is that of each run's
 // median over the other frames. Each figure is a median by itself, so the steps need not add up to

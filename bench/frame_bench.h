@@ -50,7 +50,7 @@ struct BenchDataset {
 };
 
 struct FrameBenchPlan {
-  std::string program;  // of this executable: "/proc/self/exe"
+  std::string program;  // the path of `isoscope`
   std::vector<BenchDataset> datasets;
   std::vector<double> isovalues;
   std::vector<std::string> cullings;

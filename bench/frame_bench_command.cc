@@ -12,9 +12,12 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 
@@ -169,6 +172,21 @@ absl::StatusOr<PeerCall> PreparePeer(const FrameBenchFlags& flags, const FrameBe
   return call;
 }
 
+// `isoscope`, which is timed, from the folder that this program is in.
+absl::StatusOr<std::string> RenderingProgram() {
+  std::error_code error;
+  const std::filesystem::path own = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (error) {
+    return absl::NotFoundError(absl::StrCat("/proc/self/exe: ", error.message()));
+  }
+  std::string path = (own.parent_path() / "isoscope").string();
+  if (!std::filesystem::exists(path, error)) {
+    return absl::NotFoundError(absl::StrCat("isoscope-bench times the program ", path,
+                                            ", which is not there; install both in one folder"));
+  }
+  return path;
+}
+
 absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
   ISOSCOPE_RETURN_IF_ERROR(CheckUsage(flags));
   const bool is_dataset = store::IsDatasetDirectory(*flags.input);
@@ -179,7 +197,7 @@ absl::Status Run(const FrameBenchFlags& flags, const cli::Context& context) {
     ISOSCOPE_RETURN_IF_ERROR(io::CheckWritable(*flags.json));
   }
   FrameBenchPlan plan;
-  plan.program = "/proc/self/exe";
+  ISOSCOPE_ASSIGN_OR_RETURN(plan.program, RenderingProgram());
   plan.isovalues = flags.isovalues;
   plan.cullings = flags.cullings.empty() ? std::vector<std::string>{"depth"} : flags.cullings;
   plan.renderers = flags.renderers.empty() ? std::vector<std::string>{"auto"} : flags.renderers;

@@ -82,27 +82,27 @@ TEST_F(BenchTest, FramesAreTimedForEveryCaseBesideThePeer) {
   std::ofstream(folder_.Sub("yard.py")) << "# not run: xvfb-run is ours\n";
   const CommandResult result =
       RunIsoscopeBench(Arguments({"frame"}, {"--isovalue",
-                                                 "128",
-                                                 "--shards",
-                                                 "1,2",
-                                                 "--culling",
-                                                 "depth",
-                                                 "none",
-                                                 "--renderer",
-                                                 "cpu",
-                                                 "--runs",
-                                                 "2",
-                                                 "--frames",
-                                                 "3",
-                                                 "--width",
-                                                 "64",
-                                                 "--height",
-                                                 "64",
-                                                 "--peer",
-                                                 folder_.Sub("yard.py"),
-                                                 "--json",
-                                                 folder_.Sub("bench.json")}),
-                  Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath)));
+                                             "128",
+                                             "--shards",
+                                             "1,2",
+                                             "--culling",
+                                             "depth",
+                                             "none",
+                                             "--renderer",
+                                             "cpu",
+                                             "--runs",
+                                             "2",
+                                             "--frames",
+                                             "3",
+                                             "--width",
+                                             "64",
+                                             "--height",
+                                             "64",
+                                             "--peer",
+                                             folder_.Sub("yard.py"),
+                                             "--json",
+                                             folder_.Sub("bench.json")}),
+                       Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath)));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("gyroid.raw"));
   EXPECT_THAT(result.out, HasSubstr("peer cold"));
@@ -133,13 +133,13 @@ TEST_F(BenchTest, AFolderIsTimedAsItIsAndAPeerNeedsTheVolume) {
   ASSERT_THAT(testing::MakeDataset(volume_, folder_.Sub("dataset"), 2, 8), testing::IsOk());
   const CommandResult result =
       RunIsoscopeBench({"frame", folder_.Sub("dataset"), "--isovalue", "128", "--runs", "1",
-                   "--frames", "2", "--width", "64", "--height", "64", "--renderer", "cpu"},
-                  Options(kSystemPath));
+                        "--frames", "2", "--width", "64", "--height", "64", "--renderer", "cpu"},
+                       Options(kSystemPath));
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(result.out.find("peer"), std::string::npos);
-  const CommandResult refused = RunIsoscopeBench({"frame", folder_.Sub("dataset"), "--isovalue",
-                                             "128", "--peer", folder_.Sub("yard.py")},
-                                            Options(kSystemPath));
+  const CommandResult refused = RunIsoscopeBench(
+      {"frame", folder_.Sub("dataset"), "--isovalue", "128", "--peer", folder_.Sub("yard.py")},
+      Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--peer is for volume files"));
 }
@@ -147,10 +147,10 @@ TEST_F(BenchTest, AFolderIsTimedAsItIsAndAPeerNeedsTheVolume) {
 TEST_F(BenchTest, APeerThatFailsIsQuotedAndNothingIsLeft) {
   MakeProgram("xvfb-run", "echo 'ModuleNotFoundError: no vtk' >&2\nexit 1\n");
   std::ofstream(folder_.Sub("yard.py")) << "";
-  const CommandResult result = RunIsoscopeBench(
-      Arguments({"frame"}, {"--isovalue", "128", "--runs", "1", "--width", "64",
-                                     "--height", "64", "--peer", folder_.Sub("yard.py")}),
-      Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath)));
+  const CommandResult result =
+      RunIsoscopeBench(Arguments({"frame"}, {"--isovalue", "128", "--runs", "1", "--width", "64",
+                                             "--height", "64", "--peer", folder_.Sub("yard.py")}),
+                       Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath)));
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_THAT(result.err, HasSubstr("ModuleNotFoundError: no vtk"));
   EXPECT_TRUE(NothingIsLeftBehind());
@@ -162,9 +162,9 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
   std::ofstream(folder_.Sub("yard.py")) << "";
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const std::unique_ptr<testing::Process> process,
-      testing::StartIsoscope(
-          Arguments({"frame"}, {"--isovalue", "128", "--width", "64", "--height", "64",
-                                         "--peer", folder_.Sub("yard.py")}),
+      testing::StartIsoscopeBench(
+          Arguments({"frame"}, {"--isovalue", "128", "--width", "64", "--height", "64", "--peer",
+                                folder_.Sub("yard.py")}),
           Options(absl::StrCat(folder_.Sub("bin"), ":", kSystemPath))));
   while (!io::PathExists(folder_.Sub("started")) &&
          absl::IsDeadlineExceeded(process->Wait(absl::Milliseconds(10)).status())) {
@@ -177,12 +177,11 @@ TEST_F(BenchTest, AnInterruptLeavesNothingBehind) {
 }
 
 TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
-  const CommandResult result =
-      RunIsoscopeBench(Arguments({"cancel"},
-                            {"--isovalue", "128", "--shards", "2", "--cancels", "7",
+  const CommandResult result = RunIsoscopeBench(
+      Arguments({"cancel"}, {"--isovalue", "128", "--shards", "2", "--cancels", "7",
                              "--frames-per-start", "3", "--width", "256", "--height", "256",
                              "--renderer", "cpu", "--json", folder_.Sub("cancel.json")}),
-                  Options(kSystemPath));
+      Options(kSystemPath));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("2 agents in this process"));
   EXPECT_THAT(result.out, HasSubstr("idle ms, median"));
@@ -204,10 +203,10 @@ TEST_F(BenchTest, CancelledFramesLeaveAgentsIdle) {
 TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
   const std::string dataset = folder_.Sub("dataset");
   ISOSCOPE_ASSERT_OK(testing::MakeDataset(testing::GyroidVolume({43, 37, 29}), dataset, 2, 8));
-  const CommandResult result = RunIsoscopeBench(
-      {"drag", dataset, "--isovalue", "128", "--seconds", "1", "--width", "128",
-       "--height", "128", "--renderer", "cpu", "--json", folder_.Sub("drag.json")},
-      Options(kSystemPath));
+  const CommandResult result =
+      RunIsoscopeBench({"drag", dataset, "--isovalue", "128", "--seconds", "1", "--width", "128",
+                        "--height", "128", "--renderer", "cpu", "--json", folder_.Sub("drag.json")},
+                       Options(kSystemPath));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("frames a second"));
   EXPECT_THAT(result.out, HasSubstr(", the bytes of RenderIsosurface"));
@@ -215,8 +214,8 @@ TEST_F(BenchTest, ADragEndsInTheBytesOfRenderIsosurface) {
   EXPECT_GT(bench["frames_per_second"], 0.0);
   EXPECT_EQ(bench["agents"], 2);
 
-  const CommandResult refused = RunIsoscopeBench(
-      {"drag", dataset, "--isovalue", "128", "--rate", "0"}, Options(kSystemPath));
+  const CommandResult refused =
+      RunIsoscopeBench({"drag", dataset, "--isovalue", "128", "--rate", "0"}, Options(kSystemPath));
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("--rate is 0: must lie in [1, 120]"));
 }
@@ -230,10 +229,10 @@ TEST_F(BenchTest, ClientsThatComeAgainAsToldAreAllServedAndNoneIsWrong) {
       testing::ProcessCluster::Start(dataset, 2,
                                      {"--max-concurrent-frames", "1", "--max-queued-frames", "2"}));
   const CommandResult result =
-      RunIsoscopeBench({"clients", "--server", cluster->address(), "--isovalue", "128",
-                   "--clients", "2,12", "--seconds", "3", "--width", "256", "--height", "256",
-                   "--json", folder_.Sub("clients.json")},
-                  Options(kSystemPath));
+      RunIsoscopeBench({"clients", "--server", cluster->address(), "--isovalue", "128", "--clients",
+                        "2,12", "--seconds", "3", "--width", "256", "--height", "256", "--json",
+                        folder_.Sub("clients.json")},
+                       Options(kSystemPath));
   ASSERT_EQ(result.exit_code, 0) << result.err << result.out;
   EXPECT_THAT(result.out, HasSubstr("refusals"));
   const json bench = json::parse(ReadFile("clients.json"), nullptr, /*allow_exceptions=*/false);

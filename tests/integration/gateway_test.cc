@@ -1113,7 +1113,11 @@ TEST(GatewayServerTest, MeshesInWorkKeepToTheDiskSpace) {
   EXPECT_EQ(GetUntilNot(429, fakes.address, kMesh).result_int(), 200U);
   // One that never fits is not to be asked for again.
   fakes.endless.mesh_pieces = 2;
-  const auto too_large = Get(fakes.address, kMesh);
+  // The gateway may still hold the space of the one that was read just now.
+  auto too_large = Get(fakes.address, kMesh);
+  while (HeaderOf(too_large, "Retry-After") != "" && absl::Now() < deadline) {
+    too_large = Get(fakes.address, kMesh);
+  }
   EXPECT_EQ(too_large.result_int(), 429U);
   EXPECT_EQ(HeaderOf(too_large, "Retry-After"), "");
   EXPECT_THAT(too_large.body(), HasSubstr("isoscope export"));

@@ -451,7 +451,7 @@ TEST_F(ObserveTest, EveryLogEventOfTheSourcesIsInTheTable) {
   const std::regex name("\"([a-z][a-z_]+)\"");
   std::set<std::string> events;
   for (const char* folder :
-       {"core", "server", "partition-agent", "web-gateway", "client-cli", "bench"}) {
+       {"core", "clients/cpp", "server", "partition-agent", "web-gateway", "client-cli", "bench"}) {
     for (const auto& entry : std::filesystem::recursive_directory_iterator(
              std::filesystem::path(ISOSCOPE_SOURCE_DIRECTORY) / folder)) {
       if (entry.path().extension() != ".cc") {

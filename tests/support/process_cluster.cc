@@ -118,6 +118,13 @@ absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::st
   return Process::Start(argv, options);
 }
 
+absl::StatusOr<std::unique_ptr<Process>> StartIsoscopeBench(
+    const std::vector<std::string>& arguments, const ProcessOptions& options) {
+  std::vector<std::string> argv{kBench};
+  Append(arguments, &argv);
+  return Process::Start(argv, options);
+}
+
 absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
                                          const std::string& listen_address,
                                          const std::vector<std::string>& flags) {

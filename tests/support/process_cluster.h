@@ -53,6 +53,10 @@ CommandResult RunIsoscopeBench(const std::vector<std::string>& arguments,
 absl::StatusOr<std::unique_ptr<Process>> StartIsoscope(const std::vector<std::string>& arguments,
                                                        const ProcessOptions& options = {});
 
+// Starts `isoscope-bench`.
+absl::StatusOr<std::unique_ptr<Process>> StartIsoscopeBench(
+    const std::vector<std::string>& arguments, const ProcessOptions& options = {});
+
 // A server process and the address it printed.
 struct ServerProcess {
   std::unique_ptr<Process> process;
