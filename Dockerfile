@@ -69,7 +69,7 @@ CMD ["--shard", "/shard"]
 FROM rendering AS cli
 RUN bash -euc '. /usr/share/isoscope/packages.sh; install_packages "${ISOSCOPE_SOURCE_PACKAGES[@]}"; \
     apt-get clean; rm -rf /var/lib/apt/lists/*'
-COPY --from=build /src/build/release/bin/isoscope /usr/local/bin/
+COPY --from=build /src/build/release/bin/isoscope /src/build/release/bin/isoscope-bench /usr/local/bin/
 USER isoscope
 WORKDIR /data
 ENTRYPOINT ["isoscope"]

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is missing and builds the programs: build/release/bin/{isoscope,isoscope-agent,
-# isoscope-coordinator,isoscope-gateway}. Works from any folder; does little when all is there.
+# Installs what is missing and builds the programs: build/release/bin/{isoscope,isoscope-bench,
+# isoscope-agent,isoscope-coordinator,isoscope-gateway}. Works from any folder; does little when all is there.
 set -euo pipefail
 
 usage() {
@@ -74,4 +74,4 @@ install_packages "${packages[@]}"
 cmake --preset release --log-level=WARNING \
   -DISOSCOPE_BUILD_TESTS="$with_tests" -DISOSCOPE_BUILD_BENCHMARKS="$with_tests"
 cmake --build --preset release --parallel "$jobs" --target "$target"
-echo "built: $PWD/build/release/bin/isoscope, isoscope-agent, isoscope-coordinator, isoscope-gateway"
+echo "built: $PWD/build/release/bin/isoscope, isoscope-bench, isoscope-agent, isoscope-coordinator, isoscope-gateway"

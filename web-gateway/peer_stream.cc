@@ -70,7 +70,7 @@ constexpr std::uint64_t kMaxReplyBytes = 64 * 1024;
 
 using ErrorDone = std::function<void(error_code)>;
 using IoDone = std::function<void(error_code, std::size_t)>;
-// What one write takes of a sequence. The rest follows in further writes.
+// The most buffers of a sequence that one write takes. The rest follows in further writes.
 using WriteBuffers = std::array<asio::const_buffer, 4>;
 
 absl::string_view View(boost::beast::string_view text) { return {text.data(), text.size()}; }
@@ -139,7 +139,7 @@ class Transport {
     }
     Write(some, Erase(std::forward<Handler>(handler)));
   }
-  // What a WebSocket does with its stream once it has closed. Found by Beast through the name.
+  // A WebSocket calls it once it has closed. Beast finds it through the name.
   friend void teardown(beast::role_type role, Transport& transport, error_code& error) {
     websocket::teardown(role, transport.socket(), error);
   }

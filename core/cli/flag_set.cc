@@ -273,8 +273,9 @@ absl::Status FlagSet::Parse(const std::vector<std::string>& arguments) {
   } catch (const CLI::CallForVersion&) {
     parts_->requested_text = absl::StrCat(parts_->version, "\n");
     return absl::OkStatus();
-  } catch (const CLI::ExcludesError&) {
-    return ExclusionError(app, parts_->exclusions);
+  } catch (const CLI::ExcludesError& error) {
+    const absl::Status status = ExclusionError(app, parts_->exclusions);
+    return status.ok() ? UsageError(error.what()) : status;
   } catch (const CLI::ParseError& error) {
     return UsageError(error.what());
   }

@@ -13,9 +13,9 @@
 namespace isoscope::cli {
 
 struct Program {
-  std::string name = {};     // "isoscope"
-  std::string summary = {};  // one line
-  std::string example = {};  // the last lines of --help
+  std::string name = {};               // "isoscope"
+  std::string summary = {};            // one line
+  std::string example = {};            // the last lines of --help
   std::vector<Command> commands = {};  // in the order of --help
   // Commands that the program once had, and the end of the sentence that says so: "it is a program
   // of its own: isoscope-bench".

@@ -94,26 +94,9 @@ absl::Status CheckWritable(const std::string& path) {
 }
 
 absl::Status WriteFileAtomically(const std::string& path, absl::string_view bytes) {
-  if (IsSpecialFile(path)) {
-    std::ofstream out(path, std::ios::binary);
-    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    out.close();
-    return out.good() ? absl::OkStatus()
-                      : absl::DataLossError(absl::StrCat("can't write to '", path, "'"));
-  }
-  const std::string partial = PartialName(path);
-  absl::Status status = RemoveRecursively(partial);
-  if (status.ok()) {
-    status = WriteWholeFile(partial, bytes);
-  }
-  if (status.ok()) {
-    status = RenamePath(partial, path);
-  }
-  if (!status.ok()) {
-    // The first error is the one to report.
-    RemoveRecursively(partial).IgnoreError();
-  }
-  return status;
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::unique_ptr<AtomicFile> file, AtomicFile::Create(path));
+  ISOSCOPE_RETURN_IF_ERROR(file->Append(bytes));
+  return file->Commit();
 }
 
 }  // namespace isoscope::io

@@ -1,1 +1,1 @@
-// Nothing: the precompiled header of this program is what all tests use.
+// All tests use the precompiled header of this program.

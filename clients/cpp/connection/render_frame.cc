@@ -14,7 +14,7 @@ namespace v1 = isoscope::v1;
 // One message is copied less often than parts are, but takes memory for the whole twice.
 constexpr std::size_t kMaxUnaryPlaneBytes = std::size_t{64} << 20;
 
-// Of all planes that the request asks for. The service refuses a size that is negative.
+// The bytes of all planes that the request asks for. The service refuses a size that is negative.
 std::size_t PlaneBytes(const v1::RenderIsosurfaceRequest& request) {
   const v1::OutputOptions& output = request.output();
   const int width =
