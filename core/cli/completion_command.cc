@@ -42,15 +42,15 @@ Action RegisterFlags(FlagSet* set) {
 }  // namespace
 
 Command CompletionCommand(const std::string& program) {
-  return {.name = "completion",
-          .summary = "Prints the script that completes commands, flags and values in a shell",
-          .usage = "bash|zsh|fish",
-          .examples = absl::StrCat(
-              "  ", program, " completion fish > ~/.config/fish/completions/", program, ".fish\n",
-              "  source <(", program, " completion bash)                 in ~/.bashrc\n",
-              "  source <(", program,
-              " completion zsh)                  in ~/.zshrc, behind compinit\n"),
-          .register_flags = RegisterFlags};
+  return {
+      .name = "completion",
+      .summary = "Prints the script that completes commands, flags and values in a shell",
+      .usage = "bash|zsh|fish",
+      .examples = absl::StrCat(
+          "  ", program, " completion fish > ~/.config/fish/completions/", program, ".fish\n",
+          "  source <(", program, " completion bash)                 in ~/.bashrc\n", "  source <(",
+          program, " completion zsh)                  in ~/.zshrc, behind compinit\n"),
+      .register_flags = RegisterFlags};
 }
 
 }  // namespace isoscope::cli

@@ -74,8 +74,7 @@ absl::Status WriteManPages(const Program& program, const std::string& directory)
   const auto path = [&](const std::string& command) {
     return absl::StrCat(directory, "/", ManPageName(description, command), ".1");
   };
-  ISOSCOPE_RETURN_IF_ERROR(
-      WriteText(path(""), ProgramManPage(description, program.example)));
+  ISOSCOPE_RETURN_IF_ERROR(WriteText(path(""), ProgramManPage(description, program.example)));
   for (const CommandDescription& command : description.commands) {
     ISOSCOPE_RETURN_IF_ERROR(WriteText(path(command.name), CommandManPage(description, command)));
   }
@@ -85,8 +84,7 @@ absl::Status WriteManPages(const Program& program, const std::string& directory)
 // The commands of the program, found by name.
 class CommandTable {
  public:
-  explicit CommandTable(const Program& program)
-      : program_(program), commands_(program.commands) {}
+  explicit CommandTable(const Program& program) : program_(program), commands_(program.commands) {}
 
   // Null if there is none.
   [[nodiscard]] const Command* Find(const std::string& name) const {
@@ -211,10 +209,10 @@ ProgramDescription DescribeProgram(const Program& program) {
     FlagSet set;
     const Action action = command.register_flags(&set);
     description.commands.push_back({.name = command.name,
-                                .summary = command.summary,
-                                .usage = command.usage,
-                                .examples = command.examples,
-                                .flags = set.Describe()});
+                                    .summary = command.summary,
+                                    .usage = command.usage,
+                                    .examples = command.examples,
+                                    .flags = set.Describe()});
   }
   return description;
 }
@@ -229,7 +227,8 @@ int RunProgram(const Program& program, const std::vector<std::string>& arguments
   if (!status.ok()) {
     *context.err << FormatError(program.name, command, status) << std::endl;
   } else if (!context.out->good()) {
-    *context.err << program.name << ": DATA_LOSS: standard output could not be written" << std::endl;
+    *context.err << program.name << ": DATA_LOSS: standard output could not be written"
+                 << std::endl;
     return kExitFailed;
   }
   return ExitCodeOf(status);

@@ -25,7 +25,8 @@ Outcome RunBench(const std::vector<std::string>& arguments) {
   cli::Interrupt interrupt;
   std::ostringstream out;
   std::ostringstream err;
-  const int exit_code = cli::RunProgram(BenchProgram(), arguments, {.out = &out, .err = &err, .interrupt = &interrupt});
+  const int exit_code = cli::RunProgram(BenchProgram(), arguments,
+                                        {.out = &out, .err = &err, .interrupt = &interrupt});
   return {exit_code, out.str(), err.str()};
 }
 
@@ -33,7 +34,8 @@ TEST(BenchProgramTest, HelpOfEachHasUsageExamplesAndDefaults) {
   for (const cli::Command& command : BenchProgram().commands) {
     const Outcome outcome = RunBench({"help", command.name});
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    EXPECT_THAT(outcome.out, HasSubstr("\nUsage: isoscope-bench " + command.name + " " + command.usage));
+    EXPECT_THAT(outcome.out,
+                HasSubstr("\nUsage: isoscope-bench " + command.name + " " + command.usage));
     EXPECT_THAT(outcome.out, HasSubstr("Examples:\n  isoscope-bench " + command.name));
     EXPECT_THAT(outcome.out, HasSubstr("default:"));
   }
@@ -46,7 +48,8 @@ TEST(BenchProgramTest, HelpListsTheCommandsUnderTheNameOfTheProgram) {
   for (const cli::Command& command : BenchProgram().commands) {
     EXPECT_THAT(help.out, HasSubstr("  " + command.name));
   }
-  EXPECT_THAT(RunBench({"frme"}).err, HasSubstr("isoscope-bench: 'frme' is no command, did you mean 'frame'?"));
+  EXPECT_THAT(RunBench({"frme"}).err,
+              HasSubstr("isoscope-bench: 'frme' is no command, did you mean 'frame'?"));
 }
 
 }  // namespace

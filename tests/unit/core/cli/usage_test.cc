@@ -30,9 +30,9 @@ TEST(UsageTest, ErrorsAreOneLineThatNamesTheCode) {
 }
 
 TEST(UsageTest, ErrorsOfServersDoNotSteerTheTerminal) {
-  EXPECT_EQ(
-      FormatError("isoscope", "render", absl::NotFoundError("\x1b]0;mine\x07\x1b[2J\r\n\u009b31mhead\xff")),
-      "isoscope: NOT_FOUND: ?]0;mine??[2J; ?31mhead?");
+  EXPECT_EQ(FormatError("isoscope", "render",
+                        absl::NotFoundError("\x1b]0;mine\x07\x1b[2J\r\n\u009b31mhead\xff")),
+            "isoscope: NOT_FOUND: ?]0;mine??[2J; ?31mhead?");
   EXPECT_EQ(FormatError("isoscope", "render", UsageError("'\x1b[1m' is one argument too many")),
             "isoscope render: '?[1m' is one argument too many (see 'isoscope render --help')");
 }
