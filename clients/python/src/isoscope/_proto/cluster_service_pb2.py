@@ -15,7 +15,7 @@ from google.protobuf import duration_pb2 as google_dot_protobuf_dot_duration__pb
 from isoscope._proto import geometry_pb2 as isoscope_dot_v1_dot_geometry__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n!isoscope/v1/cluster_service.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x1aisoscope/v1/geometry.proto\"\x18\n\x16GetCapabilitiesRequest\"\xd6\x01\n\x17GetCapabilitiesResponse\x12\x0f\n\x07version\x18\x01 \x01(\t\x12\x17\n\x0fmax_viewport_px\x18\x02 \x01(\x05\x12\"\n\x1amax_concurrent_frame_count\x18\x03 \x01(\x05\x12\x1e\n\x16max_queued_frame_count\x18\x04 \x01(\x05\x12\x19\n\x11max_message_bytes\x18\x05 \x01(\x03\x12\x19\n\x11max_frame_seconds\x18\x06 \x01(\x01\x12\x17\n\x0fgateway_address\x18\x07 \x01(\t\"\x19\n\x17GetClusterStatusRequest\"\x9a\x01\n\x18GetClusterStatusResponse\x12(\n\x06\x61gents\x18\x01 \x03(\x0b\x32\x18.isoscope.v1.AgentStatus\x12*\n\x04load\x18\x02 \x01(\x0b\x32\x1c.isoscope.v1.CoordinatorLoad\x12(\n\x06\x66rames\x18\x03 \x03(\x0b\x32\x18.isoscope.v1.FrameInWork\"\x98\x02\n\x0f\x43oordinatorLoad\x12.\n\x0bup_duration\x18\x01 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x1b\n\x13working_frame_count\x18\x02 \x01(\x05\x12\x1a\n\x12queued_frame_count\x18\x03 \x01(\x05\x12\x18\n\x10\x64one_frame_count\x18\x04 \x01(\x03\x12\x1a\n\x12\x66\x61iled_frame_count\x18\x05 \x01(\x03\x12\x1b\n\x13refused_frame_count\x18\x06 \x01(\x03\x12\x15\n\rnetwork_bytes\x18\x07 \x01(\x03\x12\x16\n\x0eresident_bytes\x18\x08 \x01(\x03\x12\x1a\n\x12memory_limit_bytes\x18\t \x01(\x03\"\xf6\x02\n\x0b\x46rameInWork\x12\x12\n\nrequest_id\x18\x01 \x01(\t\x12\x0e\n\x06\x63lient\x18\x02 \x01(\t\x12\x0f\n\x07\x64\x61taset\x18\x03 \x01(\t\x12%\n\x06\x65xtent\x18\x04 \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12+\n\x04step\x18\x05 \x01(\x0e\x32\x1d.isoscope.v1.FrameInWork.Step\x12/\n\x0c\x61ge_duration\x18\x06 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xac\x01\n\x04Step\x12\x14\n\x10STEP_UNSPECIFIED\x10\x00\x12\x0f\n\x0bSTEP_QUEUED\x10\x01\x12\x12\n\x0eSTEP_PREPARING\x10\x02\x12\x1b\n\x17STEP_OCCLUDER_SELECTION\x10\x03\x12\x1b\n\x17STEP_OCCLUDER_RENDERING\x10\x04\x12\x1b\n\x17STEP_VISIBILITY_CULLING\x10\x05\x12\x12\n\x0eSTEP_FINISHING\x10\x06\"\xb7\x02\n\x0b\x41gentStatus\x12\x0f\n\x07\x61\x64\x64ress\x18\x01 \x01(\t\x12-\n\x05state\x18\x02 \x01(\x0e\x32\x1e.isoscope.v1.AgentStatus.State\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x0f\n\x07version\x18\x04 \x01(\t\x12\x10\n\x08renderer\x18\x05 \x01(\t\x12(\n\x06shards\x18\x06 \x03(\x0b\x32\x18.isoscope.v1.ServedShard\x12\x18\n\x10picture_revision\x18\x07 \x01(\t\x12$\n\x04load\x18\x08 \x01(\x0b\x32\x16.isoscope.v1.AgentLoad\"J\n\x05State\x12\x15\n\x11STATE_UNSPECIFIED\x10\x00\x12\x13\n\x0fSTATE_REACHABLE\x10\x01\x12\x15\n\x11STATE_UNREACHABLE\x10\x02\"\xa0\x02\n\tAgentLoad\x12.\n\x0bup_duration\x18\x01 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x1b\n\x13working_frame_count\x18\x02 \x01(\x05\x12\x18\n\x10\x64one_frame_count\x18\x03 \x01(\x03\x12\x1a\n\x12\x66\x61iled_frame_count\x18\x04 \x01(\x03\x12\x12\n\nread_bytes\x18\x05 \x01(\x03\x12\x16\n\x0etriangle_count\x18\x06 \x01(\x03\x12\x30\n\rbusy_duration\x18\x07 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x16\n\x0eresident_bytes\x18\x08 \x01(\x03\x12\x1a\n\x12memory_limit_bytes\x18\t \x01(\x03\"\\\n\x0bServedShard\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x12\n\ndataset_id\x18\x02 \x01(\t\x12\x13\n\x0bshard_index\x18\x03 \x01(\x05\x12\x13\n\x0b\x62lock_count\x18\x04 \x01(\x03\x32\xcf\x01\n\x0e\x43lusterService\x12\\\n\x0fGetCapabilities\x12#.isoscope.v1.GetCapabilitiesRequest\x1a$.isoscope.v1.GetCapabilitiesResponse\x12_\n\x10GetClusterStatus\x12$.isoscope.v1.GetClusterStatusRequest\x1a%.isoscope.v1.GetClusterStatusResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n!isoscope/v1/cluster_service.proto\x12\x0bisoscope.v1\x1a\x1egoogle/protobuf/duration.proto\x1a\x1aisoscope/v1/geometry.proto\"\x18\n\x16GetCapabilitiesRequest\"\xe8\x01\n\x17GetCapabilitiesResponse\x12\x0f\n\x07version\x18\x01 \x01(\t\x12\x17\n\x0fmax_viewport_px\x18\x02 \x01(\x05\x12\"\n\x1amax_concurrent_frame_count\x18\x03 \x01(\x05\x12\x1e\n\x16max_queued_frame_count\x18\x04 \x01(\x05\x12\x19\n\x11max_message_bytes\x18\x05 \x01(\x03\x12\x19\n\x11max_frame_seconds\x18\x06 \x01(\x01\x12\x17\n\x0fgateway_address\x18\x07 \x01(\t\x12\x10\n\x08\x66\x65\x61tures\x18\x08 \x03(\t\"@\n\x17GetClusterStatusRequest\x12\x11\n\tpage_size\x18\x01 \x01(\x05\x12\x12\n\npage_token\x18\x02 \x01(\t\"\xb3\x01\n\x18GetClusterStatusResponse\x12(\n\x06\x61gents\x18\x01 \x03(\x0b\x32\x18.isoscope.v1.AgentStatus\x12*\n\x04load\x18\x02 \x01(\x0b\x32\x1c.isoscope.v1.CoordinatorLoad\x12(\n\x06\x66rames\x18\x03 \x03(\x0b\x32\x18.isoscope.v1.FrameInWork\x12\x17\n\x0fnext_page_token\x18\x04 \x01(\t\"\x98\x02\n\x0f\x43oordinatorLoad\x12.\n\x0bup_duration\x18\x01 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x1b\n\x13working_frame_count\x18\x02 \x01(\x05\x12\x1a\n\x12queued_frame_count\x18\x03 \x01(\x05\x12\x18\n\x10\x64one_frame_count\x18\x04 \x01(\x03\x12\x1a\n\x12\x66\x61iled_frame_count\x18\x05 \x01(\x03\x12\x1b\n\x13refused_frame_count\x18\x06 \x01(\x03\x12\x15\n\rnetwork_bytes\x18\x07 \x01(\x03\x12\x16\n\x0eresident_bytes\x18\x08 \x01(\x03\x12\x1a\n\x12memory_limit_bytes\x18\t \x01(\x03\"\xf6\x02\n\x0b\x46rameInWork\x12\x12\n\nrequest_id\x18\x01 \x01(\t\x12\x0e\n\x06\x63lient\x18\x02 \x01(\t\x12\x0f\n\x07\x64\x61taset\x18\x03 \x01(\t\x12%\n\x06\x65xtent\x18\x04 \x01(\x0b\x32\x15.isoscope.v1.Viewport\x12+\n\x04step\x18\x05 \x01(\x0e\x32\x1d.isoscope.v1.FrameInWork.Step\x12/\n\x0c\x61ge_duration\x18\x06 \x01(\x0b\x32\x19.google.protobuf.Duration\"\xac\x01\n\x04Step\x12\x14\n\x10STEP_UNSPECIFIED\x10\x00\x12\x0f\n\x0bSTEP_QUEUED\x10\x01\x12\x12\n\x0eSTEP_PREPARING\x10\x02\x12\x1b\n\x17STEP_OCCLUDER_SELECTION\x10\x03\x12\x1b\n\x17STEP_OCCLUDER_RENDERING\x10\x04\x12\x1b\n\x17STEP_VISIBILITY_CULLING\x10\x05\x12\x12\n\x0eSTEP_FINISHING\x10\x06\"\xcc\x02\n\x0b\x41gentStatus\x12\x0f\n\x07\x61\x64\x64ress\x18\x01 \x01(\t\x12-\n\x05state\x18\x02 \x01(\x0e\x32\x1e.isoscope.v1.AgentStatus.State\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x0f\n\x07version\x18\x04 \x01(\t\x12\x10\n\x08renderer\x18\x05 \x01(\t\x12(\n\x06shards\x18\x06 \x03(\x0b\x32\x18.isoscope.v1.ServedShard\x12\x18\n\x10picture_revision\x18\x07 \x01(\t\x12$\n\x04load\x18\x08 \x01(\x0b\x32\x16.isoscope.v1.AgentLoad\x12\x13\n\x0bis_draining\x18\t \x01(\x08\"J\n\x05State\x12\x15\n\x11STATE_UNSPECIFIED\x10\x00\x12\x13\n\x0fSTATE_REACHABLE\x10\x01\x12\x15\n\x11STATE_UNREACHABLE\x10\x02\"\xa0\x02\n\tAgentLoad\x12.\n\x0bup_duration\x18\x01 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x1b\n\x13working_frame_count\x18\x02 \x01(\x05\x12\x18\n\x10\x64one_frame_count\x18\x03 \x01(\x03\x12\x1a\n\x12\x66\x61iled_frame_count\x18\x04 \x01(\x03\x12\x12\n\nread_bytes\x18\x05 \x01(\x03\x12\x16\n\x0etriangle_count\x18\x06 \x01(\x03\x12\x30\n\rbusy_duration\x18\x07 \x01(\x0b\x32\x19.google.protobuf.Duration\x12\x16\n\x0eresident_bytes\x18\x08 \x01(\x03\x12\x1a\n\x12memory_limit_bytes\x18\t \x01(\x03\"\\\n\x0bServedShard\x12\x0f\n\x07\x64\x61taset\x18\x01 \x01(\t\x12\x12\n\ndataset_id\x18\x02 \x01(\t\x12\x13\n\x0bshard_index\x18\x03 \x01(\x05\x12\x13\n\x0b\x62lock_count\x18\x04 \x01(\x03\x32\xcf\x01\n\x0e\x43lusterService\x12\\\n\x0fGetCapabilities\x12#.isoscope.v1.GetCapabilitiesRequest\x1a$.isoscope.v1.GetCapabilitiesResponse\x12_\n\x10GetClusterStatus\x12$.isoscope.v1.GetClusterStatusRequest\x1a%.isoscope.v1.GetClusterStatusResponseb\x06proto3')
 
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, globals())
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'isoscope.v1.cluster_service_pb2', globals())
@@ -25,25 +25,25 @@ if _descriptor._USE_C_DESCRIPTORS == False:
   _GETCAPABILITIESREQUEST._serialized_start=110
   _GETCAPABILITIESREQUEST._serialized_end=134
   _GETCAPABILITIESRESPONSE._serialized_start=137
-  _GETCAPABILITIESRESPONSE._serialized_end=351
-  _GETCLUSTERSTATUSREQUEST._serialized_start=353
-  _GETCLUSTERSTATUSREQUEST._serialized_end=378
-  _GETCLUSTERSTATUSRESPONSE._serialized_start=381
-  _GETCLUSTERSTATUSRESPONSE._serialized_end=535
-  _COORDINATORLOAD._serialized_start=538
-  _COORDINATORLOAD._serialized_end=818
-  _FRAMEINWORK._serialized_start=821
-  _FRAMEINWORK._serialized_end=1195
-  _FRAMEINWORK_STEP._serialized_start=1023
-  _FRAMEINWORK_STEP._serialized_end=1195
-  _AGENTSTATUS._serialized_start=1198
-  _AGENTSTATUS._serialized_end=1509
-  _AGENTSTATUS_STATE._serialized_start=1435
-  _AGENTSTATUS_STATE._serialized_end=1509
-  _AGENTLOAD._serialized_start=1512
-  _AGENTLOAD._serialized_end=1800
-  _SERVEDSHARD._serialized_start=1802
-  _SERVEDSHARD._serialized_end=1894
-  _CLUSTERSERVICE._serialized_start=1897
-  _CLUSTERSERVICE._serialized_end=2104
+  _GETCAPABILITIESRESPONSE._serialized_end=369
+  _GETCLUSTERSTATUSREQUEST._serialized_start=371
+  _GETCLUSTERSTATUSREQUEST._serialized_end=435
+  _GETCLUSTERSTATUSRESPONSE._serialized_start=438
+  _GETCLUSTERSTATUSRESPONSE._serialized_end=617
+  _COORDINATORLOAD._serialized_start=620
+  _COORDINATORLOAD._serialized_end=900
+  _FRAMEINWORK._serialized_start=903
+  _FRAMEINWORK._serialized_end=1277
+  _FRAMEINWORK_STEP._serialized_start=1105
+  _FRAMEINWORK_STEP._serialized_end=1277
+  _AGENTSTATUS._serialized_start=1280
+  _AGENTSTATUS._serialized_end=1612
+  _AGENTSTATUS_STATE._serialized_start=1538
+  _AGENTSTATUS_STATE._serialized_end=1612
+  _AGENTLOAD._serialized_start=1615
+  _AGENTLOAD._serialized_end=1903
+  _SERVEDSHARD._serialized_start=1905
+  _SERVEDSHARD._serialized_end=1997
+  _CLUSTERSERVICE._serialized_start=2000
+  _CLUSTERSERVICE._serialized_end=2207
 # @@protoc_insertion_point(module_scope)

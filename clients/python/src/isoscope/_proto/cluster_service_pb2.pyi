@@ -31,10 +31,11 @@ class AgentLoad(_message.Message):
     def __init__(self, up_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., working_frame_count: _Optional[int] = ..., done_frame_count: _Optional[int] = ..., failed_frame_count: _Optional[int] = ..., read_bytes: _Optional[int] = ..., triangle_count: _Optional[int] = ..., busy_duration: _Optional[_Union[_duration_pb2.Duration, _Mapping]] = ..., resident_bytes: _Optional[int] = ..., memory_limit_bytes: _Optional[int] = ...) -> None: ...
 
 class AgentStatus(_message.Message):
-    __slots__ = ["address", "load", "message", "picture_revision", "renderer", "shards", "state", "version"]
+    __slots__ = ["address", "is_draining", "load", "message", "picture_revision", "renderer", "shards", "state", "version"]
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = []
     ADDRESS_FIELD_NUMBER: _ClassVar[int]
+    IS_DRAINING_FIELD_NUMBER: _ClassVar[int]
     LOAD_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
     PICTURE_REVISION_FIELD_NUMBER: _ClassVar[int]
@@ -46,6 +47,7 @@ class AgentStatus(_message.Message):
     STATE_UNSPECIFIED: AgentStatus.State
     VERSION_FIELD_NUMBER: _ClassVar[int]
     address: str
+    is_draining: bool
     load: AgentLoad
     message: str
     picture_revision: str
@@ -53,7 +55,7 @@ class AgentStatus(_message.Message):
     shards: _containers.RepeatedCompositeFieldContainer[ServedShard]
     state: AgentStatus.State
     version: str
-    def __init__(self, address: _Optional[str] = ..., state: _Optional[_Union[AgentStatus.State, str]] = ..., message: _Optional[str] = ..., version: _Optional[str] = ..., renderer: _Optional[str] = ..., shards: _Optional[_Iterable[_Union[ServedShard, _Mapping]]] = ..., picture_revision: _Optional[str] = ..., load: _Optional[_Union[AgentLoad, _Mapping]] = ...) -> None: ...
+    def __init__(self, address: _Optional[str] = ..., state: _Optional[_Union[AgentStatus.State, str]] = ..., message: _Optional[str] = ..., version: _Optional[str] = ..., renderer: _Optional[str] = ..., shards: _Optional[_Iterable[_Union[ServedShard, _Mapping]]] = ..., picture_revision: _Optional[str] = ..., load: _Optional[_Union[AgentLoad, _Mapping]] = ..., is_draining: bool = ...) -> None: ...
 
 class CoordinatorLoad(_message.Message):
     __slots__ = ["done_frame_count", "failed_frame_count", "memory_limit_bytes", "network_bytes", "queued_frame_count", "refused_frame_count", "resident_bytes", "up_duration", "working_frame_count"]
@@ -107,7 +109,8 @@ class GetCapabilitiesRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetCapabilitiesResponse(_message.Message):
-    __slots__ = ["gateway_address", "max_concurrent_frame_count", "max_frame_seconds", "max_message_bytes", "max_queued_frame_count", "max_viewport_px", "version"]
+    __slots__ = ["features", "gateway_address", "max_concurrent_frame_count", "max_frame_seconds", "max_message_bytes", "max_queued_frame_count", "max_viewport_px", "version"]
+    FEATURES_FIELD_NUMBER: _ClassVar[int]
     GATEWAY_ADDRESS_FIELD_NUMBER: _ClassVar[int]
     MAX_CONCURRENT_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
     MAX_FRAME_SECONDS_FIELD_NUMBER: _ClassVar[int]
@@ -115,6 +118,7 @@ class GetCapabilitiesResponse(_message.Message):
     MAX_QUEUED_FRAME_COUNT_FIELD_NUMBER: _ClassVar[int]
     MAX_VIEWPORT_PX_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
+    features: _containers.RepeatedScalarFieldContainer[str]
     gateway_address: str
     max_concurrent_frame_count: int
     max_frame_seconds: float
@@ -122,21 +126,27 @@ class GetCapabilitiesResponse(_message.Message):
     max_queued_frame_count: int
     max_viewport_px: int
     version: str
-    def __init__(self, version: _Optional[str] = ..., max_viewport_px: _Optional[int] = ..., max_concurrent_frame_count: _Optional[int] = ..., max_queued_frame_count: _Optional[int] = ..., max_message_bytes: _Optional[int] = ..., max_frame_seconds: _Optional[float] = ..., gateway_address: _Optional[str] = ...) -> None: ...
+    def __init__(self, version: _Optional[str] = ..., max_viewport_px: _Optional[int] = ..., max_concurrent_frame_count: _Optional[int] = ..., max_queued_frame_count: _Optional[int] = ..., max_message_bytes: _Optional[int] = ..., max_frame_seconds: _Optional[float] = ..., gateway_address: _Optional[str] = ..., features: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class GetClusterStatusRequest(_message.Message):
-    __slots__ = []
-    def __init__(self) -> None: ...
+    __slots__ = ["page_size", "page_token"]
+    PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
+    PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
+    page_size: int
+    page_token: str
+    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class GetClusterStatusResponse(_message.Message):
-    __slots__ = ["agents", "frames", "load"]
+    __slots__ = ["agents", "frames", "load", "next_page_token"]
     AGENTS_FIELD_NUMBER: _ClassVar[int]
     FRAMES_FIELD_NUMBER: _ClassVar[int]
     LOAD_FIELD_NUMBER: _ClassVar[int]
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
     agents: _containers.RepeatedCompositeFieldContainer[AgentStatus]
     frames: _containers.RepeatedCompositeFieldContainer[FrameInWork]
     load: CoordinatorLoad
-    def __init__(self, agents: _Optional[_Iterable[_Union[AgentStatus, _Mapping]]] = ..., load: _Optional[_Union[CoordinatorLoad, _Mapping]] = ..., frames: _Optional[_Iterable[_Union[FrameInWork, _Mapping]]] = ...) -> None: ...
+    next_page_token: str
+    def __init__(self, agents: _Optional[_Iterable[_Union[AgentStatus, _Mapping]]] = ..., load: _Optional[_Union[CoordinatorLoad, _Mapping]] = ..., frames: _Optional[_Iterable[_Union[FrameInWork, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
 class ServedShard(_message.Message):
     __slots__ = ["block_count", "dataset", "dataset_id", "shard_index"]

@@ -44,7 +44,8 @@ class ClusterServiceServicer(object):
         """Returns the agents, which shards they serve, and whether they can be reached; and what
         coordinator and agents do now. Cheap; of agents it answers what the coordinator last saw.
 
-        Errors: none of its own.
+        Errors:
+        * INVALID_ARGUMENT: a page token that the server did not give, or a negative page size.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

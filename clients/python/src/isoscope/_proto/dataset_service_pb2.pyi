@@ -20,14 +20,16 @@ class GetDatasetResponse(_message.Message):
     def __init__(self, dataset: _Optional[_Union[_dataset_pb2.Dataset, _Mapping]] = ...) -> None: ...
 
 class GetHistogramRequest(_message.Message):
-    __slots__ = ["dataset", "max_bin_count", "value_range"]
+    __slots__ = ["dataset", "dataset_id", "max_bin_count", "value_range"]
     DATASET_FIELD_NUMBER: _ClassVar[int]
+    DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     MAX_BIN_COUNT_FIELD_NUMBER: _ClassVar[int]
     VALUE_RANGE_FIELD_NUMBER: _ClassVar[int]
     dataset: str
+    dataset_id: str
     max_bin_count: int
     value_range: _dataset_pb2.ValueRange
-    def __init__(self, dataset: _Optional[str] = ..., max_bin_count: _Optional[int] = ..., value_range: _Optional[_Union[_dataset_pb2.ValueRange, _Mapping]] = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., max_bin_count: _Optional[int] = ..., value_range: _Optional[_Union[_dataset_pb2.ValueRange, _Mapping]] = ..., dataset_id: _Optional[str] = ...) -> None: ...
 
 class GetHistogramResponse(_message.Message):
     __slots__ = ["bins", "has_sample_counts", "nan_count", "negative_infinity_count", "positive_infinity_count", "suggestions"]
@@ -77,11 +79,17 @@ class IsovalueSuggestion(_message.Message):
     def __init__(self, method: _Optional[_Union[IsovalueSuggestion.Method, str]] = ..., isovalue: _Optional[float] = ..., inside_fraction: _Optional[float] = ...) -> None: ...
 
 class ListDatasetsRequest(_message.Message):
-    __slots__ = []
-    def __init__(self) -> None: ...
+    __slots__ = ["page_size", "page_token"]
+    PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
+    PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
+    page_size: int
+    page_token: str
+    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ListDatasetsResponse(_message.Message):
-    __slots__ = ["datasets"]
+    __slots__ = ["datasets", "next_page_token"]
     DATASETS_FIELD_NUMBER: _ClassVar[int]
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
     datasets: _containers.RepeatedCompositeFieldContainer[_dataset_pb2.Dataset]
-    def __init__(self, datasets: _Optional[_Iterable[_Union[_dataset_pb2.Dataset, _Mapping]]] = ...) -> None: ...
+    next_page_token: str
+    def __init__(self, datasets: _Optional[_Iterable[_Union[_dataset_pb2.Dataset, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...

@@ -40,7 +40,8 @@ class DatasetServiceServicer(object):
         """Lists all datasets of which at least one shard is served, in order of name. Cheap; reads
         nothing.
 
-        Errors: none of its own.
+        Errors:
+        * INVALID_ARGUMENT: a page token that the server did not give, or a negative page size.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -72,16 +72,18 @@ class ColorRange(_message.Message):
     def __init__(self, min: _Optional[float] = ..., max: _Optional[float] = ...) -> None: ...
 
 class ExportIsosurfaceRequest(_message.Message):
-    __slots__ = ["clip", "dataset", "isovalue", "surfaces"]
+    __slots__ = ["clip", "dataset", "dataset_id", "isovalue", "surfaces"]
     CLIP_FIELD_NUMBER: _ClassVar[int]
     DATASET_FIELD_NUMBER: _ClassVar[int]
+    DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
     SURFACES_FIELD_NUMBER: _ClassVar[int]
     clip: ClipRegion
     dataset: str
+    dataset_id: str
     isovalue: float
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., dataset_id: _Optional[str] = ...) -> None: ...
 
 class ExportIsosurfaceResponse(_message.Message):
     __slots__ = ["normals", "positions", "surface_index", "triangles"]
@@ -210,7 +212,7 @@ class Pixel(_message.Message):
     def __init__(self, x: _Optional[int] = ..., y: _Optional[int] = ...) -> None: ...
 
 class RenderIsosurfaceRequest(_message.Message):
-    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "isovalue", "lights", "max_layers", "output", "ray_seed", "region", "samples", "silhouette", "surfaces", "viewport", "with_trace"]
+    __slots__ = ["allow_partial", "ambient_occlusion", "background_color", "base_color", "camera", "camera_fit", "caps", "clip", "culling", "dataset", "dataset_id", "isovalue", "lights", "max_layers", "output", "ray_seed", "region", "samples", "silhouette", "surfaces", "viewport", "with_trace"]
     ALLOW_PARTIAL_FIELD_NUMBER: _ClassVar[int]
     AMBIENT_OCCLUSION_FIELD_NUMBER: _ClassVar[int]
     BACKGROUND_COLOR_FIELD_NUMBER: _ClassVar[int]
@@ -221,6 +223,7 @@ class RenderIsosurfaceRequest(_message.Message):
     CLIP_FIELD_NUMBER: _ClassVar[int]
     CULLING_FIELD_NUMBER: _ClassVar[int]
     DATASET_FIELD_NUMBER: _ClassVar[int]
+    DATASET_ID_FIELD_NUMBER: _ClassVar[int]
     ISOVALUE_FIELD_NUMBER: _ClassVar[int]
     LIGHTS_FIELD_NUMBER: _ClassVar[int]
     MAX_LAYERS_FIELD_NUMBER: _ClassVar[int]
@@ -242,6 +245,7 @@ class RenderIsosurfaceRequest(_message.Message):
     clip: ClipRegion
     culling: _frame_pb2.Culling
     dataset: str
+    dataset_id: str
     isovalue: float
     lights: _containers.RepeatedCompositeFieldContainer[Light]
     max_layers: int
@@ -253,7 +257,7 @@ class RenderIsosurfaceRequest(_message.Message):
     surfaces: _containers.RepeatedCompositeFieldContainer[Surface]
     viewport: _geometry_pb2.Viewport
     with_trace: bool
-    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ...) -> None: ...
+    def __init__(self, dataset: _Optional[str] = ..., isovalue: _Optional[float] = ..., camera: _Optional[_Union[_geometry_pb2.Camera, _Mapping]] = ..., viewport: _Optional[_Union[_geometry_pb2.Viewport, _Mapping]] = ..., culling: _Optional[_Union[_frame_pb2.Culling, str]] = ..., base_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., background_color: _Optional[_Union[_geometry_pb2.Color, _Mapping]] = ..., ray_seed: _Optional[int] = ..., surfaces: _Optional[_Iterable[_Union[Surface, _Mapping]]] = ..., clip: _Optional[_Union[ClipRegion, _Mapping]] = ..., lights: _Optional[_Iterable[_Union[Light, _Mapping]]] = ..., camera_fit: _Optional[_Union[CameraFit, str]] = ..., region: _Optional[_Union[_geometry_pb2.Region, _Mapping]] = ..., output: _Optional[_Union[OutputOptions, _Mapping]] = ..., ambient_occlusion: _Optional[_Union[AmbientOcclusion, _Mapping]] = ..., silhouette: _Optional[_Union[Silhouette, _Mapping]] = ..., samples: _Optional[int] = ..., max_layers: _Optional[int] = ..., caps: _Optional[_Union[ClipCaps, _Mapping]] = ..., with_trace: bool = ..., allow_partial: bool = ..., dataset_id: _Optional[str] = ...) -> None: ...
 
 class RenderIsosurfaceResponse(_message.Message):
     __slots__ = ["camera", "colorings", "depth", "extent", "jpeg", "normal", "png", "position", "rgba8", "statistics", "surface_index", "trace"]
