@@ -185,6 +185,7 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
   service_options.mailboxes = options.mailboxes;
   service_options.max_concurrent_frames = options.max_concurrent_frames;
   service_options.max_queued_frames = options.max_queued_frames;
+  service_options.frame_executor = options.frame_executor;
   auto server = std::make_unique<AgentServerImpl>(service_options);
   ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;

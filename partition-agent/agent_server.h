@@ -14,6 +14,7 @@
 #include <grpcpp/channel.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include "core/base/executor.h"
 #include "core/base/metrics.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
@@ -36,6 +37,10 @@ struct AgentServerOptions {
   // The most frames in work at a time. Others wait, or are refused with RESOURCE_EXHAUSTED.
   int max_concurrent_frames = 4;
   int max_queued_frames = 64;
+  // Runs the steps of frames, for all agents of a process: else each would have threads of its own,
+  // and hundreds of agents thousands of threads that wake at once. With room for the steps of
+  // max_concurrent_frames + max_queued_frames frames of each agent. Null: the agent makes one.
+  std::shared_ptr<base::Executor> frame_executor = nullptr;
   // With TLS, only coordinators may call.
   rpc::TransportFlags transport = {};
   bool has_reflection = true;

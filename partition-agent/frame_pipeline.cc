@@ -252,16 +252,41 @@ class FramePipeline::Impl {
     return only_cpu ? *resources_.cpu_renderer : *resources_.renderer;
   }
 
+  // Returns the active blocks of the opaque surfaces, of the whole volume, that are not clipped.
+  [[nodiscard]] std::shared_ptr<const volume::BlockSet> BlocksThatStopRays() const {
+    std::shared_ptr<const volume::BlockSet>
+        active;                              // of the first surface, while it is the only one
+    std::optional<volume::BlockSet> blocks;  // else
+    for (const frame::Surface& surface : task_.spec.surfaces) {
+      if (surface.is_translucent()) {
+        continue;
+      }
+      const auto of_surface = shards_.front()->reader->ActiveBlocks(surface.isovalue);
+      if (active == nullptr) {
+        active = of_surface;
+        continue;
+      }
+      if (!blocks.has_value()) {
+        blocks = *active;
+      }
+      blocks->UnionWith(*of_surface);
+    }
+    if (active == nullptr) {
+      return std::make_shared<const volume::BlockSet>(layout_.block_count());
+    }
+    if (!clipper_.empty()) {
+      if (!blocks.has_value()) {
+        blocks = *active;
+      }
+      clipper_.EraseOutside(layout_, &*blocks);
+    }
+    return blocks.has_value() ? std::make_shared<const volume::BlockSet>(*std::move(blocks))
+                              : active;
+  }
+
   // Step 1.
   absl::StatusOr<std::vector<volume::BlockId>> CastRays() const {
-    const volume::RangeTable& ranges = shards_.front()->reader->ranges();
-    volume::BlockSet active(layout_.block_count());
-    for (const frame::Surface& surface : task_.spec.surfaces) {
-      if (!surface.is_translucent()) {
-        active.UnionWith(ranges.ActiveBlocks(surface.isovalue));
-      }
-    }
-    clipper_.EraseOutside(layout_, &active);
+    const std::shared_ptr<const volume::BlockSet> active = BlocksThatStopRays();
     const visibility::RaySet rays(view_, layout_, task_.spec.ray_seed);
     const visibility::RayShare share =
         visibility::ShareOfRays(rays.count(), task_.agent_index, task_.agent_count);
@@ -273,7 +298,7 @@ class FramePipeline::Impl {
       }
       const base::TraceScope trace(resources_.trace, "rays");
       const std::int64_t begin = share.begin + task * kRaysPerTask;
-      rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), active, &hits_by_thread.local());
+      rays.Cast(begin, std::min(begin + kRaysPerTask, share.end), *active, &hits_by_thread.local());
     });
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     volume::BlockSet hits(layout_.block_count());

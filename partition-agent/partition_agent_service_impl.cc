@@ -698,8 +698,12 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
       mailboxes_(options.mailboxes),
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
       description_(Describe(options.shards, *options.renderer)),
-      frame_executor_(static_cast<std::size_t>(options.max_concurrent_frames),
-                      // Refused frames never get here, so the step of each frame fits.
+      // Refused frames never get here, so the step of each frame fits.
+      frame_executor_(options.frame_executor != nullptr
+                          ? options.frame_executor
+                          : std::make_shared<base::Executor>(
+                                static_cast<std::size_t>(options.max_concurrent_frames),
+                                static_cast<std::size_t>(max_frames_)),
                       static_cast<std::size_t>(max_frames_)),
       extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions),
       query_executor_(kMaxConcurrentQueries, kMaxQueuedQueries) {

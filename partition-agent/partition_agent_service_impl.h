@@ -37,6 +37,7 @@ struct PartitionAgentServiceOptions {
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;  // null: pixels leave as bands
   int max_concurrent_frames = 4;                               // >= 1
   int max_queued_frames = 64;                                  // >= 0
+  std::shared_ptr<base::Executor> frame_executor = nullptr;    // as AgentServerOptions has it
 };
 
 // Thread-safe. Destroy it only after its server has shut down.
@@ -120,7 +121,7 @@ class PartitionAgentServiceImpl final
   AgentMetrics metrics_;
   const absl::Time start_ = absl::Now();
   // These come last, because their threads use the members above.
-  base::Executor frame_executor_;
+  base::ExecutorShare frame_executor_;
   base::Executor extraction_executor_;
   base::Executor query_executor_;
 };

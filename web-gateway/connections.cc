@@ -45,6 +45,11 @@ void Connections::Close(bool at_once) {
   }
 }
 
+bool Connections::is_closing() {
+  const base::MutexLock lock(&mutex_);
+  return is_closing_;
+}
+
 bool Connections::AwaitNone(absl::Time deadline) {
   base::MutexLock lock(&mutex_);
   while (!closers_.empty()) {

@@ -43,6 +43,8 @@ class Connections {
   std::shared_ptr<Lease> TryAdd();
   // Calls every closer, and those that are set later.
   void Close(bool at_once);
+  // Returns true from Close on.
+  [[nodiscard]] bool is_closing();
   // Waits until there are no connections; false if `deadline` passes before.
   bool AwaitNone(absl::Time deadline);
   [[nodiscard]] int count();

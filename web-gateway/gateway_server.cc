@@ -110,6 +110,9 @@ class GatewayServerImpl final : public GatewayServer {
       ServeHttp(stream, &parts_, std::move(lease));
       return;
     }
+    if (connections_.is_closing()) {
+      return;  // as those that came before, which end without an answer
+    }
     metrics_.refused.Add();
     if (!has_tls_) {  // an answer would cost a handshake
       stream->Refuse(kTooManyConnections);

@@ -1,6 +1,8 @@
 #include "client-cli/session/embedded_cluster.h"
 
+#include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -9,6 +11,7 @@
 #include "absl/time/clock.h"
 
 #include "clients/cpp/request/parse_value.h"
+#include "core/base/executor.h"
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/units.h"
@@ -72,6 +75,11 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
                                                   .arena = arena}));
 
   const std::shared_ptr<image::PixelMailboxes> mailboxes = image::PixelMailboxes::Make();
+  // As many steps at a time as one agent would run, or as there are threads to draw with.
+  const auto frame_executor = std::make_shared<base::Executor>(
+      static_cast<std::size_t>(
+          std::max(agent::AgentServerOptions().max_concurrent_frames, arena->max_concurrency())),
+      /*max_queued=*/std::numeric_limits<std::size_t>::max());
   server::CoordinatorServerOptions coordinator_options;
   coordinator_options.mailboxes = mailboxes;
   coordinator_options.arena = arena;
@@ -82,6 +90,7 @@ absl::StatusOr<std::unique_ptr<EmbeddedCluster>> EmbeddedCluster::Start(
     agent_options.arena = arena;
     agent_options.memory = memory;
     agent_options.mailboxes = mailboxes;
+    agent_options.frame_executor = frame_executor;
     ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<agent::AgentServer> agent,
                               agent::AgentServer::Start(agent_options));
     coordinator_options.agents.push_back(

@@ -55,4 +55,36 @@ void Executor::Run() {
   }
 }
 
+ExecutorShare::~ExecutorShare() {
+  const MutexLock lock(&mutex_);
+  ended_.Await(&mutex_, [this]() ABSL_SHARED_LOCKS_REQUIRED(mutex_) { return task_count_ == 0; });
+}
+
+bool ExecutorShare::TrySchedule(Executor::Task task) {
+  {
+    const MutexLock lock(&mutex_);
+    if (task_count_ >= max_tasks_) {
+      return false;
+    }
+    ++task_count_;
+  }
+  const bool is_scheduled = executor_->TrySchedule([this, task = std::move(task)]() mutable {
+    {
+      Executor::Task running = std::move(task);
+      std::move(running)();
+    }  // what the task holds is gone before it counts as ended
+    NoteEnd();
+  });
+  if (!is_scheduled) {
+    NoteEnd();
+  }
+  return is_scheduled;
+}
+
+void ExecutorShare::NoteEnd() {
+  const MutexLock lock(&mutex_);
+  --task_count_;
+  ended_.SignalAll();  // with the mutex: the owner may be gone right after
+}
+
 }  // namespace isoscope::base

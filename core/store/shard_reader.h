@@ -22,8 +22,10 @@
 #include "core/io/read_queue.h"
 #include "core/store/manifest.h"
 #include "core/store/shard_format.h"
+#include "core/store/volume_ranges.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/block_samples.h"
+#include "core/volume/block_set.h"
 #include "core/volume/range_table.h"
 #include "core/volume/sample_histogram.h"
 
@@ -43,7 +45,8 @@ absl::StatusOr<DatasetDescription> OpenDataset(const std::string& directory);
 bool IsDatasetDirectory(const std::string& directory);
 bool IsShardDirectory(const std::string& directory);
 
-// An open shard. Holds the range table and 24 bytes for each of its blocks. Immutable after Open;
+// An open shard. Holds 24 bytes for each of its blocks, and shares the range table with the other
+// shards of its volume in this process. Immutable after Open;
 // thread-safe.
 class ShardReader {
  public:
@@ -63,7 +66,11 @@ class ShardReader {
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] int shard_index() const { return shard_index_; }
   [[nodiscard]] const volume::BlockLayout& layout() const { return layout_; }
-  [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_; }
+  [[nodiscard]] const volume::RangeTable& ranges() const { return ranges_->table(); }
+  // As ranges().ActiveBlocks(isovalue), of all shards of the volume in this process.
+  [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(double isovalue) const {
+    return ranges_->ActiveBlocks(isovalue);
+  }
   [[nodiscard]] std::int64_t block_count() const;
   // REQUIRES: ordinal < block_count().
   [[nodiscard]] volume::BlockId block_id(std::uint32_t ordinal) const;
@@ -138,7 +145,7 @@ class ShardReader {
   std::uint32_t manifest_crc32c_ = 0;
   int shard_index_ = 0;
   volume::BlockLayout layout_;
-  volume::RangeTable ranges_;
+  std::shared_ptr<VolumeRanges> ranges_;
   std::vector<Entry> entries_;                     // by ordinal
   OpenFile open_file_;                             // of Open, for what is read later
   std::optional<std::uint32_t> histogram_crc32c_;  // of the whole file; not set: there is none

@@ -49,7 +49,10 @@ Clipper::Clipper(const ClipRegion& region, const volume::GridGeometry& geometry)
 }
 
 Clipper::Side Clipper::SideOf(const volume::BlockLayout& layout, volume::BlockId id) const {
-  const math::IndexBox cells = layout.CellsOf(id);
+  return SideOf(layout.CellsOf(id));
+}
+
+Clipper::Side Clipper::SideOf(const math::IndexBox& cells) const {
   Side side = Side::kInside;
   for (std::size_t i = 0; i < half_spaces_.size(); ++i) {
     const HalfSpace& half_space = half_spaces_[i];
@@ -76,9 +79,36 @@ void Clipper::EraseOutside(const volume::BlockLayout& layout, volume::BlockSet* 
   if (empty()) {
     return;
   }
-  for (const volume::BlockId id : blocks->Ids()) {
-    if (SideOf(layout, id) == Side::kOutside) {
-      blocks->words()[id / 64] &= ~(std::uint64_t{1} << (id % 64));
+  const math::Index3 dims = layout.block_dims();
+  // Rounding is monotonic, so the side of a row or a slab is that of all its blocks unless it is
+  // cut.
+  const auto side_of = [&](std::int64_t first, std::int64_t last) {
+    return SideOf({layout.CellsOf(static_cast<volume::BlockId>(first)).begin,
+                   layout.CellsOf(static_cast<volume::BlockId>(last)).end});
+  };
+  const std::int64_t slab = dims.x * dims.y;
+  for (std::int64_t begin = 0; begin < slab * dims.z; begin += slab) {
+    const Side of_slab = side_of(begin, begin + slab - 1);
+    if (of_slab == Side::kOutside) {
+      blocks->EraseRange(begin, begin + slab);
+    }
+    if (of_slab != Side::kCut) {
+      continue;
+    }
+    for (std::int64_t row = begin; row < begin + slab; row += dims.x) {
+      const Side of_row = side_of(row, row + dims.x - 1);
+      if (of_row == Side::kOutside) {
+        blocks->EraseRange(row, row + dims.x);
+      }
+      if (of_row != Side::kCut) {
+        continue;
+      }
+      for (std::int64_t id = row; id < row + dims.x; ++id) {
+        const auto block = static_cast<volume::BlockId>(id);
+        if (blocks->Contains(block) && SideOf(layout, block) == Side::kOutside) {
+          blocks->EraseRange(id, id + 1);
+        }
+      }
     }
   }
 }

@@ -56,7 +56,7 @@ class Clipper {
   enum class Side { kInside, kOutside, kCut };
   // Returns the side of a block's cells, and so of all fragments of its triangles. O(half-spaces).
   [[nodiscard]] Side SideOf(const volume::BlockLayout& layout, volume::BlockId id) const;
-  // Removes the blocks that are outside.
+  // Removes the blocks that are outside. O(rows of blocks + blocks of rows that are cut).
   void EraseOutside(const volume::BlockLayout& layout, volume::BlockSet* blocks) const;
 
   // Returns the signed distance of a vertex to a plane, scaled by the length of the normal.
@@ -72,6 +72,8 @@ class Clipper {
   }
 
  private:
+  [[nodiscard]] Side SideOf(const math::IndexBox& cells) const;
+
   std::vector<HalfSpace> half_spaces_;
   std::vector<double> margins_;  // of rounding, for each half-space
 };

@@ -26,7 +26,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <iterator>
 
 #include "absl/types/span.h"
 
@@ -249,25 +248,12 @@ RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count) {
   return {begin_of(agent_index), begin_of(std::int64_t{agent_index} + 1)};
 }
 
-std::vector<volume::BlockId> UnionOfHits(const std::vector<volume::BlockId>& a,
-                                         const std::vector<volume::BlockId>& b) {
-  std::vector<volume::BlockId> both;
-  both.reserve(a.size() + b.size());
-  std::set_union(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
-  return both;
-}
-
-volume::BlockSet OccludingBlocks(const std::vector<volume::BlockId>& hits,
-                                 const volume::BlockLayout& layout,
+volume::BlockSet OccludingBlocks(const volume::BlockSet& hits, const volume::BlockLayout& layout,
                                  const volume::BlockSet& active) {
-  volume::BlockSet hit_set(layout.block_count());
-  for (const volume::BlockId hit : hits) {
-    hit_set.Insert(hit);
-  }
-  volume::BlockSet occluding = hit_set;
+  volume::BlockSet occluding = hits;
   AddNeighbours(layout.block_dims(), &occluding);
   occluding.IntersectWith(active);
-  occluding.UnionWith(hit_set);
+  occluding.UnionWith(hits);
   return occluding;
 }
 

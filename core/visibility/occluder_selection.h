@@ -73,15 +73,10 @@ struct RayShare {
 // Divides the rays evenly. REQUIRES: 0 <= agent_index < agent_count.
 RayShare ShareOfRays(std::int64_t ray_count, int agent_index, int agent_count);
 
-// Reduces step 1: returns the union of two ascending hit lists, ascending, each block once.
-// Associative, commutative, idempotent.
-std::vector<volume::BlockId> UnionOfHits(const std::vector<volume::BlockId>& a,
-                                         const std::vector<volume::BlockId>& b);
-
 // Returns the occluding blocks: the hits, and those of their 26 neighbours that are active.
-// REQUIRES: the hits are blocks of the layout. O(hits + blocks / 64).
-volume::BlockSet OccludingBlocks(const std::vector<volume::BlockId>& hits,
-                                 const volume::BlockLayout& layout, const volume::BlockSet& active);
+// `hits`: of all agents. A set, so that neither their order nor their number shows. O(blocks / 64).
+volume::BlockSet OccludingBlocks(const volume::BlockSet& hits, const volume::BlockLayout& layout,
+                                 const volume::BlockSet& active);
 
 }  // namespace isoscope::visibility
 

@@ -1,5 +1,7 @@
 #include "core/volume/block_set.h"
 
+#include <algorithm>
+
 #include "core/base/check.h"
 
 namespace isoscope::volume {
@@ -35,6 +37,15 @@ void BlockSet::IntersectWith(const BlockSet& other) {
   ISOSCOPE_CHECK_EQ(words_.size(), other.words_.size());
   for (std::size_t i = 0; i < words_.size(); ++i) {
     words_[i] &= other.words_[i];
+  }
+}
+
+void BlockSet::EraseRange(std::int64_t begin, std::int64_t end) {
+  while (begin < end) {
+    const std::int64_t word_end = std::min(end, (begin / 64 + 1) * 64);
+    const std::uint64_t bits = ~std::uint64_t{0} >> (64 - (word_end - begin)) << (begin % 64);
+    words_[static_cast<std::size_t>(begin / 64)] &= ~bits;
+    begin = word_end;
   }
 }
 

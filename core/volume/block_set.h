@@ -20,8 +20,19 @@ class BlockSet {
   BlockSet() = default;
   explicit BlockSet(std::int64_t block_count)
       : words_(static_cast<std::size_t>((block_count + 63) / 64)) {}
+  // REQUIRES: every id is below block_count.
+  BlockSet(std::int64_t block_count, absl::Span<const BlockId> ids) : BlockSet(block_count) {
+    InsertAll(ids);
+  }
 
   void Insert(BlockId id) { words_[id / 64] |= std::uint64_t{1} << (id % 64); }
+  void InsertAll(absl::Span<const BlockId> ids) {
+    for (const BlockId id : ids) {
+      Insert(id);
+    }
+  }
+  // Removes the blocks of [begin, end). REQUIRES: 0 <= begin <= end <= the volume's blocks.
+  void EraseRange(std::int64_t begin, std::int64_t end);
   [[nodiscard]] bool Contains(BlockId id) const { return (words_[id / 64] >> (id % 64) & 1) != 0; }
   [[nodiscard]] std::int64_t Count() const;
   // Returns the members, ascending.

@@ -44,6 +44,8 @@ class RangeTable {
   // REQUIRES: bytes.size() == 2 * SizeOf(type) * block_count.
   static RangeTable FromBytes(ScalarType type, std::int64_t block_count, std::string bytes);
 
+  friend bool operator==(const RangeTable&, const RangeTable&) = default;
+
  private:
   ScalarType type_ = ScalarType::kUint8;
   std::int64_t block_count_ = 0;

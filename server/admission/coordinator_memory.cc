@@ -14,11 +14,13 @@
 namespace isoscope::server {
 namespace {
 
-// For a pixel: 12 bytes for the image (key and colour), 6 for the occlusion map, 8 for bands that
-// have arrived and are not composited yet.
-constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + 8;
-// For a translucent fragment of a pixel: 12 bytes for key and colour, 8 for bands as above.
-constexpr std::size_t kLayerBytesPerPixel = 12 + 8;
+// For a pixel, or a translucent fragment of one: bands that have arrived and are not composited
+// yet.
+constexpr std::size_t kBandBytesPerPixel = 8;
+// For a pixel: 12 bytes for the image (key and colour), 6 for the occlusion map, and its bands.
+constexpr std::size_t kFrameBytesPerPixel = 12 + 6 + kBandBytesPerPixel;
+// For a translucent fragment of a pixel: 12 bytes for key and colour, and its bands.
+constexpr std::size_t kLayerBytesPerPixel = 12 + kBandBytesPerPixel;
 // A picture that is not what was drawn, pixel for pixel, has an image of its own (key and colour).
 // It is made when occlusion map and bands are gone, in whose bytes its effects work.
 constexpr std::size_t kPictureImageBytesPerPixel = 12;
@@ -67,6 +69,14 @@ std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery) {
                              : is_compressed              ? kPictureBytesPerPixel
                                                           : 0;
   return drawn + pixels * (response + copies) + kLeastFrameBytes;
+}
+
+std::size_t WaitingBandBytes(const frame::FrameSpec& spec) {
+  const std::size_t layers =
+      frame::HasLayers(spec) ? static_cast<std::size_t>(spec.max_layers + 1) : 0;
+  return std::max(
+      PixelsOf(frame::DrawnWindowOf(spec).image_size()) * (1 + layers) * kBandBytesPerPixel,
+      kLeastFrameBytes);
 }
 
 std::size_t CoordinatorMemory::DefaultLimitBytes() {

@@ -25,6 +25,9 @@ enum class Delivery {
 // until it is sent.
 std::size_t FrameBytes(const frame::FrameSpec& spec, Delivery delivery);
 
+// Returns the part of FrameBytes for bands that have arrived and are not composited yet.
+std::size_t WaitingBandBytes(const frame::FrameSpec& spec);
+
 // Thread-safe. Outlives its reservations.
 class CoordinatorMemory {
  public:

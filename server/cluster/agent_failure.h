@@ -31,6 +31,7 @@ enum class FrameStage {
   kDone,                // it has said so
   kEnded,               // its stream has ended
 };
+inline constexpr std::size_t kFrameStageCount = static_cast<std::size_t>(FrameStage::kEnded) + 1;
 
 // "selecting occluders", ...: for messages and logs.
 const char* NameOf(FrameStage stage);

@@ -179,7 +179,8 @@ class FrameStream final
         context_.TryCancel();
       }
     }
-    StartRead(&incoming_);
+    // The hold keeps the stream alive until then.
+    listener_->WhenRoom([this] { StartRead(&incoming_); });
   }
 
   void OnWriteDone(bool ok) override {

@@ -5,6 +5,7 @@
 #define ISOSCOPE_SERVER_FRAME_AGENT_LINK_H_
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,9 @@ class AgentListener {
   virtual void OnFrameDone(frame::AgentStatistics statistics) = 0;
   // The last call. OK only after OnFrameDone. Errors are those of AgentFailure::status.
   virtual void OnEnd(absl::Status status) = 0;
+  // Calls `read` once, as soon as there is room for the agent's next message: before it returns, or
+  // later on any thread. Not called while the agent has ended.
+  virtual void WhenRoom(std::function<void()> read) { read(); }
 };
 
 // Thread-safe. Making the link has begun the frame.

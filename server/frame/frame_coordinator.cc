@@ -25,6 +25,9 @@
 // nothing. The first attempt that is done wins: its statistics count, and the others are cancelled.
 // A part never goes back: while an attempt repeats what an earlier one did, the frame goes on.
 //
+// Wakes. The frame's thread sleeps until every part at the earliest stage can have said that it is
+// done, or pixels or an error have come: with hundreds of agents it is not woken for each.
+//
 // Pixels. Those that have arrived lie in a queue. The arena's threads take them from it, and so
 // does the frame's own thread before it waits for events. Agents of this process wait for memory
 // that the queued pixels hold, and an arena may have no thread to spare: one of one thread never
@@ -33,8 +36,12 @@
 #include "server/frame/frame_coordinator.h"
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
 #include <deque>
+#include <functional>
 #include <iterator>
+#include <memory>
 #include <new>
 #include <optional>
 #include <string>
@@ -61,6 +68,7 @@
 #include "core/visibility/occluder_selection.h"
 #include "core/visibility/occlusion_map.h"
 #include "core/visibility/open_pixels.h"
+#include "server/frame/read_gate.h"
 
 namespace isoscope::server {
 namespace {
@@ -86,6 +94,7 @@ struct RayHits {
 };
 struct Pixels {
   std::vector<std::string> bands;
+  std::shared_ptr<const ReadGate::Hold> hold;  // of all bands
 };
 struct DrawnPixels {
   image::DrawnPixels pixels;
@@ -109,6 +118,8 @@ struct Event {
   AttemptId from;
   absl::Time arrival;
   std::variant<RayHits, Pixels, DrawnPixels, OccludersDone, PixelsDamaged, FrameDone, End> what;
+  // The stage that it ends, if it is the agent's next word; not set: the frame must look at once.
+  std::optional<FrameStage> ended_stage = std::nullopt;
 };
 
 // The events of the agents, in order of arrival. Thread-safe.
@@ -116,25 +127,43 @@ class EventQueue {
  public:
   // Agents' threads call it, which nobody could tell of an exception.
   void Push(Event event) noexcept ABSL_LOCKS_EXCLUDED(mutex_) {
+    bool wakes = false;
     {
       const base::MutexLock lock(&mutex_);
+      const bool was_ready = IsReady();
+      has_urgent_one_ = has_urgent_one_ || IsUrgent(event.ended_stage);
       try {
         events_.push_back(std::move(event));
       } catch (const std::bad_alloc&) {
         has_lost_one_ = true;
       }
+      wakes = !was_ready && IsReady();
     }
     // Without the mutex, which the woken thread needs at once. The queue outlives all pushes.
-    arrived_.Signal();
+    if (wakes) {
+      arrived_.Signal();
+    }
   }
 
-  [[nodiscard]] bool is_empty() const ABSL_LOCKS_EXCLUDED(mutex_) {
+  // Says how many events that end `stage` the frame needs to go on, at least 1. Whatever else comes
+  // makes the queue ready. A thread that is woken for nothing costs as much as an event.
+  void SetNeeded(std::size_t count, FrameStage stage) ABSL_LOCKS_EXCLUDED(mutex_) {
     const base::MutexLock lock(&mutex_);
-    return events_.empty();
+    needed_count_ = count;
+    needed_stage_ = stage;
+    for (const Event& event : events_) {
+      has_urgent_one_ = has_urgent_one_ || IsUrgent(event.ended_stage);
+    }
   }
 
-  // Waits for an event until `wake`, and returns all that have come; none may have. Returns the
-  // cancellation's error if it fires first. RESOURCE_EXHAUSTED if there was no memory for an event.
+  [[nodiscard]] bool is_ready() const ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    return IsReady();
+  }
+
+  // Waits until the queue is ready, or until `wake`, and returns all events that have come; none
+  // may have. Returns the cancellation's error if it fires first. RESOURCE_EXHAUSTED if there was
+  // no memory for an event.
   absl::StatusOr<std::deque<Event>> PopAll(absl::Time wake, const base::Cancellation& cancellation)
       ABSL_LOCKS_EXCLUDED(mutex_) {
     std::deque<Event> events;
@@ -146,47 +175,87 @@ class EventQueue {
       const base::MutexLock lock(&mutex_);
       arrived_.AwaitUntil(&mutex_, std::min(wake, cancellation.deadline()),
                           [&]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-                            return !events_.empty() || has_lost_one_ || cancellation.is_cancelled();
+                            return IsReady() || cancellation.is_cancelled();
                           });
       if (has_lost_one_) {
         return base::NoMemory("an agent's message");
       }
       events.swap(events_);
+      has_urgent_one_ = false;
     }
     ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
     return events;
   }
 
  private:
+  // A stream ends right after its frame is done.
+  [[nodiscard]] bool IsUrgent(std::optional<FrameStage> ended_stage) const
+      ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    return ended_stage != needed_stage_ && ended_stage != FrameStage::kDone;
+  }
+  [[nodiscard]] bool IsReady() const ABSL_SHARED_LOCKS_REQUIRED(mutex_) {
+    return has_urgent_one_ || has_lost_one_ || events_.size() >= needed_count_;
+  }
+
   mutable base::Mutex mutex_;
   base::CondVar arrived_;
   std::deque<Event> events_ ABSL_GUARDED_BY(mutex_);
+  std::size_t needed_count_ ABSL_GUARDED_BY(mutex_) = 1;
+  FrameStage needed_stage_ ABSL_GUARDED_BY(mutex_) = FrameStage::kSelectingOccluders;
+  bool has_urgent_one_ ABSL_GUARDED_BY(mutex_) = false;
   bool has_lost_one_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 class QueueingListener final : public AgentListener {
  public:
-  QueueingListener(AttemptId id, EventQueue* queue) : id_(id), queue_(queue) {}
+  // stage: that the agent begins with
+  QueueingListener(AttemptId id, FrameStage stage, EventQueue* queue, ReadGate* gate)
+      : id_(id), queue_(queue), gate_(*gate), stage_(stage) {}
 
   void OnRayHits(std::vector<volume::BlockId> hits, std::vector<volume::BlockId> active) override {
-    Push(RayHits{std::move(hits), std::move(active)});
+    Push(RayHits{std::move(hits), std::move(active)}, EndStage(FrameStage::kSelectingOccluders));
   }
-  void OnPixels(std::vector<std::string> bands) override { Push(Pixels{std::move(bands)}); }
+  void OnPixels(std::vector<std::string> bands) override {
+    std::size_t bytes = 0;
+    for (const std::string& band : bands) {
+      bytes += band.size();
+    }
+    auto hold = std::make_shared<const ReadGate::Hold>(gate_.Add(bytes));
+    Push(Pixels{std::move(bands), std::move(hold)});
+  }
   void OnDrawnPixels(image::DrawnPixels pixels) override { Push(DrawnPixels{std::move(pixels)}); }
-  void OnOccludersDone() override { Push(OccludersDone{}); }
-  void OnFrameDone(frame::AgentStatistics statistics) override {
-    Push(FrameDone{std::move(statistics)});
+  void OnOccludersDone() override {
+    Push(OccludersDone{}, EndStage(FrameStage::kRenderingOccluders));
   }
-  void OnEnd(absl::Status status) override { Push(End{std::move(status)}); }
+  void OnFrameDone(frame::AgentStatistics statistics) override {
+    Push(FrameDone{std::move(statistics)}, EndStage(FrameStage::kRenderingVisible));
+  }
+  void OnEnd(absl::Status status) override {
+    const std::optional<FrameStage> ended =
+        status.ok() ? EndStage(FrameStage::kDone) : std::nullopt;
+    Push(End{std::move(status)}, ended);
+  }
+  void WhenRoom(std::function<void()> read) override { gate_.WhenRoom(std::move(read)); }
 
  private:
+  // Returns `stage` if the agent is at it, and goes on to the next one.
+  std::optional<FrameStage> EndStage(FrameStage stage) {
+    if (stage_ != stage) {
+      return std::nullopt;
+    }
+    stage_ = static_cast<FrameStage>(static_cast<int>(stage) + 1);
+    return stage;
+  }
+
   template <typename T>
-  void Push(T what) {
-    queue_->Push({id_, absl::Now(), std::move(what)});
+  void Push(T what, std::optional<FrameStage> ended_stage = std::nullopt) {
+    queue_->Push({id_, absl::Now(), std::move(what), ended_stage});
   }
 
   const AttemptId id_;
   EventQueue* const queue_;
+  ReadGate& gate_;
+  FrameStage stage_;
 };
 
 class Frame {
@@ -200,7 +269,9 @@ class Frame {
         clipper_(setup.spec->clip, setup.view->geometry()),
         has_layers_(frame::HasLayers(*setup.spec)),
         start_(absl::Now()),
+        gate_(setup.max_waiting_bytes),
         begin_(begin),
+        hits_(setup.layout->block_count()),
         row_locks_(setup.view->image_size().height_px) {
     result_.image = std::move(image);
     if (has_layers_) {
@@ -233,6 +304,7 @@ class Frame {
     }
     {
       const base::TraceScope trace(setup_.trace, "end streams");
+      gate_.Open();  // a stream ends only after its last read
       parts_.clear();
     }
     FrameOutcome outcome{.status = std::move(status),
@@ -287,6 +359,7 @@ class Frame {
     bool has_replicas = false;
     for (std::size_t i = 0; i < parts_.size(); ++i) {
       parts_[i].stage = FirstStage();
+      ++CountAt(FirstStage());
       ISOSCOPE_RETURN_IF_ERROR(BeginAttempt(i));
       has_replicas = has_replicas || HasSpare(i);
     }
@@ -297,6 +370,7 @@ class Frame {
       while (!AllAt(FrameStage::kEnded)) {
         const absl::Time wake =
             has_replicas ? absl::Now() + kWatchInterval : absl::InfiniteFuture();
+        SetNeededEvents();
         CompositeUntilEvent(wake);
         base::TraceScope wait(setup_.trace, "wait for agents");
         absl::StatusOr<std::deque<Event>> events = queue_.PopAll(wake, cancellation_);
@@ -334,7 +408,8 @@ class Frame {
     Part& part = parts_[part_index];
     const std::size_t replica = part.attempts.size();
     Attempt attempt;
-    attempt.listener = std::make_unique<QueueingListener>(AttemptId{part_index, replica}, &queue_);
+    attempt.listener = std::make_unique<QueueingListener>(AttemptId{part_index, replica},
+                                                          FirstStage(), &queue_, &gate_);
     attempt.stage = FirstStage();
     attempt.begin = absl::Now();
     ISOSCOPE_ASSIGN_OR_RETURN(
@@ -387,8 +462,22 @@ class Frame {
   }
 
   void SetStage(FrameStage stage, Part* part) {
+    --CountAt(part->stage);
+    ++CountAt(stage);
     part->stage = stage;
     part->stage_begin = last_arrival_;
+  }
+
+  // Each part at the earliest stage must still say that it is done with it.
+  void SetNeededEvents() {
+    const auto earliest = std::find_if(parts_at_.begin(), parts_at_.end() - 1,
+                                       [](std::size_t count) { return count > 0; });
+    queue_.SetNeeded(std::max<std::size_t>(*earliest, 1),
+                     static_cast<FrameStage>(earliest - parts_at_.begin()));
+  }
+
+  [[nodiscard]] std::size_t& CountAt(FrameStage stage) {
+    return parts_at_[static_cast<std::size_t>(stage)];
   }
 
   absl::Status Handle(Event event) {
@@ -405,7 +494,7 @@ class Frame {
       return HandleRayHits(id, std::move(*hits));
     }
     if (auto* pixels = std::get_if<Pixels>(&event.what)) {
-      return HandlePixels(id, std::move(pixels->bands));
+      return HandlePixels(id, std::move(*pixels));
     }
     if (auto* drawn = std::get_if<DrawnPixels>(&event.what)) {
       return HandleDrawnPixels(id, std::move(drawn->pixels));
@@ -464,17 +553,18 @@ class Frame {
   struct Arrival {
     AttemptId from;
     std::variant<std::string, image::DrawnPixels> pixels;
+    std::shared_ptr<const ReadGate::Hold> hold;  // of bands
   };
 
-  absl::Status HandlePixels(AttemptId id, std::vector<std::string> bands) {
+  absl::Status HandlePixels(AttemptId id, Pixels pixels) {
     if (!IsRendering(AttemptOf(id))) {
       return OutOfOrder(id, "pixels");
     }
     is_composited_into_ = true;
     std::vector<Arrival> arrivals;
-    arrivals.reserve(bands.size());
-    for (std::string& band : bands) {
-      arrivals.push_back({id, std::move(band)});
+    arrivals.reserve(pixels.bands.size());
+    for (std::string& band : pixels.bands) {
+      arrivals.push_back({id, std::move(band), pixels.hold});
     }
     Composite(std::move(arrivals));
     return absl::OkStatus();
@@ -497,7 +587,7 @@ class Frame {
       }
     }
     std::vector<Arrival> arrivals;
-    arrivals.push_back({id, std::move(pixels)});
+    arrivals.push_back({id, std::move(pixels), nullptr});
     Composite(std::move(arrivals));
     return absl::OkStatus();
   }
@@ -517,10 +607,10 @@ class Frame {
     });
   }
 
-  // Works on what has arrived until an event comes, until `wake`, or until nothing is left.
+  // Works on what has arrived until the frame can go on, until `wake`, or until nothing is left.
   void CompositeUntilEvent(absl::Time wake) {
     const absl::Time end = std::min(wake, cancellation_.deadline());
-    while (queue_.is_empty() && HasArrivals() && !cancellation_.is_cancelled() &&
+    while (!queue_.is_ready() && HasArrivals() && !cancellation_.is_cancelled() &&
            absl::Now() < end) {
       setup_.arena->execute([&] { CompositeNext(); });
     }
@@ -610,7 +700,7 @@ class Frame {
     const base::MutexLock lock(&damage_mutex_);
     damages_.emplace_back(id,
                           absl::Status(status.code(), absl::StrCat("pixels: ", status.message())));
-    queue_.Push({id, absl::Now(), PixelsDamaged{}});
+    queue_.Push({id, absl::Now(), PixelsDamaged{}, std::nullopt});
   }
 
   // Returns once all bands that have arrived are in the image. What was damaged is not, and its
@@ -650,7 +740,7 @@ class Frame {
       return absl::OkStatus();
     }
     SetStage(FrameStage::kRenderingOccluders, &part);
-    hits_ = visibility::UnionOfHits(hits_, hits.hits);
+    hits_.InsertAll(hits.hits);
     if (setup_.active == nullptr) {
       reported_[id.part] = std::move(hits.active);
     }
@@ -667,7 +757,7 @@ class Frame {
 
   void SendOccluders() {
     const base::TraceScope trace(setup_.trace, "find occluders");
-    result_.ray_hit_block_count = static_cast<std::int64_t>(hits_.size());
+    result_.ray_hit_block_count = hits_.Count();
     const ActiveBlocks& active = *result_.active;
     occluding_ = visibility::OccludingBlocks(hits_, *setup_.layout, active.set);
     if (footprints_.empty()) {
@@ -680,14 +770,23 @@ class Frame {
             part->blocks.push_back(active.ids[active_index]);
           }
         });
-    for (std::size_t i = 0; i < parts_.size(); ++i) {
+    ForEachPart([&](std::size_t i) {
       parts_[i].occluders = std::move(selections[i].blocks);
       for (Attempt& attempt : parts_[i].attempts) {
         if (attempt.is_live && attempt.stage == FrameStage::kRenderingOccluders) {
           attempt.link->SendOccluders(parts_[i].occluders);
         }
       }
-    }
+    });
+  }
+
+  // Calls fn(part index) for every part, in parallel: a message is encoded while others are sent.
+  // Isolated: this thread must not draw for an agent of this process that has its message already.
+  template <typename Fn>
+  void ForEachPart(const Fn& fn) {
+    setup_.arena->execute([&] {
+      tbb::this_task_arena::isolate([&] { tbb::parallel_for(std::size_t{0}, parts_.size(), fn); });
+    });
   }
 
   [[nodiscard]] bool IsClipped(volume::BlockId id) const {
@@ -802,24 +901,30 @@ class Frame {
             part->open.push_back(map.OpenPixels(footprint));
           }
         });
-    for (std::size_t i = 0; i < parts_.size(); ++i) {
+    ForEachPart([&](std::size_t i) {
       Part& part = parts_[i];
       part.visible = std::move(selections[i].blocks);
+      std::string open_pixels;
       if (has_depth) {
-        part.open_pixels = visibility::EncodeOpenPixels(selections[i].open);
+        open_pixels = visibility::EncodeOpenPixels(selections[i].open);
+      }
+      const bool is_only_attempt = part.attempts.size() == 1 && !HasSpare(i);
+      if (!is_only_attempt) {
+        part.open_pixels = open_pixels;
       }
       for (Attempt& attempt : part.attempts) {
         if (attempt.is_live && attempt.stage == FrameStage::kRenderingVisible) {
-          attempt.link->SendVisibleBlocks(part.visible, part.open_pixels);
+          attempt.link->SendVisibleBlocks(
+              part.visible, is_only_attempt ? std::move(open_pixels) : part.open_pixels);
         }
       }
-    }
+    });
   }
 
   // Returns true if every part is at `stage` or farther.
   [[nodiscard]] bool AllAt(FrameStage stage) const {
-    return std::all_of(parts_.begin(), parts_.end(),
-                       [stage](const Part& part) { return part.stage >= stage; });
+    return std::all_of(parts_at_.begin(), parts_at_.begin() + static_cast<std::ptrdiff_t>(stage),
+                       [](std::size_t count) { return count == 0; });
   }
 
   // Returns true if the attempt is at `stage` and was asked for it. A step begins once all parts
@@ -865,7 +970,7 @@ class Frame {
     attempt.link->Cancel();
     if (part.winner == id.replica) {  // it had said that it was done
       part.winner.reset();
-      part.stage = FrameStage::kRenderingVisible;
+      SetStage(FrameStage::kRenderingVisible, &part);
     }
     if (LiveCount(part) > 0) {
       return absl::OkStatus();
@@ -929,11 +1034,13 @@ class Frame {
   absl::Time phase_start_;
   base::TraceTime phase_trace_start_;  // if there is a trace
   absl::Time last_arrival_;
+  ReadGate gate_;     // outlives the links, and what they send
   EventQueue queue_;  // outlives the links
   const BeginAgentFrame& begin_;
   std::vector<Part> parts_;
-  std::vector<volume::BlockId> hits_;
-  std::vector<std::vector<volume::BlockId>> reported_;  // active blocks, by part
+  std::array<std::size_t, kFrameStageCount> parts_at_{};  // the number of parts, by stage
+  volume::BlockSet hits_;                                 // of all parts so far
+  std::vector<std::vector<volume::BlockId>> reported_;    // active blocks, by part
   volume::BlockSet occluding_;
   std::vector<view::Footprint> footprints_;  // of the active blocks
   FrameResult result_;

@@ -1,6 +1,6 @@
 // One frame in the coordinator: fan out, reduce, composite. No gRPC types.
 //
-// The reduces are pure functions of core: UnionOfHits (step 1), DecodePixelsInto (steps 2 and 3).
+// The reduces are a union of sets (step 1) and DecodePixelsInto (steps 2 and 3), both in core.
 // They are associative, commutative and idempotent, so neither the number of agents nor the order
 // of arrival shows in the result. The coordinator computes once all that follows from a reduce, and
 // tells each agent its own part: its occluding blocks, then its blocks that the occluders do not
@@ -14,8 +14,10 @@
 #define ISOSCOPE_SERVER_FRAME_FRAME_COORDINATOR_H_
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -51,6 +53,8 @@ struct FrameSetup {
   std::function<bool(int part_index, int replica_index)> may_hedge;
   // The active blocks, if they are known: then no agent may be asked to report them. May be null.
   std::shared_ptr<const ActiveBlocks> active;
+  // While more bytes of bands wait to be composited, no message of an agent is read.
+  std::size_t max_waiting_bytes = std::numeric_limits<std::size_t>::max();
   image::FrameImagePool* images = nullptr;
   tbb::task_arena* arena = nullptr;        // for what the coordinator computes
   base::TraceRecorder* trace = nullptr;    // null: none is asked for

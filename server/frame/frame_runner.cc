@@ -195,6 +195,7 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
   setup.layout = &target.layout;
   setup.ties = target.order.ties;
   setup.active = active_blocks_.Find(active_key);
+  setup.max_waiting_bytes = WaitingBandBytes(spec);
   setup.images = images_.get();
   setup.arena = options_.arena.get();
   setup.trace = identity.trace;

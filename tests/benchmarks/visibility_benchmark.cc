@@ -90,9 +90,8 @@ void BM_OccludingBlocks(benchmark::State& state) {
   const volume::BlockLayout layout = MakeLayout();
   const volume::BlockSet active = MakeScattered(layout, 0.3);
   const RaySet rays(view, layout, 1);
-  volume::BlockSet hit_set(layout.block_count());
-  rays.Cast(0, rays.count(), active, &hit_set);
-  const std::vector<volume::BlockId> hits = hit_set.Ids();
+  volume::BlockSet hits(layout.block_count());
+  rays.Cast(0, rays.count(), active, &hits);
   for (auto _ : state) {
     benchmark::DoNotOptimize(OccludingBlocks(hits, layout, active));
   }

@@ -165,11 +165,9 @@ class FrameMemoryTest : public ::testing::TestWithParam<std::tuple<Case, int>> {
     const volume::BlockLayout layout = dataset_.layout();
     const view::View view =
         *view::View::Make(*task_.spec.camera, task_.spec.viewport, dataset_.geometry());
-    volume::BlockSet active(layout.block_count());
-    for (const volume::BlockId id : selection.active) {
-      active.Insert(id);
-    }
-    const volume::BlockSet occluding = visibility::OccludingBlocks(selection.hits, layout, active);
+    const volume::BlockSet active(layout.block_count(), selection.active);
+    const volume::BlockSet hits(layout.block_count(), selection.hits);
+    const volume::BlockSet occluding = visibility::OccludingBlocks(hits, layout, active);
     const view::Clipper clipper(task_.spec.clip, dataset_.geometry());
     plan_.emplace();
     for (const volume::BlockId id : selection.active) {

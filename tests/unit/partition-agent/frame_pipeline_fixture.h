@@ -132,16 +132,13 @@ class FramePipelineTest : public ::testing::Test {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(frame->selection, pipeline->SelectOccluders());
     frame->after_selection = pipeline->statistics();
     const volume::BlockLayout layout = dataset.layout();
-    volume::BlockSet active(layout.block_count());
-    for (const volume::BlockId id : frame->selection.active) {
-      active.Insert(id);
-    }
+    const volume::BlockSet active(layout.block_count(), frame->selection.active);
+    const volume::BlockSet hits(layout.block_count(), frame->selection.hits);
     // The coordinator sends those that are in the picture.
     const view::View view =
         *view::View::Make(*request.spec.camera, request.spec.viewport, dataset.geometry());
     frame->occluding_blocks.clear();
-    for (const volume::BlockId id :
-         visibility::OccludingBlocks(frame->selection.hits, layout, active).Ids()) {
+    for (const volume::BlockId id : visibility::OccludingBlocks(hits, layout, active).Ids()) {
       if (!view.FootprintOf(layout, id).rect.empty()) {
         frame->occluding_blocks.push_back(id);
       }

@@ -132,7 +132,7 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
   const std::vector<volume::BlockId>& expected = of_one.hits;
   ASSERT_FALSE(expected.empty());
   EXPECT_TRUE(std::is_sorted(expected.begin(), expected.end()));
-  std::vector<volume::BlockId> hits;
+  volume::BlockSet hits(dataset.layout().block_count());
   std::vector<volume::BlockId> active;
   for (int i = 0; i < 3; ++i) {
     request.agent_index = i;
@@ -141,11 +141,11 @@ TEST_F(FramePipelineTest, HitsOfThreeAgentsAreThoseOfOne) {
                                   Make({shards[static_cast<std::size_t>(i)]}, request));
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const RaySelection own, pipeline->SelectOccluders());
     EXPECT_LT(own.hits.size(), expected.size()) << "agent " << i << " casts the others' rays too";
-    hits = visibility::UnionOfHits(hits, own.hits);
+    hits.InsertAll(own.hits);
     EXPECT_TRUE(std::is_sorted(own.active.begin(), own.active.end()));
     active.insert(active.end(), own.active.begin(), own.active.end());
   }
-  EXPECT_EQ(hits, expected);
+  EXPECT_EQ(hits.Ids(), expected);
   // Each active block is reported by its own agent and by no other.
   std::sort(active.begin(), active.end());
   EXPECT_EQ(active, of_one.active);

@@ -68,5 +68,46 @@ TEST(ExecutorTest, ThreadsRunAtTheSameTime) {
   }
 }
 
+TEST(ExecutorShareTest, DestructorWaitsForTheTasksOfItsOwnerAlone) {
+  const auto executor = std::make_shared<Executor>(2, 1000);
+  absl::Notification may_end;
+  ExecutorShare other(executor, 10);
+  ASSERT_TRUE(other.TrySchedule([&] { may_end.WaitForNotification(); }));
+  std::atomic<int> run_count{0};
+  {
+    ExecutorShare share(executor, 100);
+    for (int i = 0; i < 100; ++i) {
+      ASSERT_TRUE(share.TrySchedule([&run_count] { ++run_count; }));
+    }
+  }
+  EXPECT_EQ(run_count, 100);
+  may_end.Notify();
+}
+
+TEST(ExecutorShareTest, WhatATaskHoldsIsGoneWhenItsOwnerGoes) {
+  const auto executor = std::make_shared<Executor>(3, 1000);
+  for (int i = 0; i < 200; ++i) {
+    const auto held = std::make_shared<int>(i);
+    {
+      ExecutorShare share(executor, 3);
+      ASSERT_TRUE(share.TrySchedule([held] {}));
+      ASSERT_TRUE(share.TrySchedule([held] {}));
+    }
+    EXPECT_EQ(held.use_count(), 1);
+  }
+}
+
+TEST(ExecutorShareTest, AnOwnerWithTooManyTasksIsRefusedAndOthersAreNot) {
+  const auto executor = std::make_shared<Executor>(1, 1000);
+  absl::Notification may_end;
+  ExecutorShare greedy(executor, 2);
+  ExecutorShare other(executor, 2);
+  ASSERT_TRUE(greedy.TrySchedule([&] { may_end.WaitForNotification(); }));
+  ASSERT_TRUE(greedy.TrySchedule([] {}));
+  EXPECT_FALSE(greedy.TrySchedule([] {}));
+  EXPECT_TRUE(other.TrySchedule([] {}));
+  may_end.Notify();
+}
+
 }  // namespace
 }  // namespace isoscope::base

@@ -122,6 +122,40 @@ TEST(ClipperTest, SidesOfBlocksAreThoseOfAllTheirPoints) {
   EXPECT_GT(cut_count, 1000);
 }
 
+TEST(ClipperTest, ErasesWhatIsOutsideOfAnyHalfSpaceAndNothingThatWasNotThere) {
+  const volume::GridGeometry geometry = Oblique();
+  Random random(23);
+  for (int i = 0; i < 100; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+        const volume::BlockLayout layout,
+        volume::BlockLayout::Make(geometry.sample_dims, {1 + i % 7, 1 + i % 3, 1 + i % 4}));
+    ClipRegion region;
+    for (int plane = 0; plane <= i % 3; ++plane) {
+      // Some are normal to an axis, and touch the faces of blocks.
+      const math::Vec3d normal =
+          i % 5 == 0
+              ? math::Vec3d{0, 0, 1}
+              : math::Vec3d{random.Uniform(-1, 1), random.Uniform(-1, 1), random.Uniform(-1, 1)};
+      region.half_spaces.push_back({normal, i % 5 == 0 ? 3.0 + 2 * i : random.Uniform(-20, 20)});
+    }
+    const Clipper clipper(region, geometry);
+    volume::BlockSet shown(layout.block_count());
+    volume::BlockSet expected(layout.block_count());
+    for (std::int64_t id = 0; id < layout.block_count(); ++id) {
+      const auto block = static_cast<volume::BlockId>(id);
+      if (random.Uniform(0, 1) < 0.5) {
+        continue;
+      }
+      shown.Insert(block);
+      if (clipper.SideOf(layout, block) != Clipper::Side::kOutside) {
+        expected.Insert(block);
+      }
+    }
+    clipper.EraseOutside(layout, &shown);
+    EXPECT_EQ(shown, expected) << "case " << i;
+  }
+}
+
 TEST(ClipperTest, ABlockThatTouchesThePlaneIsNotCertain) {
   volume::GridGeometry geometry;
   geometry.sample_dims = {17, 17, 17};

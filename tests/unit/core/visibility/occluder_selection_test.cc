@@ -300,12 +300,12 @@ TEST(RaySetTest, TheHitsDoNotDependOnTheNumberOfAgents) {
   ASSERT_GT(all.size(), 20U);
   EXPECT_TRUE(std::is_sorted(all.begin(), all.end()));
   for (const int agents : {1, 2, 3, 7, 64}) {
-    std::vector<BlockId> hits;
+    BlockSet hits(scene.layout.block_count());
     for (int agent = 0; agent < agents; ++agent) {
       const RayShare share = ShareOfRays(rays.count(), agent, agents);
-      hits = UnionOfHits(hits, HitsOf(rays, share.begin, share.end, scene.layout, active));
+      hits.InsertAll(HitsOf(rays, share.begin, share.end, scene.layout, active));
     }
-    EXPECT_EQ(hits, all) << agents << " agents";
+    EXPECT_EQ(hits.Ids(), all) << agents << " agents";
   }
   EXPECT_NE(RaySet(scene.view, scene.layout, 100).RayOf(rays.count() - 1)->direction,
             rays.RayOf(rays.count() - 1)->direction)
@@ -643,16 +643,6 @@ TEST(ShareOfRaysTest, SharesFollowOneAnotherAndAreEven) {
   }
 }
 
-TEST(UnionOfHitsTest, IsASetUnion) {
-  const std::vector<BlockId> a{1, 4, 9};
-  const std::vector<BlockId> b{2, 4};
-  EXPECT_THAT(UnionOfHits(a, b), ElementsAre(1, 2, 4, 9));
-  EXPECT_EQ(UnionOfHits(a, b), UnionOfHits(b, a));
-  EXPECT_EQ(UnionOfHits(a, a), a);
-  EXPECT_EQ(UnionOfHits(a, {}), a);
-  EXPECT_EQ(UnionOfHits({}, a), a);
-}
-
 TEST(OccludingBlocksTest, AreTheHitsAndTheirActiveNeighbours) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const BlockLayout layout,
                                 BlockLayout::Make({50, 34, 26}, {8, 8, 8}));
@@ -675,7 +665,7 @@ TEST(OccludingBlocksTest, AreTheHitsAndTheirActiveNeighbours) {
       expected.Insert(block);
     }
   }
-  EXPECT_EQ(OccludingBlocks(hits, layout, active), expected);
+  EXPECT_EQ(OccludingBlocks(BlockSet(layout.block_count(), hits), layout, active), expected);
 }
 
 TEST(OccludingBlocksTest, NeighboursDoNotWrapAroundRowsOrSlabs) {
@@ -704,7 +694,7 @@ TEST(OccludingBlocksTest, NeighboursDoNotWrapAroundRowsOrSlabs) {
           }
         }
       }
-      EXPECT_EQ(OccludingBlocks(hits, layout, active), expected)
+      EXPECT_EQ(OccludingBlocks(BlockSet(layout.block_count(), hits), layout, active), expected)
           << dims.x << " x " << dims.y << " x " << dims.z << ", share " << share;
     }
   }

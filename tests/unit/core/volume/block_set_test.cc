@@ -43,6 +43,27 @@ TEST(BlockSetTest, UnionAndIntersectionAreThoseOfTheMembers) {
   }
 }
 
+TEST(BlockSetTest, ARangeIsErasedAndNothingElse) {
+  for (const std::int64_t begin : {0, 1, 63, 64, 65, 130, 199, 200}) {
+    for (const std::int64_t end : {0, 1, 63, 64, 65, 128, 129, 199, 200}) {
+      if (begin > end) {
+        continue;
+      }
+      BlockSet blocks(200);
+      std::vector<BlockId> expected;
+      for (std::int64_t id = 0; id < 200; ++id) {
+        blocks.Insert(static_cast<BlockId>(id));
+        if (id < begin || id >= end) {
+          expected.push_back(static_cast<BlockId>(id));
+        }
+      }
+      blocks.EraseRange(begin, end);
+      EXPECT_EQ(blocks.Ids(), expected) << begin << " to " << end;
+      EXPECT_EQ(blocks, BlockSet(200, expected));
+    }
+  }
+}
+
 TEST(BlockSetDeathTest, SetsOfOtherVolumesAreRefused) {
   BlockSet blocks(64);
   EXPECT_DEATH(blocks.UnionWith(BlockSet(65)), "words_.size");

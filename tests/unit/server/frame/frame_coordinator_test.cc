@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <cstdlib>
 #include <functional>
+#include <future>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -159,6 +161,13 @@ class Agent {
     return absl::CancelledError("cancelled by the coordinator");
   }
 
+  // As a stream, which ends only after its last read: a cancellation does not wake it.
+  void AwaitRoom() {
+    std::promise<void> room;
+    listener_->WhenRoom([&room] { room.set_value(); });
+    room.get_future().wait();
+  }
+
   void SetOccluders(const Blocks& blocks) {
     const base::MutexLock lock(&mutex_);
     EXPECT_FALSE(occluders_.has_value()) << name() << ": occluders were sent twice";
@@ -302,6 +311,7 @@ class FrameCoordinatorTest : public ::testing::Test {
     setup.is_lost = is_lost_;
     setup.may_hedge = may_hedge_;
     setup.active = known_active_;
+    setup.max_waiting_bytes = max_waiting_bytes_;
     setup.images = images_.get();
     setup.arena = used_arena_;
     FrameOutcome outcome = RunFrame(setup, begin, *cancellation_);
@@ -323,6 +333,7 @@ class FrameCoordinatorTest : public ::testing::Test {
     }
     for (std::string& band : ShuffledBands(image, seed)) {
       self->coordinator().OnPixels({std::move(band)});
+      self->AwaitRoom();
     }
   }
 
@@ -369,6 +380,8 @@ class FrameCoordinatorTest : public ::testing::Test {
   std::vector<std::shared_ptr<Agent>> agents_;
   std::atomic<int> live_links_{0};
   int failing_begin_ = -1;
+  std::size_t max_waiting_bytes_ = std::numeric_limits<std::size_t>::max();
+  // Called by several threads at once.
   std::function<void()> on_occluders;
   std::function<void()> on_visible;
 };
@@ -545,6 +558,46 @@ TEST_F(FrameCoordinatorTest, ImageIsTheCompositeInAnyOrderOfArrival) {
 
 // Symptom: with four agents in one process and an arena of one thread no frame came to its end. The
 // last agents waited for the memory of pixels that the arena had no thread to composite.
+TEST_F(FrameCoordinatorTest, ImageIsTheSameHoweverFewPixelsMayWait) {
+  const image::FrameImage none(kWidth, kHeight);
+  std::vector<Script> scripts;
+  for (std::uint64_t agent = 0; agent < 12; ++agent) {
+    scripts.push_back(Behave({}, {}, RandomImage(agent, 0.3), RandomImage(100 + agent, 0.5), 1));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult expected, Run(frame::Culling::kDepth, scripts));
+  for (const std::size_t max_waiting_bytes :
+       {std::size_t{0}, std::size_t{100}, std::size_t{10000}}) {
+    max_waiting_bytes_ = max_waiting_bytes;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const FrameResult result, Run(frame::Culling::kDepth, scripts));
+    EXPECT_TRUE(result.image == expected.image) << max_waiting_bytes << " bytes";
+  }
+}
+
+// A frame that ends early leaves pixels that nobody composites. Else its streams would never end.
+TEST_F(FrameCoordinatorTest, AgentsThatWaitForRoomEndWithAFrameThatFails) {
+  max_waiting_bytes_ = 0;
+  std::atomic<int> sending = 0;
+  const Script send = [&](Agent& self) {
+    const std::vector<std::string> bands = ShuffledBands(RandomImage(1, 0.5), 1);
+    ++sending;
+    for (int i = 0; i < 1000 && !self.is_cancelled(); ++i) {
+      self.coordinator().OnPixels(bands);
+      self.AwaitRoom();
+    }
+    return self.AwaitCancel();
+  };
+  const Script fail = [&](Agent&) {
+    while (sending < 8) {
+      std::this_thread::yield();
+    }
+    return absl::DataLossError("block 7 damaged");
+  };
+  std::vector<Script> scripts(8, send);
+  scripts.push_back(fail);
+  EXPECT_THAT(Run(frame::Culling::kNone, scripts),
+              StatusIs(absl::StatusCode::kDataLoss, HasSubstr("block 7")));
+}
+
 TEST_F(FrameCoordinatorTest, AgentsThatWaitForTheMemoryOfQueuedPixelsGoOnWithoutASpareThread) {
   const tbb::global_control no_workers(tbb::global_control::max_allowed_parallelism, 1);
   for (const int arena_width : {1, 2}) {

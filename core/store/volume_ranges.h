@@ -1,0 +1,51 @@
+// The range table of a volume, and what follows from it: one copy for all shards of the volume that
+// a process has open.
+
+#ifndef ISOSCOPE_CORE_STORE_VOLUME_RANGES_H_
+#define ISOSCOPE_CORE_STORE_VOLUME_RANGES_H_
+
+#include <cstddef>
+#include <list>
+#include <memory>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+
+#include "core/base/mutex.h"
+#include "core/volume/block_set.h"
+#include "core/volume/range_table.h"
+
+namespace isoscope::store {
+
+// Thread-safe.
+class VolumeRanges {
+ public:
+  // Returns the ranges with an equal table that this process holds already; else those of `table`.
+  static std::shared_ptr<VolumeRanges> Share(volume::RangeTable table);
+
+  explicit VolumeRanges(volume::RangeTable table) : table_(std::move(table)) {}
+  VolumeRanges(const VolumeRanges&) = delete;
+  VolumeRanges& operator=(const VolumeRanges&) = delete;
+
+  [[nodiscard]] const volume::RangeTable& table() const { return table_; }
+  // Returns table().ActiveBlocks(isovalue). Keeps the sets of the last kMaxSets isovalues, one bit
+  // for each block of the volume. REQUIRES: isovalue is finite.
+  [[nodiscard]] std::shared_ptr<const volume::BlockSet> ActiveBlocks(double isovalue)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+
+  static constexpr std::size_t kMaxSets = 16;
+
+ private:
+  struct Entry {
+    double isovalue = 0;
+    std::shared_ptr<const volume::BlockSet> active;
+  };
+
+  const volume::RangeTable table_;
+  base::Mutex mutex_;
+  std::list<Entry> entries_ ABSL_GUARDED_BY(mutex_);  // the last used first
+};
+
+}  // namespace isoscope::store
+
+#endif  // ISOSCOPE_CORE_STORE_VOLUME_RANGES_H_

@@ -1,0 +1,75 @@
+#include "core/store/volume_ranges.h"
+
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+#include "core/base/random.h"
+#include "core/volume/scalar_span.h"
+
+namespace isoscope::store {
+namespace {
+
+volume::RangeTable MakeTable(std::uint64_t seed, std::int64_t block_count = 500) {
+  volume::RangeTable table(volume::ScalarType::kUint8, block_count);
+  for (std::int64_t id = 0; id < block_count; ++id) {
+    const double low = std::floor(200 * base::RandomUnit(seed, static_cast<std::uint64_t>(id)));
+    table.Set(static_cast<volume::BlockId>(id), {low, low + 40});
+  }
+  return table;
+}
+
+TEST(VolumeRangesTest, ShardsOfOneVolumeShareATableAndThoseOfAnotherDoNot) {
+  const auto a = VolumeRanges::Share(MakeTable(1));
+  const auto again = VolumeRanges::Share(MakeTable(1));
+  const auto other = VolumeRanges::Share(MakeTable(2));
+  EXPECT_EQ(a, again);
+  EXPECT_NE(a, other);
+  EXPECT_EQ(other->table().bytes(), MakeTable(2).bytes());
+}
+
+TEST(VolumeRangesTest, ATableGoesWithItsLastShard) {
+  auto ranges = VolumeRanges::Share(MakeTable(3));
+  const std::weak_ptr<VolumeRanges> weak = ranges;
+  ranges.reset();
+  EXPECT_TRUE(weak.expired());
+  EXPECT_EQ(VolumeRanges::Share(MakeTable(3))->table().bytes(), MakeTable(3).bytes());
+}
+
+TEST(VolumeRangesTest, ActiveBlocksAreThoseOfTheTableAlsoAfterManyIsovalues) {
+  VolumeRanges ranges(MakeTable(4));
+  for (int round = 0; round < 2; ++round) {
+    for (int isovalue = 0; isovalue < 3 * static_cast<int>(VolumeRanges::kMaxSets); ++isovalue) {
+      EXPECT_EQ(*ranges.ActiveBlocks(5.0 * isovalue), ranges.table().ActiveBlocks(5.0 * isovalue))
+          << "isovalue " << 5 * isovalue;
+    }
+  }
+}
+
+TEST(VolumeRangesTest, OneSetServesAllWhoAskAgain) {
+  VolumeRanges ranges(MakeTable(5));
+  EXPECT_EQ(ranges.ActiveBlocks(60), ranges.ActiveBlocks(60));
+}
+
+TEST(VolumeRangesTest, ManyThreadsGetTheSameSets) {
+  VolumeRanges ranges(MakeTable(6));
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 16; ++t) {
+    threads.emplace_back([&ranges, t] {
+      for (int i = 0; i < 200; ++i) {
+        const double isovalue = (i * 7 + t) % 23 * 10;
+        EXPECT_EQ(*ranges.ActiveBlocks(isovalue), ranges.table().ActiveBlocks(isovalue));
+      }
+    });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::store
