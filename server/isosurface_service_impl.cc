@@ -201,6 +201,7 @@ class IsosurfaceServiceImpl::ExportCall final
     }
     call->watch_.emplace(call->caller_.WhenWithdrawn([weak = call->weak_from_this()] {
       if (const std::shared_ptr<ExportCall> self = weak.lock()) {
+        const base::MutexLock lock(&self->early_end_mutex_);
         self->EndEarly(CutReason::kTokenWithdrawn, WithdrawnError());
         self->timeout_.Start(kMaxLastWriteDuration);
       }
@@ -230,6 +231,7 @@ class IsosurfaceServiceImpl::ExportCall final
   void OnDone() override {
     timeout_.Stop();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
+    const base::MutexLock early_end_lock(&early_end_mutex_);  // the service may go after this
     const base::MutexLock lock(&pace_mutex_);
     alarm_.reset();
     is_done_ = true;
@@ -290,10 +292,11 @@ class IsosurfaceServiceImpl::ExportCall final
   }
 
   // Ends the export after the chunk that is on its way, and says why.
-  void EndEarly(CutReason reason, const absl::Status& status) {
+  void EndEarly(CutReason reason, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(early_end_mutex_) {
     {
       const base::MutexLock lock(&pace_mutex_);
-      if (!end_.ok()) {
+      if (is_done_ || !end_.ok()) {
         return;
       }
       end_ = status;
@@ -329,16 +332,20 @@ class IsosurfaceServiceImpl::ExportCall final
                 });
   }
   void JudgePace() {
-    const ExportLimits& limits = service_->options_.export_limits;
+    const base::MutexLock early_end_lock(&early_end_mutex_);
     ExportPace::Verdict verdict;
     {
       const base::MutexLock lock(&pace_mutex_);
+      if (is_done_) {
+        return;
+      }
       verdict = pace_->Judge(absl::Now());
       if (verdict == ExportPace::Verdict::kGoesOn) {
         SetAlarm();
         return;
       }
     }
+    const ExportLimits& limits = service_->options_.export_limits;
     const std::string so_far =
         absl::StrCat("the export ended after ", sent_bytes_.load(), " bytes: ");
     if (verdict == ExportPace::Verdict::kTooSlow) {
@@ -485,7 +492,8 @@ class IsosurfaceServiceImpl::ExportCall final
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::atomic<std::size_t> sent_bytes_{0};
-  base::Mutex pace_mutex_;  // never held where outgoing_ is called
+  base::Mutex early_end_mutex_;  // held while an alarm or a watch ends the export; the first taken
+  base::Mutex pace_mutex_;       // never held where outgoing_ is called
   std::optional<ExportPace> pace_ ABSL_GUARDED_BY(pace_mutex_);  // from its turn on
   std::size_t in_flight_bytes_ ABSL_GUARDED_BY(pace_mutex_) = 0;
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(pace_mutex_);
