@@ -21,6 +21,7 @@
 #include "core/rpc/transport.h"
 #include "core/view/camera.h"
 #include "server/cluster/agent_endpoint.h"
+#include "server/export/export_pace.h"
 
 namespace isoscope::server {
 
@@ -34,6 +35,8 @@ struct CoordinatorServerOptions {
   absl::Duration max_frame_duration = absl::Minutes(5);
   // The longest time in which an agent sends nothing of a surface to export.
   absl::Duration max_agent_silence = absl::Minutes(5);
+  // Of an export, and of the client that takes it.
+  ExportLimits export_limits = {};
   // The memory limit (CoordinatorMemory); at least CoordinatorMemory::kMinLimitBytes. 0: the
   // default.
   std::size_t memory_limit_bytes = 0;

@@ -1,14 +1,24 @@
 #include "server/dataset_service_impl.h"
 
+#include <algorithm>
+#include <atomic>
+#include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 
+#include "core/base/no_memory.h"
 #include "core/base/status_macros.h"
+#include "core/rpc/channel.h"
+#include "core/rpc/grpc_status.h"
 #include "core/rpc/histogram_convert.h"
+#include "core/rpc/known_fields.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
+#include "core/rpc/request_context.h"
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
 #include "server/frame/agent_queries.h"
@@ -20,6 +30,81 @@ namespace {
 constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
 
 }  // namespace
+
+// A histogram, which stands in a line of callers as frames do. It owns itself until gRPC is done
+// with it.
+class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor {
+ public:
+  static HistogramCall* Start(DatasetServiceImpl* service, grpc::CallbackServerContext* context,
+                              const isoscope::v1::GetHistogramRequest* request,
+                              isoscope::v1::GetHistogramResponse* response) {
+    const std::shared_ptr<HistogramCall> call(new HistogramCall(service, context));
+    call->self_ = call;
+    const absl::Status admitted = call->Admit(*context, *request);
+    if (!admitted.ok()) {
+      call->End(admitted);
+      return call.get();
+    }
+    service->histograms_.Schedule(call->ticket_, call->cancellation_.deadline(),
+                                  [call, request, response](const absl::Status& turn) {
+                                    call->Run(turn, *request, response);
+                                  });
+    if (call->cancellation_.is_cancelled()) {  // before there was anything to leave
+      service->histograms_.Leave(call->ticket_);
+    }
+    return call.get();
+  }
+
+  void OnCancel() override {
+    cancellation_.Cancel();
+    service_->histograms_.Leave(ticket_.load());
+  }
+  void OnDone() override { const std::shared_ptr<HistogramCall> last_use = std::move(self_); }
+
+ private:
+  HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context)
+      : service_(service),
+        identity_(rpc::AnswerTraceContext(context)),
+        cancellation_(std::min(rpc::DeadlineOf(*context), start_ + kMaxHistogramDuration)) {}
+
+  absl::Status Admit(const grpc::CallbackServerContext& context,
+                     const isoscope::v1::GetHistogramRequest& request) {
+    ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->access_->Identify(rpc::PeerOf(context)));
+    ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
+    ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
+                              service_->histograms_.Admit(caller_.QueueKey(context.peer())));
+    ticket_.store(place.ticket());
+    place_.emplace(std::move(place));
+    return absl::OkStatus();
+  }
+
+  // Gets the reason if the turn did not come.
+  void Run(const absl::Status& turn, const isoscope::v1::GetHistogramRequest& request,
+           isoscope::v1::GetHistogramResponse* response) {
+    const absl::Status status = base::OrNoMemory("the answer", [&] {
+      return turn.ok()
+                 ? service_->AnswerHistogram(request, caller_, identity_, cancellation_, response)
+                 : turn;
+    });
+    place_.reset();  // before the client gets its answer: its next request finds the place free
+    End(status);
+  }
+
+  void End(const absl::Status& status) {
+    service_->runner_->metrics()->CountRequest(RequestMethod::kGetHistogram, status,
+                                               absl::Now() - start_);
+    Finish(rpc::ToGrpcStatus(status));
+  }
+
+  DatasetServiceImpl* const service_;
+  const base::TraceContext identity_;
+  const absl::Time start_ = absl::Now();
+  base::Cancellation cancellation_;
+  Caller caller_;  // set before Run
+  std::optional<Admission::Place> place_;
+  std::atomic<Admission::Ticket> ticket_{0};  // of the place; 0: none
+  std::shared_ptr<HistogramCall> self_;       // reset by OnDone
+};
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
@@ -56,18 +141,7 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
     grpc::CallbackServerContext* context, const isoscope::v1::GetHistogramRequest* request,
     isoscope::v1::GetHistogramResponse* response) {
-  absl::StatusOr<Caller> caller = access_->Identify(rpc::PeerOf(*context));
-  if (!caller.ok()) {
-    return rpc::AnswerUnary(
-        context, *request, [&] { return caller.status(); }, Counter(RequestMethod::kGetHistogram));
-  }
-  return rpc::UnaryTask::Start(
-      context, *request, &executor_, kMaxHistogramDuration,
-      [this, request, response, caller = *std::move(caller)](const base::Cancellation& cancellation,
-                                                             const base::TraceContext& identity) {
-        return AnswerHistogram(*request, caller, identity, cancellation, response);
-      },
-      Counter(RequestMethod::kGetHistogram));
+  return HistogramCall::Start(this, context, request, response);
 }
 
 rpc::OnCallEnd DatasetServiceImpl::Counter(RequestMethod method) const {

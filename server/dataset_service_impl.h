@@ -7,11 +7,11 @@
 #include "absl/status/status.h"
 
 #include "core/base/cancellation.h"
-#include "core/base/executor.h"
 #include "core/base/trace_context.h"
 #include "core/rpc/unary_call.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "server/access/access_control.h"
+#include "server/admission/admission.h"
 #include "server/cluster/agent_registry.h"
 #include "server/frame/frame_runner.h"
 
@@ -28,7 +28,10 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
       : registry_(registry),
         access_(access),
         runner_(runner),
-        executor_(kMaxConcurrentHistograms, kMaxQueuedHistograms) {}
+        histograms_({.limits = {.max_working = kMaxConcurrentHistograms,
+                                .max_waiting = kMaxQueuedHistograms},
+                     .noun = "histogram",
+                     .flags = ""}) {}
 
   grpc::ServerUnaryReactor* ListDatasets(grpc::CallbackServerContext* context,
                                          const isoscope::v1::ListDatasetsRequest* request,
@@ -41,6 +44,8 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
                                          isoscope::v1::GetHistogramResponse* response) override;
 
  private:
+  class HistogramCall;
+
   absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
                                const Caller& caller, const base::TraceContext& identity,
                                const base::Cancellation& cancellation,
@@ -52,7 +57,7 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
   AgentRegistry* const registry_;
   AccessControl* const access_;
   FrameRunner* const runner_;
-  base::Executor executor_;  // comes last: its threads use the members above
+  Admission histograms_;  // comes last: its threads use the members above
 };
 
 }  // namespace isoscope::server

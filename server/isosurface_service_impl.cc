@@ -5,9 +5,13 @@
 // ExportSurface merge them, on an export thread. Its chunks wait in outgoing_. When 4 MiB wait for
 // a slow client, the merge waits, and gRPC's flow control then stops the agents. OnCancel cancels
 // the streams, which wakes the merge.
+//
+// EndEarly does so, too, and lets the client hear why: an alarm calls it for a client that is too
+// slow (export_pace), or the watch of a token that is withdrawn.
 
 #include "server/isosurface_service_impl.h"
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -19,6 +23,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
+#include <grpcpp/alarm.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/log.h"
@@ -52,6 +57,9 @@ constexpr std::size_t kMaxQueuedExportBytes = 2 * base::kMiB;
 // In which a client must take a part of an answer, or a chunk of a mesh. A whole answer may take as
 // long as a frame.
 constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
+// In which a client whose token was withdrawn must take what is on its way.
+constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
+
 void CountRequest(RequestMethod method, const absl::Status& status, const FrameCall& frame) {
   frame.runner()->metrics()->CountRequest(method, status, absl::Now() - frame.start());
 }
@@ -76,9 +84,11 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
     }
     call->frame_->Schedule([call, work, response, max_write_duration] {
       const absl::Status status = (call->frame_.get()->*work)(response);
+      const std::size_t answer_bytes = status.ok() ? response->ByteSizeLong() : 0;
       call->timeout_.Start(max_write_duration);
       call->End(status);
       call->frame_->ReleaseImages();
+      call->frame_->KeepMemoryOfAnswer(answer_bytes);
     });
     return call.get();
   }
@@ -146,9 +156,11 @@ class IsosurfaceServiceImpl::StreamCall final
       End(status);
       return;
     }
+    const std::size_t answer_bytes = response.ByteSizeLong();
     splitter_.emplace(std::move(response));
     WriteNext();
     frame_->ReleaseImages();
+    frame_->KeepMemoryOfAnswer(answer_bytes);
   }
 
   void WriteNext() {
@@ -175,7 +187,8 @@ class IsosurfaceServiceImpl::StreamCall final
 
 // One export. It owns itself as a UnaryCall does.
 class IsosurfaceServiceImpl::ExportCall final
-    : public grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse> {
+    : public grpc::ServerWriteReactor<isoscope::v1::ExportIsosurfaceResponse>,
+      public std::enable_shared_from_this<ExportCall> {
  public:
   static ExportCall* Start(IsosurfaceServiceImpl* service, grpc::CallbackServerContext* context,
                            const isoscope::v1::ExportIsosurfaceRequest* request) {
@@ -186,6 +199,13 @@ class IsosurfaceServiceImpl::ExportCall final
       call->outgoing_.Finish(admitted);
       return call.get();
     }
+    call->watch_.emplace(call->caller_.WhenWithdrawn([weak = call->weak_from_this()] {
+      if (const std::shared_ptr<ExportCall> self = weak.lock()) {
+        const base::MutexLock lock(&self->early_end_mutex_);
+        self->EndEarly(CutReason::kTokenWithdrawn, WithdrawnError());
+        self->timeout_.Start(kMaxLastWriteDuration);
+      }
+    }));
     service->exports_.Schedule(call->place_->ticket(), call->cancellation_.deadline(),
                                [call](const absl::Status& turn) { call->Run(turn); });
     return call.get();
@@ -193,25 +213,28 @@ class IsosurfaceServiceImpl::ExportCall final
 
   void OnWriteDone(bool ok) override {
     timeout_.Pause();
+    {
+      const base::MutexLock lock(&pace_mutex_);
+      if (pace_.has_value()) {
+        pace_->OnWriteDone(in_flight_bytes_, absl::Now());
+      }
+    }
     outgoing_.OnWriteDone(ok);
   }
 
   void OnCancel() override {
-    cancellation_.Cancel();
-    service_->exports_.Leave(ticket_);
     outgoing_.Close();
-    {
-      const base::MutexLock lock(&streams_mutex_);
-      for (SurfaceStream* stream : streams_) {
-        stream->Cancel();
-      }
-    }
+    StopWork();
     outgoing_.Finish(absl::CancelledError("the client cancelled the export"));
   }
 
   void OnDone() override {
     timeout_.Stop();
     const std::shared_ptr<ExportCall> last_use = std::move(self_);
+    const base::MutexLock early_end_lock(&early_end_mutex_);  // the service may go after this
+    const base::MutexLock lock(&pace_mutex_);
+    alarm_.reset();
+    is_done_ = true;
   }
 
  private:
@@ -226,9 +249,11 @@ class IsosurfaceServiceImpl::ExportCall final
             kMaxQueuedExportBytes,
             [this](const isoscope::v1::ExportIsosurfaceResponse* message) {
               timeout_.Start(kMaxWriteDuration);
+              BeginPace(message->ByteSizeLong());
               StartWrite(message);
             },
             [this](const absl::Status& status) {
+              slot_.reset();  // before the client hears of the end, and asks for another
               service_->options_.runner->metrics()->CountRequest(RequestMethod::kExportIsosurface,
                                                                  status, absl::Now() - arrival_);
               Finish(rpc::ToGrpcStatus(status));
@@ -237,18 +262,121 @@ class IsosurfaceServiceImpl::ExportCall final
   absl::Status Admit(const grpc::CallbackServerContext& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->options_.access->Identify(rpc::PeerOf(context)));
     ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
-    ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
-                              service_->exports_.Admit(caller_.QueueKey(context.peer())));
-    ISOSCOPE_RETURN_IF_ERROR(caller_.TakeFrame(/*is_moving=*/false));
-    ticket_ = place.ticket();
-    place_.emplace(std::move(place));
+    // First what the caller may: above it, it must not take a place that another could have.
+    CoordinatorMetrics* const metrics = service_->options_.runner->metrics();
+    ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller_.CheckBytes()));
+    absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kExport);
+    ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kExports, slot.status()));
+    ISOSCOPE_RETURN_IF_ERROR(
+        metrics->CountRefusal(TokenLimit::kFrameRate, caller_.TakeFrame(/*is_moving=*/false)));
+    absl::StatusOr<Admission::Place> place =
+        service_->exports_.Admit(caller_.QueueKey(context.peer()));
+    if (!place.ok()) {
+      caller_.ReturnFrame();
+      return place.status();
+    }
+    slot_.emplace(*std::move(slot));
+    ticket_ = place->ticket();
+    place_.emplace(*std::move(place));
     return absl::OkStatus();
+  }
+
+  // Lets all that works for the export stop.
+  void StopWork() {
+    cancellation_.Cancel();
+    service_->exports_.Leave(ticket_);
+    const base::MutexLock lock(&streams_mutex_);
+    for (SurfaceStream* stream : streams_) {
+      stream->Cancel();
+    }
+  }
+
+  // Ends the export after the chunk that is on its way, and says why.
+  void EndEarly(CutReason reason, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(early_end_mutex_) {
+    {
+      const base::MutexLock lock(&pace_mutex_);
+      if (is_done_ || !end_.ok()) {
+        return;
+      }
+      end_ = status;
+    }
+    service_->options_.runner->metrics()->CountCut(reason);
+    outgoing_.Finish(status);  // first: what stops would say less
+    StopWork();
+  }
+
+  // Watches the pace from now on.
+  void StartPace() {
+    const base::MutexLock lock(&pace_mutex_);
+    pace_.emplace(service_->options_.export_limits, absl::Now());
+    SetAlarm();
+  }
+  void BeginPace(std::size_t bytes) {
+    const base::MutexLock lock(&pace_mutex_);
+    in_flight_bytes_ = bytes;
+    if (pace_.has_value()) {
+      pace_->OnWriteBegun(absl::Now());
+    }
+  }
+  void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(pace_mutex_) {
+    if (is_done_) {
+      return;
+    }
+    alarm_ = std::make_unique<grpc::Alarm>();
+    alarm_->Set(absl::ToChronoTime(pace_->NextJudgement(absl::Now())),
+                [self = shared_from_this()](bool rang) {
+                  if (rang) {
+                    self->JudgePace();
+                  }
+                });
+  }
+  void JudgePace() {
+    const base::MutexLock early_end_lock(&early_end_mutex_);
+    ExportPace::Verdict verdict;
+    {
+      const base::MutexLock lock(&pace_mutex_);
+      if (is_done_) {
+        return;
+      }
+      verdict = pace_->Judge(absl::Now());
+      if (verdict == ExportPace::Verdict::kGoesOn) {
+        SetAlarm();
+        return;
+      }
+    }
+    const ExportLimits& limits = service_->options_.export_limits;
+    const std::string so_far =
+        absl::StrCat("the export ended after ", sent_bytes_.load(), " bytes: ");
+    if (verdict == ExportPace::Verdict::kTooSlow) {
+      EndEarly(CutReason::kTooSlow,
+               absl::DeadlineExceededError(absl::StrCat(
+                   so_far, "its client took less than ", limits.least_bytes_per_second,
+                   " bytes a second: read chunks as they come, or ask for a clip region")));
+    } else {
+      EndEarly(CutReason::kTooLong,
+               absl::DeadlineExceededError(absl::StrCat(
+                   so_far, "it took ", absl::FormatDuration(limits.max_duration),
+                   ", the most that one may: ask for a clip region, or raise the coordinator's "
+                   "--max-export-seconds")));
+    }
   }
 
   // Gets the reason if the turn of the export did not come.
   void Run(const absl::Status& turn) {
     const absl::Time start = absl::Now();
-    const absl::Status status = turn.ok() ? Export() : turn;
+    if (turn.ok()) {
+      StartPace();
+    } else if (absl::IsResourceExhausted(turn)) {
+      caller_.ReturnFrame();  // it made room for another
+    }
+    absl::Status status = turn.ok() ? Export() : turn;
+    {
+      const base::MutexLock lock(&pace_mutex_);
+      if (!end_.ok()) {
+        status = end_;
+      }
+    }
     if (memory_.has_value()) {
       memory_->ShrinkTo(CoordinatorMemory::kExportAnswerBytes);
     }
@@ -260,7 +388,7 @@ class IsosurfaceServiceImpl::ExportCall final
                {"dataset", request_.dataset()},
                {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
-               {"bytes", sent_bytes_},
+               {"bytes", sent_bytes_.load()},
                {"status", status}});
   }
 
@@ -335,6 +463,7 @@ class IsosurfaceServiceImpl::ExportCall final
   absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     sent_bytes_ += chunk.size_bytes();
+    caller_.CountBytes(chunk.size_bytes());
     isoscope::v1::ExportIsosurfaceResponse message;
     message.set_positions(std::move(chunk.positions));
     message.set_normals(std::move(chunk.normals));
@@ -352,6 +481,8 @@ class IsosurfaceServiceImpl::ExportCall final
   const base::TraceContext identity_;
   const absl::Time arrival_ = absl::Now();
   Caller caller_;  // set before Run
+  std::optional<CallerSlot> slot_;
+  std::optional<WithdrawalWatch> watch_;
   std::optional<Admission::Place> place_;
   Admission::Ticket ticket_ = 0;  // of the place; 0: none
   rpc::ExportSpec spec_;          // set before Run
@@ -360,7 +491,14 @@ class IsosurfaceServiceImpl::ExportCall final
   std::optional<base::MemoryBudget::Reservation> memory_;
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
-  std::size_t sent_bytes_ = 0;
+  std::atomic<std::size_t> sent_bytes_{0};
+  base::Mutex early_end_mutex_;  // held while an alarm or a watch ends the export; the first taken
+  base::Mutex pace_mutex_;       // never held where outgoing_ is called
+  std::optional<ExportPace> pace_ ABSL_GUARDED_BY(pace_mutex_);  // from its turn on
+  std::size_t in_flight_bytes_ ABSL_GUARDED_BY(pace_mutex_) = 0;
+  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(pace_mutex_);
+  bool is_done_ ABSL_GUARDED_BY(pace_mutex_) = false;
+  absl::Status end_ ABSL_GUARDED_BY(pace_mutex_);  // why it was ended early
   base::Mutex streams_mutex_;
   std::vector<SurfaceStream*> streams_ ABSL_GUARDED_BY(streams_mutex_);
   std::shared_ptr<ExportCall> self_;  // reset by OnDone

@@ -17,6 +17,7 @@
 #include "server/admission/admission.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/cluster/agent_registry.h"
+#include "server/export/export_pace.h"
 #include "server/frame/frame_call.h"
 #include "server/frame/frame_runner.h"
 
@@ -27,8 +28,9 @@ struct IsosurfaceServiceOptions {
   FrameRunner* runner = nullptr;
   AccessControl* access = nullptr;  // outlives the service, too
   absl::Duration max_frame_duration = absl::Minutes(5);
-  // An export has no limit of its own, but ends if an agent sends nothing for so long.
+  // An export ends if an agent sends nothing for so long.
   absl::Duration max_agent_silence = absl::Minutes(5);
+  ExportLimits export_limits = {};
 };
 
 // Thread-safe. Destroy it only after its server has shut down. A frame holds a thread from its

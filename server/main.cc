@@ -31,6 +31,7 @@ namespace {
 struct Flags {
   std::vector<std::string> agents;
   double max_frame_seconds = 300;
+  double max_export_seconds = absl::ToDoubleSeconds(ExportLimits().max_duration);
   double poll_seconds = 2;
   std::string gateway_address;
   std::string token_file;
@@ -67,6 +68,10 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   set->AddNumber("--max-frame-seconds", &flags->max_frame_seconds, kMinSeconds, kMaxSeconds,
                  "How long a frame may take, whatever its client's deadline")
       .Environment("ISOSCOPE_MAX_FRAME_SECONDS");
+  constexpr double kMaxExportSeconds = 7 * 86400;
+  set->AddNumber("--max-export-seconds", &flags->max_export_seconds, kMinSeconds, kMaxExportSeconds,
+                 "How long an export may take from its turn on, whatever its client's deadline")
+      .Environment("ISOSCOPE_MAX_EXPORT_SECONDS");
   set->AddByteSize("--memory-limit", &flags->memory_limit_bytes,
                    static_cast<double>(CoordinatorMemory::kMinLimitBytes), 1e18,
                    "Memory for everything: pictures, planes, lists of blocks; e.g. 256MiB, 4GiB")
@@ -117,6 +122,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.max_queued_frames = server_flags.max_queued_frames;
   options.expected_viewport = view::kCommonViewport;
   options.max_frame_duration = absl::Seconds(flags.max_frame_seconds);
+  options.export_limits.max_duration = absl::Seconds(flags.max_export_seconds);
   options.memory_limit_bytes = static_cast<std::size_t>(flags.memory_limit_bytes);
   options.poll_interval = absl::Seconds(flags.poll_seconds);
   options.gateway_address = flags.gateway_address;

@@ -898,6 +898,25 @@ function addCost(statistics) {
   drawCost(statistics);
 }
 
+/** @param {any[]} agents */
+function drawAgents(agents) {
+  const longest = Math.max(1, ...agents.map((/** @type {any} */ agent) => milliseconds(agent.busyDuration ?? '0')));
+  page.agents.replaceChildren(...agents.map((/** @type {any} */ agent) => {
+    const extract = milliseconds(agent.extractDuration ?? '0');
+    const draw = milliseconds(agent.renderDuration ?? '0');
+    const busy = milliseconds(agent.busyDuration ?? '0');
+    const bars = svg('svg', { viewBox: '0 0 100 9', preserveAspectRatio: 'none' });
+    let x = 0;
+    for (const [value, name] of /** @type {[number, string][]} */ ([[extract, 'extract'], [draw, 'draw'], [Math.max(0, busy - extract - draw), 'rest']])) {
+      bars.append(svg('rect', { class: name, x, y: 0, width: 100 * value / longest, height: 9 }));
+      x += 100 * value / longest;
+    }
+    return make('div', { className: 'agent', title: `${agent.agentAddress}: shards ${(agent.shardIndices ?? []).join(', ')}; ` +
+      `${Number(agent.triangleCount ?? 0).toLocaleString('en')} triangles, ${formatBytes(Number(agent.readBytes ?? 0))} read` },
+    make('span', {}, agent.agentAddress), bars, make('b', {}, `${format(busy, 3)} ms`));
+  }), make('div', { className: 'key' }, ...['extract', 'draw', 'rest'].map((name) => make('span', {}, make('i', { className: name }), name))));
+}
+
 const drawCost = quietly((/** @type {any} */ statistics) => {
   const canvas = page.times;
   const ratio = devicePixelRatio || 1;
@@ -925,22 +944,9 @@ const drawCost = quietly((/** @type {any} */ statistics) => {
     context.font = '10px system-ui, sans-serif';
     context.fillText(`${format(totals.at(-1) ?? 0, 3)} ms a frame, by step`, 7, 13);
   }
-  const agents = statistics.agents ?? [];
-  const longest = Math.max(1, ...agents.map((/** @type {any} */ agent) => milliseconds(agent.busyDuration ?? '0')));
-  page.agents.replaceChildren(...agents.map((/** @type {any} */ agent) => {
-    const extract = milliseconds(agent.extractDuration ?? '0');
-    const draw = milliseconds(agent.renderDuration ?? '0');
-    const busy = milliseconds(agent.busyDuration ?? '0');
-    const bars = svg('svg', { viewBox: '0 0 100 9', preserveAspectRatio: 'none' });
-    let x = 0;
-    for (const [value, name] of /** @type {[number, string][]} */ ([[extract, 'extract'], [draw, 'draw'], [Math.max(0, busy - extract - draw), 'rest']])) {
-      bars.append(svg('rect', { class: name, x, y: 0, width: 100 * value / longest, height: 9 }));
-      x += 100 * value / longest;
-    }
-    return make('div', { className: 'agent', title: `${agent.agentAddress}: shards ${(agent.shardIndices ?? []).join(', ')}; ` +
-      `${Number(agent.triangleCount ?? 0).toLocaleString('en')} triangles, ${formatBytes(Number(agent.readBytes ?? 0))} read` },
-    make('span', {}, agent.agentAddress), bars, make('b', {}, `${format(busy, 3)} ms`));
-  }), make('div', { className: 'key' }, ...['extract', 'draw', 'rest'].map((name) => make('span', {}, make('i', { className: name }), name))));
+  if (statistics.agents) {  // a moving frame has none: those of the last exact one stay
+    drawAgents(statistics.agents);
+  }
   const count = (/** @type {any} */ value) => Number(value ?? 0).toLocaleString('en');
   const figures = [['Triangles', count(statistics.triangleCount)], ['Active blocks', count(statistics.activeBlockCount)],
     ['Drawn · culled', `${count(statistics.visibleBlockCount)} · ${count(statistics.culledBlockCount)}`],

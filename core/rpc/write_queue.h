@@ -67,10 +67,10 @@ class WriteQueue {
   }
 
   // Ends the stream: with OK after all queued messages were written, with an error after the write
-  // in flight. Only the first call counts.
+  // in flight. Only the first call counts, unless an error follows an OK whose messages still wait.
   void Finish(const absl::Status& status) {
     base::MutexLock lock(&mutex_);
-    if (status_.has_value()) {
+    if (status_.has_value() && (!status_->ok() || status.ok() || queue_.empty())) {
       return;
     }
     status_ = status;

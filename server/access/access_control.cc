@@ -1,7 +1,6 @@
 #include "server/access/access_control.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -24,6 +23,29 @@ namespace {
 constexpr std::int64_t kMaxFileBytes = 4 * base::kMiB;
 constexpr absl::string_view kBearer = "Bearer ";
 
+// What was not used of the bytes of this time may come at once.
+constexpr double kByteBurstSeconds = 10;
+// After which one who has as much as it may asks again: a frame's time.
+constexpr absl::Duration kUseDelay = absl::Milliseconds(500);
+
+struct UseLimit {
+  int most = 0;  // 0: no limit
+  const char* noun = "";
+  const char* member = "";
+};
+
+UseLimit LimitOf(const AccessToken& token, CallerUse use) {
+  switch (use) {
+    case CallerUse::kFrame:
+      return {token.max_concurrent_frames, "frames", "max_concurrent_frames"};
+    case CallerUse::kStream:
+      return {token.max_streams, "interactive streams", "max_streams"};
+    case CallerUse::kExport:
+      return {token.max_exports, "exports", "max_exports"};
+  }
+  return {};
+}
+
 absl::Status NothingShown() {
   return absl::UnauthenticatedError(
       "this service asks who calls: send a token (--token-file FILE or $ISOSCOPE_TOKEN), or show a "
@@ -32,35 +54,123 @@ absl::Status NothingShown() {
 
 }  // namespace
 
-AccessGrant::AccessGrant(AccessToken token, absl::Time now)
-    : token_(std::move(token)),
-      burst_(std::max(2.0, token_.max_frames_per_second)),
-      frames_(burst_),
-      counted_(now) {}
+AccessGrant::AccessGrant(AccessToken token, absl::Time now) : token_(std::move(token)) {
+  if (token_.max_frames_per_second > 0) {
+    frames_.emplace(token_.max_frames_per_second, std::max(2.0, token_.max_frames_per_second), now);
+  }
+  if (token_.max_bytes_per_second > 0) {
+    bytes_.emplace(token_.max_bytes_per_second, token_.max_bytes_per_second * kByteBurstSeconds,
+                   now);
+  }
+}
 
 absl::Status AccessGrant::TakeFrame(int spared, absl::Time now) {
-  const double rate = token_.max_frames_per_second;
-  if (rate == 0) {
-    return absl::OkStatus();
-  }
   const base::MutexLock lock(&mutex_);
-  if (now > counted_) {
-    frames_ = std::min(burst_, frames_ + rate * absl::ToDoubleSeconds(now - counted_));
-    counted_ = now;
-  }
-  if (frames_ >= 1 + spared) {
-    frames_ -= 1;
+  if (!frames_.has_value()) {
     return absl::OkStatus();
   }
-  const double wait_ms = std::ceil((1 + spared - frames_) / rate * 1000);
+  if (frames_->Level(now) >= 1 + spared) {
+    frames_->Take(1);
+    return absl::OkStatus();
+  }
+  const absl::Duration wait = frames_->TimeUntil(1 + spared);
   return base::WithRetryDelay(
-      absl::ResourceExhaustedError(absl::StrCat("token \"", token_.name, "\" may have ", rate,
-                                                " frames a second: retry in ", wait_ms, " ms")),
-      absl::Milliseconds(wait_ms));
+      absl::ResourceExhaustedError(
+          absl::StrCat("token \"", token_.name, "\" may have ", token_.max_frames_per_second,
+                       " frames a second: retry in ", absl::ToInt64Milliseconds(wait), " ms")),
+      wait);
+}
+
+void AccessGrant::ReturnFrame() {
+  const base::MutexLock lock(&mutex_);
+  if (frames_.has_value()) {
+    frames_->Take(-1);
+  }
+}
+
+absl::Status AccessGrant::BeginUse(CallerUse use) {
+  const UseLimit limit = LimitOf(token_, use);
+  const base::MutexLock lock(&mutex_);
+  int& count = uses_[static_cast<std::size_t>(use)];
+  if (limit.most == 0 || count < limit.most) {
+    ++count;
+    return absl::OkStatus();
+  }
+  return base::WithRetryDelay(
+      absl::ResourceExhaustedError(absl::StrCat(
+          "token \"", token_.name, "\" may have ", limit.most, " ", limit.noun,
+          " at a time and has them: wait until one ends, or ask for a greater ", limit.member)),
+      kUseDelay);
+}
+
+void AccessGrant::EndUse(CallerUse use) {
+  const base::MutexLock lock(&mutex_);
+  --uses_[static_cast<std::size_t>(use)];
+}
+
+absl::Status AccessGrant::CheckBytes(absl::Time now) {
+  const base::MutexLock lock(&mutex_);
+  if (!bytes_.has_value() || bytes_->Level(now) > 0) {
+    return absl::OkStatus();
+  }
+  const absl::Duration wait = std::max(bytes_->TimeUntil(1), absl::Milliseconds(1));
+  return base::WithRetryDelay(
+      absl::ResourceExhaustedError(
+          absl::StrCat("token \"", token_.name, "\" may have ", token_.max_bytes_per_second,
+                       " bytes a second and was sent more: retry in ",
+                       absl::ToInt64Milliseconds(wait), " ms, or ask for smaller pictures")),
+      wait);
+}
+
+void AccessGrant::CountBytes(std::size_t bytes, absl::Time now) {
+  const base::MutexLock lock(&mutex_);
+  if (bytes_.has_value()) {
+    bytes_->Level(now);
+    bytes_->Take(static_cast<double>(bytes));
+  }
+}
+
+std::int64_t AccessGrant::AddUser(std::function<void()> end) {
+  {
+    const base::MutexLock lock(&mutex_);
+    if (!must_users_end_) {
+      users_.emplace(next_user_, std::move(end));
+      return next_user_++;
+    }
+  }
+  end();
+  return 0;
+}
+
+void AccessGrant::ForgetUser(std::int64_t user) {
+  std::function<void()> unused;  // destroyed without the lock
+  const base::MutexLock lock(&mutex_);
+  const auto it = users_.find(user);
+  if (it != users_.end()) {
+    unused = std::move(it->second);
+    users_.erase(it);
+  }
+}
+
+void AccessGrant::EndUsers() {
+  std::map<std::int64_t, std::function<void()>> users;
+  {
+    const base::MutexLock lock(&mutex_);
+    must_users_end_ = true;
+    users.swap(users_);
+  }
+  for (const auto& [user, end] : users) {
+    end();
+  }
 }
 
 std::string Caller::QueueKey(const std::string& peer) const {
   return grant_ == nullptr ? absl::StrCat("peer ", peer) : absl::StrCat("token ", name());
+}
+
+std::string Caller::HostKey(const std::string& peer) const {
+  const bool has_port = absl::StartsWith(peer, "ipv4:") || absl::StartsWith(peer, "ipv6:");
+  return QueueKey(has_port ? peer.substr(0, peer.rfind(':')) : peer);
 }
 
 bool Caller::MaySee(const std::string& dataset) const {
@@ -82,6 +192,39 @@ absl::Status Caller::TakeFrame(bool is_moving) const {
   return grant_ == nullptr ? absl::OkStatus() : grant_->TakeFrame(is_moving ? 1 : 0, absl::Now());
 }
 
+void Caller::ReturnFrame() const {
+  if (grant_ != nullptr) {
+    grant_->ReturnFrame();
+  }
+}
+
+absl::StatusOr<CallerSlot> Caller::Begin(CallerUse use) const {
+  if (grant_ == nullptr) {
+    return CallerSlot();
+  }
+  ISOSCOPE_RETURN_IF_ERROR(grant_->BeginUse(use));
+  return CallerSlot(grant_, use);
+}
+
+absl::Status Caller::CheckBytes() const {
+  return grant_ == nullptr ? absl::OkStatus() : grant_->CheckBytes(absl::Now());
+}
+
+void Caller::CountBytes(std::size_t bytes) const {
+  if (grant_ != nullptr) {
+    grant_->CountBytes(bytes, absl::Now());
+  }
+}
+
+WithdrawalWatch Caller::WhenWithdrawn(std::function<void()> end) const {
+  return grant_ == nullptr ? WithdrawalWatch()
+                           : WithdrawalWatch(grant_, grant_->AddUser(std::move(end)));
+}
+
+absl::Status WithdrawnError() {
+  return absl::UnauthenticatedError("the token was withdrawn or changed: connect again");
+}
+
 absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Make(AccessOptions options) {
   std::unique_ptr<AccessControl> access(new AccessControl(std::move(options)));
   if (!access->options_.token_file.empty()) {
@@ -89,8 +232,41 @@ absl::StatusOr<std::unique_ptr<AccessControl>> AccessControl::Make(AccessOptions
     access->file_ = StateOf(access->options_.token_file);
     access->looked_ = absl::Now();
     ISOSCOPE_RETURN_IF_ERROR(access->Load());
+    access->watcher_ = std::thread([watched = access.get()] { watched->Watch(); });
   }
   return access;
+}
+
+AccessControl::~AccessControl() {
+  {
+    const base::MutexLock lock(&mutex_);
+    is_stopping_ = true;
+    changed_.SignalAll();
+  }
+  if (watcher_.joinable()) {
+    watcher_.join();
+  }
+}
+
+void AccessControl::Watch() {
+  while (true) {
+    std::vector<std::shared_ptr<AccessGrant>> withdrawn;
+    {
+      base::MutexLock lock(&mutex_);
+      if (!is_stopping_ && withdrawn_.empty()) {
+        changed_.WaitUntil(&mutex_, looked_ + kReloadInterval);
+      }
+      if (is_stopping_) {
+        return;
+      }
+      ReloadIfChanged();
+      withdrawn.swap(withdrawn_);
+    }
+    // Without the lock: what ends a call may ask who calls.
+    for (const std::shared_ptr<AccessGrant>& grant : withdrawn) {
+      grant->EndUsers();
+    }
+  }
 }
 
 AccessControl::FileState AccessControl::StateOf(const std::string& path) {
@@ -121,8 +297,10 @@ absl::Status AccessControl::Load() {
   for (const std::shared_ptr<AccessGrant>& grant : before) {
     if (std::find(grants_.begin(), grants_.end(), grant) == grants_.end()) {
       grant->Withdraw();
+      withdrawn_.push_back(grant);
     }
   }
+  changed_.SignalAll();
   base::LogInfo("tokens_read", {{"file", options_.token_file}, {"tokens", grants_.size()}});
   return absl::OkStatus();
 }
@@ -202,9 +380,7 @@ absl::Status AccessControl::CheckStillValid(const Caller& caller) {
     const base::MutexLock lock(&mutex_);
     ReloadIfChanged();
   }
-  return caller.grant_->is_withdrawn()
-             ? absl::UnauthenticatedError("the token was withdrawn or changed: connect again")
-             : absl::OkStatus();
+  return caller.grant_->is_withdrawn() ? WithdrawnError() : absl::OkStatus();
 }
 
 }  // namespace isoscope::server

@@ -14,10 +14,16 @@
 #ifndef ISOSCOPE_SERVER_ACCESS_ACCESS_CONTROL_H_
 #define ISOSCOPE_SERVER_ACCESS_ACCESS_CONTROL_H_
 
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <map>
 #include <memory>
+#include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -29,8 +35,12 @@
 #include "core/base/mutex.h"
 #include "core/rpc/peer.h"
 #include "server/access/access_tokens.h"
+#include "server/access/rate_bucket.h"
 
 namespace isoscope::server {
+
+// Of what the holder of a token may have a number at a time.
+enum class CallerUse { kFrame, kStream, kExport };
 
 // What the holder of a token may, and how much of it was used. Thread-safe.
 class AccessGrant {
@@ -38,22 +48,79 @@ class AccessGrant {
   AccessGrant(AccessToken token, absl::Time now);
 
   [[nodiscard]] const AccessToken& token() const { return token_; }
-  // RESOURCE_EXHAUSTED says when to come again (retry_delay.h). `spared`: frames that must be left
-  // afterwards.
+  // The errors of these three are RESOURCE_EXHAUSTED, and say when to come again (retry_delay.h).
+  // `spared`: frames of the rate that must be left afterwards.
   absl::Status TakeFrame(int spared, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status BeginUse(CallerUse use) ABSL_LOCKS_EXCLUDED(mutex_);
+  absl::Status CheckBytes(absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Gives a frame of the rate back, which was not drawn.
+  void ReturnFrame() ABSL_LOCKS_EXCLUDED(mutex_);
+  void EndUse(CallerUse use) ABSL_LOCKS_EXCLUDED(mutex_);
+  void CountBytes(std::size_t bytes, absl::Time now) ABSL_LOCKS_EXCLUDED(mutex_);
+
+  // The token is gone from the file, or has changed there.
   void Withdraw() { is_withdrawn_.store(true); }
   [[nodiscard]] bool is_withdrawn() const { return is_withdrawn_.load(); }
+  // Calls `end` once when the users of a withdrawn grant must end: at once if they must already.
+  // Returns the number by which it is forgotten.
+  std::int64_t AddUser(std::function<void()> end) ABSL_LOCKS_EXCLUDED(mutex_);
+  void ForgetUser(std::int64_t user) ABSL_LOCKS_EXCLUDED(mutex_);
+  void EndUsers() ABSL_LOCKS_EXCLUDED(mutex_);
 
  private:
+  static constexpr std::size_t kUseCount = 3;
+
   const AccessToken token_;
-  const double burst_;  // frames that may come at once
   std::atomic<bool> is_withdrawn_{false};
   base::Mutex mutex_;
-  double frames_ ABSL_GUARDED_BY(mutex_);  // that may come now
-  absl::Time counted_ ABSL_GUARDED_BY(mutex_);
+  std::optional<RateBucket> frames_ ABSL_GUARDED_BY(mutex_);  // none: no limit
+  std::optional<RateBucket> bytes_ ABSL_GUARDED_BY(mutex_);
+  std::array<int, kUseCount> uses_ ABSL_GUARDED_BY(mutex_) = {};
+  bool must_users_end_ ABSL_GUARDED_BY(mutex_) = false;
+  std::int64_t next_user_ ABSL_GUARDED_BY(mutex_) = 1;
+  std::map<std::int64_t, std::function<void()>> users_ ABSL_GUARDED_BY(mutex_);
 };
 
-// One caller. Copies are cheap and share the count of frames. Thread-safe.
+// One of the things that a caller has at a time, until it is destroyed.
+class CallerSlot {
+ public:
+  CallerSlot() = default;
+  CallerSlot(std::shared_ptr<AccessGrant> grant, CallerUse use)
+      : grant_(std::move(grant)), use_(use) {}
+  CallerSlot(CallerSlot&& other) noexcept : grant_(std::move(other.grant_)), use_(other.use_) {}
+  CallerSlot& operator=(CallerSlot&&) = delete;
+  ~CallerSlot() {
+    if (grant_ != nullptr) {
+      grant_->EndUse(use_);
+    }
+  }
+
+ private:
+  std::shared_ptr<AccessGrant> grant_;  // null: nothing is counted
+  CallerUse use_ = CallerUse::kFrame;
+};
+
+// Lets a call hear that its token was withdrawn, until it is destroyed.
+class WithdrawalWatch {
+ public:
+  WithdrawalWatch() = default;
+  WithdrawalWatch(std::shared_ptr<AccessGrant> grant, std::int64_t user)
+      : grant_(std::move(grant)), user_(user) {}
+  WithdrawalWatch(WithdrawalWatch&& other) noexcept
+      : grant_(std::move(other.grant_)), user_(other.user_) {}
+  WithdrawalWatch& operator=(WithdrawalWatch&&) = delete;
+  ~WithdrawalWatch() {
+    if (grant_ != nullptr) {
+      grant_->ForgetUser(user_);
+    }
+  }
+
+ private:
+  std::shared_ptr<AccessGrant> grant_;  // null: there is no token
+  std::int64_t user_ = 0;
+};
+
+// One caller. Copies are cheap and share the counts. Thread-safe.
 class Caller {
  public:
   // May do everything.
@@ -64,6 +131,8 @@ class Caller {
   [[nodiscard]] std::string name() const { return grant_ == nullptr ? "" : grant_->token().name; }
   // Who it is in a line of clients: its token, else `peer`, the connection as gRPC names it.
   [[nodiscard]] std::string QueueKey(const std::string& peer) const;
+  // The same for what stays open: without a token all connections of a host are one caller.
+  [[nodiscard]] std::string HostKey(const std::string& peer) const;
   [[nodiscard]] bool sees_all_datasets() const {
     return grant_ == nullptr || grant_->token().sees_all_datasets;
   }
@@ -73,11 +142,25 @@ class Caller {
   // Counts a frame. RESOURCE_EXHAUSTED if there were too many. A moving frame of a view leaves room
   // for the exact one that follows.
   [[nodiscard]] absl::Status TakeFrame(bool is_moving) const;
+  // Gives it back, because something else refused the frame.
+  void ReturnFrame() const;
+  // RESOURCE_EXHAUSTED if the caller has as many already as it may.
+  [[nodiscard]] absl::StatusOr<CallerSlot> Begin(CallerUse use) const;
+  // RESOURCE_EXHAUSTED if more bytes were sent than the token allows for the time.
+  [[nodiscard]] absl::Status CheckBytes() const;
+  // Counts bytes that are sent.
+  void CountBytes(std::size_t bytes) const;
+  // Calls `end` once, on another thread, if the token is withdrawn. It owns what it needs: it may
+  // be under way when the watch is destroyed.
+  [[nodiscard]] WithdrawalWatch WhenWithdrawn(std::function<void()> end) const;
 
  private:
   friend class AccessControl;
   std::shared_ptr<AccessGrant> grant_;  // null: no limits
 };
+
+// How a call ends whose token was withdrawn.
+absl::Status WithdrawnError();
 
 struct AccessOptions {
   bool has_tls = false;         // callers need a certificate or a token
@@ -87,11 +170,15 @@ struct AccessOptions {
 // Thread-safe.
 class AccessControl {
  public:
-  // A changed file is noticed this long after it was last looked at.
+  // A changed file is noticed this long after it was last looked at, also while nobody calls.
   static constexpr absl::Duration kReloadInterval = absl::Seconds(1);
 
   // Errors of reading the file; as ParseAccessTokens.
   static absl::StatusOr<std::unique_ptr<AccessControl>> Make(AccessOptions options);
+  ~AccessControl();
+
+  AccessControl(const AccessControl&) = delete;
+  AccessControl& operator=(const AccessControl&) = delete;
 
   // The caller, if it may do anything at all. UNAUTHENTICATED: it shows nothing, or what it shows
   // is not known. PERMISSION_DENIED: its certificate is for something else.
@@ -118,12 +205,18 @@ class AccessControl {
   // Reads the file again if it has changed; keeps what there is if the new one is wrong.
   void ReloadIfChanged() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::StatusOr<Caller> FindToken(const std::string& authorization) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Looks at the file while nobody calls, and ends the users of withdrawn tokens.
+  void Watch() ABSL_LOCKS_EXCLUDED(mutex_);
 
   const AccessOptions options_;
   base::Mutex mutex_;
+  base::CondVar changed_;  // tokens were withdrawn, or all stops
+  bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
+  std::vector<std::shared_ptr<AccessGrant>> withdrawn_ ABSL_GUARDED_BY(mutex_);  // not ended yet
   FileState file_ ABSL_GUARDED_BY(mutex_);
   absl::Time looked_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();
   std::vector<std::shared_ptr<AccessGrant>> grants_ ABSL_GUARDED_BY(mutex_);
+  std::thread watcher_;  // runs if there is a token file
 };
 
 }  // namespace isoscope::server

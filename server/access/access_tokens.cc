@@ -23,6 +23,8 @@ using Json = nlohmann::json;
 
 constexpr std::size_t kMaxNameBytes = 100;
 constexpr double kMaxFramesPerSecond = 1e6;
+constexpr double kMaxBytesPerSecond = 1e15;
+constexpr int kMaxAtATime = 1'000'000;
 constexpr char kAllDatasets[] = "*";
 
 absl::Status Wrong(absl::string_view where, absl::string_view what) {
@@ -74,6 +76,24 @@ absl::Status ReadDatasets(const Json& value, absl::string_view where, AccessToke
   return absl::OkStatus();
 }
 
+absl::Status ReadRate(const Json& value, absl::string_view where, absl::string_view key,
+                      double most, double* rate) {
+  if (!value.is_number() || !(value.get<double>() > 0) || value.get<double>() > most) {
+    return Wrong(where, absl::StrCat(key, " must be a number above 0"));
+  }
+  *rate = value.get<double>();
+  return absl::OkStatus();
+}
+
+absl::Status ReadCount(const Json& value, absl::string_view where, absl::string_view key,
+                       int* count) {
+  if (!value.is_number_integer() || value.get<double>() < 1 || value.get<double>() > kMaxAtATime) {
+    return Wrong(where, absl::StrCat(key, " must be a whole number from 1 to ", kMaxAtATime));
+  }
+  *count = value.get<int>();
+  return absl::OkStatus();
+}
+
 absl::Status ReadMember(const std::string& key, const Json& value, absl::string_view where,
                         AccessToken* token) {
   if (key == "name") {
@@ -93,15 +113,20 @@ absl::Status ReadMember(const std::string& key, const Json& value, absl::string_
     }
     token->max_viewport_px = value.get<int>();
   } else if (key == "max_frames_per_second") {
-    if (!value.is_number() || !(value.get<double>() > 0) ||
-        value.get<double>() > kMaxFramesPerSecond) {
-      return Wrong(where, "max_frames_per_second must be a number above 0");
-    }
-    token->max_frames_per_second = value.get<double>();
+    return ReadRate(value, where, key, kMaxFramesPerSecond, &token->max_frames_per_second);
+  } else if (key == "max_bytes_per_second") {
+    return ReadRate(value, where, key, kMaxBytesPerSecond, &token->max_bytes_per_second);
+  } else if (key == "max_concurrent_frames") {
+    return ReadCount(value, where, key, &token->max_concurrent_frames);
+  } else if (key == "max_streams") {
+    return ReadCount(value, where, key, &token->max_streams);
+  } else if (key == "max_exports") {
+    return ReadCount(value, where, key, &token->max_exports);
   } else {
     return Wrong(where, absl::StrCat("there is no member \"", absl::CHexEscape(key),
                                      "\": name, sha256, datasets, max_viewport_px, "
-                                     "max_frames_per_second"));
+                                     "max_frames_per_second, max_concurrent_frames, max_streams, "
+                                     "max_exports, max_bytes_per_second"));
   }
   return absl::OkStatus();
 }

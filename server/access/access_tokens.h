@@ -1,7 +1,9 @@
 // The file of bearer tokens (docs/security.md): who may see which datasets, and how much of them.
 //
 //   {"tokens": [{"name": "alice", "sha256": "9f86...", "datasets": ["head"],
-//                "max_viewport_px": 2048, "max_frames_per_second": 10}]}
+//                "max_viewport_px": 2048, "max_frames_per_second": 10,
+//                "max_concurrent_frames": 4, "max_streams": 8, "max_exports": 1,
+//                "max_bytes_per_second": 10e6}]}
 //
 // It holds digests, so whoever reads it can't use the tokens. SHA-256 without salt is right for
 // tokens of at least 128 random bits; passwords of people do not belong here.
@@ -24,7 +26,11 @@ struct AccessToken {
   bool sees_all_datasets = false;
   std::vector<std::string> datasets = {};  // ascending; those that it may see
   int max_viewport_px = 0;                 // of a side of the viewport; 0: the service's own limit
-  double max_frames_per_second = 0;        // 0: no limit
+  double max_frames_per_second = 0;        // 0: no limit, as of those below
+  int max_concurrent_frames = 0;           // in work and waiting
+  int max_streams = 0;                     // interactive ones that are open
+  int max_exports = 0;                     // in work and waiting
+  double max_bytes_per_second = 0;         // of pictures, planes and meshes
 
   friend bool operator==(const AccessToken&, const AccessToken&) = default;
 };

@@ -36,7 +36,8 @@ constexpr std::size_t kMaxActiveBlocksBytes = 64 * base::kMiB;
 // blocks made of it.
 constexpr std::size_t kExportBytesPerAgent = 8 * base::kMiB;
 // Shares of the limit; the rest is for the process itself and for gRPC.
-constexpr std::size_t kFrameShare = 8;        // 5 of 8
+constexpr std::size_t kFrameShare = 16;       // 9 of 16
+constexpr std::size_t kExportShare = 8;       // 1 of 8, at least an export of one agent
 constexpr std::size_t kUnusedImageShare = 8;  // 1 of 8
 constexpr std::size_t kActiveBlocksShare = 16;
 
@@ -84,7 +85,9 @@ std::size_t CoordinatorMemory::DefaultLimitBytes() {
 }
 
 CoordinatorMemory::CoordinatorMemory(std::size_t limit_bytes)
-    : limit_bytes_(limit_bytes), frames_(limit_bytes / kFrameShare * 5) {
+    : limit_bytes_(limit_bytes),
+      frames_(limit_bytes / kFrameShare * 9),
+      exports_(std::max(limit_bytes / kExportShare, kExportAnswerBytes + kExportBytesPerAgent)) {
   ISOSCOPE_CHECK_GE(limit_bytes, kMinLimitBytes);
 }
 
@@ -124,7 +127,7 @@ absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveFrame(
 absl::StatusOr<base::MemoryBudget::Reservation> CoordinatorMemory::ReserveExport(
     std::size_t agent_count, const base::Cancellation& cancellation) {
   const std::size_t bytes = kExportAnswerBytes + agent_count * kExportBytesPerAgent;
-  return frames_.Reserve(std::min(bytes, frames_.capacity_bytes()), cancellation);
+  return exports_.Reserve(std::min(bytes, exports_.capacity_bytes()), cancellation);
 }
 
 }  // namespace isoscope::server

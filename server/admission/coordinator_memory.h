@@ -44,8 +44,9 @@ class CoordinatorMemory {
   [[nodiscard]] std::size_t active_blocks_bytes() const;
 
   [[nodiscard]] std::size_t limit_bytes() const { return limit_bytes_; }
-  // The bytes that frames have taken.
+  // The bytes that frames have taken, and those that exports have.
   [[nodiscard]] std::size_t frame_bytes() const { return frames_.reserved_bytes(); }
+  [[nodiscard]] std::size_t export_bytes() const { return exports_.reserved_bytes(); }
 
   // RESOURCE_EXHAUSTED if the frame can never fit: says size, bytes and limit.
   [[nodiscard]] absl::Status CheckFits(const frame::FrameSpec& spec, Delivery delivery) const;
@@ -55,15 +56,17 @@ class CoordinatorMemory {
       const frame::FrameSpec& spec, Delivery delivery, const base::Cancellation& cancellation);
   // Of an export, what is on its way to its client: chunks that wait, and gRPC's copy.
   static constexpr std::size_t kExportAnswerBytes = std::size_t{16} * 1024 * 1024;
-  // Takes the memory of an export: what is on its way from each agent and to the client. An export
-  // takes all that there is for frames if it needs more. Waits, as ReserveFrame. Agents' part may
-  // be given back (ShrinkTo) when they are done, and the rest when the client has the mesh.
+  // Takes the memory of an export: what is on its way from each agent and to the client. Exports
+  // have a share of their own, so that a slow client of one stops no frame. One that needs more
+  // takes all of the share, and exceeds it. Waits, as ReserveFrame. Agents' part may be given back
+  // (ShrinkTo) when they are done, and the rest when the client has the mesh.
   absl::StatusOr<base::MemoryBudget::Reservation> ReserveExport(
       std::size_t agent_count, const base::Cancellation& cancellation);
 
  private:
   const std::size_t limit_bytes_;
   base::MemoryBudget frames_;
+  base::MemoryBudget exports_;
 };
 
 }  // namespace isoscope::server

@@ -29,6 +29,9 @@ namespace v1 = isoscope::v1;
 // The room in a message for what is neither picture nor plane.
 constexpr std::size_t kOtherFieldsBytes = base::kMiB;
 
+// Of an answer in parts, those that are copied to be sent.
+constexpr std::size_t kPartsUnderWayBytes = 2 * base::kMiB;
+
 // Returns when a frame that began at `start` must end so that its client still hears which agent is
 // late. A client whose own clock runs out first learns nothing.
 absl::Time AnswerBefore(absl::Time client_deadline, absl::Time start) {
@@ -154,14 +157,16 @@ absl::Status FrameCall::TakePlace() {
   }
   ISOSCOPE_RETURN_IF_ERROR(
       caller_.CheckViewport(spec_.viewport.width_px, spec_.viewport.height_px));
-  ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
-                            runner_->Admit(caller_.QueueKey(origin_.client), spec_, delivery_));
-  if (absl::Status status = caller_.TakeFrame(is_moving_); !status.ok()) {
-    runner_->metrics()->rate_limited_frames.Add();
-    return status;
+  ISOSCOPE_RETURN_IF_ERROR(TakeShare());
+  absl::StatusOr<Admission::Place> place =
+      runner_->Admit(caller_.QueueKey(origin_.client), spec_, delivery_);
+  if (!place.ok()) {
+    caller_.ReturnFrame();
+    slot_.reset();
+    return place.status();
   }
-  ticket_ = place.ticket();
-  place_.emplace(std::move(place));
+  ticket_ = place->ticket();
+  place_.emplace(*std::move(place));
   const view::Viewport size = frame::ImageSizeOf(spec_);
   on_board_.emplace(runner_->board()->Add({.request_id = origin_.request.request_id(),
                                            .client = origin_.client,
@@ -169,6 +174,20 @@ absl::Status FrameCall::TakePlace() {
                                            .width_px = size.width_px,
                                            .height_px = size.height_px,
                                            .arrival = start_}));
+  return absl::OkStatus();
+}
+
+absl::Status FrameCall::TakeShare() {
+  CoordinatorMetrics* const metrics = runner_->metrics();
+  ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kBytes, caller_.CheckBytes()));
+  absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kFrame);
+  ISOSCOPE_RETURN_IF_ERROR(metrics->CountRefusal(TokenLimit::kFrames, slot.status()));
+  absl::Status rate = metrics->CountRefusal(TokenLimit::kFrameRate, caller_.TakeFrame(is_moving_));
+  if (!rate.ok()) {
+    metrics->rate_limited_frames.Add();
+    return rate;
+  }
+  slot_.emplace(*std::move(slot));
   return absl::OkStatus();
 }
 
@@ -202,7 +221,9 @@ void FrameCall::EndWork(std::int64_t frame_number, const absl::Status& status,
     CountSteps(statistics);
   }
   on_board_.reset();
-  place_.reset();  // before the client gets its answer: its next request finds the place free
+  // Before the client gets its answer: its next request finds both free.
+  place_.reset();
+  slot_.reset();
 }
 
 void FrameCall::CountEnd(const absl::Status& status) const {
@@ -210,6 +231,7 @@ void FrameCall::CountEnd(const absl::Status& status) const {
   if (absl::IsResourceExhausted(turn_)) {
     metrics->refused_frames.Add();
     metrics->displaced_frames.Add();
+    caller_.ReturnFrame();
     return;
   }
   if (absl::IsDeadlineExceeded(turn_)) {
@@ -280,6 +302,14 @@ absl::Status FrameCall::Pick(v1::PickSurfaceResponse* response) {
   return status;
 }
 
+void FrameCall::KeepMemoryOfAnswer(std::size_t answer_bytes) {
+  if (memory_.has_value()) {
+    // gRPC copies a whole answer, and of one in parts a few parts.
+    memory_->ShrinkTo(answer_bytes +
+                      (delivery_ == Delivery::kWhole ? answer_bytes : kPartsUnderWayBytes));
+  }
+}
+
 std::optional<base::MemoryBudget::Reservation> FrameCall::TakeMemory(std::size_t bytes) {
   if (memory_.has_value()) {
     memory_->ShrinkTo(bytes);
@@ -322,6 +352,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
     ISOSCOPE_RETURN_IF_ERROR(CheckMessageBytes(output.size_bytes()));
   }
   runner_->metrics()->response_bytes.Add(static_cast<std::int64_t>(output.size_bytes()));
+  caller_.CountBytes(output.size_bytes());
   MoveInto(std::move(output), response);
   return absl::OkStatus();
 }

@@ -2,15 +2,16 @@
 // response.
 //
 // 1. Admit, on gRPC's thread, converts the request. An error that no state of the cluster could
-//    change is answered at once. Then the frame is counted, refused if too many are in work or wait
-//    or if it can never fit the memory limit, and queued.
+//    change is answered at once. Then the limits of the caller's token are asked: a caller above
+//    them must not take a place that another could have. Then the frame is counted, refused if too
+//    many are in work or wait or if it can never fit the memory limit, and queued.
 // 2. On a frame thread it waits for its memory, then FrameRunner finds the dataset, which may wait
 //    for a probe of the agents, and makes camera, view and layout.
 // 3. RunFrame does the work with the agents (frame_coordinator). If the cache knows which blocks
 //    are active, agents need not report them; otherwise their report goes into the cache.
 // 4. Picture and planes are encoded, in the arena. The frame gives its place to another one before
-//    the client gets the answer, so that the client's next request finds it free. Its memory is
-//    given back when gRPC is done with the response.
+//    the client gets the answer, so that the client's next request finds it free. Its memory but
+//    that of the response is given back at once, the rest when gRPC is done with the response.
 //
 // A picture with several samples, or with effects that look around, is drawn in a larger window
 // (core/frame/drawn_window) and finished by picture_finish. Planes are those of one sample, so a
@@ -113,6 +114,9 @@ class FrameCall {
   absl::Status Render(isoscope::v1::RenderIsosurfaceResponse* response);
   absl::Status Pick(isoscope::v1::PickSurfaceResponse* response);
 
+  // Gives back all memory but that of an answer of so many bytes, which is on its way. Call after
+  // ReleaseImages.
+  void KeepMemoryOfAnswer(std::size_t answer_bytes);
   // Hands over the memory of the frame, but for all above `bytes`, to what keeps the answer longer
   // than the call lives; none if none was reserved. Call after ReleaseImages.
   std::optional<base::MemoryBudget::Reservation> TakeMemory(std::size_t bytes);
@@ -126,6 +130,8 @@ class FrameCall {
 
  private:
   absl::Status TakePlace();
+  // Takes what the caller's token limits. Errors as Caller.
+  absl::Status TakeShare();
   // Ends the wait for a thread.
   void BeginWork();
   // Counts a frame that ended, or that lost its place before its turn.
@@ -177,6 +183,7 @@ class FrameCall {
   std::optional<DepthGrid> depth_grid_;
   bool logs_success_ = true;
   std::function<void()> picture_drawn_;
+  std::optional<CallerSlot> slot_;  // of the caller's frames
   std::optional<Admission::Place> place_;
   Admission::Ticket ticket_ = 0;  // of the place; 0: none
   absl::Status turn_;             // why the turn did not come

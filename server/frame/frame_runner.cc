@@ -308,6 +308,7 @@ CoordinatorGauges FrameRunner::gauges() const {
   gauges.max_queued_frames = options_.max_queued_frames;
   gauges.memory_limit_bytes = memory_.limit_bytes();
   gauges.frame_memory_bytes = memory_.frame_bytes();
+  gauges.export_memory_bytes = memory_.export_bytes();
   return gauges;
 }
 

@@ -11,21 +11,24 @@
 //   write done                   -                   next answer
 //
 // outgoing_ holds answers that wait for the write under way. A newer frame replaces a waiting one,
-// so a slow client holds one message in the network and one here.
+// and a newer error a waiting one. So a slow client holds one message in the network and two here.
 //
-// The end: the client closes its side, cancels, or sends a wrong message, or the server stops. Then
-// frames in work are cancelled, nothing new begins, and once neither frame nor write is under way
-// the stream finishes. The call lives until OnDone, and as long as frames or alarms refer to it.
+// The end: the client closes its side, cancels, or sends a wrong message, the server stops, the
+// token is withdrawn, or the stream makes room for another caller's (CutOff). Then frames in work
+// are cancelled, nothing new begins, and once neither frame nor write is under way the stream
+// finishes. The call lives until OnDone, and as long as frames or alarms refer to it.
 
 #include "server/interact/interact_service_impl.h"
 
+#include <algorithm>
 #include <cstdint>
-#include <deque>
+#include <list>
 #include <map>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "absl/container/flat_hash_set.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include <grpcpp/alarm.h>
@@ -54,6 +57,8 @@ namespace v1 = isoscope::v1;
 constexpr double kMaxFramesPerSecond = 120;
 // In which a client must take an answer.
 constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
+// The same once the coordinator has ended the stream.
+constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 // After which one who met too many streams may try again: people close pages in minutes.
 constexpr absl::Duration kFullDelay = absl::Seconds(5);
 // The depth grid of an exact frame, which is warped when the view begins to move.
@@ -95,15 +100,28 @@ class InteractServiceImpl::InteractCall final
         timeout_(context) {}
 
   // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
-  void Start(const absl::StatusOr<Caller>& caller, const absl::Status& added) {
+  void Start(absl::StatusOr<Caller> caller) {
     self_ = shared_from_this();
-    const absl::Status admitted = caller.ok() ? added : caller.status();
+    const absl::Status admitted = Admit(std::move(caller));
     if (admitted.ok()) {
-      caller_ = *caller;
       StartRead(&request_);
     } else {
       End(admitted);
     }
+  }
+
+  // Ends the stream although its client wants it, and waits little for what is on its way.
+  void CutOff(CutReason reason, const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_) {
+    const base::MutexLock lock(&mutex_);
+    if (end_.has_value()) {
+      return;
+    }
+    service_->options_.runner->metrics()->CountCut(reason);
+    EndLocked(status);
+    if (is_writing_) {
+      timeout_.Start(kMaxLastWriteDuration);
+    }
+    FinishIfIdle();
   }
 
   void OnReadDone(bool ok) override {
@@ -136,7 +154,7 @@ class InteractServiceImpl::InteractCall final
   void OnDone() override {
     timeout_.Stop();
     const std::shared_ptr<InteractCall> last_use = std::move(self_);
-    service_->Remove(last_use);
+    service_->Remove(key_, last_use);
     const base::MutexLock lock(&mutex_);
     alarm_.reset();
     base::LogInfo("interact_done", {{"request", origin_.request.request_id()},
@@ -156,10 +174,28 @@ class InteractServiceImpl::InteractCall final
   struct Answer {
     v1::InteractResponse message;
     bool is_frame = false;
+    bool is_of_exact_work = false;
     // Of the message and of gRPC's copy, until it is written: slow clients must not add up to more
     // than the coordinator may have.
     std::optional<base::MemoryBudget::Reservation> memory = std::nullopt;
   };
+
+  absl::Status Admit(absl::StatusOr<Caller> caller) {
+    ISOSCOPE_RETURN_IF_ERROR(caller.status());
+    caller_ = *std::move(caller);
+    absl::StatusOr<CallerSlot> slot = caller_.Begin(CallerUse::kStream);
+    ISOSCOPE_RETURN_IF_ERROR(
+        service_->options_.runner->metrics()->CountRefusal(TokenLimit::kStreams, slot.status()));
+    key_ = caller_.HostKey(origin_.client);
+    ISOSCOPE_RETURN_IF_ERROR(service_->Add(key_, shared_from_this()));
+    slot_.emplace(*std::move(slot));
+    watch_.emplace(caller_.WhenWithdrawn([weak = weak_from_this()] {
+      if (const std::shared_ptr<InteractCall> self = weak.lock()) {
+        self->CutOff(CutReason::kTokenWithdrawn, WithdrawnError());
+      }
+    }));
+    return absl::OkStatus();
+  }
 
   absl::Status Handle(const v1::InteractRequest& request) ABSL_LOCKS_EXCLUDED(mutex_) {
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
@@ -242,11 +278,19 @@ class InteractServiceImpl::InteractCall final
     }
     if (!admitted.ok()) {
       // The exact frame meets the same error, and tells it.
-      const bool is_told = start.is_exact || absl::IsInvalidArgument(admitted);
+      bool is_told = start.is_exact || absl::IsInvalidArgument(admitted);
+      if (absl::IsInvalidArgument(admitted)) {
+        // A wrong state counts as a frame: it was worked on, and is answered.
+        const absl::Status counted = service_->options_.runner->metrics()->CountRefusal(
+            TokenLimit::kFrameRate, caller_.TakeFrame(/*is_moving=*/!start.is_exact));
+        is_told = start.is_exact || counted.ok();
+        admitted = counted.ok() ? admitted : counted;
+      }
       schedule_.OnWorkEnded(start.work, is_told, absl::Now());
       if (is_told) {
         Answer answer;
         answer.message.set_sequence_number(start.sequence);
+        answer.is_of_exact_work = start.is_exact;
         SetError(admitted, &answer.message);
         Send(std::move(answer));
       }
@@ -271,9 +315,14 @@ class InteractServiceImpl::InteractCall final
     const absl::Status status = frame->Render(answer.message.mutable_frame());
     frame->OnPictureDrawn(nullptr);
     const absl::Time end = absl::Now();
+    answer.is_of_exact_work = start.is_exact;
     if (status.ok()) {
       answer.message.set_is_exact(start.is_exact);
       answer.is_frame = true;
+      if (!start.is_exact) {
+        // Nobody reads them, dozens of times a second.
+        answer.message.mutable_frame()->mutable_statistics()->clear_agents();
+      }
       if (frame->depth_grid().has_value()) {
         SetDepthGrid(*frame->depth_grid(), answer.message.mutable_depth_grid());
       }
@@ -307,18 +356,26 @@ class InteractServiceImpl::InteractCall final
     message->mutable_error()->set_message(std::string(status.message()));
   }
 
-  // Queues an answer. It replaces a waiting frame; one that is older than what was sent is dropped.
+  // Queues an answer. It replaces a waiting one of its kind, a frame or an error; a frame that is
+  // older than what was sent is dropped.
   void Send(Answer answer) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!answer.is_frame) {
+      schedule_.OnError(absl::Now());
+    }
     if (end_.has_value() ||
         (answer.is_frame && answer.message.sequence_number() < sent_sequence_)) {
-      schedule_.OnDropped();
+      schedule_.OnDropped(answer.is_of_exact_work);
       return;
     }
     if (answer.is_frame) {
       sent_sequence_ = answer.message.sequence_number();
-      while (!outgoing_.empty() && outgoing_.back().is_frame) {
-        outgoing_.pop_back();
-        schedule_.OnDropped();
+    }
+    for (auto it = outgoing_.begin(); it != outgoing_.end();) {
+      if (it->is_frame == answer.is_frame) {
+        schedule_.OnDropped(it->is_of_exact_work);
+        it = outgoing_.erase(it);
+      } else {
+        ++it;
       }
     }
     outgoing_.push_back(std::move(answer));
@@ -334,6 +391,8 @@ class InteractServiceImpl::InteractCall final
     if (outgoing_.front().memory.has_value()) {
       in_flight_memory_.emplace(*std::move(outgoing_.front().memory));
     }
+    // The error of an exact frame waited as one, but needs no acknowledgement as one.
+    const bool is_of_exact_work = outgoing_.front().is_of_exact_work;
     outgoing_.pop_front();
     in_flight_.set_frame_number(++frame_count_);
     if (in_flight_.has_frame() && !in_flight_.is_exact()) {
@@ -341,7 +400,10 @@ class InteractServiceImpl::InteractCall final
       moving_frames_.insert(frame_count_);
       moving_frames_.erase(frame_count_ - 1000);
     }
-    schedule_.OnSent(frame_count_, absl::Now());
+    schedule_.OnSent(frame_count_, absl::Now(), is_of_exact_work);
+    if (in_flight_.has_error()) {
+      schedule_.OnShown(frame_count_, absl::Now());  // there is nothing to show
+    }
     is_writing_ = true;
     timeout_.Start(kMaxWriteDuration);
     StartWrite(&in_flight_);
@@ -383,6 +445,7 @@ class InteractServiceImpl::InteractCall final
   void FinishIfIdle() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (end_.has_value() && frames_.empty() && !is_writing_ && !is_finished_) {
       is_finished_ = true;
+      slot_.reset();  // before the client hears of the end, and opens another stream
       service_->options_.runner->metrics()->CountRequest(RequestMethod::kInteract, *end_,
                                                          absl::Now() - start_);
       Finish(rpc::ToGrpcStatus(*end_));
@@ -394,7 +457,10 @@ class InteractServiceImpl::InteractCall final
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
   rpc::WriteTimeout timeout_;
-  Caller caller_;                // set by Start
+  Caller caller_;    // set by Start
+  std::string key_;  // among callers; empty: not added
+  std::optional<CallerSlot> slot_;
+  std::optional<WithdrawalWatch> watch_;
   v1::InteractRequest request_;  // of the read under way
 
   base::Mutex mutex_;
@@ -403,7 +469,7 @@ class InteractServiceImpl::InteractCall final
   InteractiveSchedule schedule_ ABSL_GUARDED_BY(mutex_);
   RateControl rate_ ABSL_GUARDED_BY(mutex_);
   std::map<std::int64_t, std::shared_ptr<FrameCall>> frames_ ABSL_GUARDED_BY(mutex_);  // by work
-  std::deque<Answer> outgoing_ ABSL_GUARDED_BY(mutex_);
+  std::list<Answer> outgoing_ ABSL_GUARDED_BY(mutex_);
   v1::InteractResponse in_flight_ ABSL_GUARDED_BY(mutex_);
   std::optional<base::MemoryBudget::Reservation> in_flight_memory_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
@@ -427,41 +493,79 @@ InteractServiceImpl::~InteractServiceImpl() = default;
 grpc::ServerBidiReactor<v1::InteractRequest, v1::InteractResponse>* InteractServiceImpl::Interact(
     grpc::CallbackServerContext* context) {
   const auto call = std::make_shared<InteractCall>(this, context);
-  const absl::StatusOr<Caller> caller = options_.access->Identify(rpc::PeerOf(*context));
-  call->Start(caller, caller.ok() ? Add(call) : absl::OkStatus());
+  call->Start(options_.access->Identify(rpc::PeerOf(*context)));
   return call.get();
 }
 
 void InteractServiceImpl::EndStreams() {
-  absl::flat_hash_set<std::shared_ptr<InteractCall>> calls;
+  std::vector<std::shared_ptr<InteractCall>> calls;
   {
     const base::MutexLock lock(&mutex_);
     is_stopping_ = true;
-    calls = calls_;
+    for (const auto& [key, of_caller] : calls_) {
+      calls.insert(calls.end(), of_caller.begin(), of_caller.end());
+    }
   }
   for (const std::shared_ptr<InteractCall>& call : calls) {
     call->End(absl::UnavailableError("the coordinator stops: connect again"));
   }
 }
 
-absl::Status InteractServiceImpl::Add(const std::shared_ptr<InteractCall>& call) {
-  const base::MutexLock lock(&mutex_);
-  if (is_stopping_) {
-    return absl::UnavailableError("the coordinator stops: connect again");
+absl::Status InteractServiceImpl::Add(const std::string& key,
+                                      const std::shared_ptr<InteractCall>& call) {
+  std::shared_ptr<InteractCall> evicted;
+  {
+    const base::MutexLock lock(&mutex_);
+    if (is_stopping_) {
+      return absl::UnavailableError("the coordinator stops: connect again");
+    }
+    const auto own = calls_.find(key);
+    const std::size_t own_count = own == calls_.end() ? 0 : own->second.size();
+    if (call_count_ >= kMaxStreams) {
+      const auto most = std::max_element(
+          calls_.begin(), calls_.end(),
+          [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
+      if (most->second.size() < own_count + 2) {
+        return base::WithRetryDelay(absl::ResourceExhaustedError(absl::StrCat(
+                                        kMaxStreams, " interactive streams are open, ", own_count,
+                                        " of them of this caller: retry later, with back-off")),
+                                    kFullDelay);
+      }
+      evicted = most->second.back();
+      most->second.pop_back();
+      --call_count_;
+    }
+    calls_[key].push_back(call);
+    ++call_count_;
   }
-  if (calls_.size() >= kMaxStreams) {
-    return base::WithRetryDelay(
-        absl::ResourceExhaustedError(
-            absl::StrCat(kMaxStreams, " interactive streams are open: retry later, with back-off")),
-        kFullDelay);
+  if (evicted != nullptr) {
+    evicted->CutOff(CutReason::kMadeRoom,
+                    base::WithRetryDelay(
+                        absl::ResourceExhaustedError(absl::StrCat(
+                            kMaxStreams,
+                            " interactive streams are open, and this one made room for that of "
+                            "another caller, which has fewer: retry later, with back-off")),
+                        kFullDelay));
   }
-  calls_.insert(call);
   return absl::OkStatus();
 }
 
-void InteractServiceImpl::Remove(const std::shared_ptr<InteractCall>& call) {
+void InteractServiceImpl::Remove(const std::string& key,
+                                 const std::shared_ptr<InteractCall>& call) {
   const base::MutexLock lock(&mutex_);
-  calls_.erase(call);
+  const auto of_caller = calls_.find(key);
+  if (of_caller == calls_.end()) {
+    return;
+  }
+  const auto it = std::find(of_caller->second.begin(), of_caller->second.end(), call);
+  if (it == of_caller->second.end()) {
+    return;  // it made room, or was not added
+  }
+  of_caller->second.erase(it);
+  --call_count_;
+  if (of_caller->second.empty()) {
+    calls_.erase(of_caller);
+  }
 }
 
 }  // namespace isoscope::server

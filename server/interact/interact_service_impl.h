@@ -6,10 +6,12 @@
 #define ISOSCOPE_SERVER_INTERACT_INTERACT_SERVICE_IMPL_H_
 
 #include <cstddef>
+#include <map>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/container/flat_hash_set.h"
 #include "absl/time/time.h"
 
 #include "core/base/mutex.h"
@@ -36,6 +38,9 @@ class InteractServiceImpl final : public isoscope::v1::InteractService::Callback
   grpc::ServerBidiReactor<isoscope::v1::InteractRequest, isoscope::v1::InteractResponse>* Interact(
       grpc::CallbackServerContext* context) override;
 
+  // A caller (Caller::HostKey) may have all streams while nobody else wants one. Then its newest
+  // ends for a caller that has at least two fewer.
+
   // Ends all streams with UNAVAILABLE, now and later. For a server that stops: its clients would
   // keep the streams open.
   void EndStreams() ABSL_LOCKS_EXCLUDED(mutex_);
@@ -43,13 +48,18 @@ class InteractServiceImpl final : public isoscope::v1::InteractService::Callback
  private:
   class InteractCall;
 
-  // RESOURCE_EXHAUSTED if there are too many streams, UNAVAILABLE if the server stops.
-  absl::Status Add(const std::shared_ptr<InteractCall>& call) ABSL_LOCKS_EXCLUDED(mutex_);
-  void Remove(const std::shared_ptr<InteractCall>& call) ABSL_LOCKS_EXCLUDED(mutex_);
+  // RESOURCE_EXHAUSTED if there are too many streams, UNAVAILABLE if the server stops. Ends
+  // another's stream if that makes room.
+  absl::Status Add(const std::string& key, const std::shared_ptr<InteractCall>& call)
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  void Remove(const std::string& key, const std::shared_ptr<InteractCall>& call)
+      ABSL_LOCKS_EXCLUDED(mutex_);
 
   const InteractServiceOptions options_;
   base::Mutex mutex_;
-  absl::flat_hash_set<std::shared_ptr<InteractCall>> calls_ ABSL_GUARDED_BY(mutex_);
+  // By caller, in the order of their arrival. No list is empty.
+  std::map<std::string, std::vector<std::shared_ptr<InteractCall>>> calls_ ABSL_GUARDED_BY(mutex_);
+  std::size_t call_count_ ABSL_GUARDED_BY(mutex_) = 0;
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

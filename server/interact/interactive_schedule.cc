@@ -3,9 +3,10 @@
 // 1. Cancel. A frame in work whose state was replaced, or a moving frame of a view that has come to
 //    rest, is cancelled if less than half of its expected time has passed. Never two in a row, so
 //    that a steady drag still shows frames; and no quick moving frames (kWorthCancelling).
-// 2. Exact. A view that rests gets its exact frame, once, when nothing is in work. It needs no
-//    credit: nothing follows it.
-// 3. Moving. A view that moves gets a frame of its newest state, once the one before is drawn and
+// 2. Pause. After an error nothing begins for a while (kErrorPause).
+// 3. Exact. A view that rests gets its exact frame, once, when nothing is in work. It waits if an
+//    exact one before it waits for the network, or if two were sent and not shown (kExactCredits).
+// 4. Moving. A view that moves gets a frame of its newest state, once the one before is drawn and
 //    while credits allow.
 //
 //   state 1   moving 1: drawn, encoded, sent ..... shown
@@ -48,23 +49,27 @@ void InteractiveSchedule::OnWorkEnded(std::int64_t work, bool has_answer, absl::
   if (!it->second.is_cancelled) {
     Blend(now - it->second.start, it->second.is_exact ? &expected_exact_ : &expected_moving_);
   }
-  in_work_.erase(it);
   waiting_count_ += has_answer ? 1 : 0;
+  waiting_exact_count_ += has_answer && it->second.is_exact ? 1 : 0;
+  in_work_.erase(it);
 }
 
-void InteractiveSchedule::OnSent(std::int64_t frame_number, absl::Time now) {
+void InteractiveSchedule::OnSent(std::int64_t frame_number, absl::Time now, bool is_exact) {
+  OnDropped(is_exact);
+  sent_.emplace(frame_number, Sent{.time = now, .is_exact = is_exact});
+}
+
+void InteractiveSchedule::OnDropped(bool is_exact) {
   --waiting_count_;
-  sent_.emplace(frame_number, now);
+  waiting_exact_count_ -= is_exact ? 1 : 0;
 }
-
-void InteractiveSchedule::OnDropped() { --waiting_count_; }
 
 std::optional<absl::Duration> InteractiveSchedule::OnShown(std::int64_t frame_number,
                                                            absl::Time now) {
-  for (std::map<std::int64_t, absl::Time>* frames : {&sent_, &overdue_}) {
+  for (std::map<std::int64_t, Sent>* frames : {&sent_, &overdue_}) {
     const auto it = frames->find(frame_number);
     if (it != frames->end()) {
-      const absl::Duration delay = now - it->second;
+      const absl::Duration delay = now - it->second.time;
       frames->erase(it);
       return delay;
     }
@@ -79,7 +84,7 @@ void InteractiveSchedule::SetCredits(int credits) {
 std::vector<std::int64_t> InteractiveSchedule::Expire(absl::Time now) {
   std::vector<std::int64_t> expired;
   for (auto it = sent_.begin(); it != sent_.end();) {
-    if (now - it->second < kShownTimeout) {
+    if (now - it->second.time < kShownTimeout) {
       ++it;
       continue;
     }
@@ -98,6 +103,20 @@ bool InteractiveSchedule::MayDraw() const {
          std::all_of(in_work_.begin(), in_work_.end(), [](const auto& work) {
            return work.second.is_drawn || work.second.is_cancelled;
          });
+}
+
+bool InteractiveSchedule::MayBeginExact() const {
+  const auto unshown = std::count_if(sent_.begin(), sent_.end(),
+                                     [](const auto& sent) { return sent.second.is_exact; });
+  return in_work_.empty() && waiting_exact_count_ == 0 && unshown < kExactCredits;
+}
+
+absl::Time InteractiveSchedule::NextExpiry() const {
+  absl::Time next = absl::InfiniteFuture();
+  for (const auto& [number, sent] : sent_) {
+    next = std::min(next, sent.time + kShownTimeout);
+  }
+  return next;
 }
 
 bool InteractiveSchedule::MayCancel(const Work& work, absl::Time now) const {
@@ -133,21 +152,27 @@ InteractiveSchedule::Step InteractiveSchedule::Next(absl::Time now) {
       step.cancel.push_back(number);
     }
   }
+  if (now < pause_end_) {
+    step.wake = pause_end_;
+    return step;
+  }
   if (rests) {
-    if (exact_started_ != newest_ && in_work_.empty()) {
-      step.start = Begin(/*is_exact=*/true, now);
+    if (exact_started_ == newest_) {
+      return step;
     }
-    return step;  // else the end of what is in work brings us back
+    if (MayBeginExact()) {
+      step.start = Begin(/*is_exact=*/true, now);
+    } else {
+      step.wake = NextExpiry();  // unless the end of what is in work brings us back before
+    }
+    return step;
   }
   step.wake = newest_time_ + kRestDelay;
   if (moving_started_ != newest_ && MayDraw()) {
     if (under_way_count() < credits_) {
       step.start = Begin(/*is_exact=*/false, now);
-    } else if (!sent_.empty()) {
-      const auto oldest =
-          std::min_element(sent_.begin(), sent_.end(),
-                           [](const auto& a, const auto& b) { return a.second < b.second; });
-      step.wake = std::min(step.wake, oldest->second + kShownTimeout);
+    } else {
+      step.wake = std::min(step.wake, NextExpiry());
     }
   }
   return step;

@@ -32,6 +32,11 @@ class InteractiveSchedule {
   static constexpr int kMaxInWork = 2;
   static constexpr int kMinCredits = 2;
   static constexpr int kMaxCredits = 8;
+  // Exact frames that were sent and not shown yet. They have credits of their own, so that moving
+  // frames on their way hold none up.
+  static constexpr int kExactCredits = 2;
+  // After an error nothing begins for so long: a client of wrong states hears of some only.
+  static constexpr absl::Duration kErrorPause = absl::Milliseconds(100);
   // A moving frame that takes less is not worth cancelling: by the time that the next one is
   // complete, it would have been shown long ago.
   static constexpr absl::Duration kWorthCancelling = absl::Milliseconds(100);
@@ -43,10 +48,13 @@ class InteractiveSchedule {
   void OnDrawn(std::int64_t work);
   // The work has ended. If `has_answer`, its answer waits to be sent.
   void OnWorkEnded(std::int64_t work, bool has_answer, absl::Time now);
-  // An answer was handed to the network, under the number that the client will name.
-  void OnSent(std::int64_t frame_number, absl::Time now);
+  // An answer is an error.
+  void OnError(absl::Time now) { pause_end_ = now + kErrorPause; }
+  // An answer was handed to the network, under the number that the client will name. `is_exact`: it
+  // is an exact frame, or the error of one.
+  void OnSent(std::int64_t frame_number, absl::Time now, bool is_exact = false);
   // An answer that waited was replaced by a newer one, and will not be sent.
-  void OnDropped();
+  void OnDropped(bool is_exact = false);
   // The client has shown a frame. Returns the time since it was sent; none if it was shown before,
   // is far too long ago, or was never sent.
   std::optional<absl::Duration> OnShown(std::int64_t frame_number, absl::Time now);
@@ -69,6 +77,10 @@ class InteractiveSchedule {
   [[nodiscard]] bool is_working() const { return !in_work_.empty(); }
 
  private:
+  struct Sent {
+    absl::Time time;
+    bool is_exact = false;
+  };
   struct Work {
     std::int64_t sequence = 0;
     bool is_exact = false;
@@ -81,8 +93,11 @@ class InteractiveSchedule {
 
   // Returns the frames that timed out.
   std::vector<std::int64_t> Expire(absl::Time now);
-  // Whether another frame may be drawn.
+  // Whether another frame may be drawn, and whether the client has room for an exact one.
   [[nodiscard]] bool MayDraw() const;
+  [[nodiscard]] bool MayBeginExact() const;
+  // When the oldest frame that was sent counts as shown; infinite future if there is none.
+  [[nodiscard]] absl::Time NextExpiry() const;
   [[nodiscard]] bool MayCancel(const Work& work, absl::Time now) const;
   FrameStart Begin(bool is_exact, absl::Time now);
 
@@ -99,9 +114,11 @@ class InteractiveSchedule {
   std::optional<absl::Duration> expected_exact_;
 
   int credits_ = kMinCredits;
+  absl::Time pause_end_ = absl::InfinitePast();
   int waiting_count_ = 0;
-  std::map<std::int64_t, absl::Time> sent_;     // and not shown yet
-  std::map<std::int64_t, absl::Time> overdue_;  // the last kMaxOverdue of those that timed out
+  int waiting_exact_count_ = 0;           // of those
+  std::map<std::int64_t, Sent> sent_;     // and not shown yet
+  std::map<std::int64_t, Sent> overdue_;  // the last kMaxOverdue of those that timed out
 };
 
 }  // namespace isoscope::server

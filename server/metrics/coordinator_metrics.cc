@@ -1,6 +1,7 @@
 #include "server/metrics/coordinator_metrics.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -11,6 +12,12 @@ namespace {
 using base::MetricFamily;
 using base::MetricLabels;
 using base::MetricSample;
+
+// In the order of the enumerators.
+constexpr std::array<const char*, kTokenLimitCount> kTokenLimitNames = {
+    "frame_rate", "frames", "streams", "exports", "bytes"};
+constexpr std::array<const char*, kCutReasonCount> kCutReasonNames = {"too_slow", "too_long",
+                                                                      "made_room", "withdrawn"};
 
 MetricSample Value(double value, const char* label = nullptr, const char* label_value = "") {
   return MetricSample::Of(value,
@@ -93,6 +100,9 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
   families->push_back(Of(Type::kGauge, "isoscope_frame_memory_bytes",
                          "Memory that frames in work have reserved.",
                          {Value(static_cast<double>(gauges.frame_memory_bytes))}));
+  families->push_back(Of(Type::kGauge, "isoscope_export_memory_bytes",
+                         "Memory that exports have reserved, of a share of their own.",
+                         {Value(static_cast<double>(gauges.export_memory_bytes))}));
   families->push_back(Of(Type::kCounter, "isoscope_response_bytes_total",
                          "Bytes of pictures and planes of frames that ended well.",
                          {Value(metrics.response_bytes)}));
@@ -119,6 +129,13 @@ void CoordinatorMetrics::CountFrame(const absl::Status& status, absl::Duration d
   frame_duration.Observe(duration);
 }
 
+absl::Status CoordinatorMetrics::CountRefusal(TokenLimit limit, absl::Status status) {
+  if (!status.ok()) {
+    token_refusals_[static_cast<std::size_t>(limit)].Add();
+  }
+  return status;
+}
+
 void CoordinatorMetrics::CountAgentFailure(FrameStage stage, const absl::Status& status) {
   const auto code = static_cast<std::size_t>(status.code());
   agent_failures_[static_cast<std::size_t>(stage)]
@@ -135,6 +152,20 @@ std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& g
   families.push_back(Of(Type::kHistogram, "isoscope_request_duration_seconds",
                         "Time of calls, by method.", requests_.Durations()));
   AppendFrames(*this, gauges, &families);
+  std::vector<MetricSample> refusals;
+  for (std::size_t i = 0; i < kTokenLimitCount; ++i) {
+    refusals.push_back(Value(token_refusals_[i], "limit", kTokenLimitNames[i]));
+  }
+  families.push_back(Of(Type::kCounter, "isoscope_token_refusals_total",
+                        "Frames, streams and exports that a token's limit refused, by limit.",
+                        std::move(refusals)));
+  std::vector<MetricSample> cuts;
+  for (std::size_t i = 0; i < kCutReasonCount; ++i) {
+    cuts.push_back(Value(cuts_[i], "reason", kCutReasonNames[i]));
+  }
+  families.push_back(Of(Type::kCounter, "isoscope_cut_calls_total",
+                        "Exports and interactive streams that the coordinator ended, by reason.",
+                        std::move(cuts)));
   families.push_back(Of(Type::kCounter, "isoscope_agent_network_bytes_total",
                         "Bytes of messages between coordinator and agents for frames, both ways.",
                         {Value(network_bytes)}));

@@ -30,6 +30,14 @@ enum class RequestMethod {
   kGetClusterStatus,
 };
 
+// Limits of a token (docs/security.md) that refuse calls.
+enum class TokenLimit { kFrameRate, kFrames, kStreams, kExports, kBytes };
+inline constexpr std::size_t kTokenLimitCount = 5;
+
+// Why an export or an interactive stream was ended before its time.
+enum class CutReason { kTooSlow, kTooLong, kMadeRoom, kTokenWithdrawn };
+inline constexpr std::size_t kCutReasonCount = 4;
+
 // Numbers that others keep, as they are when they are asked for.
 struct CoordinatorGauges {
   int working_frames = 0;
@@ -43,7 +51,8 @@ struct CoordinatorGauges {
   int complete_datasets = 0;
   int incomplete_datasets = 0;
   std::size_t memory_limit_bytes = 0;
-  std::size_t frame_memory_bytes = 0;  // reserved by frames
+  std::size_t frame_memory_bytes = 0;   // reserved by frames
+  std::size_t export_memory_bytes = 0;  // reserved by exports
 };
 
 // Updated while the coordinator works, by atomics alone. Thread-safe.
@@ -53,6 +62,9 @@ struct CoordinatorMetrics {
   void CountRequest(RequestMethod method, const absl::Status& status, absl::Duration duration);
   // Counts a frame or a pick that ended after it had waited for a thread.
   void CountFrame(const absl::Status& status, absl::Duration duration);
+  // Counts a call if `status` refuses it. Returns `status`.
+  absl::Status CountRefusal(TokenLimit limit, absl::Status status);
+  void CountCut(CutReason reason) { cuts_[static_cast<std::size_t>(reason)].Add(); }
   void CountAgentFailure(FrameStage stage, const absl::Status& status);
 
   base::Counter done_frames;
@@ -88,6 +100,8 @@ struct CoordinatorMetrics {
   static constexpr std::size_t kCodeCount = 17;
 
   base::RequestMetrics requests_;
+  std::array<base::Counter, kTokenLimitCount> token_refusals_;
+  std::array<base::Counter, kCutReasonCount> cuts_;
   std::array<std::array<base::Counter, kCodeCount>, kStageCount> agent_failures_;
 };
 

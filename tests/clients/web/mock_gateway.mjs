@@ -204,7 +204,7 @@ function answer(stream, state, isExact) {
         colorings: colorBy ? [{ colorBy: { range: { max: 100 }, ...colorBy } }] : [],
         statistics: { triangleCount: '1000', activeBlockCount: '20', visibleBlockCount: '12', culledBlockCount: '8',
           durations: { occluderRenderingDuration: '0.004s', encodeDuration: '0.001s' },
-          agents: [0, 1].map((i) => ({ agentAddress: `agent-${i}:50061`, shardIndices: [i], triangleCount: '500',
+          agents: !isExact ? undefined : [0, 1].map((i) => ({ agentAddress: `agent-${i}:50061`, shardIndices: [i], triangleCount: '500',
             extractDuration: '0.002s', renderDuration: '0.001s', busyDuration: '0.004s' })) } },
       depthGrid: grid ? { width: grid.width, height: grid.height, near: grid.near, far: grid.far } : undefined,
       image: { type: 'image/png', bytes: png.length }, depthBytes: grid ? 2 * grid.values.length : 0 };

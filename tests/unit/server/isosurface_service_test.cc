@@ -566,7 +566,7 @@ TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) 
   const auto reader = stub_->ExportIsosurface(&context, request);
   const auto wait_for_bytes = [&](double bytes) {
     const absl::Time end = absl::Now() + absl::Seconds(20);
-    while (GaugeOf(coordinator_.get(), "isoscope_frame_memory_bytes") != bytes) {
+    while (GaugeOf(coordinator_.get(), "isoscope_export_memory_bytes") != bytes) {
       ASSERT_LT(absl::Now(), end);
       absl::SleepFor(absl::Milliseconds(1));
     }

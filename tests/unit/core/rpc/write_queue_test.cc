@@ -69,6 +69,18 @@ TEST_F(WriteQueueTest, OnlyTheFirstFinishCounts) {
   EXPECT_FALSE(queue_.Push({"late"}));
 }
 
+TEST_F(WriteQueueTest, AnErrorAfterTheEndEndsWhatStillWaits) {
+  ASSERT_TRUE(queue_.Push({"a"}));
+  ASSERT_TRUE(queue_.Push({"b"}));
+  queue_.Finish(absl::OkStatus());
+  queue_.Finish(absl::DataLossError("x"));
+  queue_.Finish(absl::OkStatus());
+  queue_.OnWriteDone(true);
+  EXPECT_EQ(written_, std::vector<std::string>({"a"}));
+  ASSERT_EQ(finished_.size(), 1u);
+  EXPECT_TRUE(absl::IsDataLoss(finished_[0]));
+}
+
 TEST_F(WriteQueueTest, ABrokenStreamFailsLaterPushes) {
   ASSERT_TRUE(queue_.Push({"a"}));
   ASSERT_TRUE(queue_.Push({"b"}));

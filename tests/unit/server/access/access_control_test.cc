@@ -1,5 +1,6 @@
 #include "server/access/access_control.h"
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <string>
@@ -180,6 +181,105 @@ TEST_F(AccessControlTest, ASlowRateStillAllowsOneFrameAtATime) {
   EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
   EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch() + absl::Seconds(9)), Not(IsOk()));
   EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch() + absl::Seconds(11)), IsOk());
+}
+
+TEST_F(AccessControlTest, BytesAreCountedAfterwardsAndAnExcessIsWaitedFor) {
+  AccessToken token;
+  token.name = "n";
+  token.max_bytes_per_second = 100;
+  const absl::Time start = absl::UnixEpoch();
+  AccessGrant grant(token, start);
+  grant.CountBytes(999, start);  // ten seconds' worth may come at once
+  EXPECT_THAT(grant.CheckBytes(start), IsOk());
+  grant.CountBytes(501, start);
+  const absl::Status refused = grant.CheckBytes(start);
+  EXPECT_THAT(refused, StatusIs(absl::StatusCode::kResourceExhausted,
+                                HasSubstr("100 bytes a second and was sent more")));
+  EXPECT_EQ(base::RetryDelayOf(refused), absl::Milliseconds(5010));
+  EXPECT_THAT(grant.CheckBytes(start + absl::Seconds(5)), Not(IsOk()));
+  EXPECT_THAT(grant.CheckBytes(start + absl::Milliseconds(5010)), IsOk());
+}
+
+TEST_F(AccessControlTest, AFrameThatIsGivenBackMayComeAgainAndNoMoreThanThat) {
+  AccessGrant grant(WithRate(2), absl::UnixEpoch());
+  grant.ReturnFrame();
+  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
+  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), Not(IsOk()));
+  grant.ReturnFrame();
+  EXPECT_THAT(grant.TakeFrame(0, absl::UnixEpoch()), IsOk());
+}
+
+TEST_F(AccessControlTest, ConnectionsOfAHostAreOneCallerForWhatStaysOpen) {
+  const Caller anybody;
+  EXPECT_EQ(anybody.HostKey("ipv4:10.0.0.1:5000"), anybody.HostKey("ipv4:10.0.0.1:5001"));
+  EXPECT_NE(anybody.HostKey("ipv4:10.0.0.1:5000"), anybody.HostKey("ipv4:10.0.0.2:5000"));
+  EXPECT_EQ(anybody.HostKey("ipv6:%5B::1%5D:5000"), anybody.HostKey("ipv6:%5B::1%5D:5001"));
+  EXPECT_NE(anybody.HostKey("ipv6:%5B::1%5D:5000"), anybody.HostKey("ipv6:%5B::2%5D:5000"));
+  EXPECT_NE(anybody.HostKey("unix:/a:1"), anybody.HostKey("unix:/a:2"));
+  EXPECT_NE(anybody.QueueKey("ipv4:10.0.0.1:5000"), anybody.QueueKey("ipv4:10.0.0.1:5001"));
+}
+
+// Nobody calls here: the file is looked at all the same.
+TEST_F(AccessControlTest, AWithdrawnTokenTellsItsUsersOnceAndNotThoseWhoHaveLeft) {
+  Write({Entry("old", "*"), Entry("kept", "*")});
+  const auto access = Make(false, true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller old, access->Identify(WithToken("old")));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller kept, access->Identify(WithToken("kept")));
+  std::atomic<int> told{0};
+  std::atomic<int> told_wrongly{0};
+  const WithdrawalWatch watch = old.WhenWithdrawn([&] { ++told; });
+  const WithdrawalWatch other = kept.WhenWithdrawn([&] { ++told_wrongly; });
+  {
+    const WithdrawalWatch left = old.WhenWithdrawn([&] { ++told_wrongly; });
+  }
+  Write({Entry("kept", "*")});
+  const absl::Time end = absl::Now() + absl::Seconds(20);
+  while (told.load() == 0 && absl::Now() < end) {
+    absl::SleepFor(absl::Milliseconds(5));
+  }
+  const WithdrawalWatch late = old.WhenWithdrawn([&] { ++told; });
+  EXPECT_EQ(told.load(), 2) << "one who comes late hears of it at once";
+  EXPECT_EQ(told_wrongly.load(), 0);
+}
+
+TEST_F(AccessControlTest, ManyThreadsHaveNoMoreAtATimeThanTheTokenAllows) {
+  constexpr int kThreads = 8;
+  constexpr int kMost = 3;
+  Write({Entry("a", "*", R"(, "max_exports": 3)"), Entry("b", "*")});
+  const auto access = Make(false, true);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller caller, access->Identify(WithToken("a")));
+  std::atomic<int> held{0};
+  std::atomic<int> refused{0};
+  std::atomic<int> told{0};
+  std::vector<std::thread> threads;
+  for (int i = 0; i < kThreads; ++i) {
+    threads.emplace_back([&] {
+      for (int turn = 0; turn < 2000; ++turn) {
+        const WithdrawalWatch watch = caller.WhenWithdrawn([&] { ++told; });
+        const absl::StatusOr<CallerSlot> slot = caller.Begin(CallerUse::kExport);
+        if (slot.ok()) {
+          EXPECT_LE(++held, kMost);
+          std::this_thread::yield();
+          --held;
+        } else {
+          ++refused;
+        }
+        caller.CountBytes(1);
+      }
+    });
+  }
+  Write({Entry("b", "*")});
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  std::vector<absl::StatusOr<CallerSlot>> all;
+  for (int i = 0; i <= kMost; ++i) {
+    all.push_back(caller.Begin(CallerUse::kExport));
+  }
+  EXPECT_THAT(all[kMost - 1], IsOk()) << "all were given back";
+  EXPECT_THAT(all[kMost], StatusIs(absl::StatusCode::kResourceExhausted,
+                                   HasSubstr("may have 3 exports at a time")));
 }
 
 TEST_F(AccessControlTest, ViewportsAreLimitedByTheLongerSide) {

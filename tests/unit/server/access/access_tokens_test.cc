@@ -50,6 +50,18 @@ TEST(AccessTokensTest, AnEntryHasItsLimits) {
   EXPECT_THAT(tokens[1].datasets, IsEmpty());
 }
 
+TEST(AccessTokensTest, AnEntryMayLimitWhatItsHolderHasAtATime) {
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const std::vector<AccessToken> tokens,
+      ParseAccessTokens(File(Entry(R"(, "max_concurrent_frames": 1, "max_streams": 2,
+                                      "max_exports": 3, "max_bytes_per_second": 1e7)")),
+                        "f"));
+  EXPECT_EQ(tokens.at(0).max_concurrent_frames, 1);
+  EXPECT_EQ(tokens.at(0).max_streams, 2);
+  EXPECT_EQ(tokens.at(0).max_exports, 3);
+  EXPECT_EQ(tokens.at(0).max_bytes_per_second, 1e7);
+}
+
 TEST(AccessTokensTest, DigestsAreThoseOfThePublishedVector) {
   EXPECT_EQ(absl::BytesToHexString(DigestOfToken("abc")), kDigest);
   EXPECT_EQ(absl::BytesToHexString(DigestOfToken("")),
@@ -103,6 +115,11 @@ TEST(AccessTokensTest, WhatIsWrongIsNamed) {
       {File(Entry(R"(, "max_frames_per_second": 0)")), "above 0"},
       {File(Entry(R"(, "max_frames_per_second": -1)")), "above 0"},
       {File(Entry(R"(, "max_frames_per_second": "1")")), "above 0"},
+      {File(Entry(R"(, "max_concurrent_frames": 0)")), "max_concurrent_frames must be"},
+      {File(Entry(R"(, "max_streams": 1.5)")), "max_streams must be"},
+      {File(Entry(R"(, "max_exports": "1")")), "max_exports must be"},
+      {File(Entry(R"(, "max_exports": 1000001)")), "from 1 to 1000000"},
+      {File(Entry(R"(, "max_bytes_per_second": 0)")), "max_bytes_per_second must be"},
       {File(Entry(R"(, "max_frames": 1)")), "no member \"max_frames\""},
       {File(absl::StrCat(Entry(""), ",", Entry(""))), "tokens[1]: another entry"},
   };

@@ -75,13 +75,13 @@ TEST(CoordinatorMemoryTest, AFrameThatCanNeverFitIsRefusedAtOnceWithTheLimit) {
         memory.ReserveFrame(SpecOf(16384, 16384), Delivery::kWhole, cancellation).status()}) {
     EXPECT_THAT(status, StatusIs(absl::StatusCode::kResourceExhausted,
                                  AllOf(HasSubstr("16384 x 16384"), HasSubstr("256 MiB"),
-                                       HasSubstr("8705 MiB"), HasSubstr("160 MiB"),
+                                       HasSubstr("8705 MiB"), HasSubstr("144 MiB"),
                                        HasSubstr("--memory-limit"))));
   }
 }
 
 TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
-  CoordinatorMemory memory(96 * kMiB);  // 60 for frames: one of 1024 x 1024
+  CoordinatorMemory memory(96 * kMiB);  // 54 for frames: one of 1024 x 1024
   base::Cancellation none;
   std::optional<base::MemoryBudget::Reservation> first;
   {
@@ -98,18 +98,31 @@ TEST(CoordinatorMemoryTest, AFrameWaitsUntilAnotherIsDoneOrItsTimeIsUp) {
   waiting.join();
 }
 
-TEST(CoordinatorMemoryTest, ExportsShareTheMemoryOfFramesAndTheLargestTakesAllOfIt) {
+TEST(CoordinatorMemoryTest, AnExportOfManyAgentsLeavesFramesTheirs) {
+  const base::Cancellation never;
+  const base::Cancellation soon(absl::Now() + absl::Seconds(5));
+  CoordinatorMemory memory(base::kGiB);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto mesh, memory.ReserveExport(80, never));
+  EXPECT_EQ(memory.export_bytes(), base::kGiB / 8) << "all of the exports' share";
+  EXPECT_EQ(memory.frame_bytes(), std::size_t{0});
+  for (int i = 0; i < 4; ++i) {
+    ISOSCOPE_EXPECT_OK(memory.ReserveFrame(SpecOf(2048, 2048), Delivery::kWhole, soon)) << i;
+  }
+}
+
+TEST(CoordinatorMemoryTest, ExportsWaitForOneAnother) {
   const base::Cancellation never;
   CoordinatorMemory memory(CoordinatorMemory::kMinLimitBytes);
-  {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto small, memory.ReserveExport(2, never));
-    EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kExportAnswerBytes + 16 * base::kMiB);
-  }
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, memory.ReserveExport(1000, never));
-  EXPECT_EQ(memory.frame_bytes(), CoordinatorMemory::kMinLimitBytes / 8 * 5);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(auto first, memory.ReserveExport(1, never));
+  EXPECT_EQ(first.bytes(), CoordinatorMemory::kExportAnswerBytes + 8 * base::kMiB);
+  base::Cancellation short_time(absl::Now() + absl::Milliseconds(30));
+  EXPECT_THAT(memory.ReserveExport(1, short_time), StatusIs(absl::StatusCode::kDeadlineExceeded));
   base::Cancellation cancelled;
   cancelled.Cancel();
   EXPECT_THAT(memory.ReserveExport(1, cancelled), StatusIs(absl::StatusCode::kCancelled));
+  std::thread waiting([&] { ISOSCOPE_EXPECT_OK(memory.ReserveExport(80, never)); });
+  first.ShrinkTo(0);
+  waiting.join();
 }
 
 }  // namespace

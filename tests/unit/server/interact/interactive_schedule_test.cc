@@ -21,7 +21,7 @@ void ShowFrame(Schedule* schedule, double ms, double took_ms, std::int64_t numbe
   const FrameStart start = StartAt(schedule, ms);
   ASSERT_NE(start.work, 0);
   schedule->OnWorkEnded(start.work, /*has_answer=*/true, At(ms + took_ms));
-  schedule->OnSent(number, At(ms + took_ms));
+  schedule->OnSent(number, At(ms + took_ms), start.is_exact);
   EXPECT_TRUE(schedule->OnShown(number, At(ms + took_ms)).has_value());
 }
 
@@ -203,6 +203,55 @@ TEST(InteractiveScheduleTest, AnExactFrameIsCancelledWhenTheViewMovesOnAndComesA
   const FrameStart again = StartAt(&schedule, 230);
   EXPECT_TRUE(again.is_exact);
   EXPECT_EQ(again.sequence, 3);
+}
+
+// Symptom: a client that acknowledged nothing got every exact frame that could be drawn.
+TEST(InteractiveScheduleTest, ExactFramesThatWereNotShownHoldTheNextOneUntilTheyTimeOut) {
+  Schedule schedule;
+  for (std::int64_t i = 1; i <= 2; ++i) {
+    schedule.OnState(i, true, At(10));
+    const FrameStart start = StartAt(&schedule, 10);
+    ASSERT_TRUE(start.is_exact);
+    schedule.OnWorkEnded(start.work, true, At(20));
+    schedule.OnSent(i, At(20), /*is_exact=*/true);
+  }
+  schedule.OnState(3, true, At(30));
+  const Schedule::Step held = schedule.Next(At(30));
+  EXPECT_FALSE(held.start.has_value());
+  EXPECT_EQ(held.wake, At(2020));
+  EXPECT_EQ(StartAt(&schedule, 2020).sequence, 3);
+
+  schedule.OnWorkEnded(3, true, At(2030));
+  schedule.OnSent(3, At(2030), /*is_exact=*/true);
+  schedule.OnState(4, true, At(2040));
+  EXPECT_EQ(StartAt(&schedule, 2040).sequence, 4);
+}
+
+TEST(InteractiveScheduleTest, AnExactFrameThatWaitsForTheNetworkHoldsTheNextOne) {
+  Schedule schedule;
+  schedule.OnState(1, true, At(0));
+  schedule.OnWorkEnded(StartAt(&schedule, 0).work, true, At(5));
+  schedule.OnState(2, true, At(10));
+  EXPECT_EQ(StartAt(&schedule, 10).work, 0);
+  schedule.OnDropped(/*is_exact=*/true);
+  EXPECT_EQ(StartAt(&schedule, 11).sequence, 2);
+}
+
+// Symptom: each wrong state was answered with an error.
+TEST(InteractiveScheduleTest, NothingBeginsForAWhileAfterAnError) {
+  Schedule schedule;
+  schedule.OnState(1, true, At(0));
+  const FrameStart wrong = StartAt(&schedule, 0);
+  schedule.OnWorkEnded(wrong.work, true, At(1));
+  schedule.OnError(At(1));
+  schedule.OnSent(1, At(1), /*is_exact=*/true);
+  schedule.OnShown(1, At(1));
+  schedule.OnState(2, true, At(2));
+  schedule.OnState(3, true, At(3));
+  const Schedule::Step step = schedule.Next(At(3));
+  EXPECT_FALSE(step.start.has_value());
+  EXPECT_EQ(step.wake, At(101));
+  EXPECT_EQ(StartAt(&schedule, 101).sequence, 3) << "the newest, and no other";
 }
 
 TEST(InteractiveScheduleTest, ADroppedAnswerGivesItsCreditBack) {

@@ -1,0 +1,44 @@
+// A rate that may be exceeded for a short time: a bucket that fills with time.
+
+#ifndef ISOSCOPE_SERVER_ACCESS_RATE_BUCKET_H_
+#define ISOSCOPE_SERVER_ACCESS_RATE_BUCKET_H_
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/time/time.h"
+
+namespace isoscope::server {
+
+// Begins full. Thread-compatible.
+class RateBucket {
+ public:
+  // rate: a second; burst: the most that it holds. REQUIRES: both are above 0.
+  RateBucket(double rate, double burst, absl::Time now)
+      : rate_(rate), burst_(burst), level_(burst), filled_(now) {}
+
+  // What may be taken now. Negative if more was taken than there was.
+  double Level(absl::Time now) {
+    if (now > filled_) {
+      level_ = std::min(burst_, level_ + rate_ * absl::ToDoubleSeconds(now - filled_));
+      filled_ = now;
+    }
+    return level_;
+  }
+  // Takes `amount`, even if there is less. A negative one is given back.
+  void Take(double amount) { level_ = std::min(burst_, level_ - amount); }
+  // The time until the level is `wanted`, in whole milliseconds.
+  [[nodiscard]] absl::Duration TimeUntil(double wanted) const {
+    return absl::Milliseconds(std::max(0.0, std::ceil((wanted - level_) / rate_ * 1000)));
+  }
+
+ private:
+  const double rate_;
+  const double burst_;
+  double level_;
+  absl::Time filled_;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_ACCESS_RATE_BUCKET_H_

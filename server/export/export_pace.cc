@@ -1,0 +1,30 @@
+#include "server/export/export_pace.h"
+
+#include <algorithm>
+
+namespace isoscope::server {
+
+void ExportPace::OnWriteDone(std::size_t bytes, absl::Time now) {
+  if (!write_begin_.has_value()) {
+    return;
+  }
+  const absl::Duration earned = absl::Seconds(static_cast<double>(bytes) /
+                                              static_cast<double>(limits_.least_bytes_per_second));
+  left_ = std::min(limits_.allowance, left_ - (now - *write_begin_) + earned);
+  write_begin_.reset();
+}
+
+ExportPace::Verdict ExportPace::Judge(absl::Time now) const {
+  if (now >= begin_ + limits_.max_duration) {
+    return Verdict::kTooLong;
+  }
+  return write_begin_.has_value() && now >= SlowTime(now) ? Verdict::kTooSlow : Verdict::kGoesOn;
+}
+
+absl::Time ExportPace::NextJudgement(absl::Time now) const {
+  // A write that has taken more than was left, and is done, leaves a debt: the next one ends it.
+  constexpr absl::Duration kLeast = absl::Milliseconds(10);
+  return std::min(begin_ + limits_.max_duration, std::max(SlowTime(now), now + kLeast));
+}
+
+}  // namespace isoscope::server

@@ -1,0 +1,57 @@
+// How fast the client of an export must take it. No threads, no clock of its own.
+//
+// A client that keeps up waits for the coordinator. One that does not lets the coordinator wait,
+// with a thread and memory. Such waiting comes out of an allowance, which each chunk refills by the
+// time that it may take at the least rate:
+//
+//   allowance 60 s, 64 KiB/s: a chunk of 1 MiB refills 16 s. A client that takes 50 s for each has
+//   26 s left after the first, and is cut 26 s into the second.
+
+#ifndef ISOSCOPE_SERVER_EXPORT_EXPORT_PACE_H_
+#define ISOSCOPE_SERVER_EXPORT_EXPORT_PACE_H_
+
+#include <cstddef>
+#include <optional>
+
+#include "absl/time/time.h"
+
+namespace isoscope::server {
+
+struct ExportLimits {
+  // Of the whole, from its turn to its last chunk.
+  absl::Duration max_duration = absl::Hours(2);
+  // The coordinator waits for the client so long at most, and for as long as its chunks take at the
+  // least rate.
+  absl::Duration allowance = absl::Minutes(1);
+  std::size_t least_bytes_per_second = std::size_t{64} * 1024;  // > 0
+};
+
+// Thread-compatible. Times never go back.
+class ExportPace {
+ public:
+  ExportPace(const ExportLimits& limits, absl::Time begin)
+      : limits_(limits), begin_(begin), left_(limits.allowance) {}
+
+  void OnWriteBegun(absl::Time now) { write_begin_ = now; }
+  void OnWriteDone(std::size_t bytes, absl::Time now);
+
+  enum class Verdict { kGoesOn, kTooSlow, kTooLong };
+  [[nodiscard]] Verdict Judge(absl::Time now) const;
+  // Before this the verdict stays kGoesOn, whatever happens.
+  [[nodiscard]] absl::Time NextJudgement(absl::Time now) const;
+
+ private:
+  // When the write under way has used the allowance up, or one that began now would have.
+  [[nodiscard]] absl::Time SlowTime(absl::Time now) const {
+    return write_begin_.value_or(now) + left_;
+  }
+
+  const ExportLimits limits_;
+  const absl::Time begin_;
+  absl::Duration left_;                    // of the allowance
+  std::optional<absl::Time> write_begin_;  // none: no write is under way
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_EXPORT_EXPORT_PACE_H_
