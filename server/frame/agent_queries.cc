@@ -223,9 +223,10 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
           std::move(failures)};
 }
 
-QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
-    const QueryTarget& target, const std::vector<math::Vec3d>& points,
-    const base::TraceContext& identity, const base::Cancellation& cancellation) {
+QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
+                                                 const std::vector<ShownPoint>& points,
+                                                 const base::TraceContext& identity,
+                                                 const base::Cancellation& cancellation) {
   Calls<v1::GetGradientsRequest, v1::GetGradientsResponse> calls(target.parts.size());
   for (std::size_t i = 0; i < calls.size(); ++i) {
     v1::GetGradientsRequest& request = calls[i].request;
@@ -233,8 +234,9 @@ QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
     for (const int shard : target.parts[i].shard_indices) {
       request.add_shard_indices(shard);
     }
-    for (const math::Vec3d& point : points) {
-      *request.add_points() = rpc::ToProto(point);
+    for (const ShownPoint& point : points) {
+      *request.add_points() = rpc::ToProto(point.position);
+      request.add_block_ids(point.block_id);
     }
   }
   std::vector<AgentFailure> failures = RunCalls(
@@ -249,14 +251,20 @@ QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
     return {std::move(error), std::move(failures)};
   }
   std::vector<std::optional<math::Vec3d>> gradients(points.size());
+  std::vector<std::optional<int>> shards(points.size());
   for (std::size_t i = 0; i < calls.size(); ++i) {
-    const absl::Status status = rpc::AddGradients(calls[i].response, &gradients);
+    absl::Status status = rpc::AddGradients(calls[i].response, &gradients);
+    status.Update(rpc::AddPointShards(calls[i].response, target.parts[i].shard_indices, &shards));
     if (!status.ok()) {
       AgentFailure failure = Malformed(target, i, calls[i].replica, status);
       return {failure.ToStatus(), {failure}};
     }
   }
-  return {std::move(gradients), std::move(failures)};
+  std::vector<PointAnswer> answers(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    answers[i] = {.gradient = gradients[i], .shard_index = shards[i]};
+  }
+  return {std::move(answers), std::move(failures)};
 }
 
 }  // namespace isoscope::server

@@ -14,6 +14,7 @@
 #include "core/base/cancellation.h"
 #include "core/base/trace_context.h"
 #include "core/math/box.h"
+#include "core/math/vec.h"
 #include "core/rpc/histogram_convert.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/sample_histogram.h"
@@ -59,12 +60,25 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation);
 
-// Returns the gradient of the field at each of some points of world space, at most
-// rpc::kMaxPickedPixels; not set where it is not finite. Each agent answers for the points in its
-// shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
-QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
-    const QueryTarget& target, const std::vector<math::Vec3d>& points,
-    const base::TraceContext& identity, const base::Cancellation& cancellation);
+// A point of world space, and the block whose surface is seen there.
+struct ShownPoint {
+  math::Vec3d position;
+  volume::BlockId block_id = 0;
+};
+
+// What the agents know about a point.
+struct PointAnswer {
+  std::optional<math::Vec3d> gradient;  // of the field; not set where it is not finite
+  std::optional<int> shard_index;       // of the block; not set if no part has it
+};
+
+// Returns what the agents know about each of some points, at most rpc::kMaxPickedPixels. Each agent
+// answers for the cells and blocks in its shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
+// DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
+                                                 const std::vector<ShownPoint>& points,
+                                                 const base::TraceContext& identity,
+                                                 const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server
 

@@ -21,21 +21,6 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// Splits parts of several shards into one for each shard.
-std::vector<FramePart> EachShardApart(const std::vector<FramePart>& parts) {
-  std::vector<FramePart> apart;
-  for (const FramePart& part : parts) {
-    if (part.shard_indices.size() > FrameRunner::kMaxShardsApart) {
-      apart.push_back(part);
-      continue;
-    }
-    for (const int shard : part.shard_indices) {
-      apart.push_back({{shard}, part.replicas});
-    }
-  }
-  return apart;
-}
-
 // FAILED_PRECONDITION if the back end of the agents can't draw the frame.
 absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& dataset) {
   if (dataset.picture_revision.back_end == frame::BackEnd::kCpu) {
@@ -112,7 +97,6 @@ absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
 
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                                     frame::FrameSpec* spec,
-                                                    bool is_each_shard_apart,
                                                     const base::TraceContext& identity,
                                                     const base::Cancellation& cancellation,
                                                     const Caller& caller) {
@@ -132,9 +116,6 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
   ISOSCOPE_RETURN_IF_ERROR(
       frame::CheckOwners(frame::OwnerSurfaceCount(*spec), layout.block_count()));
-  if (is_each_shard_apart) {
-    parts = EachShardApart(parts);
-  }
   const frame::BackEnd drawn_by = frame::DrawnBy(*spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};

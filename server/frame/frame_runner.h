@@ -77,9 +77,6 @@ struct FrameIdentity {
 // Thread-safe.
 class FrameRunner {
  public:
-  // A part with more shards stays one, whatever `is_each_shard_apart` says.
-  static constexpr std::size_t kMaxShardsApart = 32;
-
   explicit FrameRunner(const FrameRunnerOptions& options);
 
   // Takes a place for a frame of `client`, a token's name or a peer. RESOURCE_EXHAUSTED if there is
@@ -107,10 +104,9 @@ class FrameRunner {
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
   // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
-  // can draw it. Resolves the camera in both `request` and `spec`. If `is_each_shard_apart`, each
-  // shard becomes a part of its own. Errors as IsosurfaceService says.
+  // can draw it. Resolves the camera in both `request` and `spec`. Errors as IsosurfaceService says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
-                                         frame::FrameSpec* spec, bool is_each_shard_apart,
+                                         frame::FrameSpec* spec,
                                          const base::TraceContext& identity,
                                          const base::Cancellation& cancellation,
                                          const Caller& caller = {});
