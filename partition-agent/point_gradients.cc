@@ -99,9 +99,8 @@ std::vector<PointShard> ShardsOf(const std::vector<std::shared_ptr<const Shard>>
       }
     }
   }
-  std::sort(found.begin(), found.end(), [](const PointShard& a, const PointShard& b) {
-    return a.point_index < b.point_index;
-  });
+  std::sort(found.begin(), found.end(),
+            [](const PointShard& a, const PointShard& b) { return a.point_index < b.point_index; });
   return found;
 }
 

@@ -45,9 +45,9 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
       context, *request,
       [&]() -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-        ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState state,
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
                                   registry_->Find(request->name(), caller));
-        *response->mutable_dataset() = state.dataset;
+        *response->mutable_dataset() = state->dataset;
         return absl::OkStatus();
       },
       Counter(RequestMethod::kGetDataset));
@@ -83,8 +83,9 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
                                                  const base::Cancellation& cancellation,
                                                  isoscope::v1::GetHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
-  ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset,
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
                             registry_->FindComplete(request.dataset(), cancellation, caller));
+  const DatasetState& dataset = *found;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));

@@ -37,8 +37,8 @@ absl::Status CheckCoordinate(absl::string_view name, int index, int value, int s
 // Checks an index of an answer into the points of the request.
 absl::Status CheckPointIndex(absl::string_view path, int point_index, std::size_t point_count) {
   if (point_index < 0 || static_cast<std::size_t>(point_index) >= point_count) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ".point_index is ", point_index,
-                                                   ": must be in [0, ", point_count, ")"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".point_index is ", point_index, ": must be in [0, ", point_count, ")"));
   }
   return absl::OkStatus();
 }
@@ -106,16 +106,16 @@ absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
 absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProto(
     const isoscope::internal::v1::GetGradientsRequest& proto, std::int64_t block_count) {
   if (proto.block_ids_size() != 0 && proto.block_ids_size() != proto.points_size()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("block_ids has ", proto.block_ids_size(), " elements: must have one for each ",
-                     "of the ", proto.points_size(), " points, or none"));
+    return absl::InvalidArgumentError(absl::StrCat("block_ids has ", proto.block_ids_size(),
+                                                   " elements: must have one for each ", "of the ",
+                                                   proto.points_size(), " points, or none"));
   }
   std::vector<std::optional<volume::BlockId>> block_ids;
   for (int i = 0; i < proto.block_ids_size(); ++i) {
     const std::int64_t id = proto.block_ids(i);
     if (id < -1 || id >= block_count) {
-      return absl::InvalidArgumentError(absl::StrCat("block_ids[", i, "] is ", id,
-                                                     ": must be in [-1, ", block_count - 1, "]"));
+      return absl::InvalidArgumentError(
+          absl::StrCat("block_ids[", i, "] is ", id, ": must be in [-1, ", block_count - 1, "]"));
     }
     block_ids.emplace_back();
     if (id >= 0) {
@@ -146,8 +146,8 @@ absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& 
     const std::string path = absl::StrCat("shards[", i, "]");
     ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, shard.point_index(), shards->size()));
     if (!std::binary_search(asked.begin(), asked.end(), shard.shard_index())) {
-      return absl::InvalidArgumentError(absl::StrCat(
-          path, ".shard_index is ", shard.shard_index(), ": the agent was not asked for it"));
+      return absl::InvalidArgumentError(absl::StrCat(path, ".shard_index is ", shard.shard_index(),
+                                                     ": the agent was not asked for it"));
     }
     (*shards)[static_cast<std::size_t>(shard.point_index())] = shard.shard_index();
   }

@@ -63,8 +63,7 @@ absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& pr
 // asked:  ascending
 // shards: one for each point
 absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& proto,
-                            const std::vector<int>& asked,
-                            std::vector<std::optional<int>>* shards);
+                            const std::vector<int>& asked, std::vector<std::optional<int>>* shards);
 
 }  // namespace isoscope::rpc
 

@@ -289,12 +289,12 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
                                   v1::RenderIsosurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
   base::TraceScope find(trace_.get(), "find dataset");
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_,
-                                                caller_));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const FrameTarget target,
+      runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_, caller_));
   find.End();
-  dataset_name_ = target.dataset.dataset.name();
-  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset.dataset, &request_, &spec_));
+  dataset_name_ = target.dataset->dataset.name();
+  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset->dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(spec_, target.view.geometry(), response);
@@ -335,7 +335,7 @@ absl::Status FrameCall::RenderOutput(std::int64_t frame_number, const FrameTarge
 
 absl::Status FrameCall::AddMissingShards(const FrameTarget& target,
                                          v1::RenderStatistics* statistics) {
-  const v1::Dataset& dataset = target.dataset.dataset;
+  const v1::Dataset& dataset = target.dataset->dataset;
   const std::vector<int> missing = MissingShards(dataset.shard_count(), parts_);
   if (missing.empty()) {
     return absl::OkStatus();
@@ -496,10 +496,10 @@ void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* respo
 
 absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_,
-                                                caller_));
-  dataset_name_ = target.dataset.dataset.name();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const FrameTarget target,
+      runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_, caller_));
+  dataset_name_ = target.dataset->dataset.name();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
   ShowSurfacesOnCaps(&spec_, &request_);
@@ -523,16 +523,16 @@ absl::Status FrameCall::AskAgentsOfPoints(const FrameTarget& target,
   std::vector<ShownPoint> points;
   for (const v1::PickedPoint& point : response->points()) {
     if (point.is_hit()) {
-      points.push_back({.position = {point.position().x(), point.position().y(),
-                                     point.position().z()},
-                        .block_id = static_cast<volume::BlockId>(point.block_id())});
+      points.push_back(
+          {.position = {point.position().x(), point.position().y(), point.position().z()},
+           .block_id = static_cast<volume::BlockId>(point.block_id())});
     }
   }
   if (points.empty()) {
     return absl::OkStatus();
   }
   const QueryOutcome<std::vector<PointAnswer>> outcome = AskPoints(
-      {target.dataset.dataset.dataset_id(), parts_}, points, origin_.request, cancellation_);
+      {target.dataset->dataset.dataset_id(), parts_}, points, origin_.request, cancellation_);
   runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   std::size_t next = 0;

@@ -47,7 +47,7 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
   for (const FramePart& part : parts) {
     shard_indices.push_back(part.shard_indices);
   }
-  return ActiveBlocksCache::KeyOf(target.dataset.dataset.dataset_id(), shard_indices,
+  return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), shard_indices,
                                   frame::IsovaluesOf(spec));
 }
 
@@ -101,9 +101,10 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
                                                     const base::Cancellation& cancellation,
                                                     const Caller& caller) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset,
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const DatasetState> found,
                             options_.registry->FindComplete(request->dataset(), cancellation,
                                                             caller, request->allow_partial()));
+  const DatasetState& dataset = *found;
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -119,7 +120,7 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   const frame::BackEnd drawn_by = frame::DrawnBy(*spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
-  return FrameTarget{std::move(dataset), std::move(parts), view, layout, order};
+  return FrameTarget{std::move(found), std::move(parts), view, layout, order};
 }
 
 absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
@@ -196,7 +197,7 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
   (setup.active != nullptr ? metrics_.active_blocks_hits : metrics_.active_blocks_misses).Add();
   internal::BeginFrame begin;
   begin.set_frame_number(identity.number);
-  begin.set_dataset_id(target.dataset.dataset.dataset_id());
+  begin.set_dataset_id(target.dataset->dataset.dataset_id());
   *begin.mutable_request() = request;
   begin.set_agent_count(static_cast<std::int32_t>(parts.size()));
   begin.set_report_active_blocks(setup.active == nullptr);
@@ -216,7 +217,7 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
       trace_target = {.zero = identity.trace_zero, .trace = &traces.emplace_back()};
     }
     leases.push_back(replicas_.Take(agent.address));
-    return BeginFrameOnAgent(agent, std::move(of_part), target.dataset.dataset.block_count(),
+    return BeginFrameOnAgent(agent, std::move(of_part), target.dataset->dataset.block_count(),
                              cancellation.deadline(), options_.mailboxes.get(), *identity.request,
                              trace_target, listener);
   };

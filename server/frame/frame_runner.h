@@ -55,7 +55,7 @@ struct FrameRunnerOptions {
 
 // A dataset, the parts of a frame on it, and its view.
 struct FrameTarget {
-  DatasetState dataset;
+  std::shared_ptr<const DatasetState> dataset;
   std::vector<FramePart> parts;  // of all shards, unless some are missing (allow_partial)
   view::View view;
   volume::BlockLayout layout;
@@ -104,10 +104,10 @@ class FrameRunner {
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
   // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
-  // can draw it. Resolves the camera in both `request` and `spec`. Errors as IsosurfaceService says.
+  // can draw it. Resolves the camera in both `request` and `spec`. Errors as IsosurfaceService
+  // says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
-                                         frame::FrameSpec* spec,
-                                         const base::TraceContext& identity,
+                                         frame::FrameSpec* spec, const base::TraceContext& identity,
                                          const base::Cancellation& cancellation,
                                          const Caller& caller = {});
 
