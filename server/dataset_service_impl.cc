@@ -92,7 +92,7 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
   const std::vector<FramePart> parts = runner_->PartsOf(dataset);
   const QueryOutcome<volume::HistogramPart> outcome =
       AskHistogram({dataset.dataset.dataset_id(), parts}, query, identity, cancellation);
-  runner_->ReportFailures(identity, /*frame_number=*/0, outcome.failures);
+  runner_->ReportQuery(identity, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const volume::HistogramPart& whole = *outcome.result;
   std::vector<volume::IsovalueSuggestion> suggestions;

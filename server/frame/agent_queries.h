@@ -1,15 +1,18 @@
 // Questions to the agents of a dataset, outside of frames. Each part is asked of its first replica,
-// all at the same time, in the name of the client's request; and of the next one if that fails.
+// all at the same time, in the name of the client's request. The next one is asked if that fails,
+// and beside it if it has not answered after half a second, or a quarter of the client's time.
 
 #ifndef ISOSCOPE_SERVER_FRAME_AGENT_QUERIES_H_
 #define ISOSCOPE_SERVER_FRAME_AGENT_QUERIES_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/trace_context.h"
@@ -28,13 +31,26 @@ namespace isoscope::server {
 struct QueryTarget {
   const std::string& dataset_id;
   const std::vector<FramePart>& parts;  // all shards of the dataset, unless some are missing
+  // Where one agent is enough, equal turns begin with the same one, and all in turn with all.
+  std::size_t turn = 0;
 };
 
-// An answer, and the agents that failed, also those that another one stood in for.
+// An agent that had not answered when another one did.
+struct OutrunAgent {
+  AgentIdentity agent;
+  absl::Duration waited;  // since it was asked
+};
+
+// How agents did.
+struct QueryReport {
+  std::vector<AgentFailure> failures = {};  // also of those that another one stood in for
+  std::vector<OutrunAgent> outrun = {};
+};
+
 template <typename T>
 struct QueryOutcome {
   absl::StatusOr<T> result;
-  std::vector<AgentFailure> failures;
+  QueryReport report;
 };
 
 // Returns the histogram of the whole dataset: the sum of all agents' parts. Blocks. Errors as
@@ -51,8 +67,8 @@ struct ActiveExtent {
 };
 
 // Returns the blocks of the volume that are active for any of some isovalues and not wholly outside
-// of `clip`, also those of missing shards. Asks the first part, because every
-// agent knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+// of `clip`, also those of missing shards. Asks one agent of any part, because every agent knows
+// all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<double>& isovalues,

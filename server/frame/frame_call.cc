@@ -341,9 +341,9 @@ absl::Status FrameCall::AddMissingShards(const FrameTarget& target,
     return absl::OkStatus();
   }
   const QueryOutcome<ActiveExtent> outcome =
-      AskActiveBox({dataset.dataset_id(), parts_}, target.layout, frame::IsovaluesOf(spec_),
-                   request_.clip(), origin_.request, cancellation_);
-  runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
+      AskActiveBox({dataset.dataset_id(), parts_, runner_->NextTurn()}, target.layout,
+                   frame::IsovaluesOf(spec_), request_.clip(), origin_.request, cancellation_);
+  runner_->ReportQuery(origin_.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const std::int64_t all = outcome.result->active_block_count;
   statistics->mutable_missing_shards()->Assign(missing.begin(), missing.end());
@@ -533,7 +533,7 @@ absl::Status FrameCall::AskAgentsOfPoints(const FrameTarget& target,
   }
   const QueryOutcome<std::vector<PointAnswer>> outcome = AskPoints(
       {target.dataset->dataset.dataset_id(), parts_}, points, origin_.request, cancellation_);
-  runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
+  runner_->ReportQuery(origin_.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   std::size_t next = 0;
   for (v1::PickedPoint& point : *response->mutable_points()) {

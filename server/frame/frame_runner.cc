@@ -58,6 +58,14 @@ bool IsLoss(const absl::Status& status) {
          absl::IsDataLoss(status);
 }
 
+void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
+               const AgentIdentity& agent) {
+  base::LogInfo("agent_outrun", {{"request", request.request_id()},
+                                 {"frame", frame_number},
+                                 {"agent", agent.address},
+                                 {"shards", absl::StrJoin(agent.shard_indices, ",")}});
+}
+
 }  // namespace
 
 absl::StatusOr<volume::BlockLayout> LayoutOf(const isoscope::v1::Dataset& dataset,
@@ -111,8 +119,8 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   std::vector<FramePart> parts = replicas_.Choose(
       dataset.replica_sets, ReplicaKeyOf(dataset.dataset.dataset_id(), frame::IsovaluesOf(*spec)));
-  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera({dataset.dataset.dataset_id(), parts}, geometry, layout,
-                                       identity, cancellation, request, spec));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera({dataset.dataset.dataset_id(), parts, NextTurn()}, geometry,
+                                       layout, identity, cancellation, request, spec));
   ISOSCOPE_ASSIGN_OR_RETURN(
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
   ISOSCOPE_RETURN_IF_ERROR(
@@ -134,7 +142,7 @@ absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
   if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
     const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
         query, layout, frame::IsovaluesOf(*spec), request->clip(), identity, cancellation);
-    ReportFailures(identity, /*frame_number=*/0, outcome.failures);
+    ReportQuery(identity, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->cells.has_value()) {
       surface_bounds =
@@ -191,8 +199,13 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
   setup.is_lost = [&](int part_index, int replica_index) {
     return !options_.registry->IsReachable(replica_of(part_index, replica_index).address);
   };
+  Attempts attempts;
   setup.may_hedge = [&](int part_index, int replica_index) {
-    return replicas_.TryHedge(replica_of(part_index, replica_index).address);
+    if (!replicas_.TryHedge(replica_of(part_index, replica_index).address)) {
+      return false;
+    }
+    attempts.slow.insert(replica_of(part_index, replica_index - 1).address);
+    return true;
   };
   (setup.active != nullptr ? metrics_.active_blocks_hits : metrics_.active_blocks_misses).Add();
   internal::BeginFrame begin;
@@ -217,12 +230,13 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
       trace_target = {.zero = identity.trace_zero, .trace = &traces.emplace_back()};
     }
     leases.push_back(replicas_.Take(agent.address));
+    attempts.begins.emplace(agent.address, absl::Now());
     return BeginFrameOnAgent(agent, std::move(of_part), target.dataset->dataset.block_count(),
                              cancellation.deadline(), options_.mailboxes.get(), *identity.request,
                              trace_target, listener);
   };
   FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
-  LearnFrom(identity, outcome);
+  LearnFrom(identity, attempts, outcome);
   *lost_part = outcome.lost_part;
   if (!outcome.status.ok()) {
     return outcome.status;
@@ -239,7 +253,17 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
 }
 
 // Remembers which agents did well, so that the next frames begin with those.
-void FrameRunner::LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome) {
+void FrameRunner::LearnFrom(const FrameIdentity& identity, const Attempts& attempts,
+                            const FrameOutcome& outcome) {
+  const absl::Time now = absl::Now();
+  const auto note_unanswered = [&](const std::string& address) {
+    const auto begin = attempts.begins.find(address);
+    if (attempts.slow.contains(address) || !options_.registry->IsReachable(address)) {
+      replicas_.NoteTrouble(address, now);
+    } else if (begin != attempts.begins.end()) {
+      replicas_.NoteUnanswered(address, now - begin->second, now);
+    }
+  };
   ReportFailures(*identity.request, identity.number, outcome.failures);
   metrics_.hedged_parts.Add(outcome.hedge_count);
   metrics_.outrun_parts.Add(static_cast<std::int64_t>(outcome.outrun.size()));
@@ -250,14 +274,23 @@ void FrameRunner::LearnFrom(const FrameIdentity& identity, const FrameOutcome& o
     }
   }
   for (const AgentFailure& failure : outcome.failures) {
-    replicas_.NoteTrouble(failure.agent.address);
+    if (absl::IsDeadlineExceeded(failure.status)) {
+      note_unanswered(failure.agent.address);
+    } else {
+      replicas_.NoteTrouble(failure.agent.address, now);
+    }
   }
   for (const AgentIdentity& agent : outcome.outrun) {
-    replicas_.NoteTrouble(agent.address);
-    base::LogInfo("agent_outrun", {{"request", identity.request->request_id()},
-                                   {"frame", identity.number},
-                                   {"agent", agent.address},
-                                   {"shards", absl::StrJoin(agent.shard_indices, ",")}});
+    note_unanswered(agent.address);
+    LogOutrun(*identity.request, identity.number, agent);
+  }
+}
+
+void FrameRunner::ReportQuery(const base::TraceContext& request, const QueryReport& report) {
+  ReportFailures(request, /*frame_number=*/0, report.failures);
+  for (const OutrunAgent& outrun : report.outrun) {
+    replicas_.NoteUnanswered(outrun.agent.address, outrun.waited);
+    LogOutrun(request, /*frame_number=*/0, outrun.agent);
   }
 }
 

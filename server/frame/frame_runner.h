@@ -5,9 +5,12 @@
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -129,6 +132,11 @@ class FrameRunner {
   void ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
                       const std::vector<AgentFailure>& failures);
 
+  // The same for a query, and notes agents that were late.
+  void ReportQuery(const base::TraceContext& request, const QueryReport& report);
+  // The turn of a query that one agent can answer.
+  std::size_t NextTurn() { return next_turn_.fetch_add(1, std::memory_order_relaxed); }
+
   // The frames that have a place.
   [[nodiscard]] FrameBoard* board() { return &board_; }
   [[nodiscard]] CoordinatorMetrics* metrics() { return &metrics_; }
@@ -144,7 +152,13 @@ class FrameRunner {
                                        const std::vector<FramePart>& parts,
                                        const base::Cancellation& cancellation,
                                        std::optional<std::size_t>* lost_part);
-  void LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome);
+  // What RunParts knows of the attempts beside their outcome, by address.
+  struct Attempts {
+    std::map<std::string, absl::Time> begins;  // of the first attempt on each agent
+    std::set<std::string> slow;                // agents that others were faster than
+  };
+  void LearnFrom(const FrameIdentity& identity, const Attempts& attempts,
+                 const FrameOutcome& outcome);
   // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
   absl::Status PlaceCamera(const QueryTarget& query, const volume::GridGeometry& geometry,
                            const volume::BlockLayout& layout, const base::TraceContext& identity,
@@ -156,6 +170,7 @@ class FrameRunner {
   CoordinatorMetrics metrics_;
   FrameBoard board_;
   std::atomic<std::int64_t> next_frame_number_{1};
+  std::atomic<std::size_t> next_turn_{0};
   ActiveBlocksCache active_blocks_;
   ReplicaBoard replicas_;
   const std::shared_ptr<image::FrameImagePool> images_;
