@@ -838,12 +838,20 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::GetGradients(
                                   rpc::PickedPointsFromProto(*request));
         ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<std::shared_ptr<const Shard>> shards,
                                   FindShards(request->dataset_id(), request->shard_indices()));
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            const std::vector<std::optional<volume::BlockId>> block_ids,
+            rpc::PickedBlocksFromProto(*request, shards.front()->reader->layout().block_count()));
         ISOSCOPE_ASSIGN_OR_RETURN(const std::vector<PointGradient> gradients,
                                   GradientsAt(shards, points, cancellation));
         for (const PointGradient& gradient : gradients) {
           v1::PointGradient* const out = response->add_gradients();
           out->set_point_index(static_cast<std::int32_t>(gradient.point_index));
           *out->mutable_gradient() = rpc::ToProto(gradient.gradient);
+        }
+        for (const PointShard& shard : ShardsOf(shards, block_ids)) {
+          v1::PointShard* const out = response->add_shards();
+          out->set_point_index(static_cast<std::int32_t>(shard.point_index));
+          out->set_shard_index(shard.shard_index);
         }
         return absl::OkStatus();
       },

@@ -75,4 +75,33 @@ absl::StatusOr<std::vector<PointGradient>> GradientsAt(
   return gradients;
 }
 
+std::vector<PointShard> ShardsOf(const std::vector<std::shared_ptr<const Shard>>& shards,
+                                 const std::vector<std::optional<volume::BlockId>>& block_ids) {
+  std::map<volume::BlockId, std::vector<std::size_t>> points_of;
+  for (std::size_t i = 0; i < block_ids.size(); ++i) {
+    if (block_ids[i].has_value()) {
+      points_of[*block_ids[i]].push_back(i);
+    }
+  }
+  std::vector<PointShard> found;
+  if (points_of.empty()) {
+    return found;
+  }
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    const store::ShardReader& reader = *shard->reader;
+    for (std::uint32_t ordinal = 0; ordinal < reader.block_count(); ++ordinal) {
+      const auto points = points_of.find(reader.block_id(ordinal));
+      if (points == points_of.end()) {
+        continue;
+      }
+      for (const std::size_t point_index : points->second) {
+        found.push_back({point_index, reader.shard_index()});
+      }
+    }
+  }
+  std::sort(found.begin(), found.end(),
+            [](const PointShard& a, const PointShard& b) { return a.point_index < b.point_index; });
+  return found;
+}
+
 }  // namespace isoscope::agent

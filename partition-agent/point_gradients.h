@@ -1,16 +1,19 @@
-// Tells the gradient of the field at points, for picks.
+// Tells the gradient of the field at points, and which shards hold the blocks that show them: for
+// picks.
 
 #ifndef ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_
 #define ISOSCOPE_PARTITION_AGENT_POINT_GRADIENTS_H_
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
 
 #include "core/base/cancellation.h"
 #include "core/math/vec.h"
+#include "core/volume/block_layout.h"
 #include "partition-agent/shard.h"
 
 namespace isoscope::agent {
@@ -34,6 +37,23 @@ struct PointGradient {
 absl::StatusOr<std::vector<PointGradient>> GradientsAt(
     const std::vector<std::shared_ptr<const Shard>>& shards, const std::vector<math::Vec3d>& points,
     const base::Cancellation& cancellation);
+
+// The shard of the block that shows one of the points asked for.
+struct PointShard {
+  std::size_t point_index = 0;
+  int shard_index = 0;
+
+  friend bool operator==(const PointShard&, const PointShard&) = default;
+};
+
+// Returns the shards of those blocks that these shards hold, in the order of the points. The block
+// that shows a point need not be that of the point's cell: on a face that is another one.
+// O(blocks of the shards + points).
+//
+// shards:    of one dataset
+// block_ids: of each point; not set: no block
+std::vector<PointShard> ShardsOf(const std::vector<std::shared_ptr<const Shard>>& shards,
+                                 const std::vector<std::optional<volume::BlockId>>& block_ids);
 
 }  // namespace isoscope::agent
 

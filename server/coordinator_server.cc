@@ -207,8 +207,9 @@ absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
   registry_options.check_target = [transport = options.transport](const std::string& target) {
     return rpc::CheckDial(transport, "the agent", target);
   };
-  ISOSCOPE_ASSIGN_OR_RETURN(registry_options.dialing,
-                            rpc::MakeDialing(options.transport, rpc::kCoordinatorRole));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      registry_options.dialing,
+      rpc::MakeDialing(options.transport, rpc::kCoordinatorRole, rpc::kAgentRole));
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AccessControl> access,
                             AccessControl::Make({.has_tls = options.transport.has_tls(),
                                                  .token_file = options.token_file}));

@@ -130,9 +130,9 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
       context, *request,
       [&]() -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
-        ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState state,
+        ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
                                   registry_->Find(request->name(), caller));
-        *response->mutable_dataset() = state.dataset;
+        *response->mutable_dataset() = state->dataset;
         return absl::OkStatus();
       },
       Counter(RequestMethod::kGetDataset));
@@ -157,15 +157,16 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
                                                  const base::Cancellation& cancellation,
                                                  isoscope::v1::GetHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
-  ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState dataset,
+  ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
                             registry_->FindComplete(request.dataset(), cancellation, caller));
+  const DatasetState& dataset = *found;
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));
   const std::vector<FramePart> parts = runner_->PartsOf(dataset);
   const QueryOutcome<volume::HistogramPart> outcome =
       AskHistogram({dataset.dataset.dataset_id(), parts}, query, identity, cancellation);
-  runner_->ReportFailures(identity, /*frame_number=*/0, outcome.failures);
+  runner_->ReportQuery(identity, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const volume::HistogramPart& whole = *outcome.result;
   std::vector<volume::IsovalueSuggestion> suggestions;

@@ -395,8 +395,9 @@ class IsosurfaceServiceImpl::ExportCall final
   absl::Status Export() {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     ISOSCOPE_ASSIGN_OR_RETURN(
-        const DatasetState dataset,
+        const std::shared_ptr<const DatasetState> found,
         service_->options_.registry->FindComplete(request_.dataset(), cancellation_, caller_));
+    const DatasetState& dataset = *found;
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));

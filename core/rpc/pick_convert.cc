@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -29,6 +30,15 @@ absl::Status CheckCoordinate(absl::string_view name, int index, int value, int s
   if (value < 0 || value >= size_px) {
     return absl::InvalidArgumentError(absl::StrCat("pixels[", index, "].", name, " is ", value,
                                                    ": must be in [0, ", size_px - 1, "]"));
+  }
+  return absl::OkStatus();
+}
+
+// Checks an index of an answer into the points of the request.
+absl::Status CheckPointIndex(absl::string_view path, int point_index, std::size_t point_count) {
+  if (point_index < 0 || static_cast<std::size_t>(point_index) >= point_count) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ".point_index is ", point_index, ": must be in [0, ", point_count, ")"));
   }
   return absl::OkStatus();
 }
@@ -93,20 +103,53 @@ absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
   return points;
 }
 
+absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProto(
+    const isoscope::internal::v1::GetGradientsRequest& proto, std::int64_t block_count) {
+  if (proto.block_ids_size() != 0 && proto.block_ids_size() != proto.points_size()) {
+    return absl::InvalidArgumentError(absl::StrCat("block_ids has ", proto.block_ids_size(),
+                                                   " elements: must have one for each ", "of the ",
+                                                   proto.points_size(), " points, or none"));
+  }
+  std::vector<std::optional<volume::BlockId>> block_ids;
+  for (int i = 0; i < proto.block_ids_size(); ++i) {
+    const std::int64_t id = proto.block_ids(i);
+    if (id < -1 || id >= block_count) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("block_ids[", i, "] is ", id, ": must be in [-1, ", block_count - 1, "]"));
+    }
+    block_ids.emplace_back();
+    if (id >= 0) {
+      block_ids.back() = static_cast<volume::BlockId>(id);
+    }
+  }
+  return block_ids;
+}
+
 absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
                           std::vector<std::optional<math::Vec3d>>* gradients) {
   for (int i = 0; i < proto.gradients_size(); ++i) {
     const isoscope::internal::v1::PointGradient& gradient = proto.gradients(i);
     const std::string path = absl::StrCat("gradients[", i, "]");
-    if (gradient.point_index() < 0 ||
-        static_cast<std::size_t>(gradient.point_index()) >= gradients->size()) {
-      return absl::InvalidArgumentError(absl::StrCat(path, ".point_index is ",
-                                                     gradient.point_index(), ": must be in [0, ",
-                                                     gradients->size(), ")"));
-    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, gradient.point_index(), gradients->size()));
     ISOSCOPE_ASSIGN_OR_RETURN(
         (*gradients)[static_cast<std::size_t>(gradient.point_index())],
         VectorFromProto(gradient.gradient(), absl::StrCat(path, ".gradient")));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& proto,
+                            const std::vector<int>& asked,
+                            std::vector<std::optional<int>>* shards) {
+  for (int i = 0; i < proto.shards_size(); ++i) {
+    const isoscope::internal::v1::PointShard& shard = proto.shards(i);
+    const std::string path = absl::StrCat("shards[", i, "]");
+    ISOSCOPE_RETURN_IF_ERROR(CheckPointIndex(path, shard.point_index(), shards->size()));
+    if (!std::binary_search(asked.begin(), asked.end(), shard.shard_index())) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ".shard_index is ", shard.shard_index(),
+                                                     ": the agent was not asked for it"));
+    }
+    (*shards)[static_cast<std::size_t>(shard.point_index())] = shard.shard_index();
   }
   return absl::OkStatus();
 }

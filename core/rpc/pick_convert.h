@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_CORE_RPC_PICK_CONVERT_H_
 #define ISOSCOPE_CORE_RPC_PICK_CONVERT_H_
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -11,6 +12,7 @@
 
 #include "core/frame/frame_spec.h"
 #include "core/math/vec.h"
+#include "core/volume/block_layout.h"
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 
@@ -42,12 +44,26 @@ absl::StatusOr<PickSpec> PickSpecFromProto(const isoscope::v1::PickSurfaceReques
 absl::StatusOr<std::vector<math::Vec3d>> PickedPointsFromProto(
     const isoscope::internal::v1::GetGradientsRequest& proto);
 
+// Converts the blocks that show these points: one for each point, or none of them; not set: no
+// block. INVALID_ARGUMENT if there are as many neither as points nor none, or one is not in
+// [-1, block_count).
+absl::StatusOr<std::vector<std::optional<volume::BlockId>>> PickedBlocksFromProto(
+    const isoscope::internal::v1::GetGradientsRequest& proto, std::int64_t block_count);
+
 // Puts the gradients of one agent's answer to their points. INVALID_ARGUMENT if a point is none of
 // the request's, or a gradient is not finite.
 //
 // gradients: one for each point
 absl::Status AddGradients(const isoscope::internal::v1::GetGradientsResponse& proto,
                           std::vector<std::optional<math::Vec3d>>* gradients);
+
+// Puts the shards of one agent's answer to their points. INVALID_ARGUMENT if a point is none of the
+// request's, or a shard none of those that the agent was asked for.
+//
+// asked:  ascending
+// shards: one for each point
+absl::Status AddPointShards(const isoscope::internal::v1::GetGradientsResponse& proto,
+                            const std::vector<int>& asked, std::vector<std::optional<int>>* shards);
 
 }  // namespace isoscope::rpc
 

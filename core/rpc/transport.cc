@@ -1,8 +1,10 @@
 #include "core/rpc/transport.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <ctime>
+#include <functional>
 #include <map>
 #include <vector>
 
@@ -18,6 +20,7 @@
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/security/server_credentials.h>
 #include <grpcpp/security/tls_certificate_provider.h>
+#include <grpcpp/security/tls_certificate_verifier.h>
 #include <grpcpp/security/tls_credentials_options.h>
 #include <netinet/in.h>
 #include <openssl/bio.h>
@@ -194,6 +197,45 @@ class RoleGate final : public grpc::AuthMetadataProcessor {
   const std::string role_;
 };
 
+// Refuses servers without the role, and those whose certificate bears another name than the dialled
+// one.
+class ServerRoleVerifier final : public grpc::experimental::ExternalCertificateVerifier {
+ public:
+  using Request = grpc::experimental::TlsCustomVerificationCheckRequest;
+
+  explicit ServerRoleVerifier(absl::string_view role) : role_(role) {}
+
+  // Decides at once.
+  bool Verify(Request* request, std::function<void(grpc::Status)> /*callback*/,
+              grpc::Status* status) override {
+    const bool is_decided = name_verifier_.Verify(
+        request, [](const grpc::Status&) {}, status);
+    if (!is_decided) {
+      *status = {grpc::StatusCode::INTERNAL, "the check of the name would take time"};
+    }
+    if (!status->ok()) {
+      return true;
+    }
+    std::vector<std::string> uris;
+    for (const grpc::string_ref& uri : request->uri_names()) {
+      uris.emplace_back(uri.data(), uri.size());
+    }
+    const std::vector<std::string> roles = RolesOf(uris);
+    if (std::find(roles.begin(), roles.end(), role_) == roles.end()) {
+      *status = {grpc::StatusCode::PERMISSION_DENIED,
+                 absl::StrCat("the server's certificate must have the role ", role_, ", and has ",
+                              roles.empty() ? "none" : absl::StrJoin(roles, ", "))};
+    }
+    return true;
+  }
+
+  void Cancel(Request* /*request*/) override {}
+
+ private:
+  const std::string role_;
+  grpc::experimental::HostNameCertificateVerifier name_verifier_;
+};
+
 std::shared_ptr<grpc::experimental::FileWatcherCertificateProvider> WatchFiles(
     const TransportFlags& flags) {
   return std::make_shared<grpc::experimental::FileWatcherCertificateProvider>(
@@ -311,7 +353,8 @@ absl::StatusOr<std::shared_ptr<grpc::ServerCredentials>> MakeServerCredentials(
   return credentials;
 }
 
-absl::StatusOr<Dialing> MakeDialing(const TransportFlags& flags, absl::string_view own_role) {
+absl::StatusOr<Dialing> MakeDialing(const TransportFlags& flags, absl::string_view own_role,
+                                    absl::string_view server_role) {
   if (!flags.has_tls()) {
     return Dialing();
   }
@@ -321,6 +364,10 @@ absl::StatusOr<Dialing> MakeDialing(const TransportFlags& flags, absl::string_vi
   options.watch_root_certs();
   if (!flags.certificate_file.empty()) {
     options.watch_identity_key_cert_pairs();
+  }
+  if (!server_role.empty()) {
+    options.set_certificate_verifier(
+        grpc::experimental::ExternalCertificateVerifier::Create<ServerRoleVerifier>(server_role));
   }
   return Dialing{.credentials = grpc::experimental::TlsCredentials(options),
                  .server_name = flags.server_name};

@@ -87,8 +87,11 @@ struct Dialing {
   // The name that the server's certificate must bear; empty: that of the target.
   std::string server_name = {};
 };
-// Errors as CheckFiles. `own_role`: checked if the flags have a certificate.
-absl::StatusOr<Dialing> MakeDialing(const TransportFlags& flags, absl::string_view own_role);
+// Errors as CheckFiles. `own_role`: checked if the flags have a certificate. `server_role`: the
+// role that the server's certificate must have, beside its name; without it the handshake fails.
+// Empty: any will do.
+absl::StatusOr<Dialing> MakeDialing(const TransportFlags& flags, absl::string_view own_role,
+                                    absl::string_view server_role = "");
 
 }  // namespace isoscope::rpc
 

@@ -5,8 +5,8 @@
 //    answers.
 // 2. All members are asked at the same time what they serve. A member that failed gets a fresh
 //    channel, because a channel that met an error waits before it dials again.
-// 3. Answers become states, and states become datasets. Both replace the old ones at once, under
-//    the lock.
+// 3. Answers become states, and states become datasets. Both are a snapshot that replaces the old
+//    one at once. Only that happens under the lock: the log may block, and snapshots may be large.
 //
 // A call that fails makes its agent suspect (ReportFailure). The next frame then waits for a probe
 // that begins after the failure. A failure reported while a probe is under way still counts.
@@ -68,7 +68,8 @@ absl::StatusOr<std::unique_ptr<AgentRegistry>> AgentRegistry::Start(
   return std::unique_ptr<AgentRegistry>(new AgentRegistry(options));
 }
 
-AgentRegistry::AgentRegistry(AgentRegistryOptions options) : options_(std::move(options)) {
+AgentRegistry::AgentRegistry(AgentRegistryOptions options)
+    : options_(std::move(options)), snapshot_(std::make_shared<const Snapshot>()) {
   thread_ = std::thread([this] { Run(); });
 }
 
@@ -95,7 +96,7 @@ void AgentRegistry::Run() {
       ++started_probe_;
       wanted_probe_ = std::max(wanted_probe_, started_probe_);
     }
-    Probe();
+    Probe(absl::Now());
     base::MutexLock lock(&mutex_);
     finished_probe_ = started_probe_;
     changed_.SignalAll();
@@ -199,14 +200,14 @@ rpc::Dialing AgentRegistry::DialingOf(const Member& member) const {
   return dialing;
 }
 
-void AgentRegistry::AskMembers(Members* members) const {
+void AgentRegistry::AskMembers(const Suspects& suspects, Members* members) const {
   std::vector<Member*> asked;
   std::vector<AgentProbe> probes;
   for (auto& [address, member] : *members) {
     if (member.is_name) {
       continue;
     }
-    const bool needs_fresh_channel = !member.state.status.ok() || member.is_suspect;
+    const bool needs_fresh_channel = !member.state.status.ok() || suspects.contains(address);
     asked.push_back(&member);
     probes.push_back({.address = address,
                       .channel = needs_fresh_channel && !member.has_fixed_channel
@@ -221,58 +222,57 @@ void AgentRegistry::AskMembers(Members* members) const {
   }
 }
 
-void AgentRegistry::Probe() {
-  Members members;
+void AgentRegistry::Probe(absl::Time begin) {
+  std::shared_ptr<const Snapshot> before;
+  Suspects suspects;
   {
     base::MutexLock lock(&mutex_);
-    members = members_;
-    for (auto& [address, member] : members_) {
-      member.is_suspect = false;  // the next probe sees only later failures
-    }
+    before = snapshot_;
+    suspects.swap(suspects_);  // the next probe sees only later failures
   }
-  members = ResolveMembers(std::move(members));
-  AskMembers(&members);
+  Members members = ResolveMembers(before->members);
+  AskMembers(suspects, &members);
   if (stopping_.is_cancelled()) {
     return;  // the answers were cut off
   }
   std::erase_if(members, [](const auto& entry) {
     return !entry.second.is_listed && !entry.second.state.status.ok();
   });
-  AdoptMembers(std::move(members));
+  AdoptMembers(std::move(members), begin);
 }
 
-void AgentRegistry::LogMembers(const Members& members) const {
-  for (const auto& [address, member] : members) {
-    const auto before = members_.find(address);
-    const bool was_ok = before != members_.end() && before->second.state.status.ok();
+void AgentRegistry::LogMembers(const Members& before, const Members& after) const {
+  for (const auto& [address, member] : after) {
+    const auto known = before.find(address);
+    const bool was_ok = known != before.end() && known->second.state.status.ok();
     if (member.state.status.ok() && !was_ok) {
       base::LogInfo("agent_found", {{"address", address},
                                     {"shards", member.state.shards.size()},
                                     {"version", member.state.version},
                                     {"renderer", member.state.renderer}});
-    } else if (!member.state.status.ok() && (was_ok || before == members_.end())) {
+    } else if (!member.state.status.ok() && (was_ok || known == before.end())) {
       base::LogWarning(was_ok ? "agent_lost" : "agent_unreachable",
                        {{"address", address}, {"status", member.state.status}});
     }
   }
-  for (const auto& [address, member] : members_) {
-    if (members.count(address) == 0) {
+  for (const auto& [address, member] : before) {
+    if (after.count(address) == 0) {
       base::LogWarning("agent_gone", {{"address", address}});
     }
   }
 }
 
-void AgentRegistry::LogDatasets(const std::map<std::string, DatasetState>& datasets) const {
-  for (const auto& [name, state] : datasets) {
-    const auto before = datasets_.find(name);
-    const absl::Status was =
-        before == datasets_.end() ? absl::UnknownError("") : before->second.status;
+void AgentRegistry::LogDatasets(const std::map<std::string, DatasetState>& before,
+                                const std::map<std::string, DatasetState>& after) const {
+  for (const auto& [name, state] : after) {
+    const auto known = before.find(name);
+    const absl::Status was = known == before.end() ? absl::UnknownError("") : known->second.status;
     const std::string revision = frame::ToString(state.picture_revision);
     if (state.status.ok() && !was.ok()) {
       base::LogInfo(
           "dataset_ready",
           {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
-    } else if (state.status.ok() && !(state.picture_revision == before->second.picture_revision)) {
+    } else if (state.status.ok() && !(state.picture_revision == known->second.picture_revision)) {
       base::LogInfo(
           "dataset_revision",
           {{"dataset", name}, {"agents", AgentCount(state)}, {"picture_revision", revision}});
@@ -280,40 +280,35 @@ void AgentRegistry::LogDatasets(const std::map<std::string, DatasetState>& datas
       base::LogWarning("dataset_not_ready", {{"dataset", name}, {"status", state.status}});
     }
     if (state.status.ok() && !state.contradiction.empty() &&
-        (before == datasets_.end() || before->second.contradiction != state.contradiction)) {
+        (known == before.end() || known->second.contradiction != state.contradiction)) {
       base::LogWarning("dataset_contradicted",
                        {{"dataset", name}, {"contents", state.contradiction}});
     }
   }
 }
 
-void AgentRegistry::AdoptMembers(Members members) {
+void AgentRegistry::AdoptMembers(Members members, absl::Time probe_begin) {
   std::vector<AgentState> states;
   states.reserve(members.size());
   for (const auto& [address, member] : members) {
     states.push_back(member.state);
   }
-  std::map<std::string, DatasetState> datasets = DatasetsOf(states);
-  std::string unreachable = DescribeUnreachable(states);
-  const bool is_any_complete = std::any_of(
-      datasets.begin(), datasets.end(), [](const auto& entry) { return entry.second.status.ok(); });
-  bool readiness_changed = false;
+  auto after = std::make_shared<Snapshot>();
+  after->datasets = DatasetsOf(states);
+  after->unreachable = DescribeUnreachable(states);
+  after->is_any_complete = std::any_of(after->datasets.begin(), after->datasets.end(),
+                                       [](const auto& entry) { return entry.second.status.ok(); });
+  after->members = std::move(members);
+  after->probe_begin = probe_begin;
+  std::shared_ptr<const Snapshot> before = after;
   {
     base::MutexLock lock(&mutex_);
-    LogMembers(members);
-    LogDatasets(datasets);
-    for (auto& [address, member] : members) {
-      const auto before = members_.find(address);
-      member.is_suspect = before != members_.end() && before->second.is_suspect;
-    }
-    members_ = std::move(members);
-    datasets_ = std::move(datasets);
-    unreachable_ = std::move(unreachable);
-    readiness_changed = is_any_complete != is_any_complete_;
-    is_any_complete_ = is_any_complete;
+    before.swap(snapshot_);
   }
-  if (readiness_changed && options_.on_readiness != nullptr) {
-    options_.on_readiness(is_any_complete);
+  LogMembers(before->members, after->members);
+  LogDatasets(before->datasets, after->datasets);
+  if (before->is_any_complete != after->is_any_complete && options_.on_readiness != nullptr) {
+    options_.on_readiness(after->is_any_complete);
   }
 }
 
@@ -338,77 +333,101 @@ void AgentRegistry::ProbeNow(absl::Time deadline, const base::Cancellation& canc
                       });
 }
 
-absl::StatusOr<DatasetState> AgentRegistry::FindComplete(const std::string& name,
-                                                         const base::Cancellation& cancellation,
-                                                         const Caller& caller, bool allow_partial) {
+std::shared_ptr<const AgentRegistry::Snapshot> AgentRegistry::Latest() const {
+  base::MutexLock lock(&mutex_);
+  return snapshot_;
+}
+
+// The result keeps its whole snapshot.
+absl::StatusOr<std::shared_ptr<const DatasetState>> AgentRegistry::FindIn(
+    const std::shared_ptr<const Snapshot>& snapshot, const std::string& name,
+    const Caller& caller) {
+  ISOSCOPE_ASSIGN_OR_RETURN(const DatasetState* const found,
+                            FindDataset(snapshot->datasets, name, snapshot->unreachable, caller));
+  return std::shared_ptr<const DatasetState>(snapshot, found);
+}
+
+bool AgentRegistry::MayProbeForName(const Snapshot& snapshot) {
+  const absl::Time now = absl::Now();
+  base::MutexLock lock(&mutex_);
+  if (!snapshot.datasets.empty() &&
+      now - std::max(snapshot.probe_begin, name_probe_) < kMissingNameInterval) {
+    return false;
+  }
+  name_probe_ = now;
+  return true;
+}
+
+absl::StatusOr<std::shared_ptr<const DatasetState>> AgentRegistry::FindComplete(
+    const std::string& name, const base::Cancellation& cancellation, const Caller& caller,
+    bool allow_partial) {
   const auto is_usable = [allow_partial](const DatasetState& state) {
     return state.status.ok() || (allow_partial && !state.replica_sets.empty());
   };
+  std::shared_ptr<const Snapshot> snapshot;
+  Suspects suspects;
   {
     base::MutexLock lock(&mutex_);
-    absl::StatusOr<DatasetState> found = FindDataset(datasets_, name, unreachable_, caller);
-    std::set<std::string> suspects;
-    for (const auto& [address, member] : members_) {
-      if (member.is_suspect) {
-        suspects.insert(address);
-      }
+    snapshot = snapshot_;
+    suspects = suspects_;
+  }
+  absl::StatusOr<std::shared_ptr<const DatasetState>> found = FindIn(snapshot, name, caller);
+  if (found.ok() && is_usable(**found)) {
+    if (suspects.empty()) {
+      return found;
     }
-    if (found.ok() && is_usable(*found)) {
-      const std::size_t set_count = found->replica_sets.size();
-      RemoveAgents(suspects, &found->replica_sets);
-      if (found->replica_sets.size() == set_count) {
-        if (!suspects.empty()) {
-          RequestProbe();
-        }
-        return found;
-      }
+    auto others = std::make_shared<DatasetState>(**found);
+    RemoveAgents(suspects, &others->replica_sets);
+    if (others->replica_sets.size() == (*found)->replica_sets.size()) {
+      base::MutexLock lock(&mutex_);
+      RequestProbe();
+      return others;
     }
+  }
+  if (absl::IsNotFound(found.status()) && !MayProbeForName(*snapshot)) {
+    return found;
   }
   ProbeNow(std::min(cancellation.deadline(), absl::Now() + kMaxFrameWait), cancellation);
   if (cancellation.is_cancelled()) {
     return cancellation.Check();
   }
-  base::MutexLock lock(&mutex_);
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState found, FindDataset(datasets_, name, unreachable_, caller));
-  if (!is_usable(found)) {
-    return found.status;
+  found = FindIn(Latest(), name, caller);
+  if (found.ok() && !is_usable(**found)) {
+    return (*found)->status;
   }
   return found;
 }
 
-absl::StatusOr<DatasetState> AgentRegistry::Find(const std::string& name,
-                                                 const Caller& caller) const {
-  base::MutexLock lock(&mutex_);
-  return FindDataset(datasets_, name, unreachable_, caller);
+absl::StatusOr<std::shared_ptr<const DatasetState>> AgentRegistry::Find(
+    const std::string& name, const Caller& caller) const {
+  return FindIn(Latest(), name, caller);
 }
 
 void AgentRegistry::ReportFailure(const std::string& address) {
   base::MutexLock lock(&mutex_);
-  const auto found = members_.find(address);
-  if (found != members_.end()) {
-    found->second.is_suspect = true;
+  if (snapshot_->members.contains(address)) {
+    suspects_.insert(address);
   }
 }
 
 bool AgentRegistry::IsReachable(const std::string& address) const {
-  base::MutexLock lock(&mutex_);
-  const auto found = members_.find(address);
-  return found != members_.end() && found->second.state.status.ok();
+  const std::shared_ptr<const Snapshot> snapshot = Latest();
+  const auto found = snapshot->members.find(address);
+  return found != snapshot->members.end() && found->second.state.status.ok();
 }
 
 std::vector<AgentState> AgentRegistry::agents() const {
-  base::MutexLock lock(&mutex_);
+  const std::shared_ptr<const Snapshot> snapshot = Latest();
   std::vector<AgentState> states;
-  states.reserve(members_.size());
-  for (const auto& [address, member] : members_) {
+  states.reserve(snapshot->members.size());
+  for (const auto& [address, member] : snapshot->members) {
     states.push_back(member.state);
   }
   return states;
 }
 
 std::map<std::string, DatasetState> AgentRegistry::datasets(const Caller& caller) const {
-  base::MutexLock lock(&mutex_);
-  return DatasetsFor(caller, datasets_);
+  return DatasetsFor(caller, Latest()->datasets);
 }
 
 absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {
@@ -416,21 +435,22 @@ absl::Status AgentRegistry::WaitUntilReady(absl::Time deadline) {
   while (true) {
     {
       base::MutexLock lock(&mutex_);
-      const bool has_all = finished_probe_ > 0 && unreachable_.empty();
-      if (has_all && is_any_complete_) {
+      const std::string& unreachable = snapshot_->unreachable;
+      const bool has_all = finished_probe_ > 0 && unreachable.empty();
+      if (has_all && snapshot_->is_any_complete) {
         return absl::OkStatus();
       }
       if (absl::Now() >= deadline || stopping_.is_cancelled()) {
-        if (!unreachable_.empty() || datasets_.empty()) {
-          return absl::FailedPreconditionError(unreachable_.empty() ? "the agents serve no dataset"
-                                                                    : unreachable_);
+        if (!unreachable.empty() || snapshot_->datasets.empty()) {
+          return absl::FailedPreconditionError(unreachable.empty() ? "the agents serve no dataset"
+                                                                   : unreachable);
         }
-        return datasets_.begin()->second.status;
+        return snapshot_->datasets.begin()->second.status;
       }
     }
     ProbeNow(std::min(deadline, absl::Now() + kMaxFrameWait), never);
     base::MutexLock lock(&mutex_);
-    if (!is_any_complete_) {
+    if (!snapshot_->is_any_complete) {
       changed_.AwaitUntil(&mutex_, std::min(deadline, absl::Now() + kRetryInterval),
                           [this] { return stopping_.is_cancelled(); });
     }

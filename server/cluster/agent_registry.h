@@ -4,6 +4,9 @@
 // It asks every agent at start, then at every poll interval, and at once when a frame needs a
 // dataset that is not complete, or follows the loss of an agent.
 //
+// What it has found out is a snapshot that never changes: each probe makes a new one. A frame holds
+// the snapshot that it began with, and copies nothing of it.
+//
 // Other files have the other parts of this work: dns_target and agent_list find addresses,
 // agent_prober asks, dataset_catalog combines the answers.
 
@@ -15,8 +18,10 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -59,6 +64,9 @@ class AgentRegistry {
  public:
   // The longest time that a frame waits for the answers of agents.
   static constexpr absl::Duration kMaxFrameWait = absl::Seconds(2);
+  // Agents are asked for a name that none of them serves at most once in this time, and not at all
+  // if they were asked within it. Until then the name is not found.
+  static constexpr absl::Duration kMissingNameInterval = absl::Seconds(1);
 
   // INVALID_ARGUMENT: no endpoint, two with one target, or a malformed target.
   static absl::StatusOr<std::unique_ptr<AgentRegistry>> Start(const AgentRegistryOptions& options);
@@ -75,12 +83,13 @@ class AgentRegistry {
   // fires. May block.
   //
   // With `allow_partial` some shards may be missing, and no lost agent is waited for twice.
-  absl::StatusOr<DatasetState> FindComplete(const std::string& name,
-                                            const base::Cancellation& cancellation,
-                                            const Caller& caller = {}, bool allow_partial = false);
+  absl::StatusOr<std::shared_ptr<const DatasetState>> FindComplete(
+      const std::string& name, const base::Cancellation& cancellation, const Caller& caller = {},
+      bool allow_partial = false);
   // Returns the dataset as it was last seen, complete or not. NOT_FOUND, INVALID_ARGUMENT as
   // DatasetService says. Does not block.
-  absl::StatusOr<DatasetState> Find(const std::string& name, const Caller& caller = {}) const;
+  absl::StatusOr<std::shared_ptr<const DatasetState>> Find(const std::string& name,
+                                                           const Caller& caller = {}) const;
   // Reports that a call to the agent failed. The agent is asked again before its next frame.
   void ReportFailure(const std::string& address);
   // Returns false if the agent did not answer when it was last asked, or is gone.
@@ -99,27 +108,43 @@ class AgentRegistry {
   struct Member {
     AgentState state;
     std::size_t endpoint_index = 0;
-    bool is_listed = true;    // its endpoint's name still has this address
-    bool is_suspect = false;  // a call failed since it was last asked
+    bool is_listed = true;  // its endpoint's name still has this address
     bool has_fixed_channel = false;
     bool is_name = false;  // a name without known addresses: there is nobody to ask
   };
   using Members = std::map<std::string, Member>;  // by address
+  using Suspects = std::set<std::string>;         // addresses
+  // What one probe has found out.
+  struct Snapshot {
+    Members members;
+    std::map<std::string, DatasetState> datasets;
+    std::string unreachable;       // DescribeUnreachable of the members
+    bool is_any_complete = false;  // of the datasets
+    absl::Time probe_begin = absl::InfinitePast();
+  };
 
   explicit AgentRegistry(AgentRegistryOptions options);
   void Run();
-  void Probe();
+  void Probe(absl::Time begin);
   // Returns `members` with those added that the endpoints name now. Blocks on the resolver.
   Members ResolveMembers(Members members);
   // Makes the agents of a list the members of an endpoint. A list that can't be read changes
   // nothing.
   void ResolveList(std::size_t endpoint_index, const std::string& path, Members* members);
   [[nodiscard]] rpc::Dialing DialingOf(const Member& member) const;
-  void AskMembers(Members* members) const;
-  void AdoptMembers(Members members) ABSL_LOCKS_EXCLUDED(mutex_);
-  void LogMembers(const Members& members) const ABSL_SHARED_LOCKS_REQUIRED(mutex_);
-  void LogDatasets(const std::map<std::string, DatasetState>& datasets) const
-      ABSL_SHARED_LOCKS_REQUIRED(mutex_);
+  void AskMembers(const Suspects& suspects, Members* members) const;
+  void AdoptMembers(Members members, absl::Time probe_begin) ABSL_LOCKS_EXCLUDED(mutex_);
+  // Log what is new in `after`. A reader of the log that hangs holds nobody else.
+  void LogMembers(const Members& before, const Members& after) const ABSL_LOCKS_EXCLUDED(mutex_);
+  void LogDatasets(const std::map<std::string, DatasetState>& before,
+                   const std::map<std::string, DatasetState>& after) const
+      ABSL_LOCKS_EXCLUDED(mutex_);
+  [[nodiscard]] std::shared_ptr<const Snapshot> Latest() const ABSL_LOCKS_EXCLUDED(mutex_);
+  static absl::StatusOr<std::shared_ptr<const DatasetState>> FindIn(
+      const std::shared_ptr<const Snapshot>& snapshot, const std::string& name,
+      const Caller& caller);
+  // Returns true if agents may be asked for a name that is not in the snapshot.
+  bool MayProbeForName(const Snapshot& snapshot) ABSL_LOCKS_EXCLUDED(mutex_);
   // Requests a probe that begins after now, and returns its number.
   std::int64_t RequestProbe() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Requests a probe that begins after now. Waits for its end, until `deadline`, until
@@ -131,10 +156,9 @@ class AgentRegistry {
   base::Cancellation stopping_;
   mutable base::Mutex mutex_;
   base::CondVar changed_;  // a probe number below has changed, or the registry stops
-  Members members_ ABSL_GUARDED_BY(mutex_);
-  std::map<std::string, DatasetState> datasets_ ABSL_GUARDED_BY(mutex_);
-  std::string unreachable_ ABSL_GUARDED_BY(mutex_);  // DescribeUnreachable of the members
-  bool is_any_complete_ ABSL_GUARDED_BY(mutex_) = false;
+  std::shared_ptr<const Snapshot> snapshot_ ABSL_GUARDED_BY(mutex_);  // never null
+  Suspects suspects_ ABSL_GUARDED_BY(mutex_);  // calls to them failed since they were last asked
+  absl::Time name_probe_ ABSL_GUARDED_BY(mutex_) = absl::InfinitePast();  // the last for a name
   // Probes are numbered from 1 on. A thread that needs a probe that begins after now wants the
   // number after started_probe_, and waits until finished_probe_ has reached it.
   std::int64_t wanted_probe_ ABSL_GUARDED_BY(mutex_) = 1;

@@ -308,31 +308,39 @@ std::map<std::string, DatasetState> DatasetsFor(
   return visible;
 }
 
-absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
-                                         const std::string& name, const std::string& unreachable,
-                                         const Caller& caller) {
-  if (!caller.sees_all_datasets()) {
-    return FindDataset(DatasetsFor(caller, datasets), name, unreachable);
+absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, DatasetState>& datasets,
+                                                const std::string& name,
+                                                const std::string& unreachable,
+                                                const Caller& caller) {
+  if (!name.empty() && caller.MaySee(name)) {
+    const auto found = datasets.find(name);
+    if (found != datasets.end()) {
+      return &found->second;
+    }
   }
-  if (name.empty() && datasets.size() == 1) {
-    return datasets.begin()->second;
+  std::vector<absl::string_view> visible;
+  const DatasetState* last = nullptr;
+  for (const auto& [known, state] : datasets) {
+    if (caller.MaySee(known)) {
+      visible.push_back(known);
+      last = &state;
+    }
   }
-  const auto found = datasets.find(name);
-  if (found != datasets.end()) {
-    return found->second;
+  if (name.empty() && visible.size() == 1) {
+    return last;
   }
   const std::string suffix = unreachable.empty() ? "" : absl::StrCat("; ", unreachable);
   const std::string known =
-      datasets.empty()
-          ? "no dataset is served"
-          : absl::StrCat("there are: ",
-                         absl::StrJoin(datasets, ", ", [](std::string* out, const auto& entry) {
-                           absl::StrAppend(out, "\"", entry.first, "\"");
-                         }));
+      visible.empty() ? "no dataset is served"
+                      : absl::StrCat("there are: ",
+                                     absl::StrJoin(visible, ", ",
+                                                   [](std::string* out, absl::string_view entry) {
+                                                     absl::StrAppend(out, "\"", entry, "\"");
+                                                   }));
   if (!name.empty()) {
     return absl::NotFoundError(absl::StrCat("dataset \"", name, "\": ", known, suffix));
   }
-  if (datasets.empty()) {
+  if (visible.empty()) {
     return absl::FailedPreconditionError(absl::StrCat(known, suffix));
   }
   return absl::InvalidArgumentError(

@@ -80,12 +80,13 @@ std::string DescribeUnreachable(const std::vector<AgentState>& agents);
 std::map<std::string, DatasetState> DatasetsFor(
     const Caller& caller, const std::map<std::string, DatasetState>& datasets);
 
-// Finds the dataset of that name ("": the only one) among those that the caller may see.
-// NOT_FOUND, INVALID_ARGUMENT, or FAILED_PRECONDITION as DatasetService says, with the names of all
-// of these and `unreachable`.
-absl::StatusOr<DatasetState> FindDataset(const std::map<std::string, DatasetState>& datasets,
-                                         const std::string& name, const std::string& unreachable,
-                                         const Caller& caller = {});
+// Finds the dataset of that name ("": the only one) among those that the caller may see. The result
+// points into `datasets`. Copies nothing. NOT_FOUND, INVALID_ARGUMENT, or FAILED_PRECONDITION as
+// DatasetService says, with the names of all of these and `unreachable`.
+absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, DatasetState>& datasets,
+                                                const std::string& name,
+                                                const std::string& unreachable,
+                                                const Caller& caller = {});
 
 }  // namespace isoscope::server
 

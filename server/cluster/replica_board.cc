@@ -141,7 +141,7 @@ void ReplicaBoard::PutIdlestFirst(std::vector<ServingAgent>* replicas, absl::Tim
 
 ReplicaBoard::Lease ReplicaBoard::Take(const std::string& address) {
   const base::MutexLock lock(&mutex_);
-  ++part_count_;
+  hedges_ = std::min(hedges_ + kMaxHedgedShare, kMaxHedgeBurst);
   ++agents_[address].part_count;
   return {this, address};
 }
@@ -157,11 +157,11 @@ void ReplicaBoard::Return(const std::string& address) {
 
 bool ReplicaBoard::TryHedge(const std::string& address) {
   const base::MutexLock lock(&mutex_);
-  if (PartCountOf(address) > 0 ||
-      static_cast<double>(hedge_count_ + 1) > kMaxHedgedShare * static_cast<double>(part_count_)) {
+  constexpr double kRounding = 1e-9;  // a whole attempt is a sum of many shares
+  if (PartCountOf(address) > 0 || hedges_ < 1 - kRounding) {
     return false;
   }
-  ++hedge_count_;
+  hedges_ = std::max(hedges_ - 1, 0.0);
   return true;
 }
 
@@ -172,6 +172,13 @@ void ReplicaBoard::NoteTrouble(const std::string& address, absl::Time now) {
                         ? kFirstAvoidance
                         : std::min(2 * agent.avoidance, kMaxAvoidance);
   agent.avoided_until = now + agent.avoidance;
+}
+
+void ReplicaBoard::NoteUnanswered(const std::string& address, absl::Duration waited,
+                                  absl::Time now) {
+  if (waited >= kLateAfter) {
+    NoteTrouble(address, now);
+  }
 }
 
 void ReplicaBoard::NoteSuccess(const std::string& address) {

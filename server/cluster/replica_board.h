@@ -11,8 +11,12 @@
 //    agent goes first (consistent hashing with bounded loads: Mirrokni, Thorup, Zadimoghaddam,
 //    2018). A single client never has so many, and keeps its caches.
 //
-// An agent that failed or was outrun goes last for a while, longer each time; one that does its
-// part is forgiven.
+// An agent that failed or was late goes last for a while, longer each time; one that does its part
+// is forgiven. A client whose time is short says nothing about agents: an agent is late if others
+// were faster at the same time, or if it was waited for as long as kLateAfter.
+//
+// Second attempts of parts that are only slow come out of a bucket. Each part that begins puts a
+// share of an attempt in, and what does not fit is lost: quiet hours don't pay for a storm.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_
 #define ISOSCOPE_SERVER_CLUSTER_REPLICA_BOARD_H_
@@ -63,6 +67,10 @@ class ReplicaBoard {
 
   // At most this share of all parts is begun a second time because the first agent is slow.
   static constexpr double kMaxHedgedShare = 0.05;
+  // The second attempts that the bucket holds, for parts that come at once.
+  static constexpr double kMaxHedgeBurst = 16;
+  // An agent that was waited for less is not late, whatever time its client had.
+  static constexpr absl::Duration kLateAfter = absl::Milliseconds(500);
 
   ReplicaBoard() = default;
   ReplicaBoard(const ReplicaBoard&) = delete;
@@ -79,8 +87,11 @@ class ReplicaBoard {
   // Takes one of the second attempts that are allowed, if the agent has nothing to do.
   [[nodiscard]] bool TryHedge(const std::string& address);
 
-  // The agent failed, or a replica was faster.
+  // The agent failed, or was late in comparison with others.
   void NoteTrouble(const std::string& address, absl::Time now = absl::Now());
+  // The agent had not answered when it was no longer waited for. Trouble if that took kLateAfter.
+  void NoteUnanswered(const std::string& address, absl::Duration waited,
+                      absl::Time now = absl::Now());
   void NoteSuccess(const std::string& address);
 
  private:
@@ -101,8 +112,7 @@ class ReplicaBoard {
   mutable base::Mutex mutex_;
   // Only agents with parts under way or in trouble.
   std::map<std::string, Agent, std::less<>> agents_ ABSL_GUARDED_BY(mutex_);
-  std::int64_t part_count_ ABSL_GUARDED_BY(mutex_) = 0;  // of all time
-  std::int64_t hedge_count_ ABSL_GUARDED_BY(mutex_) = 0;
+  double hedges_ ABSL_GUARDED_BY(mutex_) = 0;  // in the bucket
 };
 
 }  // namespace isoscope::server

@@ -1,19 +1,23 @@
 // Questions to the agents of a dataset, outside of frames. Each part is asked of its first replica,
-// all at the same time, in the name of the client's request; and of the next one if that fails.
+// all at the same time, in the name of the client's request. The next one is asked if that fails,
+// and beside it if it has not answered after half a second, or a quarter of the client's time.
 
 #ifndef ISOSCOPE_SERVER_FRAME_AGENT_QUERIES_H_
 #define ISOSCOPE_SERVER_FRAME_AGENT_QUERIES_H_
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 
 #include "core/base/cancellation.h"
 #include "core/base/trace_context.h"
 #include "core/math/box.h"
+#include "core/math/vec.h"
 #include "core/rpc/histogram_convert.h"
 #include "core/volume/block_layout.h"
 #include "core/volume/sample_histogram.h"
@@ -27,13 +31,26 @@ namespace isoscope::server {
 struct QueryTarget {
   const std::string& dataset_id;
   const std::vector<FramePart>& parts;  // all shards of the dataset, unless some are missing
+  // Where one agent is enough, equal turns begin with the same one, and all in turn with all.
+  std::size_t turn = 0;
 };
 
-// An answer, and the agents that failed, also those that another one stood in for.
+// An agent that had not answered when another one did.
+struct OutrunAgent {
+  AgentIdentity agent;
+  absl::Duration waited;  // since it was asked
+};
+
+// How agents did.
+struct QueryReport {
+  std::vector<AgentFailure> failures = {};  // also of those that another one stood in for
+  std::vector<OutrunAgent> outrun = {};
+};
+
 template <typename T>
 struct QueryOutcome {
   absl::StatusOr<T> result;
-  std::vector<AgentFailure> failures;
+  QueryReport report;
 };
 
 // Returns the histogram of the whole dataset: the sum of all agents' parts. Blocks. Errors as
@@ -50,8 +67,8 @@ struct ActiveExtent {
 };
 
 // Returns the blocks of the volume that are active for any of some isovalues and not wholly outside
-// of `clip`, also those of missing shards. Asks the first part, because every
-// agent knows all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
+// of `clip`, also those of missing shards. Asks one agent of any part, because every agent knows
+// all ranges. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DEADLINE_EXCEEDED, CANCELLED.
 QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const volume::BlockLayout& layout,
                                         const std::vector<double>& isovalues,
@@ -59,12 +76,25 @@ QueryOutcome<ActiveExtent> AskActiveBox(const QueryTarget& target,
                                         const base::TraceContext& identity,
                                         const base::Cancellation& cancellation);
 
-// Returns the gradient of the field at each of some points of world space, at most
-// rpc::kMaxPickedPixels; not set where it is not finite. Each agent answers for the points in its
-// shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION, DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
-QueryOutcome<std::vector<std::optional<math::Vec3d>>> AskGradients(
-    const QueryTarget& target, const std::vector<math::Vec3d>& points,
-    const base::TraceContext& identity, const base::Cancellation& cancellation);
+// A point of world space, and the block whose surface is seen there.
+struct ShownPoint {
+  math::Vec3d position;
+  volume::BlockId block_id = 0;
+};
+
+// What the agents know about a point.
+struct PointAnswer {
+  std::optional<math::Vec3d> gradient;  // of the field; not set where it is not finite
+  std::optional<int> shard_index;       // of the block; not set if no part has it
+};
+
+// Returns what the agents know about each of some points, at most rpc::kMaxPickedPixels. Each agent
+// answers for the cells and blocks in its shards. Blocks. UNAVAILABLE, FAILED_PRECONDITION,
+// DATA_LOSS, DEADLINE_EXCEEDED, CANCELLED.
+QueryOutcome<std::vector<PointAnswer>> AskPoints(const QueryTarget& target,
+                                                 const std::vector<ShownPoint>& points,
+                                                 const base::TraceContext& identity,
+                                                 const base::Cancellation& cancellation);
 
 }  // namespace isoscope::server
 

@@ -103,20 +103,6 @@ void AddColorings(const frame::FrameSpec& spec, const volume::GridGeometry& geom
   }
 }
 
-// Returns the index of the agent that has an active block; none if no agent has it.
-std::optional<std::size_t> AgentOf(volume::BlockId block, const ActiveBlocks& active) {
-  for (std::size_t agent = 0; agent + 1 < active.begin_by_agent.size(); ++agent) {
-    const auto begin =
-        active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent]);
-    const auto end =
-        active.ids.begin() + static_cast<std::ptrdiff_t>(active.begin_by_agent[agent + 1]);
-    if (std::binary_search(begin, end, block)) {
-      return agent;
-    }
-  }
-  return std::nullopt;
-}
-
 }  // namespace
 
 FrameCall::FrameCall(FrameRunner* runner, FrameOrigin origin,
@@ -333,12 +319,12 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
                                   v1::RenderIsosurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
   base::TraceScope find(trace_.get(), "find dataset");
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/false,
-                                                origin_.request, cancellation_, caller_));
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const FrameTarget target,
+      runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_, caller_));
   find.End();
-  dataset_name_ = target.dataset.dataset.name();
-  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset.dataset, &request_, &spec_));
+  dataset_name_ = target.dataset->dataset.name();
+  ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset->dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
   AddColorings(spec_, target.view.geometry(), response);
@@ -380,15 +366,15 @@ absl::Status FrameCall::RenderOutput(std::int64_t frame_number, const FrameTarge
 
 absl::Status FrameCall::AddMissingShards(const FrameTarget& target,
                                          v1::RenderStatistics* statistics) {
-  const v1::Dataset& dataset = target.dataset.dataset;
+  const v1::Dataset& dataset = target.dataset->dataset;
   const std::vector<int> missing = MissingShards(dataset.shard_count(), parts_);
   if (missing.empty()) {
     return absl::OkStatus();
   }
   const QueryOutcome<ActiveExtent> outcome =
-      AskActiveBox({dataset.dataset_id(), parts_}, target.layout, frame::IsovaluesOf(spec_),
-                   request_.clip(), origin_.request, cancellation_);
-  runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
+      AskActiveBox({dataset.dataset_id(), parts_, runner_->NextTurn()}, target.layout,
+                   frame::IsovaluesOf(spec_), request_.clip(), origin_.request, cancellation_);
+  runner_->ReportQuery(origin_.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   const std::int64_t all = outcome.result->active_block_count;
   statistics->mutable_missing_shards()->Assign(missing.begin(), missing.end());
@@ -541,10 +527,10 @@ void FrameCall::MoveInto(FrameOutput output, v1::RenderIsosurfaceResponse* respo
 
 absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceResponse* response) {
   ISOSCOPE_RETURN_IF_ERROR(Reserve());
-  ISOSCOPE_ASSIGN_OR_RETURN(const FrameTarget target,
-                            runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true,
-                                                origin_.request, cancellation_, caller_));
-  dataset_name_ = target.dataset.dataset.name();
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      const FrameTarget target,
+      runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_, caller_));
+  dataset_name_ = target.dataset->dataset.name();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
   ShowSurfacesOnCaps(&spec_, &request_);
@@ -558,46 +544,55 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
   layers_ = std::move(result.layers);
   runner_->arena()->execute([&] { picture::ShowNearest(layers_, &image_); });
   for (const rpc::PixelPosition& pixel : pixels_) {
-    ISOSCOPE_RETURN_IF_ERROR(AddPoint(pixel, target, *result.active, response));
+    AddPoint(pixel, target, response);
   }
-  return AddGradients(target, response);
+  return AskAgentsOfPoints(target, response);
 }
 
-absl::Status FrameCall::AddGradients(const FrameTarget& target, v1::PickSurfaceResponse* response) {
-  std::vector<math::Vec3d> points;
+absl::Status FrameCall::AskAgentsOfPoints(const FrameTarget& target,
+                                          v1::PickSurfaceResponse* response) {
+  std::vector<ShownPoint> points;
   for (const v1::PickedPoint& point : response->points()) {
     if (point.is_hit()) {
-      points.push_back({point.position().x(), point.position().y(), point.position().z()});
+      points.push_back(
+          {.position = {point.position().x(), point.position().y(), point.position().z()},
+           .block_id = static_cast<volume::BlockId>(point.block_id())});
     }
   }
   if (points.empty()) {
     return absl::OkStatus();
   }
-  const QueryOutcome<std::vector<std::optional<math::Vec3d>>> outcome = AskGradients(
-      {target.dataset.dataset.dataset_id(), parts_}, points, origin_.request, cancellation_);
-  runner_->ReportFailures(origin_.request, /*frame_number=*/0, outcome.failures);
+  const QueryOutcome<std::vector<PointAnswer>> outcome = AskPoints(
+      {target.dataset->dataset.dataset_id(), parts_}, points, origin_.request, cancellation_);
+  runner_->ReportQuery(origin_.request, outcome.report);
   ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
   std::size_t next = 0;
   for (v1::PickedPoint& point : *response->mutable_points()) {
-    if (point.is_hit()) {
-      const std::optional<math::Vec3d>& gradient = (*outcome.result)[next++];
-      if (gradient.has_value()) {
-        *point.mutable_gradient() = rpc::ToProto(*gradient);
-      }
+    if (!point.is_hit()) {
+      continue;
+    }
+    const PointAnswer& answer = (*outcome.result)[next++];
+    if (!answer.shard_index.has_value()) {
+      return absl::InternalError(
+          absl::StrCat("a pixel shows block ", point.block_id(), ", which no agent has"));
+    }
+    point.set_shard_index(*answer.shard_index);
+    if (answer.gradient.has_value()) {
+      *point.mutable_gradient() = rpc::ToProto(*answer.gradient);
     }
   }
   return absl::OkStatus();
 }
 
 // Adds what one pixel shows.
-absl::Status FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
-                                 const ActiveBlocks& active, v1::PickSurfaceResponse* response) {
+void FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
+                         v1::PickSurfaceResponse* response) {
   v1::PickedPoint* out = response->add_points();
   const std::optional<PixelPoint> point =
       PointAt(image_, pixel.x - spec_.region->x, pixel.y - spec_.region->y, target.view,
               target.order, spec_.sends_normals);
   if (!point.has_value()) {
-    return absl::OkStatus();
+    return;
   }
   out->set_is_hit(true);
   *out->mutable_position() = rpc::ToProto(point->position);
@@ -607,19 +602,6 @@ absl::Status FrameCall::AddPoint(const rpc::PixelPosition& pixel, const FrameTar
     *out->mutable_normal() = rpc::ToProto(*point->normal);
   }
   out->set_block_id(point->block_id);
-  const std::optional<std::size_t> agent = AgentOf(point->block_id, active);
-  if (!agent.has_value() && spec_.caps.has_value()) {
-    return absl::OkStatus();  // a cap in a block that no surface meets
-  }
-  if (!agent.has_value()) {
-    return absl::InternalError(absl::StrCat("pixel ", pixel.x, ", ", pixel.y, " shows block ",
-                                            point->block_id, ", which no agent has"));
-  }
-  const std::vector<int>& shards = parts_[*agent].shard_indices;
-  if (shards.size() == 1) {
-    out->set_shard_index(shards.front());
-  }
-  return absl::OkStatus();
 }
 
 void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,

@@ -22,8 +22,8 @@
 // A trace (with_trace) has the times of all this: the coordinator's own from a recorder that the
 // call passes down, the agents' from their streams. Its zero is the call's begin.
 //
-// A pick is a frame of the smallest region that holds its pixels. Each shard counts as an agent of
-// its own, so that the block of a pixel tells its shard.
+// A pick is a frame of the smallest region that holds its pixels. The agents then tell which shards
+// hold the blocks that the pixels show, and the gradients there.
 
 #ifndef ISOSCOPE_SERVER_FRAME_FRAME_CALL_H_
 #define ISOSCOPE_SERVER_FRAME_FRAME_CALL_H_
@@ -147,8 +147,8 @@ class FrameCall {
   absl::Status TryRender(std::int64_t frame_number,
                          isoscope::v1::RenderIsosurfaceResponse* response);
   absl::Status TryPick(std::int64_t frame_number, isoscope::v1::PickSurfaceResponse* response);
-  absl::Status AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
-                        const ActiveBlocks& active, isoscope::v1::PickSurfaceResponse* response);
+  void AddPoint(const rpc::PixelPosition& pixel, const FrameTarget& target,
+                isoscope::v1::PickSurfaceResponse* response);
   absl::Status RenderOutput(std::int64_t frame_number, const FrameTarget& target,
                             FrameOutput* output, isoscope::v1::RenderStatistics* statistics);
   // Says which shards the frame lacks, if it does.
@@ -163,8 +163,9 @@ class FrameCall {
   enum class Content { kPicture, kPlanes };
   absl::StatusOr<FrameResult> Draw(std::int64_t frame_number, const FrameTarget& target,
                                    const frame::DrawnWindow& window, Content content);
-  // Adds the gradients at all points that were hit.
-  absl::Status AddGradients(const FrameTarget& target, isoscope::v1::PickSurfaceResponse* response);
+  // Adds the shards and gradients of all points that were hit.
+  absl::Status AskAgentsOfPoints(const FrameTarget& target,
+                                 isoscope::v1::PickSurfaceResponse* response);
   void MoveInto(FrameOutput output, isoscope::v1::RenderIsosurfaceResponse* response) const;
   void Log(std::int64_t frame_number, const absl::Status& status,
            const isoscope::v1::RenderStatistics& statistics) const;

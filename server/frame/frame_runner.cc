@@ -21,21 +21,6 @@ namespace {
 
 namespace internal = isoscope::internal::v1;
 
-// Splits parts of several shards into one for each shard.
-std::vector<FramePart> EachShardApart(const std::vector<FramePart>& parts) {
-  std::vector<FramePart> apart;
-  for (const FramePart& part : parts) {
-    if (part.shard_indices.size() > FrameRunner::kMaxShardsApart) {
-      apart.push_back(part);
-      continue;
-    }
-    for (const int shard : part.shard_indices) {
-      apart.push_back({{shard}, part.replicas});
-    }
-  }
-  return apart;
-}
-
 // FAILED_PRECONDITION if the back end of the agents can't draw the frame.
 absl::Status CheckBackEnd(const frame::FrameSpec& spec, const DatasetState& dataset) {
   if (dataset.picture_revision.back_end == frame::BackEnd::kCpu) {
@@ -62,7 +47,7 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
   for (const FramePart& part : parts) {
     shard_indices.push_back(part.shard_indices);
   }
-  return ActiveBlocksCache::KeyOf(target.dataset.dataset.dataset_id(), shard_indices,
+  return ActiveBlocksCache::KeyOf(target.dataset->dataset.dataset_id(), shard_indices,
                                   frame::IsovaluesOf(spec));
 }
 
@@ -71,6 +56,14 @@ std::string ActiveKeyOf(const FrameTarget& target, const std::vector<FramePart>&
 bool IsLoss(const absl::Status& status) {
   return absl::IsUnavailable(status) || absl::IsFailedPrecondition(status) ||
          absl::IsDataLoss(status);
+}
+
+void LogOutrun(const base::TraceContext& request, std::int64_t frame_number,
+               const AgentIdentity& agent) {
+  base::LogInfo("agent_outrun", {{"request", request.request_id()},
+                                 {"frame", frame_number},
+                                 {"agent", agent.address},
+                                 {"shards", absl::StrJoin(agent.shard_indices, ",")}});
 }
 
 }  // namespace
@@ -112,33 +105,30 @@ absl::StatusOr<Admission::Place> FrameRunner::Admit(const std::string& client,
 
 absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
                                                     frame::FrameSpec* spec,
-                                                    bool is_each_shard_apart,
                                                     const base::TraceContext& identity,
                                                     const base::Cancellation& cancellation,
                                                     const Caller& caller) {
   ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
-  ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset,
+  ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<const DatasetState> found,
                             options_.registry->FindComplete(request->dataset(), cancellation,
                                                             caller, request->allow_partial()));
+  const DatasetState& dataset = *found;
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
   ISOSCOPE_ASSIGN_OR_RETURN(volume::BlockLayout layout, LayoutOf(dataset.dataset, geometry));
   std::vector<FramePart> parts = replicas_.Choose(
       dataset.replica_sets, ReplicaKeyOf(dataset.dataset.dataset_id(), frame::IsovaluesOf(*spec)));
-  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera({dataset.dataset.dataset_id(), parts}, geometry, layout,
-                                       identity, cancellation, request, spec));
+  ISOSCOPE_RETURN_IF_ERROR(PlaceCamera({dataset.dataset.dataset_id(), parts, NextTurn()}, geometry,
+                                       layout, identity, cancellation, request, spec));
   ISOSCOPE_ASSIGN_OR_RETURN(
       view::View view, view::View::Make(*spec->camera, spec->viewport, geometry, spec->region));
   ISOSCOPE_RETURN_IF_ERROR(
       frame::CheckOwners(frame::OwnerSurfaceCount(*spec), layout.block_count()));
-  if (is_each_shard_apart) {
-    parts = EachShardApart(parts);
-  }
   const frame::BackEnd drawn_by = frame::DrawnBy(*spec, dataset.picture_revision.back_end);
   const image::FragmentOrder order{.block_count = static_cast<std::uint32_t>(layout.block_count()),
                                    .ties = frame::TieRuleOf(drawn_by)};
-  return FrameTarget{std::move(dataset), std::move(parts), view, layout, order};
+  return FrameTarget{std::move(found), std::move(parts), view, layout, order};
 }
 
 absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
@@ -152,7 +142,7 @@ absl::Status FrameRunner::PlaceCamera(const QueryTarget& query,
   if (request->camera_fit() == isoscope::v1::CAMERA_FIT_SURFACE) {
     const QueryOutcome<ActiveExtent> outcome = AskActiveBox(
         query, layout, frame::IsovaluesOf(*spec), request->clip(), identity, cancellation);
-    ReportFailures(identity, /*frame_number=*/0, outcome.failures);
+    ReportQuery(identity, outcome.report);
     ISOSCOPE_RETURN_IF_ERROR(outcome.result.status());
     if (outcome.result->cells.has_value()) {
       surface_bounds =
@@ -210,13 +200,18 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
   setup.is_lost = [&](int part_index, int replica_index) {
     return !options_.registry->IsReachable(replica_of(part_index, replica_index).address);
   };
+  Attempts attempts;
   setup.may_hedge = [&](int part_index, int replica_index) {
-    return replicas_.TryHedge(replica_of(part_index, replica_index).address);
+    if (!replicas_.TryHedge(replica_of(part_index, replica_index).address)) {
+      return false;
+    }
+    attempts.slow.insert(replica_of(part_index, replica_index - 1).address);
+    return true;
   };
   (setup.active != nullptr ? metrics_.active_blocks_hits : metrics_.active_blocks_misses).Add();
   internal::BeginFrame begin;
   begin.set_frame_number(identity.number);
-  begin.set_dataset_id(target.dataset.dataset.dataset_id());
+  begin.set_dataset_id(target.dataset->dataset.dataset_id());
   *begin.mutable_request() = request;
   begin.set_agent_count(static_cast<std::int32_t>(parts.size()));
   begin.set_report_active_blocks(setup.active == nullptr);
@@ -236,12 +231,13 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
       trace_target = {.zero = identity.trace_zero, .trace = &traces.emplace_back()};
     }
     leases.push_back(replicas_.Take(agent.address));
-    return BeginFrameOnAgent(agent, std::move(of_part), target.dataset.dataset.block_count(),
+    attempts.begins.emplace(agent.address, absl::Now());
+    return BeginFrameOnAgent(agent, std::move(of_part), target.dataset->dataset.block_count(),
                              cancellation.deadline(), options_.mailboxes.get(), *identity.request,
                              trace_target, listener);
   };
   FrameOutcome outcome = RunFrame(setup, begin_on_agent, cancellation);
-  LearnFrom(identity, outcome);
+  LearnFrom(identity, attempts, outcome);
   *lost_part = outcome.lost_part;
   if (!outcome.status.ok()) {
     return outcome.status;
@@ -258,7 +254,17 @@ absl::StatusOr<FrameResult> FrameRunner::RunParts(
 }
 
 // Remembers which agents did well, so that the next frames begin with those.
-void FrameRunner::LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome) {
+void FrameRunner::LearnFrom(const FrameIdentity& identity, const Attempts& attempts,
+                            const FrameOutcome& outcome) {
+  const absl::Time now = absl::Now();
+  const auto note_unanswered = [&](const std::string& address) {
+    const auto begin = attempts.begins.find(address);
+    if (attempts.slow.contains(address) || !options_.registry->IsReachable(address)) {
+      replicas_.NoteTrouble(address, now);
+    } else if (begin != attempts.begins.end()) {
+      replicas_.NoteUnanswered(address, now - begin->second, now);
+    }
+  };
   ReportFailures(*identity.request, identity.number, outcome.failures);
   metrics_.hedged_parts.Add(outcome.hedge_count);
   metrics_.outrun_parts.Add(static_cast<std::int64_t>(outcome.outrun.size()));
@@ -269,14 +275,23 @@ void FrameRunner::LearnFrom(const FrameIdentity& identity, const FrameOutcome& o
     }
   }
   for (const AgentFailure& failure : outcome.failures) {
-    replicas_.NoteTrouble(failure.agent.address);
+    if (absl::IsDeadlineExceeded(failure.status)) {
+      note_unanswered(failure.agent.address);
+    } else {
+      replicas_.NoteTrouble(failure.agent.address, now);
+    }
   }
   for (const AgentIdentity& agent : outcome.outrun) {
-    replicas_.NoteTrouble(agent.address);
-    base::LogInfo("agent_outrun", {{"request", identity.request->request_id()},
-                                   {"frame", identity.number},
-                                   {"agent", agent.address},
-                                   {"shards", absl::StrJoin(agent.shard_indices, ",")}});
+    note_unanswered(agent.address);
+    LogOutrun(*identity.request, identity.number, agent);
+  }
+}
+
+void FrameRunner::ReportQuery(const base::TraceContext& request, const QueryReport& report) {
+  ReportFailures(request, /*frame_number=*/0, report.failures);
+  for (const OutrunAgent& outrun : report.outrun) {
+    replicas_.NoteUnanswered(outrun.agent.address, outrun.waited);
+    LogOutrun(request, /*frame_number=*/0, outrun.agent);
   }
 }
 

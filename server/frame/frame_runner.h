@@ -5,9 +5,12 @@
 #define ISOSCOPE_SERVER_FRAME_FRAME_RUNNER_H_
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -55,7 +58,7 @@ struct FrameRunnerOptions {
 
 // A dataset, the parts of a frame on it, and its view.
 struct FrameTarget {
-  DatasetState dataset;
+  std::shared_ptr<const DatasetState> dataset;
   std::vector<FramePart> parts;  // of all shards, unless some are missing (allow_partial)
   view::View view;
   volume::BlockLayout layout;
@@ -77,9 +80,6 @@ struct FrameIdentity {
 // Thread-safe.
 class FrameRunner {
  public:
-  // A part with more shards stays one, whatever `is_each_shard_apart` says.
-  static constexpr std::size_t kMaxShardsApart = 32;
-
   explicit FrameRunner(const FrameRunnerOptions& options);
 
   // Takes a place for a frame of `client`, a token's name or a peer. RESOURCE_EXHAUSTED if there is
@@ -107,11 +107,10 @@ class FrameRunner {
   [[nodiscard]] image::FrameImagePool* images() const { return images_.get(); }
 
   // Finds the dataset of a frame, among those that the caller may see, and checks that its agents
-  // can draw it. Resolves the camera in both `request` and `spec`. If `is_each_shard_apart`, each
-  // shard becomes a part of its own. Errors as IsosurfaceService says.
+  // can draw it. Resolves the camera in both `request` and `spec`. Errors as IsosurfaceService
+  // says.
   absl::StatusOr<FrameTarget> FindTarget(isoscope::v1::RenderIsosurfaceRequest* request,
-                                         frame::FrameSpec* spec, bool is_each_shard_apart,
-                                         const base::TraceContext& identity,
+                                         frame::FrameSpec* spec, const base::TraceContext& identity,
                                          const base::Cancellation& cancellation,
                                          const Caller& caller = {});
 
@@ -133,6 +132,11 @@ class FrameRunner {
   void ReportFailures(const base::TraceContext& request, std::int64_t frame_number,
                       const std::vector<AgentFailure>& failures);
 
+  // The same for a query, and notes agents that were late.
+  void ReportQuery(const base::TraceContext& request, const QueryReport& report);
+  // The turn of a query that one agent can answer.
+  std::size_t NextTurn() { return next_turn_.fetch_add(1, std::memory_order_relaxed); }
+
   // The frames that have a place.
   [[nodiscard]] FrameBoard* board() { return &board_; }
   [[nodiscard]] CoordinatorMetrics* metrics() { return &metrics_; }
@@ -148,7 +152,13 @@ class FrameRunner {
                                        const std::vector<FramePart>& parts,
                                        const base::Cancellation& cancellation,
                                        std::optional<std::size_t>* lost_part);
-  void LearnFrom(const FrameIdentity& identity, const FrameOutcome& outcome);
+  // What RunParts knows of the attempts beside their outcome, by address.
+  struct Attempts {
+    std::map<std::string, absl::Time> begins;  // of the first attempt on each agent
+    std::set<std::string> slow;                // agents that others were faster than
+  };
+  void LearnFrom(const FrameIdentity& identity, const Attempts& attempts,
+                 const FrameOutcome& outcome);
   // Gives the frame its camera. Asks an agent for the box of the surface if that decides it.
   absl::Status PlaceCamera(const QueryTarget& query, const volume::GridGeometry& geometry,
                            const volume::BlockLayout& layout, const base::TraceContext& identity,
@@ -160,6 +170,7 @@ class FrameRunner {
   CoordinatorMetrics metrics_;
   FrameBoard board_;
   std::atomic<std::int64_t> next_frame_number_{1};
+  std::atomic<std::size_t> next_turn_{0};
   ActiveBlocksCache active_blocks_;
   ReplicaBoard replicas_;
   const std::shared_ptr<image::FrameImagePool> images_;

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
+#include <map>
 #include <memory>
 #include <set>
 #include <string>
@@ -31,6 +32,9 @@
 #include "core/rpc/channel.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/response_splitter.h"
+#include "core/store/shard_reader.h"
+#include "core/volume/block_layout.h"
+#include "core/volume/field_gradient.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "tests/support/process.h"
 #include "tests/support/process_cluster.h"
@@ -399,6 +403,130 @@ TEST_F(PlanesTest, ASinglePickTellsTheShardOfAnAgentWithSeveral) {
     EXPECT_TRUE(
         google::protobuf::util::MessageDifferencer::Equals(response.points(0), expected.points(0)))
         << response.points(0).DebugString() << expected.points(0).DebugString();
+  }
+}
+
+// A slab between the planes z = 8 and z = 40, which are faces of blocks; there are samples that are
+// not numbers near both.
+testing::TestVolume SlabVolume() {
+  testing::TestVolume slab;
+  slab.geometry.sample_dims = {41, 41, 49};
+  slab.type = volume::ScalarType::kFloat32;
+  for (int z = 0; z < slab.geometry.sample_dims.z; ++z) {
+    for (int y = 0; y < slab.geometry.sample_dims.y; ++y) {
+      for (int x = 0; x < slab.geometry.sample_dims.x; ++x) {
+        const bool is_hole = (z == 9 || z == 39) && x % 5 == 0 && y % 5 == 0;
+        base::AppendLittleEndian(is_hole ? std::numeric_limits<float>::quiet_NaN()
+                                         : static_cast<float>(128 + 4 * (16 - std::abs(z - 24))),
+                                 &slab.samples);
+      }
+    }
+  }
+  return slab;
+}
+
+// Returns the shard of each block, as the shards' own files say.
+std::map<std::int64_t, int> ShardsByBlock(const std::string& dataset, int shard_count) {
+  std::map<std::int64_t, int> shards;
+  for (int i = 0; i < shard_count; ++i) {
+    const auto reader = store::ShardReader::Open(testing::ShardDirectory(dataset, i, shard_count));
+    EXPECT_TRUE(reader.ok()) << reader.status();
+    for (std::uint32_t ordinal = 0; ordinal < (*reader)->block_count(); ++ordinal) {
+      shards.emplace((*reader)->block_id(ordinal), i);
+    }
+  }
+  return shards;
+}
+
+// Also beside samples that are not numbers, on a cap in a block that no surface meets, and where
+// the point's cell is another block's than the one that drew it.
+TEST_F(PlanesTest, APickTellsTheShardOfTheBlockHoweverManyAnAgentHas) {
+  const testing::TestVolume slab = SlabVolume();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const volume::BlockLayout layout,
+                                volume::BlockLayout::Make(slab.geometry.sample_dims, {8, 8, 8}));
+  v1::PickSurfaceRequest request;
+  *request.mutable_frame() = Request();
+  request.mutable_frame()->clear_output();
+  v1::HalfSpace* const half_space = request.mutable_frame()->mutable_clip()->add_half_spaces();
+  half_space->mutable_normal()->set_x(-1);
+  half_space->set_offset(-20.5);
+  request.mutable_frame()->mutable_caps();
+  for (int i = 0; i < 1000; ++i) {
+    request.add_pixels()->set_x(5 * (i % 40));
+    request.mutable_pixels(i)->set_y(6 * (i / 40));
+  }
+  std::vector<v1::PickSurfaceResponse> of_one_shard;
+  for (const int shard_count : {1, 3, 80}) {
+    SCOPED_TRACE(shard_count);
+    const std::string dataset = shared_->Sub("slab" + std::to_string(shard_count));
+    ISOSCOPE_ASSERT_OK(testing::MakeDataset(slab, dataset, shard_count, 8));
+    const std::map<std::int64_t, int> shards = ShardsByBlock(dataset, shard_count);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(testing::ServerProcess agent, testing::StartAgent({dataset}));
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(testing::ServerProcess coordinator,
+                                  testing::StartCoordinator({agent.address}));
+    stub_ = v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(coordinator.address));
+    int beside_holes = 0;
+    int on_inner_caps = 0;
+    int on_faces = 0;
+    for (const bool is_from_above : {false, true}) {
+      v1::Camera* const camera = request.mutable_frame()->mutable_camera();
+      *camera->mutable_eye() = v1::Vec3();
+      camera->mutable_eye()->set_x(70);
+      camera->mutable_eye()->set_y(20);
+      camera->mutable_eye()->set_z(is_from_above ? 90 : -40);
+      camera->mutable_target()->set_y(20);
+      camera->mutable_target()->set_z(24);
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(v1::PickSurfaceResponse picked, Pick(request));
+      for (v1::PickedPoint& point : *picked.mutable_points()) {
+        if (!point.is_hit()) {
+          continue;
+        }
+        ASSERT_TRUE(point.has_shard_index()) << point.DebugString();
+        EXPECT_EQ(point.shard_index(), shards.at(point.block_id())) << point.DebugString();
+        point.clear_shard_index();
+        const math::Vec3d position{point.position().x(), point.position().y(),
+                                   point.position().z()};
+        const auto block = static_cast<volume::BlockId>(point.block_id());
+        const auto is_near_hole = [](double at) { return std::abs(std::remainder(at, 5)) < 1; };
+        beside_holes += is_near_hole(position.x) && is_near_hole(position.y) ? 1 : 0;
+        on_inner_caps += std::abs(position.x - 20.5) < 1e-3 && position.z > 17 && position.z < 31;
+        on_faces += volume::BlockOfCell(layout, volume::CellAt(layout, position)) != block ? 1 : 0;
+      }
+      picked.clear_statistics();
+      if (shard_count == 1) {
+        of_one_shard.push_back(picked);
+      }
+      EXPECT_TRUE(google::protobuf::util::MessageDifferencer::Equals(
+          picked, of_one_shard[is_from_above ? 1 : 0]));
+    }
+    EXPECT_GT(beside_holes, 10);
+    EXPECT_GT(on_inner_caps, 10);
+    EXPECT_GT(on_faces, 10);
+  }
+}
+
+// The agent has room for three frames, and more shards.
+TEST_F(PlanesTest, APickIsOneFrameToAnAgentWithManyShards) {
+  const std::string dataset = shared_->Sub("d32");
+  ISOSCOPE_ASSERT_OK(testing::MakeDataset(Volume(), dataset, 32, 8));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      testing::ServerProcess agent,
+      testing::StartAgent({dataset}, "127.0.0.1:0",
+                          {"--max-concurrent-frames", "1", "--max-queued-frames", "2"}));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(testing::ServerProcess coordinator,
+                                testing::StartCoordinator({agent.address}));
+  stub_ = v1::IsosurfaceService::NewStub(rpc::MakeFreshChannel(coordinator.address));
+  v1::PickSurfaceRequest request;
+  *request.mutable_frame() = Request();
+  request.mutable_frame()->clear_output();
+  request.add_pixels()->set_x(70);
+  request.mutable_pixels(0)->set_y(60);
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 3; ++i) {
+    threads.emplace_back([&] { ISOSCOPE_EXPECT_OK(Pick(request).status()); });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
   }
 }
 

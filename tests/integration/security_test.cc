@@ -1,6 +1,7 @@
 // Real processes that ask who calls: certificates made by openssl, tokens, plaintext, and what each
 // wrong one gets. Every refusal has its code and says what came or what to do.
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <fstream>
@@ -13,6 +14,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/synchronization/notification.h"
 #include "absl/time/clock.h"
@@ -300,6 +302,47 @@ TEST_F(SecurityTest, TheNameInTheCertificateMustBeThatOfTheAddress) {
   ASSERT_NO_FATAL_FAILURE(
       StartCoordinator(suite_->coordinator, {"--tls-server-name", "agents.test"}));
   EXPECT_THAT(Caller(coordinator_.address, suite_->client).Render("gyroid"), IsOk());
+}
+
+// An agent in the wrong hands: it counts the calls that reach it.
+class CountingAgent final : public isoscope::internal::v1::PartitionAgentService::Service {
+ public:
+  grpc::Status DescribeShards(
+      grpc::ServerContext* /*context*/,
+      const isoscope::internal::v1::DescribeShardsRequest* /*request*/,
+      isoscope::internal::v1::DescribeShardsResponse* /*response*/) override {
+    ++call_count;
+    return grpc::Status::OK;
+  }
+
+  std::atomic<int> call_count{0};
+};
+
+// A client's certificate is signed by the authority and may bear the name that is dialled.
+TEST_F(SecurityTest, ACoordinatorAsksNobodyWhoIsNoAgent) {
+  const auto start = [](CountingAgent* agent, const rpc::TransportFlags& transport) {
+    grpc::ServerBuilder builder;
+    rpc::ConfigureServer(&builder);
+    builder.RegisterService(agent);
+    const auto credentials =
+        rpc::MakeServerCredentials(transport, "", rpc::PeerCertificate::kRequired, "");
+    EXPECT_THAT(credentials, IsOk());
+    return rpc::StartServer(&builder, "127.0.0.1:0", credentials.value_or(nullptr));
+  };
+  for (const bool is_agent : {true, false}) {
+    CountingAgent agent;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const rpc::RunningServer server,
+                                  start(&agent, is_agent ? suite_->agent : suite_->client));
+    const std::string address = absl::StrCat("127.0.0.1:", server.port);
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_,
+                                  testing::StartCoordinator({address}, FlagsOf(suite_->coordinator),
+                                                            /*wait_until_ready=*/false));
+    const absl::Status status =
+        Caller(coordinator_.address, suite_->client).Render("gyroid").status();
+    EXPECT_FALSE(status.ok());
+    EXPECT_EQ(agent.call_count > 0, is_agent);
+    EXPECT_EQ(absl::StrContains(status.message(), "must have the role agent"), !is_agent) << status;
+  }
 }
 
 TEST_F(SecurityTest, AgentsBehindAnAddressOfTheDnsHaveTheCertificateOfTheName) {

@@ -703,12 +703,14 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
   request.set_dataset_id(dataset_.manifest().dataset_id);
   for (int i = 0; i < 100; ++i) {
     request.add_points()->set_x(0.4 * i);
+    request.add_block_ids(i % 2 == 0 ? i : -1);
   }
   const auto ask = [&](const v1::GetGradientsRequest& asked, v1::GetGradientsResponse* response) {
     grpc::ClientContext context;
     return CodeOf(stub_->GetGradients(&context, asked, response));
   };
   int count = 0;
+  std::set<int> told;  // points whose block's shard an agent told
   for (const int shard : {0, 1}) {
     request.clear_shard_indices();
     request.add_shard_indices(shard);
@@ -719,18 +721,28 @@ TEST_F(PartitionAgentServiceTest, GradientsComeFromTheShardsAndBadQuestionsAreRe
       EXPECT_GE(gradient.point_index(), 0);
       EXPECT_LT(gradient.point_index(), 100);
     }
+    for (const v1::PointShard& of_point : response.shards()) {
+      EXPECT_EQ(of_point.shard_index(), shard);
+      EXPECT_EQ(of_point.point_index() % 2, 0) << "nobody asked for its block";
+      EXPECT_TRUE(told.insert(of_point.point_index()).second) << "two shards have it";
+    }
   }
   EXPECT_EQ(count, 100);
+  EXPECT_EQ(told.size(), 50U);
 
-  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(5, {request, ""});
+  std::vector<std::pair<v1::GetGradientsRequest, std::string>> cases(8, {request, ""});
   cases[0].first.set_dataset_id("other");
   cases[0].second = "FAILED_PRECONDITION";
   cases[1].first.clear_shard_indices();
   cases[2].first.mutable_points(7)->set_z(std::numeric_limits<double>::quiet_NaN());
   for (int i = 0; i < 901; ++i) {
     cases[3].first.add_points();
+    cases[3].first.add_block_ids(-1);
   }
   cases[4].first.GetReflection()->MutableUnknownFields(&cases[4].first)->AddVarint(90, 1);
+  cases[5].first.add_block_ids(0);
+  cases[6].first.set_block_ids(3, -2);
+  cases[7].first.set_block_ids(3, dataset_.layout().block_count());
   for (const auto& [bad, code] : cases) {
     v1::GetGradientsResponse response;
     EXPECT_EQ(ask(bad, &response), code.empty() ? "INVALID_ARGUMENT" : code);

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -103,6 +104,29 @@ TEST(PointGradientsTest, GradientsAtVerticesAreOppositeToTheirNormals) {
     const math::Vec3d normal{double{normals[i].x}, double{normals[i].y}, double{normals[i].z}};
     EXPECT_NEAR(math::Length(unit + normal), 0, 1e-5) << i;
   }
+}
+
+TEST(PointShardsTest, EachBlockIsInTheShardThatHoldsItWhereverThePointLies) {
+  const SmallDataset dataset(3);
+  const Shards shards = dataset.OpenShards();
+  std::map<volume::BlockId, int> expected;
+  for (const std::shared_ptr<const Shard>& shard : shards) {
+    for (std::uint32_t i = 0; i < shard->reader->block_count(); ++i) {
+      expected[shard->reader->block_id(i)] = shard->reader->shard_index();
+    }
+  }
+  // Every block twice, and points that nobody asks about between them.
+  std::vector<std::optional<volume::BlockId>> block_ids;
+  for (const auto& [block, shard] : expected) {
+    block_ids.insert(block_ids.end(), {block, std::nullopt, block});
+  }
+  const std::vector<PointShard> found = ShardsOf(shards, block_ids);
+  ASSERT_EQ(found.size(), 2 * expected.size());
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    EXPECT_EQ(found[i].point_index, 3 * (i / 2) + 2 * (i % 2));
+    EXPECT_EQ(found[i].shard_index, expected.at(*block_ids[found[i].point_index]));
+  }
+  EXPECT_TRUE(ShardsOf(shards, {}).empty());
 }
 
 TEST(PointGradientsTest, DamageIsDataLossAndACancelledQuestionEnds) {

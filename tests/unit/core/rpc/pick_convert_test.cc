@@ -118,5 +118,21 @@ TEST(GradientsTest, PointsOfARequestAreCheckedAndAnswersFindTheirPoints) {
               StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("gradients[0].gradient")));
 }
 
+TEST(AddPointShardsTest, ShardsOfNoPointAndThoseThatNobodyAskedForAreRefused) {
+  isoscope::internal::v1::GetGradientsResponse response;
+  std::vector<std::optional<int>> shards(3);
+  response.add_shards()->set_point_index(1);
+  response.mutable_shards(0)->set_shard_index(7);
+  ISOSCOPE_EXPECT_OK(AddPointShards(response, {2, 7}, &shards));
+  EXPECT_THAT(shards, ElementsAre(std::nullopt, 7, std::nullopt));
+  EXPECT_THAT(AddPointShards(response, {2, 8}, &shards),
+              StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("shard_index is 7")));
+  for (const int bad : {-1, 3}) {
+    response.mutable_shards(0)->set_point_index(bad);
+    EXPECT_THAT(AddPointShards(response, {7}, &shards),
+                StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("must be in [0, 3)")));
+  }
+}
+
 }  // namespace
 }  // namespace isoscope::rpc

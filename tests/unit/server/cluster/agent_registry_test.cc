@@ -1,8 +1,14 @@
 #include "server/cluster/agent_registry.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <atomic>
+#include <chrono>
+#include <csignal>
 #include <fstream>
 #include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <string>
@@ -51,6 +57,11 @@ class FakeCluster {
     const base::MutexLock lock(&mutex_);
     resolved_ = std::move(addresses);
   }
+  // The number of whole probes that have begun.
+  int probe_count() {
+    const base::MutexLock lock(&mutex_);
+    return probe_count_;
+  }
   // From now on nobody answers before the probe is cancelled.
   void Hang() {
     const base::MutexLock lock(&mutex_);
@@ -85,6 +96,7 @@ class FakeCluster {
             return !hangs_;
           });
       const base::MutexLock lock(&mutex_);
+      ++probe_count_;
       for (AgentProbe& probe : probes) {
         const auto found = shards_.find(probe.address);
         if (!status.ok()) {
@@ -109,6 +121,36 @@ class FakeCluster {
   std::vector<std::string> resolved_ ABSL_GUARDED_BY(mutex_);
   bool hangs_ ABSL_GUARDED_BY(mutex_) = false;
   int hanging_count_ ABSL_GUARDED_BY(mutex_) = 0;
+  int probe_count_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+// While it lives, whoever writes to standard error waits, as for a reader of the log that hangs.
+class StuckLog {
+ public:
+  StuckLog() : saved_(dup(STDERR_FILENO)) {
+    EXPECT_EQ(pipe(pipe_), 0);
+    const int flags = fcntl(pipe_[1], F_GETFL);
+    EXPECT_EQ(fcntl(pipe_[1], F_SETFL, flags | O_NONBLOCK), 0);
+    const std::string bytes(4096, '.');
+    while (write(pipe_[1], bytes.data(), bytes.size()) > 0) {
+    }
+    EXPECT_EQ(fcntl(pipe_[1], F_SETFL, flags), 0);
+    EXPECT_GE(dup2(pipe_[1], STDERR_FILENO), 0);
+    close(pipe_[1]);
+  }
+  StuckLog(const StuckLog&) = delete;
+  StuckLog& operator=(const StuckLog&) = delete;
+  // Writers see a broken pipe at worst.
+  ~StuckLog() {
+    std::signal(SIGPIPE, SIG_IGN);
+    dup2(saved_, STDERR_FILENO);
+    close(saved_);
+    close(pipe_[0]);
+  }
+
+ private:
+  const int saved_;
+  int pipe_[2] = {-1, -1};
 };
 
 absl::Time Soon() { return absl::Now() + absl::Seconds(20); }
@@ -130,8 +172,9 @@ TEST(AgentRegistryTest, NamesAreFoundAndTheOnlyDatasetNeedsNone) {
                                 AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
   ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
   const base::Cancellation soon(Soon());
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("", soon));
-  EXPECT_EQ(found.dataset.name(), "head");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::shared_ptr<const DatasetState> found,
+                                registry->FindComplete("", soon));
+  EXPECT_EQ(found->dataset.name(), "head");
   EXPECT_THAT(registry->FindComplete("haed", soon),
               StatusIs(absl::StatusCode::kNotFound, HasSubstr("\"head\"")));
 }
@@ -182,10 +225,11 @@ TEST(AgentRegistryTest, ALostAgentWithAReplicaIsLeftOutAndNotWaitedFor) {
   cluster.Hang();
   registry->ReportFailure("a:1");
   const base::Cancellation never;
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, registry->FindComplete("head", never));
-  ASSERT_EQ(found.replica_sets.size(), 1u);
-  ASSERT_EQ(found.replica_sets[0].agents.size(), 1u);
-  EXPECT_EQ(found.replica_sets[0].agents[0].address, "b:1");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::shared_ptr<const DatasetState> found,
+                                registry->FindComplete("head", never));
+  ASSERT_EQ(found->replica_sets.size(), 1u);
+  ASSERT_EQ(found->replica_sets[0].agents.size(), 1u);
+  EXPECT_EQ(found->replica_sets[0].agents[0].address, "b:1");
   cluster.WaitUntilOneHangs();  // the lost one is asked all the same
 }
 
@@ -202,10 +246,10 @@ TEST(AgentRegistryTest, WithoutSomeShardsADatasetIsFoundOnlyIfThatIsAllowed) {
   EXPECT_THAT(registry->FindComplete("head", soon),
               StatusIs(absl::StatusCode::kFailedPrecondition));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
-      const DatasetState found,
+      const std::shared_ptr<const DatasetState> found,
       registry->FindComplete("head", soon, Caller(), /*allow_partial=*/true));
-  ASSERT_EQ(found.replica_sets.size(), 1u);
-  EXPECT_EQ(found.replica_sets[0].shard_indices, std::vector<int>{1});
+  ASSERT_EQ(found->replica_sets.size(), 1u);
+  EXPECT_EQ(found->replica_sets[0].shard_indices, std::vector<int>{1});
   cluster.Stop("b:1");
   registry->ReportFailure("b:1");
   EXPECT_THAT(registry->FindComplete("head", soon, Caller(), /*allow_partial=*/true),
@@ -249,10 +293,10 @@ TEST(AgentRegistryTest, EveryAddressBehindANameIsAnAgentAndThoseThatVanishAreDro
   cluster.Stop("10.0.0.2:1");
   cluster.SetResolved({"10.0.0.1:1", "10.0.0.3:1"});
   registry->ReportFailure("10.0.0.2:1");
-  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found,
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::shared_ptr<const DatasetState> found,
                                 registry->FindComplete("head", base::Cancellation(Soon())));
-  ASSERT_EQ(found.replica_sets.size(), 2u);
-  EXPECT_EQ(found.replica_sets[1].agents.front().address, "10.0.0.3:1");
+  ASSERT_EQ(found->replica_sets.size(), 2u);
+  EXPECT_EQ(found->replica_sets[1].agents.front().address, "10.0.0.3:1");
   for (const AgentState& agent : registry->agents()) {
     EXPECT_NE(agent.address, "10.0.0.2:1");
   }
@@ -323,6 +367,98 @@ TEST(AgentRegistryTest, ANameThatCannotBeResolvedIsReportedAsSuchUntilItCan) {
   cluster.SetResolved({"10.0.0.1:1"});
   EXPECT_THAT(registry->FindComplete("", soon), IsOk());
   EXPECT_EQ(registry->agents().size(), 1u);
+}
+
+TEST(AgentRegistryTest, FramesShareTheDatasetAndKeepItWhenAgentsChange) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1), MakeShard("foot", 0, 1, kOtherId)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  AccessToken token;
+  token.datasets = {"head"};
+  const Caller restricted(std::make_shared<AccessGrant>(token, absl::Now()));
+  const base::Cancellation soon(Soon());
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, registry->FindComplete("head", soon));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, registry->FindComplete("", soon, restricted));
+  EXPECT_EQ(first.get(), second.get()) << "it was copied";
+  cluster.Stop("a:1");
+  registry->ReportFailure("a:1");
+  EXPECT_THAT(registry->FindComplete("head", soon),
+              StatusIs(absl::StatusCode::kFailedPrecondition));
+  ASSERT_EQ(first->replica_sets.size(), 1u);
+  EXPECT_EQ(first->replica_sets[0].agents[0].address, "a:1");
+}
+
+TEST(AgentRegistryTest, AReaderOfTheLogThatHangsHoldsNoFrame) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 2)});
+  cluster.Serve("b:1", {MakeShard("head", 1, 2)});
+  AgentRegistryOptions options = cluster.LazyOptions({"a:1", "b:1"});
+  options.poll_interval = absl::Milliseconds(1);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry, AgentRegistry::Start(options));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  std::future<bool> has_seen_it;
+  std::future_status status = std::future_status::timeout;
+  {
+    const StuckLog stuck;
+    cluster.Stop("b:1");  // the registry has a line to write
+    has_seen_it = std::async(std::launch::async, [&] {
+      const absl::Time limit = Soon();
+      while (absl::Now() < limit) {
+        const auto found = registry->Find("head");
+        if (found.ok() && !(*found)->status.ok()) {
+          return true;
+        }
+      }
+      return false;
+    });
+    status = has_seen_it.wait_for(std::chrono::seconds(20));
+  }
+  EXPECT_EQ(status, std::future_status::ready) << "Find waited for the log";
+  EXPECT_TRUE(has_seen_it.get());
+}
+
+TEST(AgentRegistryTest, NamesThatNobodyServesDoNotKeepAskingTheAgents) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const base::Cancellation never;
+  const absl::Time start = absl::Now();
+  const int before = cluster.probe_count();
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_THAT(registry->FindComplete("haed", never), StatusIs(absl::StatusCode::kNotFound));
+  }
+  const auto intervals =
+      static_cast<int>((absl::Now() - start) / AgentRegistry::kMissingNameInterval);
+  EXPECT_LE(cluster.probe_count() - before, 1 + intervals);
+
+  // One call looks again after the interval, and waits. The others don't.
+  absl::SleepFor(AgentRegistry::kMissingNameInterval);
+  cluster.Hang();
+  base::Cancellation leaves;
+  std::thread waiting([&] {
+    EXPECT_THAT(registry->FindComplete("haed", leaves), StatusIs(absl::StatusCode::kCancelled));
+  });
+  cluster.WaitUntilOneHangs();
+  EXPECT_THAT(registry->FindComplete("haed", never), StatusIs(absl::StatusCode::kNotFound));
+  leaves.Cancel();
+  waiting.join();
+}
+
+TEST(AgentRegistryTest, ANewDatasetIsFoundWithinTheInterval) {
+  FakeCluster cluster;
+  cluster.Serve("a:1", {MakeShard("head", 0, 1)});
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto registry,
+                                AgentRegistry::Start(cluster.LazyOptions({"a:1"})));
+  ISOSCOPE_ASSERT_OK(registry->WaitUntilReady(Soon()));
+  const base::Cancellation soon(Soon());
+  EXPECT_THAT(registry->FindComplete("foot", soon), StatusIs(absl::StatusCode::kNotFound));
+  cluster.Serve("a:1", {MakeShard("head", 0, 1), MakeShard("foot", 0, 1, kOtherId)});
+  absl::SleepFor(AgentRegistry::kMissingNameInterval);
+  EXPECT_THAT(registry->FindComplete("foot", soon), IsOk());
 }
 
 // Without a deadline of their own: what is not woken would wait for kMaxFrameWait or hang.

@@ -268,8 +268,8 @@ TEST(AdoptAnswerTest, ALostAgentIsRememberedForItsShardsAndALiarIsNot) {
 TEST(FindDatasetTest, NamesAreFoundAndTheOnlyDatasetNeedsNone) {
   const auto datasets = DatasetsOf({Answering("a:1", {MakeShard("head", 0, 1)})});
   for (const char* name : {"", "head"}) {
-    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState found, FindDataset(datasets, name, ""));
-    EXPECT_EQ(found.dataset.name(), "head");
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const DatasetState* const found, FindDataset(datasets, name, ""));
+    EXPECT_EQ(found, &datasets.at("head"));
   }
   EXPECT_THAT(FindDataset(datasets, "haed", "agents that can't be reached: b:1"),
               StatusIs(absl::StatusCode::kNotFound,

@@ -184,6 +184,44 @@ TEST(ReplicaBoardTest, OnlyIdleAgentsAndOnePartInTwentyAreHedged) {
   EXPECT_FALSE(board.TryHedge("b"));
 }
 
+TEST(ReplicaBoardTest, QuietHoursDoNotPayForAStormOfSecondAttempts) {
+  ReplicaBoard board;
+  const auto begin_parts = [&board](int count) {
+    for (int i = 0; i < count; ++i) {
+      const ReplicaBoard::Lease lease = board.Take("a");
+    }
+  };
+  const auto hedge_all = [&board] {
+    int count = 0;
+    while (count < 1000 && board.TryHedge("b")) {
+      ++count;
+    }
+    return count;
+  };
+  begin_parts(100'000);
+  EXPECT_EQ(hedge_all(), static_cast<int>(ReplicaBoard::kMaxHedgeBurst));
+  // In the long run it is the share, however often the bucket is emptied.
+  int count = 0;
+  for (int i = 0; i < 1000; ++i) {
+    begin_parts(30);
+    count += hedge_all();
+  }
+  EXPECT_NEAR(count, 1500, 1);
+}
+
+TEST(ReplicaBoardTest, AnAgentIsInTroubleOnlyIfItWasWaitedForLongEnough) {
+  ReplicaBoard board;
+  const std::vector<ReplicaSet> sets = {SetOf({0}, {"a", "b"})};
+  const std::string preferred = board.Choose(sets, "key", kNow)[0].replicas[0].address;
+  const auto is_first = [&] {
+    return board.Choose(sets, "key", kNow)[0].replicas[0].address == preferred;
+  };
+  board.NoteUnanswered(preferred, ReplicaBoard::kLateAfter - absl::Milliseconds(1), kNow);
+  EXPECT_TRUE(is_first());
+  board.NoteUnanswered(preferred, ReplicaBoard::kLateAfter, kNow);
+  EXPECT_FALSE(is_first());
+}
+
 TEST(MissingShardsTest, AreThoseOfNoPart) {
   EXPECT_THAT(MissingShards(5, {{{1, 4}, {}}, {{2}, {}}}), ElementsAre(0, 3));
   EXPECT_THAT(MissingShards(2, {{{0, 1}, {}}}), IsEmpty());

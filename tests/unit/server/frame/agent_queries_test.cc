@@ -47,6 +47,16 @@ void FillPart(std::int64_t lower, std::int64_t upper,
   response->mutable_samples()->set_nan_count(lower);
 }
 
+v1::RenderIsosurfaceRequest RequestThatFits() {
+  v1::RenderIsosurfaceRequest request;
+  request.set_isovalue(100);
+  request.mutable_viewport()->set_width_px(8);
+  request.mutable_viewport()->set_height_px(8);
+  request.set_culling(v1::CULLING_NONE);
+  request.set_camera_fit(v1::CAMERA_FIT_SURFACE);
+  return request;
+}
+
 class AgentQueriesTest : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -103,8 +113,10 @@ class AgentQueriesTest : public ::testing::Test {
     return response;
   }
 
-  absl::StatusOr<v1::Camera> Render(const v1::RenderIsosurfaceRequest& request) {
+  absl::StatusOr<v1::Camera> Render(const v1::RenderIsosurfaceRequest& request,
+                                    absl::Duration timeout = absl::Seconds(20)) {
     grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
     v1::RenderIsosurfaceResponse response;
     const absl::Status status = rpc::ToAbslStatus(
         v1::IsosurfaceService::NewStub(channel_)->RenderIsosurface(&context, request, &response));
@@ -219,6 +231,104 @@ TEST_F(ReplicaQueriesTest, WhereAllFailTheErrorIsTheLastOnes) {
   EXPECT_EQ(asked_count_, 2);
 }
 
+// Returns once the call is cancelled, or no test would wait any longer. A script that hangs.
+grpc::Status HangUntilCancelled(grpc::ServerContext* context) {
+  const absl::Time limit = absl::Now() + absl::Seconds(60);
+  while (!context->IsCancelled() && absl::Now() < limit) {
+    absl::SleepFor(absl::Milliseconds(2));
+  }
+  return grpc::Status::CANCELLED;
+}
+
+TEST_F(ReplicaQueriesTest, AnotherAgentAnswersWhileOneHangs) {
+  std::atomic<int> cancelled_count{0};
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_histogram = [&](grpc::ServerContext* context, const auto&, auto* response) {
+      if (++asked_count_ == 1) {
+        const grpc::Status status = HangUntilCancelled(context);
+        cancelled_count += context->IsCancelled() ? 1 : 0;
+        return status;
+      }
+      FillPart(1, 2, response);
+      return grpc::Status::OK;
+    };
+  }
+  StartCluster();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const v1::GetHistogramResponse response, Ask());
+  EXPECT_EQ(asked_count_, 2);
+  EXPECT_EQ(response.bins(0).sample_count(), 1000);
+  coordinator_.reset();
+  first_.Stop();
+  second_.Stop();
+  EXPECT_EQ(cancelled_count, 1) << "the one that hangs is let go";
+}
+
+TEST_F(ReplicaQueriesTest, WhereAllHangTheErrorIsTheDeadlines) {
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_histogram = [&](grpc::ServerContext* context, const auto&, auto*) {
+      ++asked_count_;
+      return HangUntilCancelled(context);
+    };
+  }
+  StartCluster();
+  EXPECT_THAT(Ask(absl::Milliseconds(800)), StatusIs(absl::StatusCode::kDeadlineExceeded));
+  EXPECT_EQ(asked_count_, 2);
+}
+
+// The frames of one client, whose time is short, are done by the replica. Others still come to the
+// agent that has their blocks.
+TEST_F(ReplicaQueriesTest, AClientInAHurryDoesNotSpoilAnAgentForOthers) {
+  std::atomic<bool> is_slow{false};
+  std::atomic<FakeAgent*> slow{nullptr};
+  std::atomic<FakeAgent*> last{nullptr};
+  for (FakeAgent* agent : {&first_, &second_}) {
+    agent->on_frame = [&, agent](grpc::ServerContext* context, FakeAgent::FrameStream* stream) {
+      last = agent;
+      if (is_slow && agent == slow) {
+        return HangUntilCancelled(context);
+      }
+      return testing::PlayEmptyFrame(stream);
+    };
+  }
+  StartCluster();
+  v1::RenderIsosurfaceRequest request = RequestThatFits();
+  request.clear_camera_fit();
+  ISOSCOPE_ASSERT_OK(Render(request));
+  slow = last.load();
+  is_slow = true;
+  for (int i = 0; i < 3; ++i) {
+    ISOSCOPE_EXPECT_OK(Render(request, absl::Milliseconds(400)));
+    EXPECT_NE(last.load(), slow.load()) << "the replica did it";
+  }
+  is_slow = false;
+  ISOSCOPE_ASSERT_OK(Render(request));
+  EXPECT_EQ(last.load(), slow.load()) << "it was avoided";
+}
+
+// All agents know all ranges.
+TEST_F(AgentQueriesTest, BoxesAreAskedOfAllAgentsInTurnAndOfAnotherOneIfOneFails) {
+  std::atomic<int> counts[2] = {0, 0};
+  std::atomic<bool> fails{false};
+  for (const int i : {0, 1}) {
+    FakeAgent& agent = i == 0 ? first_ : second_;
+    agent.on_active_box = [&, i](const internal::GetActiveBoxRequest&, auto*) {
+      ++counts[i];
+      return fails && i == 0 ? grpc::Status(grpc::StatusCode::DATA_LOSS, "the disk smokes")
+                             : grpc::Status::OK;
+    };
+  }
+  StartCluster();
+  for (int i = 0; i < 6; ++i) {
+    ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
+  }
+  EXPECT_EQ(counts[0], 3);
+  EXPECT_EQ(counts[1], 3);
+  fails = true;
+  for (int i = 0; i < 2; ++i) {
+    ISOSCOPE_EXPECT_OK(Render(RequestThatFits()));
+  }
+}
+
 TEST_F(AgentQueriesTest, AnAgentThatHangsIsNamedAtTheDeadlineAndACallerThatLeavesIsLetGo) {
   second_.on_histogram = [](grpc::ServerContext* context, const auto&, auto*) {
     while (!context->IsCancelled()) {
@@ -253,16 +363,6 @@ math::Box3d BoxOf(double min, double max) {
   box.Add({min, min, min});
   box.Add({max, max, max});
   return box;
-}
-
-v1::RenderIsosurfaceRequest RequestThatFits() {
-  v1::RenderIsosurfaceRequest request;
-  request.set_isovalue(100);
-  request.mutable_viewport()->set_width_px(8);
-  request.mutable_viewport()->set_height_px(8);
-  request.set_culling(v1::CULLING_NONE);
-  request.set_camera_fit(v1::CAMERA_FIT_SURFACE);
-  return request;
 }
 
 TEST_F(AgentQueriesTest, ACameraIsFittedOnceAndAgentsGetTheFinalOne) {
