@@ -136,6 +136,11 @@ class AgentServerImpl final : public AgentServer {
 
   std::vector<base::MetricFamily> CollectMetrics() override { return service_.CollectMetrics(); }
 
+  void AnnounceDrain() override {
+    service_.AnnounceDrain();
+    SetServing(false);
+  }
+
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {
       return;  // never listened

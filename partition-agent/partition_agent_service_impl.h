@@ -58,6 +58,8 @@ class PartitionAgentServiceImpl final
 
   // Frames whose call has not ended yet.
   [[nodiscard]] int frames_in_work() const { return frame_count_.load(); }
+  // Tells coordinators from now on that this agent is about to stop. It serves on.
+  void AnnounceDrain() { is_draining_.store(true); }
   // Returns the numbers for monitoring.
   [[nodiscard]] std::vector<base::MetricFamily> CollectMetrics() const {
     return metrics_.Collect(gauges());
@@ -117,6 +119,7 @@ class PartitionAgentServiceImpl final
   const int max_frames_;
   isoscope::internal::v1::DescribeShardsResponse description_;
   std::atomic<int> frame_count_{0};  // begun and not yet ended
+  std::atomic<bool> is_draining_{false};
   AgentMetrics metrics_;
   const absl::Time start_ = absl::Now();
   // These come last, because their threads use the members above.

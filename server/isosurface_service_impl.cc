@@ -53,7 +53,8 @@ constexpr std::size_t kMaxQueuedExportBytes = 2 * base::kMiB;
 // long as a frame.
 constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 void CountRequest(RequestMethod method, const absl::Status& status, const FrameCall& frame) {
-  frame.runner()->metrics()->CountRequest(method, status, absl::Now() - frame.start());
+  frame.runner()->EndRequest(method, frame.audit_record(), frame.identity(), status,
+                             absl::Now() - frame.start());
 }
 
 }  // namespace
@@ -229,13 +230,28 @@ class IsosurfaceServiceImpl::ExportCall final
               StartWrite(message);
             },
             [this](const absl::Status& status) {
-              service_->options_.runner->metrics()->CountRequest(RequestMethod::kExportIsosurface,
-                                                                 status, absl::Now() - arrival_);
+              service_->options_.runner->EndRequest(RequestMethod::kExportIsosurface,
+                                                    audit_record(), identity_, status,
+                                                    absl::Now() - arrival_);
               Finish(rpc::ToGrpcStatus(status));
-            }) {}
+            }) {
+    const base::MutexLock lock(&audit_mutex_);
+    audit_ = RecordOf(*context);
+    audit_.dataset = request.dataset();
+  }
+
+  // OnCancel may end the call while the export finds its dataset.
+  [[nodiscard]] AuditRecord audit_record() ABSL_LOCKS_EXCLUDED(audit_mutex_) {
+    const base::MutexLock lock(&audit_mutex_);
+    return audit_;
+  }
 
   absl::Status Admit(const grpc::CallbackServerContext& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->options_.access->Identify(rpc::PeerOf(context)));
+    {
+      const base::MutexLock lock(&audit_mutex_);
+      audit_.caller = caller_.name();
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
     ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
                               service_->exports_.Admit(caller_.QueueKey(context.peer())));
@@ -261,6 +277,8 @@ class IsosurfaceServiceImpl::ExportCall final
                {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_},
+               {"caller", caller_.name()},
+               {"peer", audit_record().peer},
                {"status", status}});
   }
 
@@ -269,6 +287,12 @@ class IsosurfaceServiceImpl::ExportCall final
     ISOSCOPE_ASSIGN_OR_RETURN(
         const DatasetState dataset,
         service_->options_.registry->FindComplete(request_.dataset(), cancellation_, caller_));
+    {
+      const base::MutexLock lock(&audit_mutex_);
+      audit_.dataset = dataset.dataset.name();
+      audit_.dataset_id = dataset.dataset.dataset_id();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request_.dataset_id()));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -361,6 +385,8 @@ class IsosurfaceServiceImpl::ExportCall final
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::size_t sent_bytes_ = 0;
+  base::Mutex audit_mutex_;
+  AuditRecord audit_ ABSL_GUARDED_BY(audit_mutex_);
   base::Mutex streams_mutex_;
   std::vector<SurfaceStream*> streams_ ABSL_GUARDED_BY(streams_mutex_);
   std::shared_ptr<ExportCall> self_;  // reset by OnDone
@@ -380,10 +406,12 @@ IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
     grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest& request,
     Delivery delivery) const {
-  return std::make_unique<FrameCall>(
-      options_.runner,
-      FrameOrigin{.request = rpc::AnswerTraceContext(context), .client = context->peer()}, request,
-      delivery, rpc::DeadlineOf(*context), options_.max_frame_duration);
+  return std::make_unique<FrameCall>(options_.runner,
+                                     FrameOrigin{.request = rpc::AnswerTraceContext(context),
+                                                 .client = context->peer(),
+                                                 .certificate = rpc::PeerOf(*context).name},
+                                     request, delivery, rpc::DeadlineOf(*context),
+                                     options_.max_frame_duration);
 }
 
 absl::Status IsosurfaceServiceImpl::Identify(const grpc::CallbackServerContext& context,

@@ -11,6 +11,7 @@
 #include <openssl/crypto.h>
 #include <sys/stat.h>
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
@@ -53,10 +54,11 @@ absl::Status AccessGrant::TakeFrame(int spared, absl::Time now) {
     return absl::OkStatus();
   }
   const double wait_ms = std::ceil((1 + spared - frames_) / rate * 1000);
-  return base::WithRetryDelay(
-      absl::ResourceExhaustedError(absl::StrCat("token \"", token_.name, "\" may have ", rate,
-                                                " frames a second: retry in ", wait_ms, " ms")),
-      absl::Milliseconds(wait_ms));
+  return base::WithReason(base::WithRetryDelay(absl::ResourceExhaustedError(absl::StrCat(
+                                                   "token \"", token_.name, "\" may have ", rate,
+                                                   " frames a second: retry in ", wait_ms, " ms")),
+                                               absl::Milliseconds(wait_ms)),
+                          base::ErrorReason::kRateLimited);
 }
 
 std::string Caller::QueueKey(const std::string& peer) const {

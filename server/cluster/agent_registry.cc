@@ -96,9 +96,16 @@ void AgentRegistry::Run() {
       wanted_probe_ = std::max(wanted_probe_, started_probe_);
     }
     Probe();
-    base::MutexLock lock(&mutex_);
-    finished_probe_ = started_probe_;
-    changed_.SignalAll();
+    bool is_first = false;
+    {
+      base::MutexLock lock(&mutex_);
+      finished_probe_ = started_probe_;
+      is_first = finished_probe_ == 1;
+      changed_.SignalAll();
+    }
+    if (is_first && options_.on_first_probe != nullptr) {
+      options_.on_first_probe();
+    }
   }
 }
 
@@ -250,6 +257,8 @@ void AgentRegistry::LogMembers(const Members& members) const {
                                     {"shards", member.state.shards.size()},
                                     {"version", member.state.version},
                                     {"renderer", member.state.renderer}});
+    } else if (member.state.is_draining && !before->second.state.is_draining) {
+      base::LogInfo("agent_drains", {{"address", address}});
     } else if (!member.state.status.ok() && (was_ok || before == members_.end())) {
       base::LogWarning(was_ok ? "agent_lost" : "agent_unreachable",
                        {{"address", address}, {"status", member.state.status}});
@@ -297,7 +306,6 @@ void AgentRegistry::AdoptMembers(Members members) {
   std::string unreachable = DescribeUnreachable(states);
   const bool is_any_complete = std::any_of(
       datasets.begin(), datasets.end(), [](const auto& entry) { return entry.second.status.ok(); });
-  bool readiness_changed = false;
   {
     base::MutexLock lock(&mutex_);
     LogMembers(members);
@@ -309,11 +317,7 @@ void AgentRegistry::AdoptMembers(Members members) {
     members_ = std::move(members);
     datasets_ = std::move(datasets);
     unreachable_ = std::move(unreachable);
-    readiness_changed = is_any_complete != is_any_complete_;
     is_any_complete_ = is_any_complete;
-  }
-  if (readiness_changed && options_.on_readiness != nullptr) {
-    options_.on_readiness(is_any_complete);
   }
 }
 

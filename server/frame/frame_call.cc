@@ -189,6 +189,14 @@ void FrameCall::Cancel() {
   runner_->admission()->Leave(ticket_);
 }
 
+AuditRecord FrameCall::audit_record() const {
+  return {.caller = caller_.name(),
+          .certificate = origin_.certificate,
+          .peer = origin_.client,
+          .dataset = dataset_name_.empty() ? request_.dataset() : dataset_name_,
+          .dataset_id = dataset_id_};
+}
+
 void FrameCall::BeginWork() {
   on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
   runner_->metrics()->queue_wait.Observe(absl::Now() - start_);
@@ -308,6 +316,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
                                                 origin_.request, cancellation_, caller_));
   find.End();
   dataset_name_ = target.dataset.dataset.name();
+  dataset_id_ = target.dataset.dataset.dataset_id();
   ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset.dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
@@ -514,6 +523,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
                             runner_->FindTarget(&request_, &spec_, /*is_each_shard_apart=*/true,
                                                 origin_.request, cancellation_, caller_));
   dataset_name_ = target.dataset.dataset.name();
+  dataset_id_ = target.dataset.dataset.dataset_id();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
   ShowSurfacesOnCaps(&spec_, &request_);
@@ -608,13 +618,17 @@ void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,
                    {"duration_ms", duration},
                    {"triangles", statistics.triangle_count()},
                    {"agents", statistics.agents_size()},
-                   {"network_bytes", statistics.network_bytes()}});
+                   {"network_bytes", statistics.network_bytes()},
+                   {"caller", caller_.name()},
+                   {"peer", origin_.client}});
   } else {
     base::LogWarning(pixels_.empty() ? "frame_failed" : "pick_failed",
                      {{"request", origin_.request.request_id()},
                       {"frame", frame_number},
                       {"dataset", request_.dataset()},
                       {"duration_ms", duration},
+                      {"caller", caller_.name()},
+                      {"peer", origin_.client},
                       {"status", status}});
   }
 }

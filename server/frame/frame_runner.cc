@@ -120,6 +120,7 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
   ISOSCOPE_ASSIGN_OR_RETURN(DatasetState dataset,
                             options_.registry->FindComplete(request->dataset(), cancellation,
                                                             caller, request->allow_partial()));
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request->dataset_id()));
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -170,6 +171,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
                                              std::vector<FramePart>* parts) {
   isoscope::v1::RenderIsosurfaceRequest of_agents = request;
   of_agents.clear_allow_partial();  // nothing to an agent
+  of_agents.clear_dataset_id();     // older agents refuse it
   while (true) {
     std::optional<std::size_t> lost_part;
     absl::StatusOr<FrameResult> result =
@@ -292,6 +294,15 @@ void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t
     if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
       options_.registry->ReportFailure(failure.agent.address);
     }
+  }
+}
+
+void FrameRunner::EndRequest(RequestMethod method, const AuditRecord& record,
+                             const base::TraceContext& request, const absl::Status& status,
+                             absl::Duration duration) {
+  metrics_.CountRequest(method, status, duration);
+  if (options_.audit != nullptr) {
+    options_.audit->Write(NameOf(method), record, request.request_id(), status);
   }
 }
 

@@ -30,6 +30,7 @@
 #include "absl/time/clock.h"
 #include <grpcpp/alarm.h>
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/memory_budget.h"
 #include "core/base/retry_delay.h"
@@ -74,6 +75,11 @@ absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
   return absl::OkStatus();
 }
 
+absl::Status CoordinatorStops() {
+  return base::WithReason(absl::UnavailableError("the coordinator stops: connect again"),
+                          base::ErrorReason::kServerStops);
+}
+
 void SetDepthGrid(const DepthGrid& grid, v1::DepthGrid* proto) {
   proto->set_width(grid.width);
   proto->set_height(grid.height);
@@ -90,7 +96,9 @@ class InteractServiceImpl::InteractCall final
  public:
   InteractCall(InteractServiceImpl* service, grpc::CallbackServerContext* context)
       : service_(service),
-        origin_{.request = rpc::AnswerTraceContext(context), .client = context->peer()},
+        origin_{.request = rpc::AnswerTraceContext(context),
+                .client = context->peer(),
+                .certificate = rpc::PeerOf(*context).name},
         deadline_(rpc::DeadlineOf(*context)),
         timeout_(context) {}
 
@@ -241,6 +249,7 @@ class InteractServiceImpl::InteractCall final
       admitted = frame->Admit();
     }
     if (!admitted.ok()) {
+      Audit(*frame, admitted);
       // The exact frame meets the same error, and tells it.
       const bool is_told = start.is_exact || absl::IsInvalidArgument(admitted);
       schedule_.OnWorkEnded(start.work, is_told, absl::Now());
@@ -286,6 +295,7 @@ class InteractServiceImpl::InteractCall final
     }
 
     const base::MutexLock lock(&mutex_);
+    Audit(*frame, status);
     frames_.erase(start.work);
     // A frame that was replaced is not missed. A moving one that fails is followed by an exact one
     // that does, too.
@@ -299,6 +309,24 @@ class InteractServiceImpl::InteractCall final
     }
     Proceed();
     FinishIfIdle();
+  }
+
+  // Writes a line of the audit log for the first frame of a dataset, and whenever what comes of the
+  // frames changes: dozens come a second.
+  void Audit(const FrameCall& frame, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    AuditLog* const log = service_->options_.runner->audit();
+    if (log == nullptr || absl::IsCancelled(status)) {
+      return;
+    }
+    AuditRecord record = frame.audit_record();
+    if (audited_code_ == status.code() && record.dataset == audit_.dataset &&
+        record.dataset_id == audit_.dataset_id) {
+      return;
+    }
+    audit_ = std::move(record);
+    audited_code_ = status.code();
+    log->Write(NameOf(RequestMethod::kInteract), audit_, origin_.request.request_id(), status);
   }
 
   static void SetError(const absl::Status& status, v1::InteractResponse* message) {
@@ -383,8 +411,11 @@ class InteractServiceImpl::InteractCall final
   void FinishIfIdle() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (end_.has_value() && frames_.empty() && !is_writing_ && !is_finished_) {
       is_finished_ = true;
-      service_->options_.runner->metrics()->CountRequest(RequestMethod::kInteract, *end_,
-                                                         absl::Now() - start_);
+      audit_.caller = caller_.name();
+      audit_.certificate = origin_.certificate;
+      audit_.peer = origin_.client;
+      service_->options_.runner->EndRequest(RequestMethod::kInteract, audit_, origin_.request,
+                                            *end_, absl::Now() - start_);
       Finish(rpc::ToGrpcStatus(*end_));
     }
   }
@@ -412,6 +443,8 @@ class InteractServiceImpl::InteractCall final
   absl::flat_hash_set<std::int64_t> moving_frames_ ABSL_GUARDED_BY(mutex_);  // not shown yet
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
   absl::Time alarm_time_ ABSL_GUARDED_BY(mutex_) = absl::InfiniteFuture();
+  AuditRecord audit_ ABSL_GUARDED_BY(mutex_);  // of the last line
+  std::optional<absl::StatusCode> audited_code_ ABSL_GUARDED_BY(mutex_);
   std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
   std::shared_ptr<InteractCall> self_;  // reset by OnDone
@@ -440,14 +473,14 @@ void InteractServiceImpl::EndStreams() {
     calls = calls_;
   }
   for (const std::shared_ptr<InteractCall>& call : calls) {
-    call->End(absl::UnavailableError("the coordinator stops: connect again"));
+    call->End(CoordinatorStops());
   }
 }
 
 absl::Status InteractServiceImpl::Add(const std::shared_ptr<InteractCall>& call) {
   const base::MutexLock lock(&mutex_);
   if (is_stopping_) {
-    return absl::UnavailableError("the coordinator stops: connect again");
+    return CoordinatorStops();
   }
   if (calls_.size() >= kMaxStreams) {
     return base::WithRetryDelay(

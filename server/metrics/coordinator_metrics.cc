@@ -8,6 +8,12 @@
 namespace isoscope::server {
 namespace {
 
+// By number.
+constexpr std::array<const char*, 10> kMethodNames = {
+    "RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface",
+    "Interact",         "ListDatasets",           "GetDataset",  "GetHistogram",
+    "GetCapabilities",  "GetClusterStatus"};
+
 using base::MetricFamily;
 using base::MetricLabels;
 using base::MetricSample;
@@ -100,10 +106,9 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
 
 }  // namespace
 
-CoordinatorMetrics::CoordinatorMetrics()
-    : requests_({"RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface",
-                 "Interact", "ListDatasets", "GetDataset", "GetHistogram", "GetCapabilities",
-                 "GetClusterStatus"}) {}
+const char* NameOf(RequestMethod method) { return kMethodNames[static_cast<std::size_t>(method)]; }
+
+CoordinatorMetrics::CoordinatorMetrics() : requests_({kMethodNames.begin(), kMethodNames.end()}) {}
 
 void CoordinatorMetrics::CountRequest(RequestMethod method, const absl::Status& status,
                                       absl::Duration duration) {

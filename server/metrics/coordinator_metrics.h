@@ -30,6 +30,9 @@ enum class RequestMethod {
   kGetClusterStatus,
 };
 
+// "RenderIsosurface".
+const char* NameOf(RequestMethod method);
+
 // Numbers that others keep, as they are when they are asked for.
 struct CoordinatorGauges {
   int working_frames = 0;
