@@ -117,7 +117,8 @@ isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
-  const auto record = std::make_shared<AuditRecord>(RecordOf(*context));
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {
@@ -137,7 +138,8 @@ void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
-  const auto record = std::make_shared<AuditRecord>(RecordOf(*context));
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {

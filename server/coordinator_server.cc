@@ -14,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
+#include "core/rpc/certificate_watch.h"
 #include "core/rpc/channel.h"
 #include "core/view/camera.h"
 #include "server/access/access_control.h"
@@ -96,7 +97,8 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                         std::shared_ptr<HealthReporter> health,
                         std::unique_ptr<AgentRegistry> registry,
                         std::unique_ptr<AccessControl> access, std::shared_ptr<AuditLog> audit)
-      : health_(std::move(health)),
+      : certificate_(options.transport.certificate_file),
+        health_(std::move(health)),
         registry_(std::move(registry)),
         access_(std::move(access)),
         runner_({.registry = registry_.get(),
@@ -162,6 +164,13 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     for (const auto& [name, dataset] : registry_->datasets()) {
       ++(dataset.status.ok() ? gauges.complete_datasets : gauges.incomplete_datasets);
     }
+    gauges.certificate_days_left = certificate_.DaysLeft();
+    gauges.certificate_failures = certificate_.failures();
+    gauges.token_failures = access_->failed_reloads();
+    if (runner_.audit() != nullptr) {
+      gauges.audit_lines = runner_.audit()->written_lines();
+      gauges.audit_failures = runner_.audit()->failed_lines();
+    }
     return runner_.metrics()->Collect(gauges);
   }
 
@@ -179,6 +188,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
   }
 
  private:
+  rpc::CertificateWatch certificate_;
   const std::shared_ptr<HealthReporter> health_;
   const std::unique_ptr<AgentRegistry> registry_;
   const std::unique_ptr<AccessControl> access_;

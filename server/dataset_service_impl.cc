@@ -26,7 +26,8 @@ constexpr absl::Duration kMaxHistogramDuration = absl::Minutes(1);
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
     isoscope::v1::ListDatasetsResponse* response) {
-  const auto record = std::make_shared<AuditRecord>(RecordOf(*context));
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {
@@ -48,7 +49,8 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     grpc::CallbackServerContext* context, const isoscope::v1::GetDatasetRequest* request,
     isoscope::v1::GetDatasetResponse* response) {
-  const auto record = std::make_shared<AuditRecord>(RecordOf(*context));
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   record->dataset = request->name();
   return rpc::AnswerUnary(
       context, *request,
@@ -68,7 +70,8 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
     grpc::CallbackServerContext* context, const isoscope::v1::GetHistogramRequest* request,
     isoscope::v1::GetHistogramResponse* response) {
-  const auto record = std::make_shared<AuditRecord>(RecordOf(*context));
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   record->dataset = request->dataset();
   absl::StatusOr<Caller> caller = access_->Identify(rpc::PeerOf(*context));
   if (!caller.ok()) {

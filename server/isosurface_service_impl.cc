@@ -8,6 +8,7 @@
 
 #include "server/isosurface_service_impl.h"
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -77,6 +78,7 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
     }
     call->frame_->Schedule([call, work, response, max_write_duration] {
       const absl::Status status = (call->frame_.get()->*work)(response);
+      call->unsent_.Set(status.ok() ? static_cast<std::int64_t>(response->ByteSizeLong()) : 0);
       call->timeout_.Start(max_write_duration);
       call->End(status);
       call->frame_->ReleaseImages();
@@ -93,7 +95,10 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
  private:
   UnaryCall(RequestMethod method, grpc::CallbackServerContext* context,
             std::unique_ptr<FrameCall> frame)
-      : method_(method), frame_(std::move(frame)), timeout_(context) {}
+      : method_(method),
+        frame_(std::move(frame)),
+        unsent_(&frame_->runner()->metrics()->unsent_bytes),
+        timeout_(context) {}
 
   void End(const absl::Status& status) {
     CountRequest(method_, status, *frame_);
@@ -102,6 +107,7 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
 
   const RequestMethod method_;
   const std::unique_ptr<FrameCall> frame_;
+  base::GaugeShare unsent_;  // until OnDone
   rpc::WriteTimeout timeout_;
   std::shared_ptr<UnaryCall> self_;  // reset by OnDone
 };
@@ -138,7 +144,9 @@ class IsosurfaceServiceImpl::StreamCall final
 
  private:
   StreamCall(grpc::CallbackServerContext* context, std::unique_ptr<FrameCall> frame)
-      : frame_(std::move(frame)), timeout_(context) {}
+      : frame_(std::move(frame)),
+        unsent_(&frame_->runner()->metrics()->unsent_bytes),
+        timeout_(context) {}
 
   void Run() {
     v1::RenderIsosurfaceResponse response;
@@ -147,6 +155,7 @@ class IsosurfaceServiceImpl::StreamCall final
       End(status);
       return;
     }
+    unsent_.Set(static_cast<std::int64_t>(response.ByteSizeLong()));
     splitter_.emplace(std::move(response));
     WriteNext();
     frame_->ReleaseImages();
@@ -168,6 +177,7 @@ class IsosurfaceServiceImpl::StreamCall final
   }
 
   const std::unique_ptr<FrameCall> frame_;
+  base::GaugeShare unsent_;  // until OnDone
   rpc::WriteTimeout timeout_;
   std::optional<rpc::ResponseSplitter> splitter_;
   v1::RenderIsosurfaceStreamResponse message_;
@@ -194,6 +204,7 @@ class IsosurfaceServiceImpl::ExportCall final
 
   void OnWriteDone(bool ok) override {
     timeout_.Pause();
+    unsent_.Add(-in_flight_bytes_.exchange(0));
     outgoing_.OnWriteDone(ok);
   }
 
@@ -222,11 +233,13 @@ class IsosurfaceServiceImpl::ExportCall final
         request_(request),
         identity_(rpc::AnswerTraceContext(context)),
         cancellation_(rpc::DeadlineOf(*context)),
+        unsent_(&service->options_.runner->metrics()->unsent_bytes),
         timeout_(context),
         outgoing_(
             kMaxQueuedExportBytes,
             [this](const isoscope::v1::ExportIsosurfaceResponse* message) {
               timeout_.Start(kMaxWriteDuration);
+              in_flight_bytes_ = BytesOf(*message);
               StartWrite(message);
             },
             [this](const absl::Status& status) {
@@ -236,7 +249,7 @@ class IsosurfaceServiceImpl::ExportCall final
               Finish(rpc::ToGrpcStatus(status));
             }) {
     const base::MutexLock lock(&audit_mutex_);
-    audit_ = RecordOf(*context);
+    audit_ = RecordOf(rpc::PeerOf(*context), context->peer());
     audit_.dataset = request.dataset();
   }
 
@@ -356,6 +369,11 @@ class IsosurfaceServiceImpl::ExportCall final
     }
   }
 
+  static std::int64_t BytesOf(const isoscope::v1::ExportIsosurfaceResponse& message) {
+    return static_cast<std::int64_t>(message.positions().size() + message.normals().size() +
+                                     message.triangles().size());
+  }
+
   absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     sent_bytes_ += chunk.size_bytes();
@@ -364,6 +382,7 @@ class IsosurfaceServiceImpl::ExportCall final
     message.set_normals(std::move(chunk.normals));
     message.set_triangles(std::move(chunk.triangles));
     message.set_surface_index(surface_index);
+    unsent_.Add(BytesOf(message));  // what is never written goes with the call
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
@@ -382,6 +401,8 @@ class IsosurfaceServiceImpl::ExportCall final
   base::Cancellation cancellation_;
   // Kept until the client has the last chunk: many slow clients hold as many queues.
   std::optional<base::MemoryBudget::Reservation> memory_;
+  base::GaugeShare unsent_;
+  std::atomic<std::int64_t> in_flight_bytes_{0};
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::size_t sent_bytes_ = 0;

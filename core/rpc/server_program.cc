@@ -85,9 +85,9 @@ absl::string_view WaitForShutdown(const ServerFlags& flags, base::ShutdownSignal
   while (true) {
     const absl::string_view signal = shutdown_signal->Wait(base::RestWatch::kInterval);
     if (signal == "SIGUSR1" || signal == "SIGUSR2") {
-      const absl::string_view level = signal == "SIGUSR1" ? "debug" : flags.log_level;
+      const std::string level = signal == "SIGUSR1" ? "debug" : flags.log_level;
       base::SetLogLevel(LogLevelFromName(level));
-      base::LogInfo("log_level", {{"level", level}, {"signal", signal}});
+      base::LogInfo("log_level", {{"now", level}, {"signal", signal}});
     } else if (!signal.empty()) {
       return signal;
     } else if (watch.HasComeToRest(base::ProcessorTime())) {

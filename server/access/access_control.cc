@@ -142,6 +142,7 @@ void AccessControl::ReloadIfChanged() {
   file_ = state;
   const absl::Status status = Load();
   if (!status.ok()) {
+    failed_reloads_.Add();
     base::LogWarning("tokens_not_read", {{"status", status}, {"note", "the old ones stay"}});
   }
 }

@@ -14,7 +14,6 @@
 #include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/status_macros.h"
-#include "core/rpc/peer.h"
 
 namespace isoscope::server {
 namespace {
@@ -30,8 +29,8 @@ absl::Status ErrorOf(const std::string& path, const char* what) {
 
 }  // namespace
 
-AuditRecord RecordOf(const grpc::CallbackServerContext& context) {
-  return {.certificate = rpc::PeerOf(context).name, .peer = context.peer()};
+AuditRecord RecordOf(const rpc::Peer& peer, std::string address) {
+  return {.certificate = peer.name, .peer = std::move(address)};
 }
 
 std::string FormatAuditLine(absl::Time time, absl::string_view method, const AuditRecord& record,
@@ -57,10 +56,10 @@ std::string FormatAuditLine(absl::Time time, absl::string_view method, const Aud
 }
 
 absl::StatusOr<std::unique_ptr<AuditLog>> AuditLog::Open(const std::string& path) {
-  std::unique_ptr<AuditLog> log(new AuditLog(path));
-  const base::MutexLock lock(&log->mutex_);
-  ISOSCOPE_RETURN_IF_ERROR(log->Reopen());
-  return log;
+  std::unique_ptr<AuditLog> opened(new AuditLog(path));
+  const base::MutexLock lock(&opened->mutex_);
+  ISOSCOPE_RETURN_IF_ERROR(opened->Reopen());
+  return opened;
 }
 
 AuditLog::~AuditLog() {

@@ -14,11 +14,11 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include <grpcpp/server_context.h>
 #include <sys/types.h>
 
 #include "core/base/metrics.h"
 #include "core/base/mutex.h"
+#include "core/rpc/peer.h"
 
 namespace isoscope::server {
 
@@ -31,8 +31,8 @@ struct AuditRecord {
   std::string dataset_id = {};   // of the dataset that was found; empty before that
 };
 
-// Fills in certificate and peer.
-AuditRecord RecordOf(const grpc::CallbackServerContext& context);
+// Fills in certificate and peer; `address`: the connection as gRPC names it.
+AuditRecord RecordOf(const rpc::Peer& peer, std::string address);
 
 // Returns the line of a call, with its line feed.
 std::string FormatAuditLine(absl::Time time, absl::string_view method, const AuditRecord& record,

@@ -133,7 +133,7 @@ FrameCall::FrameCall(FrameRunner* runner, FrameOrigin origin,
 
 absl::Status FrameCall::Admit() {
   ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::FrameSpecFromProto(request_));
-  return TakePlace();
+  return CountRefusal(TakePlace());
 }
 
 absl::Status FrameCall::AdmitPick(const v1::PickSurfaceRequest& pick) {
@@ -145,7 +145,14 @@ absl::Status FrameCall::AdmitPick(const v1::PickSurfaceRequest& pick) {
   pixels_ = std::move(converted.pixels);
   request_ = std::move(converted.request);
   spec_ = std::move(converted.frame);
-  return TakePlace();
+  return CountRefusal(TakePlace());
+}
+
+absl::Status FrameCall::CountRefusal(absl::Status status) const {
+  if (absl::IsResourceExhausted(status)) {
+    runner_->metrics()->CountRefused(caller_.name());
+  }
+  return status;
 }
 
 absl::Status FrameCall::TakePlace() {
@@ -218,12 +225,13 @@ void FrameCall::CountEnd(const absl::Status& status) const {
   if (absl::IsResourceExhausted(turn_)) {
     metrics->refused_frames.Add();
     metrics->displaced_frames.Add();
+    metrics->CountRefused(caller_.name());
     return;
   }
   if (absl::IsDeadlineExceeded(turn_)) {
     metrics->expired_frames.Add();
   }
-  metrics->CountFrame(status, absl::Now() - start_);
+  metrics->CountFrame(status, absl::Now() - start_, is_moving_, caller_.name());
 }
 
 void FrameCall::CountSteps(const v1::RenderStatistics& statistics) const {

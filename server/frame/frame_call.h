@@ -130,6 +130,8 @@ class FrameCall {
 
  private:
   absl::Status TakePlace();
+  // Returns `status`, once it is counted if it refuses the frame.
+  [[nodiscard]] absl::Status CountRefusal(absl::Status status) const;
   // Ends the wait for a thread.
   void BeginWork();
   // Counts a frame that ended, or that lost its place before its turn.

@@ -267,13 +267,16 @@ void FrameRunner::LearnFrom(const FrameIdentity& identity, const FrameOutcome& o
     metrics_.repeated_parts.Add(static_cast<std::int64_t>(outcome.failures.size()));
     for (const frame::AgentStatistics& agent : outcome.result.agents) {
       replicas_.NoteSuccess(agent.agent_address);
+      metrics_.CountPart(agent.agent_address, CoordinatorMetrics::PartOutcome::kDone);
     }
   }
   for (const AgentFailure& failure : outcome.failures) {
     replicas_.NoteTrouble(failure.agent.address);
+    metrics_.CountPart(failure.agent.address, CoordinatorMetrics::PartOutcome::kFailed);
   }
   for (const AgentIdentity& agent : outcome.outrun) {
     replicas_.NoteTrouble(agent.address);
+    metrics_.CountPart(agent.address, CoordinatorMetrics::PartOutcome::kOutrun);
     base::LogInfo("agent_outrun", {{"request", identity.request->request_id()},
                                    {"frame", identity.number},
                                    {"agent", agent.address},

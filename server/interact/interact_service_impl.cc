@@ -100,6 +100,7 @@ class InteractServiceImpl::InteractCall final
                 .client = context->peer(),
                 .certificate = rpc::PeerOf(*context).name},
         deadline_(rpc::DeadlineOf(*context)),
+        unsent_(&service->options_.runner->metrics()->unsent_bytes),
         timeout_(context) {}
 
   // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
@@ -131,6 +132,7 @@ class InteractServiceImpl::InteractCall final
     timeout_.Pause();
     const base::MutexLock lock(&mutex_);
     is_writing_ = false;
+    unsent_.Set(0);
     in_flight_memory_.reset();
     if (!ok) {
       EndLocked(absl::CancelledError("the client has gone"));
@@ -369,6 +371,7 @@ class InteractServiceImpl::InteractCall final
       moving_frames_.insert(frame_count_);
       moving_frames_.erase(frame_count_ - 1000);
     }
+    unsent_.Set(static_cast<std::int64_t>(in_flight_.ByteSizeLong()));
     schedule_.OnSent(frame_count_, absl::Now());
     is_writing_ = true;
     timeout_.Start(kMaxWriteDuration);
@@ -424,6 +427,7 @@ class InteractServiceImpl::InteractCall final
   const FrameOrigin origin_;  // of each frame of the stream
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
+  base::GaugeShare unsent_;  // of the write under way
   rpc::WriteTimeout timeout_;
   Caller caller_;                // set by Start
   v1::InteractRequest request_;  // of the read under way

@@ -2,11 +2,13 @@
 // features, pages, reasons of errors, readiness, agents that drain, and the audit log.
 
 #include <atomic>
+#include <fstream>
 #include <memory>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
@@ -20,10 +22,12 @@
 #include "core/io/file.h"
 #include "core/rpc/grpc_status.h"
 #include "core/rpc/health_probe.h"
+#include "core/rpc/peer.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/interact_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/access/access_tokens.h"
 #include "server/coordinator_server.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
@@ -266,6 +270,38 @@ TEST_F(CoordinatorOperationsTest, DatasetsThatGoBetweenPagesShiftNothing) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, List(2, first.next_page_token()));
   EXPECT_THAT(NamesOf(second), ElementsAre("c"));
   EXPECT_EQ(second.next_page_token(), "");
+}
+
+TEST_F(CoordinatorOperationsTest, PagesOfARestrictedCallerHaveNeitherHoleNorHiddenName) {
+  const testing::TempDir folder;
+  options_.token_file = folder.Sub("tokens.json");
+  options_.audit_log = folder.Sub("audit.log");
+  std::ofstream(options_.token_file)
+      << R"({"tokens": [{"name": "ward", "sha256": ")"
+      << absl::BytesToHexString(DigestOfToken("secret")) << R"(", "datasets": ["a", "c"]}]})";
+  AddAgent({MakeShard("a", 0, 1), MakeShard("b", 0, 1, kOtherId), MakeShard("c", 0, 1)});
+  Start();
+  std::vector<std::string> names;
+  std::string token;
+  do {
+    grpc::ClientContext context;
+    rpc::SendToken("secret", &context);
+    v1::ListDatasetsRequest request;
+    request.set_page_size(1);
+    request.set_page_token(token);
+    v1::ListDatasetsResponse response;
+    ISOSCOPE_ASSERT_OK(rpc::ToAbslStatus(datasets_->ListDatasets(&context, request, &response)));
+    ASSERT_EQ(response.datasets_size(), 1);
+    names.push_back(response.datasets(0).name());
+    token = response.next_page_token();
+  } while (!token.empty());
+  EXPECT_THAT(names, ElementsAre("a", "c"));
+  // Who shows nothing is refused, and leaves a line all the same.
+  EXPECT_THAT(List(0, ""), StatusIs(absl::StatusCode::kUnauthenticated));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string text,
+                                io::ReadWholeFile(options_.audit_log, 1 << 20));
+  EXPECT_THAT(text, HasSubstr("\"caller\":\"ward\""));
+  EXPECT_THAT(text, HasSubstr("\"code\":\"UNAUTHENTICATED\""));
 }
 
 TEST_F(CoordinatorOperationsTest, AgentsHavePagesAndWrongTokensAreNamed) {

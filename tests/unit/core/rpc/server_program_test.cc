@@ -106,14 +106,14 @@ TEST(ServerProgramTest, TheLogLevelChangesWhileItRuns) {
     return [](absl::Duration /*grace*/) { base::LogDebug("seen_at_debug"); };
   };
   EXPECT_EXIT(RunAndExit({"--log-level", "warning"}, start), ExitedWithCode(0),
-              "log_level level=debug signal=SIGUSR1\n(.*\n)*.*debug seen_at_debug");
+              "log_level now=debug signal=SIGUSR1\n(.*\n)*.*debug seen_at_debug");
   const auto start_and_back = [](const ServerFlags& /*flags*/) -> absl::StatusOr<ServerShutdown> {
     std::raise(SIGUSR2);
     std::raise(SIGTERM);
     return [](absl::Duration /*grace*/) { base::LogDebug("seen_at_debug"); };
   };
   EXPECT_EXIT(RunAndExit({}, start_and_back), ExitedWithCode(0),
-              "log_level level=info signal=SIGUSR2\n.*shutdown[^\n]*\n.*test_stopped\n$");
+              "log_level now=info signal=SIGUSR2\n.*shutdown[^\n]*\n.*test_stopped\n$");
 }
 
 TEST(ServerProgramTest, LogLinesAreJsonOnRequest) {
