@@ -118,6 +118,15 @@ std::vector<MetricFamily> AgentMetrics::Collect(const AgentGauges& gauges) const
                         "Calls that ended, by method and status code.", requests_.Counts()));
   families.push_back(Of(Type::kHistogram, "isoscope_request_duration_seconds",
                         "Time of calls, by method.", requests_.Durations()));
+  families.push_back(Of(Type::kGauge, "isoscope_certificate_days_left",
+                        "Days until the own certificate expires; 0 if it can't be read, infinity "
+                        "without one.",
+                        {Value(gauges.certificate_days_left)}));
+  families.push_back(
+      Of(Type::kCounter, "isoscope_reload_failures_total",
+         "Files that were wrong, or could not be read, after a change; what was read before holds.",
+         {MetricSample::Of(static_cast<double>(gauges.certificate_failures),
+                           {{"file", "certificate"}})}));
   AppendFrames(*this, gauges, &families);
   AppendBlocks(*this, gauges, &families);
   return families;

@@ -5,6 +5,7 @@
 #define ISOSCOPE_PARTITION_AGENT_AGENT_METRICS_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -33,6 +34,8 @@ struct AgentGauges {
   std::size_t sample_cache_bytes = 0;
   std::size_t active_cache_bytes = 0;
   std::size_t memory_limit_bytes = 0;
+  double certificate_days_left = 0;
+  std::int64_t certificate_failures = 0;  // could not be read
 };
 
 // Updated while the agent works, by atomics alone. Thread-safe.

@@ -100,8 +100,10 @@ std::string Summarize(const std::vector<std::shared_ptr<const Shard>>& shards) {
 
 class AgentServerImpl final : public AgentServer {
  public:
-  explicit AgentServerImpl(const PartitionAgentServiceOptions& options)
-      : service_(options), summary_(Summarize(options.shards)) {}
+  AgentServerImpl(const PartitionAgentServiceOptions& options, std::string certificate_file)
+      : certificate_(std::move(certificate_file)),
+        service_(options),
+        summary_(Summarize(options.shards)) {}
   ~AgentServerImpl() override { Shutdown(absl::ZeroDuration()); }
 
   absl::Status Listen(const AgentServerOptions& options) {
@@ -134,7 +136,14 @@ class AgentServerImpl final : public AgentServer {
 
   [[nodiscard]] int frames_in_work() const override { return service_.frames_in_work(); }
 
-  std::vector<base::MetricFamily> CollectMetrics() override { return service_.CollectMetrics(); }
+  std::vector<base::MetricFamily> CollectMetrics() override {
+    return service_.CollectMetrics(&certificate_);
+  }
+
+  void AnnounceDrain() override {
+    service_.AnnounceDrain();
+    SetServing(false);
+  }
 
   void Shutdown(absl::Duration grace) override {
     if (server_ == nullptr) {
@@ -152,6 +161,7 @@ class AgentServerImpl final : public AgentServer {
                              is_serving);
   }
 
+  rpc::CertificateWatch certificate_;
   PartitionAgentServiceImpl service_;  // outlives the server
   const std::string summary_;
   std::unique_ptr<grpc::Server> server_;
@@ -186,7 +196,8 @@ absl::StatusOr<std::unique_ptr<AgentServer>> AgentServer::Start(const AgentServe
   service_options.max_concurrent_frames = options.max_concurrent_frames;
   service_options.max_queued_frames = options.max_queued_frames;
   service_options.frame_executor = options.frame_executor;
-  auto server = std::make_unique<AgentServerImpl>(service_options);
+  auto server =
+      std::make_unique<AgentServerImpl>(service_options, options.transport.certificate_file);
   ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }

@@ -64,6 +64,9 @@ class AgentServer {
   [[nodiscard]] virtual int frames_in_work() const = 0;
   // Returns the numbers for monitoring (agent_metrics).
   virtual std::vector<base::MetricFamily> CollectMetrics() = 0;
+  // Tells coordinators, as they ask again, that this agent is about to stop, and sets health to
+  // NOT_SERVING. Calls are served as before, so that those on their way do not fail.
+  virtual void AnnounceDrain() = 0;
   // Sets health to NOT_SERVING, takes no new calls, waits up to `grace` for calls in work, then
   // cancels them. Blocks.
   virtual void Shutdown(absl::Duration grace) = 0;

@@ -32,6 +32,7 @@ struct Flags {
   int egl_device = -1;
   bool list_egl_devices = false;
   int threads = 0;
+  double drain_notice_seconds = 3;
   std::int64_t memory_limit_bytes = static_cast<std::int64_t>(AgentMemory::DefaultLimitBytes());
 };
 
@@ -57,6 +58,11 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
   set->AddInteger("--threads", &flags->threads, 0, 4096,
                   "Threads that extract and draw; 0: all cores")
       .Environment("ISOSCOPE_THREADS");
+  constexpr double kMaxNoticeSeconds = 3600;
+  set->AddNumber("--drain-notice-seconds", &flags->drain_notice_seconds, 0.0, kMaxNoticeSeconds,
+                 "How long it serves on after SIGTERM, so that coordinators learn in time that it "
+                 "is about to stop; longer than their --poll-seconds")
+      .Environment("ISOSCOPE_DRAIN_NOTICE_SECONDS");
   set->AddByteSize("--memory-limit", &flags->memory_limit_bytes,
                    static_cast<double>(AgentMemory::kMinLimitBytes), 1e18,
                    "Memory for everything: caches, frames, shard tables; e.g. 256MiB, 4GiB")
@@ -80,8 +86,9 @@ absl::Status ListDevices() {
   return absl::OkStatus();
 }
 
-absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
-                                          const rpc::ServerFlags& server_flags) {
+// `started`: gets the server, for AnnounceDrain.
+absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags, const rpc::ServerFlags& server_flags,
+                                          std::weak_ptr<AgentServer>* started) {
   if (flags.list_egl_devices) {
     ISOSCOPE_RETURN_IF_ERROR(ListDevices());
     return rpc::ServerShutdown();
@@ -107,6 +114,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
                             .max_unused_bytes = options.memory->unused_image_bytes(),
                             .arena = options.arena}));
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<AgentServer> server, AgentServer::Start(options));
+  *started = server;
   ISOSCOPE_RETURN_IF_ERROR(options.memory->Settle());
   options.renderer->Prepare(view::kCommonViewport, /*pass_count=*/1, /*image_count=*/1);
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<rpc::MetricsServer> metrics,
@@ -124,8 +132,19 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   };
 }
 
+// Returns how long coordinators may take to notice.
+absl::Duration AnnounceDrain(const Flags& flags, const std::weak_ptr<AgentServer>& started) {
+  const std::shared_ptr<AgentServer> server = started.lock();
+  if (server == nullptr || flags.drain_notice_seconds <= 0) {
+    return absl::ZeroDuration();
+  }
+  server->AnnounceDrain();
+  return absl::Seconds(flags.drain_notice_seconds);
+}
+
 int Main(int argc, char** argv) {
   Flags flags;
+  std::weak_ptr<AgentServer> server;
   const rpc::ServerProgram program{
       .name = "isoscope-agent",
       .log_name = "agent",
@@ -135,7 +154,11 @@ int Main(int argc, char** argv) {
       .add_flags = [&](cli::FlagSet* set) { AddFlags(set, &flags); },
       .check =
           [&](const rpc::ServerFlags& server_flags) { return CheckUsage(flags, server_flags); },
-      .start = [&](const rpc::ServerFlags& server_flags) { return Start(flags, server_flags); }};
+      .announce_drain = [&] { return AnnounceDrain(flags, server); },
+      .start =
+          [&](const rpc::ServerFlags& server_flags) {
+            return Start(flags, server_flags, &server);
+          }};
   return rpc::RunServerProgram(program, argc, argv);
 }
 

@@ -492,13 +492,13 @@ class PartitionAgentServiceImpl::RenderFrameCall final
     service_->metrics_.triangles.Add(statistics.triangle_count);
     service_->metrics_.drawn_blocks.Add(statistics.visible_block_count);
     service_->metrics_.CountFrame(absl::OkStatus(), statistics.busy_duration);
-    base::LogInfo("frame_done", {{"request", identity_.request_id()},
-                                 {"frame", frame_number_},
-                                 {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
-                                 {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
-                                 {"active_blocks", statistics.active_block_count},
-                                 {"visible_blocks", statistics.visible_block_count},
-                                 {"triangles", statistics.triangle_count}});
+    base::LogDebug("frame_done", {{"request", identity_.request_id()},
+                                  {"frame", frame_number_},
+                                  {"duration_ms", base::LogMilliseconds(absl::Now() - start_)},
+                                  {"busy_ms", base::LogMilliseconds(statistics.busy_duration)},
+                                  {"active_blocks", statistics.active_block_count},
+                                  {"visible_blocks", statistics.visible_block_count},
+                                  {"triangles", statistics.triangle_count}});
     // Its layers serve the next frame, which may come before this call is gone.
     pipeline_.reset();
     return absl::OkStatus();
@@ -740,7 +740,8 @@ rpc::OnCallEnd PartitionAgentServiceImpl::UnaryEnd(AgentMethod method,
                                                    const google::protobuf::Message* request,
                                                    const google::protobuf::Message* response,
                                                    grpc::CallbackServerContext* context) {
-  return [=, this](const absl::Status& status, absl::Duration duration) {
+  return [=, this](const absl::Status& status, absl::Duration duration,
+                   const base::TraceContext& /*identity*/) {
     metrics_.CountRequest(method, status, duration);
     rpc::AnswerChecksum(*request, status, *response, context);
   };
@@ -765,6 +766,7 @@ grpc::ServerUnaryReactor* PartitionAgentServiceImpl::DescribeShards(
       [&] {
         *response = description_;
         *response->mutable_load() = Load();
+        response->set_is_draining(is_draining_.load());
         return absl::OkStatus();
       },
       UnaryEnd(AgentMethod::kDescribeShards, request, response, context));

@@ -20,6 +20,7 @@
 #include "core/base/trace_recorder.h"
 #include "core/image/pixel_mailboxes.h"
 #include "core/render/renderer.h"
+#include "core/rpc/certificate_watch.h"
 #include "core/rpc/unary_call.h"
 #include "isoscope/internal/v1/partition_agent_service.grpc.pb.h"
 #include "partition-agent/agent_memory.h"
@@ -59,9 +60,15 @@ class PartitionAgentServiceImpl final
 
   // Frames whose call has not ended yet.
   [[nodiscard]] int frames_in_work() const { return frame_count_.load(); }
+  // Tells coordinators from now on that this agent is about to stop. It serves on.
+  void AnnounceDrain() { is_draining_.store(true); }
   // Returns the numbers for monitoring.
-  [[nodiscard]] std::vector<base::MetricFamily> CollectMetrics() const {
-    return metrics_.Collect(gauges());
+  [[nodiscard]] std::vector<base::MetricFamily> CollectMetrics(
+      rpc::CertificateWatch* certificate) const {
+    AgentGauges now = gauges();
+    now.certificate_days_left = certificate->DaysLeft();
+    now.certificate_failures = certificate->failures();
+    return metrics_.Collect(now);
   }
 
   grpc::ServerUnaryReactor* DescribeShards(
@@ -118,6 +125,7 @@ class PartitionAgentServiceImpl final
   const int max_frames_;
   isoscope::internal::v1::DescribeShardsResponse description_;
   std::atomic<int> frame_count_{0};  // begun and not yet ended
+  std::atomic<bool> is_draining_{false};
   AgentMetrics metrics_;
   const absl::Time start_ = absl::Now();
   // These come last, because their threads use the members above.

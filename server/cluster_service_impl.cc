@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "absl/status/status.h"
 
@@ -12,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/rpc/peer.h"
 #include "core/rpc/proto_convert.h"
+#include "server/page.h"
 
 namespace isoscope::server {
 namespace {
@@ -42,6 +45,7 @@ isoscope::v1::AgentStatus ToProto(const AgentState& agent, const Caller& caller,
     return proto;
   }
   proto.set_state(isoscope::v1::AgentStatus::STATE_REACHABLE);
+  proto.set_is_draining(agent.is_draining);
   proto.set_picture_revision(frame::ToString(agent.picture_revision));
   proto.set_message(Complaint(agent, datasets));
   if (agent.load.has_value()) {
@@ -113,6 +117,8 @@ isoscope::v1::CoordinatorLoad LoadOf(FrameRunner* runner, absl::Duration up) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
     grpc::CallbackServerContext* context, const isoscope::v1::GetCapabilitiesRequest* request,
     isoscope::v1::GetCapabilitiesResponse* response) {
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {
@@ -121,7 +127,7 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetCapabilities(
         *response = capabilities_;
         return absl::OkStatus();
       },
-      Counter(RequestMethod::kGetCapabilities));
+      Counter(RequestMethod::kGetCapabilities, record));
 }
 
 void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
@@ -132,14 +138,22 @@ void ClusterServiceImpl::SetGatewayAddress(const std::string& address) {
 grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
     grpc::CallbackServerContext* context, const isoscope::v1::GetClusterStatusRequest* request,
     isoscope::v1::GetClusterStatusResponse* response) {
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+        record->caller = caller.name();
         const std::map<std::string, DatasetState> datasets = registry_->datasets(caller);
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            Page page, Page::Make("agents", request->page_size(), request->page_token()));
         for (const AgentState& agent : registry_->agents()) {
-          *response->add_agents() = ToProto(agent, caller, datasets);
+          if (page.Offer(agent.address)) {
+            *response->add_agents() = ToProto(agent, caller, datasets);
+          }
         }
+        response->set_next_page_token(page.next_token());
         const absl::Time now = absl::Now();
         *response->mutable_load() = LoadOf(runner_, now - start_);
         for (const FrameBoard::Frame& frame : runner_->board()->Frames()) {
@@ -153,13 +167,15 @@ grpc::ServerUnaryReactor* ClusterServiceImpl::GetClusterStatus(
         }
         return absl::OkStatus();
       },
-      Counter(RequestMethod::kGetClusterStatus));
+      Counter(RequestMethod::kGetClusterStatus, record));
 }
 
-rpc::OnCallEnd ClusterServiceImpl::Counter(RequestMethod method) const {
+rpc::OnCallEnd ClusterServiceImpl::Counter(RequestMethod method,
+                                           std::shared_ptr<AuditRecord> record) const {
   return
-      [metrics = runner_->metrics(), method](const absl::Status& status, absl::Duration duration) {
-        metrics->CountRequest(method, status, duration);
+      [runner = runner_, method, record = std::move(record)](
+          const absl::Status& status, absl::Duration duration, const base::TraceContext& identity) {
+        runner->EndRequest(method, *record, identity, status, duration);
       };
 }
 

@@ -1,5 +1,6 @@
 #include "server/coordinator_server.h"
 
+#include <array>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -13,9 +14,11 @@
 #include "core/base/status_macros.h"
 #include "core/base/task_arena.h"
 #include "core/base/version.h"
+#include "core/rpc/certificate_watch.h"
 #include "core/rpc/channel.h"
 #include "core/view/camera.h"
 #include "server/access/access_control.h"
+#include "server/access/audit_log.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/cluster/agent_registry.h"
 #include "server/cluster_service_impl.h"
@@ -27,6 +30,11 @@
 namespace isoscope::server {
 namespace {
 
+// What clients may use of this server beyond the first version; ascending. proto/README.md says
+// what each name means.
+constexpr std::array<const char*, 4> kFeatures = {"dataset_id", "draining_agents", "error_info",
+                                                  "pages"};
+
 isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOptions& options) {
   isoscope::v1::GetCapabilitiesResponse capabilities;
   capabilities.set_version(std::string(base::Version()));
@@ -36,44 +44,46 @@ isoscope::v1::GetCapabilitiesResponse CapabilitiesOf(const CoordinatorServerOpti
   capabilities.set_max_message_bytes(rpc::kMaxMessageBytes);
   capabilities.set_max_frame_seconds(absl::ToDoubleSeconds(options.max_frame_duration));
   capabilities.set_gateway_address(options.gateway_address);
+  for (const char* feature : kFeatures) {
+    capabilities.add_features(feature);
+  }
   return capabilities;
 }
 
-// Reports health when datasets become complete and when the server stops. It begins once it has
-// both the server and the registry's first answer, in any order. Thread-safe.
+// Reports the health of the server and of its services: ready from the end of the first probe of
+// all agents until the server stops. A dataset that is not complete does not count: it is one of
+// many, and each call tells it. The reporter begins once it has both, in any order. Thread-safe.
 class HealthReporter {
  public:
-  void SetReady(bool is_ready) {
-    base::MutexLock lock(&mutex_);
-    is_ready_ = is_ready;
+  void SetReady() {
+    const base::MutexLock lock(&mutex_);
+    is_ready_ = true;
     Report();
   }
   // Null when the server stops. Then nothing is serving.
   void SetServer(grpc::Server* server) {
-    base::MutexLock lock(&mutex_);
-    if (server == nullptr && server_ != nullptr) {
-      server_->GetHealthCheckService()->SetServingStatus(false);
-      SetServing(isoscope::v1::IsosurfaceService::service_full_name(), false);
-      SetServing(isoscope::v1::DatasetService::service_full_name(), false);
-      SetServing(isoscope::v1::ClusterService::service_full_name(), false);
-    }
-    server_ = server;
-    if (server_ != nullptr) {
-      server_->GetHealthCheckService()->SetServingStatus(true);
-      SetServing(isoscope::v1::DatasetService::service_full_name(), true);
-      SetServing(isoscope::v1::ClusterService::service_full_name(), true);
+    const base::MutexLock lock(&mutex_);
+    if (server == nullptr) {
+      is_ready_ = false;
       Report();
     }
+    server_ = server;
+    Report();
   }
 
  private:
   void Report() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (server_ != nullptr) {
-      SetServing(isoscope::v1::IsosurfaceService::service_full_name(), is_ready_);
+    if (server_ == nullptr) {
+      return;
     }
-  }
-  void SetServing(const char* service, bool is_serving) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    server_->GetHealthCheckService()->SetServingStatus(service, is_serving);
+    grpc::HealthCheckServiceInterface* const health = server_->GetHealthCheckService();
+    health->SetServingStatus(is_ready_);  // the server as a whole
+    for (const char* service : {isoscope::v1::IsosurfaceService::service_full_name(),
+                                isoscope::v1::InteractService::service_full_name(),
+                                isoscope::v1::DatasetService::service_full_name(),
+                                isoscope::v1::ClusterService::service_full_name()}) {
+      health->SetServingStatus(service, is_ready_);
+    }
   }
 
   base::Mutex mutex_;
@@ -86,8 +96,9 @@ class CoordinatorServerImpl final : public CoordinatorServer {
   CoordinatorServerImpl(const CoordinatorServerOptions& options,
                         std::shared_ptr<HealthReporter> health,
                         std::unique_ptr<AgentRegistry> registry,
-                        std::unique_ptr<AccessControl> access)
-      : health_(std::move(health)),
+                        std::unique_ptr<AccessControl> access, std::shared_ptr<AuditLog> audit)
+      : certificate_(options.transport.certificate_file),
+        health_(std::move(health)),
         registry_(std::move(registry)),
         access_(std::move(access)),
         runner_({.registry = registry_.get(),
@@ -98,6 +109,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
                                            ? options.memory_limit_bytes
                                            : CoordinatorMemory::DefaultLimitBytes(),
                  .mailboxes = options.mailboxes,
+                 .audit = std::move(audit),
                  .expected_viewport = options.expected_viewport}),
         isosurface_service_({.registry = registry_.get(),
                              .runner = &runner_,
@@ -153,6 +165,13 @@ class CoordinatorServerImpl final : public CoordinatorServer {
     for (const auto& [name, dataset] : registry_->datasets()) {
       ++(dataset.status.ok() ? gauges.complete_datasets : gauges.incomplete_datasets);
     }
+    gauges.certificate_days_left = certificate_.DaysLeft();
+    gauges.certificate_failures = certificate_.failures();
+    gauges.token_failures = access_->failed_reloads();
+    if (runner_.audit() != nullptr) {
+      gauges.audit_lines = runner_.audit()->written_lines();
+      gauges.audit_failures = runner_.audit()->failed_lines();
+    }
     return runner_.metrics()->Collect(gauges);
   }
 
@@ -170,6 +189,7 @@ class CoordinatorServerImpl final : public CoordinatorServer {
   }
 
  private:
+  rpc::CertificateWatch certificate_;
   const std::shared_ptr<HealthReporter> health_;
   const std::unique_ptr<AgentRegistry> registry_;
   const std::unique_ptr<AccessControl> access_;
@@ -213,11 +233,15 @@ absl::StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AccessControl> access,
                             AccessControl::Make({.has_tls = options.transport.has_tls(),
                                                  .token_file = options.token_file}));
-  registry_options.on_readiness = [health](bool is_ready) { health->SetReady(is_ready); };
+  std::shared_ptr<AuditLog> audit;
+  if (!options.audit_log.empty()) {
+    ISOSCOPE_ASSIGN_OR_RETURN(audit, AuditLog::Open(options.audit_log));
+  }
+  registry_options.on_first_probe = [health] { health->SetReady(); };
   ISOSCOPE_ASSIGN_OR_RETURN(std::unique_ptr<AgentRegistry> registry,
                             AgentRegistry::Start(registry_options));
   auto server = std::make_unique<CoordinatorServerImpl>(options, health, std::move(registry),
-                                                        std::move(access));
+                                                        std::move(access), std::move(audit));
   ISOSCOPE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }

@@ -53,6 +53,8 @@ struct CoordinatorServerOptions {
   rpc::TransportFlags transport = {};
   // The file of tokens (access_tokens.h); empty: none.
   std::string token_file = {};
+  // Where each call leaves a line (audit_log.h); empty: nowhere.
+  std::string audit_log = {};
   bool has_reflection = true;
   // The coordinator takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;

@@ -22,6 +22,7 @@
 #include "core/volume/isovalue_suggestions.h"
 #include "core/volume/sample_histogram.h"
 #include "server/frame/agent_queries.h"
+#include "server/page.h"
 
 namespace isoscope::server {
 namespace {
@@ -40,6 +41,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
                               isoscope::v1::GetHistogramResponse* response) {
     const std::shared_ptr<HistogramCall> call(new HistogramCall(service, context));
     call->self_ = call;
+    call->record_.dataset = request->dataset();
     const absl::Status admitted = call->Admit(*context, *request);
     if (!admitted.ok()) {
       call->End(admitted);
@@ -65,11 +67,13 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   HistogramCall(DatasetServiceImpl* service, grpc::CallbackServerContext* context)
       : service_(service),
         identity_(rpc::AnswerTraceContext(context)),
-        cancellation_(std::min(rpc::DeadlineOf(*context), start_ + kMaxHistogramDuration)) {}
+        cancellation_(std::min(rpc::DeadlineOf(*context), start_ + kMaxHistogramDuration)),
+        record_(RecordOf(rpc::PeerOf(*context), context->peer())) {}
 
   absl::Status Admit(const grpc::CallbackServerContext& context,
                      const isoscope::v1::GetHistogramRequest& request) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->access_->Identify(rpc::PeerOf(context)));
+    record_.caller = caller_.name();
     ISOSCOPE_RETURN_IF_ERROR(rpc::CheckKnownFields(request));
     ISOSCOPE_ASSIGN_OR_RETURN(Admission::Place place,
                               service_->histograms_.Admit(caller_.QueueKey(context.peer())));
@@ -82,17 +86,17 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   void Run(const absl::Status& turn, const isoscope::v1::GetHistogramRequest& request,
            isoscope::v1::GetHistogramResponse* response) {
     const absl::Status status = base::OrNoMemory("the answer", [&] {
-      return turn.ok()
-                 ? service_->AnswerHistogram(request, caller_, identity_, cancellation_, response)
-                 : turn;
+      return turn.ok() ? service_->AnswerHistogram(request, caller_, identity_, cancellation_,
+                                                   &record_, response)
+                       : turn;
     });
     place_.reset();  // before the client gets its answer: its next request finds the place free
     End(status);
   }
 
   void End(const absl::Status& status) {
-    service_->runner_->metrics()->CountRequest(RequestMethod::kGetHistogram, status,
-                                               absl::Now() - start_);
+    service_->runner_->EndRequest(RequestMethod::kGetHistogram, record_, identity_, status,
+                                  absl::Now() - start_);
     Finish(rpc::ToGrpcStatus(status));
   }
 
@@ -100,6 +104,7 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
   const base::TraceContext identity_;
   const absl::Time start_ = absl::Now();
   base::Cancellation cancellation_;
+  AuditRecord record_;
   Caller caller_;  // set before Run
   std::optional<Admission::Place> place_;
   std::atomic<Admission::Ticket> ticket_{0};  // of the place; 0: none
@@ -109,33 +114,45 @@ class DatasetServiceImpl::HistogramCall final : public grpc::ServerUnaryReactor 
 grpc::ServerUnaryReactor* DatasetServiceImpl::ListDatasets(
     grpc::CallbackServerContext* context, const isoscope::v1::ListDatasetsRequest* request,
     isoscope::v1::ListDatasetsResponse* response) {
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+        record->caller = caller.name();
+        ISOSCOPE_ASSIGN_OR_RETURN(
+            Page page, Page::Make("datasets", request->page_size(), request->page_token()));
         for (const auto& [name, state] : registry_->datasets(caller)) {
-          if (state.is_served) {
+          if (state.is_served && page.Offer(name)) {
             *response->add_datasets() = state.dataset;
           }
         }
+        response->set_next_page_token(page.next_token());
         return absl::OkStatus();
       },
-      Counter(RequestMethod::kListDatasets));
+      Counter(RequestMethod::kListDatasets, record));
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetDataset(
     grpc::CallbackServerContext* context, const isoscope::v1::GetDatasetRequest* request,
     isoscope::v1::GetDatasetResponse* response) {
+  const auto record =
+      std::make_shared<AuditRecord>(RecordOf(rpc::PeerOf(*context), context->peer()));
+  record->dataset = request->name();
   return rpc::AnswerUnary(
       context, *request,
       [&]() -> absl::Status {
         ISOSCOPE_ASSIGN_OR_RETURN(const Caller caller, access_->Identify(rpc::PeerOf(*context)));
+        record->caller = caller.name();
         ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> state,
                                   registry_->Find(request->name(), caller));
+        record->dataset = state->dataset.name();
+        record->dataset_id = state->dataset.dataset_id();
         *response->mutable_dataset() = state->dataset;
         return absl::OkStatus();
       },
-      Counter(RequestMethod::kGetDataset));
+      Counter(RequestMethod::kGetDataset, record));
 }
 
 grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
@@ -144,10 +161,12 @@ grpc::ServerUnaryReactor* DatasetServiceImpl::GetHistogram(
   return HistogramCall::Start(this, context, request, response);
 }
 
-rpc::OnCallEnd DatasetServiceImpl::Counter(RequestMethod method) const {
+rpc::OnCallEnd DatasetServiceImpl::Counter(RequestMethod method,
+                                           std::shared_ptr<AuditRecord> record) const {
   return
-      [metrics = runner_->metrics(), method](const absl::Status& status, absl::Duration duration) {
-        metrics->CountRequest(method, status, duration);
+      [runner = runner_, method, record = std::move(record)](
+          const absl::Status& status, absl::Duration duration, const base::TraceContext& identity) {
+        runner->EndRequest(method, *record, identity, status, duration);
       };
 }
 
@@ -155,11 +174,15 @@ absl::Status DatasetServiceImpl::AnswerHistogram(const isoscope::v1::GetHistogra
                                                  const Caller& caller,
                                                  const base::TraceContext& identity,
                                                  const base::Cancellation& cancellation,
+                                                 AuditRecord* record,
                                                  isoscope::v1::GetHistogramResponse* response) {
   ISOSCOPE_ASSIGN_OR_RETURN(const rpc::HistogramQuery query, rpc::HistogramQueryFromProto(request));
   ISOSCOPE_ASSIGN_OR_RETURN(const std::shared_ptr<const DatasetState> found,
                             registry_->FindComplete(request.dataset(), cancellation, caller));
   const DatasetState& dataset = *found;
+  record->dataset = dataset.dataset.name();
+  record->dataset_id = dataset.dataset.dataset_id();
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request.dataset_id()));
   ISOSCOPE_ASSIGN_OR_RETURN(
       const volume::ScalarType type,
       rpc::ScalarTypeFromProto(dataset.dataset.sample_type(), "dataset.sample_type"));

@@ -4,6 +4,8 @@
 #ifndef ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_
 #define ISOSCOPE_SERVER_DATASET_SERVICE_IMPL_H_
 
+#include <memory>
+
 #include "absl/status/status.h"
 
 #include "core/base/cancellation.h"
@@ -11,6 +13,7 @@
 #include "core/rpc/unary_call.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "server/access/access_control.h"
+#include "server/access/audit_log.h"
 #include "server/admission/admission.h"
 #include "server/cluster/agent_registry.h"
 #include "server/frame/frame_runner.h"
@@ -48,11 +51,12 @@ class DatasetServiceImpl final : public isoscope::v1::DatasetService::CallbackSe
 
   absl::Status AnswerHistogram(const isoscope::v1::GetHistogramRequest& request,
                                const Caller& caller, const base::TraceContext& identity,
-                               const base::Cancellation& cancellation,
+                               const base::Cancellation& cancellation, AuditRecord* record,
                                isoscope::v1::GetHistogramResponse* response);
 
-  // Counts the calls of a method.
-  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method) const;
+  // Counts the calls of a method, and writes their lines of the audit log.
+  [[nodiscard]] rpc::OnCallEnd Counter(RequestMethod method,
+                                       std::shared_ptr<AuditRecord> record) const;
 
   AgentRegistry* const registry_;
   AccessControl* const access_;

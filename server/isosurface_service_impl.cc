@@ -61,7 +61,8 @@ constexpr absl::Duration kMaxWriteDuration = absl::Minutes(1);
 constexpr absl::Duration kMaxLastWriteDuration = absl::Seconds(2);
 
 void CountRequest(RequestMethod method, const absl::Status& status, const FrameCall& frame) {
-  frame.runner()->metrics()->CountRequest(method, status, absl::Now() - frame.start());
+  frame.runner()->EndRequest(method, frame.audit_record(), frame.identity(), status,
+                             absl::Now() - frame.start());
 }
 
 }  // namespace
@@ -85,6 +86,7 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
     call->frame_->Schedule([call, work, response, max_write_duration] {
       const absl::Status status = (call->frame_.get()->*work)(response);
       const std::size_t answer_bytes = status.ok() ? response->ByteSizeLong() : 0;
+      call->unsent_.Set(static_cast<std::int64_t>(answer_bytes));
       call->timeout_.Start(max_write_duration);
       call->End(status);
       call->frame_->ReleaseImages();
@@ -102,7 +104,10 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
  private:
   UnaryCall(RequestMethod method, grpc::CallbackServerContext* context,
             std::unique_ptr<FrameCall> frame)
-      : method_(method), frame_(std::move(frame)), timeout_(context) {}
+      : method_(method),
+        frame_(std::move(frame)),
+        unsent_(&frame_->runner()->metrics()->unsent_bytes),
+        timeout_(context) {}
 
   void End(const absl::Status& status) {
     CountRequest(method_, status, *frame_);
@@ -111,6 +116,7 @@ class IsosurfaceServiceImpl::UnaryCall final : public grpc::ServerUnaryReactor {
 
   const RequestMethod method_;
   const std::unique_ptr<FrameCall> frame_;
+  base::GaugeShare unsent_;  // until OnDone
   rpc::WriteTimeout timeout_;
   std::shared_ptr<UnaryCall> self_;  // reset by OnDone
 };
@@ -147,7 +153,9 @@ class IsosurfaceServiceImpl::StreamCall final
 
  private:
   StreamCall(grpc::CallbackServerContext* context, std::unique_ptr<FrameCall> frame)
-      : frame_(std::move(frame)), timeout_(context) {}
+      : frame_(std::move(frame)),
+        unsent_(&frame_->runner()->metrics()->unsent_bytes),
+        timeout_(context) {}
 
   void Run() {
     v1::RenderIsosurfaceResponse response;
@@ -157,6 +165,7 @@ class IsosurfaceServiceImpl::StreamCall final
       return;
     }
     const std::size_t answer_bytes = response.ByteSizeLong();
+    unsent_.Set(static_cast<std::int64_t>(answer_bytes));
     splitter_.emplace(std::move(response));
     WriteNext();
     frame_->ReleaseImages();
@@ -179,6 +188,7 @@ class IsosurfaceServiceImpl::StreamCall final
   }
 
   const std::unique_ptr<FrameCall> frame_;
+  base::GaugeShare unsent_;  // until OnDone
   rpc::WriteTimeout timeout_;
   std::optional<rpc::ResponseSplitter> splitter_;
   v1::RenderIsosurfaceStreamResponse message_;
@@ -219,6 +229,7 @@ class IsosurfaceServiceImpl::ExportCall final
         pace_->OnWriteDone(in_flight_bytes_, absl::Now());
       }
     }
+    unsent_.Add(-in_flight_unsent_bytes_.exchange(0));
     outgoing_.OnWriteDone(ok);
   }
 
@@ -244,23 +255,40 @@ class IsosurfaceServiceImpl::ExportCall final
         request_(request),
         identity_(rpc::AnswerTraceContext(context)),
         cancellation_(rpc::DeadlineOf(*context)),
+        unsent_(&service->options_.runner->metrics()->unsent_bytes),
         timeout_(context),
         outgoing_(
             kMaxQueuedExportBytes,
             [this](const isoscope::v1::ExportIsosurfaceResponse* message) {
               timeout_.Start(kMaxWriteDuration);
+              in_flight_unsent_bytes_ = BytesOf(*message);
               BeginPace(message->ByteSizeLong());
               StartWrite(message);
             },
             [this](const absl::Status& status) {
               slot_.reset();  // before the client hears of the end, and asks for another
-              service_->options_.runner->metrics()->CountRequest(RequestMethod::kExportIsosurface,
-                                                                 status, absl::Now() - arrival_);
+              service_->options_.runner->EndRequest(RequestMethod::kExportIsosurface,
+                                                    audit_record(), identity_, status,
+                                                    absl::Now() - arrival_);
               Finish(rpc::ToGrpcStatus(status));
-            }) {}
+            }) {
+    const base::MutexLock lock(&audit_mutex_);
+    audit_ = RecordOf(rpc::PeerOf(*context), context->peer());
+    audit_.dataset = request.dataset();
+  }
+
+  // OnCancel may end the call while the export finds its dataset.
+  [[nodiscard]] AuditRecord audit_record() ABSL_LOCKS_EXCLUDED(audit_mutex_) {
+    const base::MutexLock lock(&audit_mutex_);
+    return audit_;
+  }
 
   absl::Status Admit(const grpc::CallbackServerContext& context) {
     ISOSCOPE_ASSIGN_OR_RETURN(caller_, service_->options_.access->Identify(rpc::PeerOf(context)));
+    {
+      const base::MutexLock lock(&audit_mutex_);
+      audit_.caller = caller_.name();
+    }
     ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::ExportSpecFromProto(request_));
     // First what the caller may: above it, it must not take a place that another could have.
     CoordinatorMetrics* const metrics = service_->options_.runner->metrics();
@@ -389,6 +417,8 @@ class IsosurfaceServiceImpl::ExportCall final
                {"isovalues", absl::StrJoin(spec_.isovalues, ",")},
                {"duration_ms", base::LogMilliseconds(absl::Now() - start)},
                {"bytes", sent_bytes_.load()},
+               {"caller", caller_.name()},
+               {"peer", audit_record().peer},
                {"status", status}});
   }
 
@@ -398,6 +428,12 @@ class IsosurfaceServiceImpl::ExportCall final
         const std::shared_ptr<const DatasetState> found,
         service_->options_.registry->FindComplete(request_.dataset(), cancellation_, caller_));
     const DatasetState& dataset = *found;
+    {
+      const base::MutexLock lock(&audit_mutex_);
+      audit_.dataset = dataset.dataset.name();
+      audit_.dataset_id = dataset.dataset.dataset_id();
+    }
+    ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request_.dataset_id()));
     ISOSCOPE_ASSIGN_OR_RETURN(
         const volume::GridGeometry geometry,
         rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -461,6 +497,11 @@ class IsosurfaceServiceImpl::ExportCall final
     }
   }
 
+  static std::int64_t BytesOf(const isoscope::v1::ExportIsosurfaceResponse& message) {
+    return static_cast<std::int64_t>(message.positions().size() + message.normals().size() +
+                                     message.triangles().size());
+  }
+
   absl::Status Send(SurfaceChunk chunk, std::int32_t surface_index) {
     ISOSCOPE_RETURN_IF_ERROR(cancellation_.Check());
     sent_bytes_ += chunk.size_bytes();
@@ -470,6 +511,7 @@ class IsosurfaceServiceImpl::ExportCall final
     message.set_normals(std::move(chunk.normals));
     message.set_triangles(std::move(chunk.triangles));
     message.set_surface_index(surface_index);
+    unsent_.Add(BytesOf(message));  // what is never written goes with the call
     if (outgoing_.Push(std::move(message))) {
       return absl::OkStatus();
     }
@@ -490,6 +532,8 @@ class IsosurfaceServiceImpl::ExportCall final
   base::Cancellation cancellation_;
   // Kept until the client has the last chunk: many slow clients hold as many queues.
   std::optional<base::MemoryBudget::Reservation> memory_;
+  base::GaugeShare unsent_;
+  std::atomic<std::int64_t> in_flight_unsent_bytes_{0};
   rpc::WriteTimeout timeout_;
   rpc::WriteQueue<isoscope::v1::ExportIsosurfaceResponse> outgoing_;
   std::atomic<std::size_t> sent_bytes_{0};
@@ -500,6 +544,8 @@ class IsosurfaceServiceImpl::ExportCall final
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(pace_mutex_);
   bool is_done_ ABSL_GUARDED_BY(pace_mutex_) = false;
   absl::Status end_ ABSL_GUARDED_BY(pace_mutex_);  // why it was ended early
+  base::Mutex audit_mutex_;
+  AuditRecord audit_ ABSL_GUARDED_BY(audit_mutex_);
   base::Mutex streams_mutex_;
   std::vector<SurfaceStream*> streams_ ABSL_GUARDED_BY(streams_mutex_);
   std::shared_ptr<ExportCall> self_;  // reset by OnDone
@@ -519,10 +565,12 @@ IsosurfaceServiceImpl::~IsosurfaceServiceImpl() = default;
 std::unique_ptr<FrameCall> IsosurfaceServiceImpl::MakeCall(
     grpc::CallbackServerContext* context, const v1::RenderIsosurfaceRequest& request,
     Delivery delivery) const {
-  return std::make_unique<FrameCall>(
-      options_.runner,
-      FrameOrigin{.request = rpc::AnswerTraceContext(context), .client = context->peer()}, request,
-      delivery, rpc::DeadlineOf(*context), options_.max_frame_duration);
+  return std::make_unique<FrameCall>(options_.runner,
+                                     FrameOrigin{.request = rpc::AnswerTraceContext(context),
+                                                 .client = context->peer(),
+                                                 .certificate = rpc::PeerOf(*context).name},
+                                     request, delivery, rpc::DeadlineOf(*context),
+                                     options_.max_frame_duration);
 }
 
 absl::Status IsosurfaceServiceImpl::Identify(const grpc::CallbackServerContext& context,

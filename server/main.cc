@@ -35,6 +35,7 @@ struct Flags {
   double poll_seconds = 2;
   std::string gateway_address;
   std::string token_file;
+  std::string audit_log;
   std::int64_t memory_limit_bytes =
       static_cast<std::int64_t>(CoordinatorMemory::DefaultLimitBytes());
 };
@@ -91,6 +92,11 @@ void AddFlags(cli::FlagSet* set, Flags* flags) {
                "Clients' tokens and what they may see (docs/security.md), JSON; read again when "
                "it changes")
       .Environment("ISOSCOPE_TOKENS");
+  set->AddText(
+         "--audit-log", "FILE|-", &flags->audit_log,
+         "Append a JSON line for each call, refused ones too: who, which dataset, what came of "
+         "it; -: standard output")
+      .Environment("ISOSCOPE_AUDIT_LOG");
 }
 
 absl::Status CheckUsage(const Flags& flags, const rpc::ServerFlags& server_flags) {
@@ -128,6 +134,7 @@ absl::StatusOr<rpc::ServerShutdown> Start(const Flags& flags,
   options.gateway_address = flags.gateway_address;
   options.transport = server_flags.transport;
   options.token_file = flags.token_file;
+  options.audit_log = flags.audit_log;
   options.has_reflection = server_flags.has_reflection;
   ISOSCOPE_ASSIGN_OR_RETURN(std::shared_ptr<CoordinatorServer> server,
                             CoordinatorServer::Start(options));

@@ -50,6 +50,7 @@ struct ExportFlags {
   std::optional<std::int64_t> min_component;
   std::optional<double> simplify_share;
   std::optional<double> simplify_error;
+  std::optional<std::string> dataset_id;
 
   // True if the whole mesh must be seen before it is written.
   [[nodiscard]] bool has_filter() const {
@@ -119,6 +120,7 @@ isoscope::v1::ExportIsosurfaceRequest MakeRequest(const ExportFlags& flags,
                                                   const std::string& dataset) {
   isoscope::v1::ExportIsosurfaceRequest request;
   request.set_dataset(dataset);
+  request.set_dataset_id(flags.dataset_id.value_or(""));
   request.set_isovalue(flags.isovalue.value_or(0));
   for (const client::SurfaceValue& surface : flags.surfaces) {
     request.add_surfaces()->set_isovalue(surface.isovalue);
@@ -299,6 +301,8 @@ Action RegisterFlags(FlagSet* set) {
   AddFlag(set, "--simplify-error", "E", &flags->simplify_error, client::ParsePositiveNumber,
           "remove triangles while the surface moves by no more than E world units, as "
           "libmeshoptimizer estimates it; with --simplify, whichever is first");
+  AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
+          "fail if the dataset under that name has another id; `isoscope info` prints it");
   return [flags](const Context& context) { return Run(*flags, context); };
 }
 

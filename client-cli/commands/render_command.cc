@@ -75,6 +75,7 @@ struct RenderFlags {
   std::optional<std::string> trace;
   bool has_no_metadata = false;
   bool allow_partial = false;
+  std::optional<std::string> dataset_id;
   client::Annotations annotations;
 };
 
@@ -422,6 +423,7 @@ absl::StatusOr<v1::RenderIsosurfaceRequest> MakeFrameRequest(const RenderFlags& 
   client::SetEffects(flags.effects, &request);
   client::AddLook(flags.look, &request);
   request.set_allow_partial(flags.allow_partial);
+  request.set_dataset_id(flags.dataset_id.value_or(""));
   if (IsJpeg(flags) || flags.planes.files.any_plane()) {
     *request.mutable_output() = MakeOutputOptions(flags.planes, flags.output);
   }
@@ -574,6 +576,8 @@ Action RegisterFlags(FlagSet* set) {
   set->AddSwitch("--allow-partial", &flags->allow_partial,
                  "draw what there is if some shards are not served, and say what is missing; else "
                  "that is an error");
+  AddFlag(set, "--dataset-id", "ID", &flags->dataset_id, ParseText,
+          "fail if the dataset under that name has another id; `isoscope info` prints it");
   AddAnnotationFlags(set, &flags->annotations);
   return [flags, set](const Context& context) { return Run(*flags, *set, context); };
 }

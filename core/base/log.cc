@@ -1,5 +1,7 @@
 #include "core/base/log.h"
 
+#include <algorithm>
+#include <atomic>
 #include <memory>
 
 #include "absl/strings/str_cat.h"
@@ -12,11 +14,16 @@
 namespace isoscope::base {
 namespace {
 
+constexpr char kTextPattern[] = "%Y-%m-%dT%H:%M:%S.%eZ %l %v";
+constexpr char kJsonPattern[] = R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l",%v})";
+
+std::atomic<LogFormat> log_format{LogFormat::kText};
+
 spdlog::logger& Logger() {
   static spdlog::logger* const logger = [] {
     auto sink = std::make_shared<spdlog::sinks::stderr_sink_mt>();
     auto* made = new spdlog::logger("isoscope", std::move(sink));
-    made->set_pattern("%Y-%m-%dT%H:%M:%S.%eZ %l %v", spdlog::pattern_time_type::utc);
+    made->set_pattern(kTextPattern, spdlog::pattern_time_type::utc);
     made->flush_on(spdlog::level::trace);
     return made;
   }();
@@ -71,6 +78,37 @@ void AppendValue(absl::string_view value, std::string* line) {
 
 void SetLogLevel(LogLevel level) { Logger().set_level(ToSpdlog(level)); }
 
+void SetLogFormat(LogFormat format) {
+  Logger().set_pattern(format == LogFormat::kJson ? kJsonPattern : kTextPattern,
+                       spdlog::pattern_time_type::utc);
+  log_format.store(format);
+}
+
+std::string JsonString(absl::string_view text) {
+  std::string quoted = "\"";
+  while (!text.empty()) {
+    const std::size_t plain = std::min(text.find_first_of("\n\r\t\"\\"), text.size());
+    quoted += Printable(text.substr(0, plain));
+    text.remove_prefix(plain);
+    if (!text.empty()) {
+      const char c = text[0];
+      quoted += '\\';
+      quoted += c == '\n' ? 'n' : c == '\r' ? 'r' : c == '\t' ? 't' : c;
+      text.remove_prefix(1);
+    }
+  }
+  quoted += '"';
+  return quoted;
+}
+
+std::string FormatLogJson(absl::string_view event, std::initializer_list<LogField> fields) {
+  std::string line = absl::StrCat("\"event\":", JsonString(event));
+  for (const LogField& field : fields) {
+    absl::StrAppend(&line, ",", JsonString(field.key), ":", JsonString(field.value));
+  }
+  return line;
+}
+
 std::string FormatLogLine(absl::string_view event, std::initializer_list<LogField> fields) {
   std::string line(event);
   for (const LogField& field : fields) {
@@ -86,7 +124,9 @@ void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField
   if (!Logger().should_log(spdlog_level)) {
     return;
   }
-  Logger().log(spdlog_level, "{}", FormatLogLine(event, fields));
+  Logger().log(spdlog_level, "{}",
+               log_format.load() == LogFormat::kJson ? FormatLogJson(event, fields)
+                                                     : FormatLogLine(event, fields));
 }
 
 std::string LogMilliseconds(absl::Duration duration) {

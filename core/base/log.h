@@ -1,4 +1,4 @@
-// Log lines on standard error: one event a line, `time level event key=value ...`.
+// Log lines on standard error: one event a line, `time level event key=value ...`, or JSON.
 //
 //   base::LogInfo("frame_done", {{"dataset", "head"}, {"duration_ms", "41.2"}});
 //
@@ -32,6 +32,11 @@ enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
 // Lines below `level` are dropped. Default: kInfo.
 void SetLogLevel(LogLevel level);
 
+// How lines are written: as above, or as a JSON object each, whose members are time, level, event
+// and the fields, all of them strings. Default: kText. Call before other threads log.
+enum class LogFormat { kText, kJson };
+void SetLogFormat(LogFormat format);
+
 void Log(LogLevel level, absl::string_view event, std::initializer_list<LogField> fields);
 
 inline void LogDebug(absl::string_view event, std::initializer_list<LogField> fields = {}) {
@@ -49,6 +54,13 @@ inline void LogError(absl::string_view event, std::initializer_list<LogField> fi
 
 // Returns `event key=value ...`, which Log writes after time and level.
 std::string FormatLogLine(absl::string_view event, std::initializer_list<LogField> fields);
+
+// Returns the members of the JSON object behind time and level: `"event":"...","key":"value",...`.
+// Bytes that are no UTF-8 become '?'.
+std::string FormatLogJson(absl::string_view event, std::initializer_list<LogField> fields);
+
+// Returns `text` as a JSON string in quotes. Bytes that are no UTF-8 become '?'.
+std::string JsonString(absl::string_view text);
 
 // Returns a duration in milliseconds, as a field: "12.3".
 std::string LogMilliseconds(absl::Duration duration);

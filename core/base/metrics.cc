@@ -42,6 +42,42 @@ MetricSample MetricSample::Of(const DurationHistogram& histogram, MetricLabels l
   return sample;
 }
 
+CountersByName::CountersByName(std::string label, std::vector<std::string> outcomes,
+                               std::size_t max_names)
+    : label_(std::move(label)),
+      outcomes_(std::move(outcomes)),
+      max_names_(max_names),
+      other_(outcomes_.size()) {}
+
+void CountersByName::Add(absl::string_view name, std::size_t outcome) {
+  const MutexLock lock(&mutex_);
+  const std::string key(name);
+  const auto found = counts_.find(key);
+  if (found != counts_.end()) {
+    ++found->second[outcome];
+  } else if (counts_.size() < max_names_) {
+    ++counts_.emplace(key, outcomes_.size()).first->second[outcome];
+  } else {
+    ++other_[outcome];
+  }
+}
+
+std::vector<MetricSample> CountersByName::Samples() const {
+  const MutexLock lock(&mutex_);
+  std::vector<MetricSample> samples;
+  const auto append = [&](const std::string& name, const std::vector<std::int64_t>& counts) {
+    for (std::size_t i = 0; i < outcomes_.size(); ++i) {
+      samples.push_back(MetricSample::Of(static_cast<double>(counts[i]),
+                                         {{label_, name}, {"outcome", outcomes_[i]}}));
+    }
+  };
+  for (const auto& [name, counts] : counts_) {
+    append(name, counts);
+  }
+  append(kOtherName, other_);
+  return samples;
+}
+
 void RequestMetrics::Count(std::size_t method, absl::StatusCode code, absl::Duration duration) {
   ISOSCOPE_CHECK(method < of_method_.size());
   const auto number = static_cast<std::size_t>(code);

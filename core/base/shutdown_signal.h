@@ -1,4 +1,4 @@
-// Waits for SIGTERM or SIGINT without a signal handler.
+// Waits for SIGTERM or SIGINT, and for SIGUSR1 and SIGUSR2, without a signal handler.
 
 #ifndef ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
 #define ISOSCOPE_CORE_BASE_SHUTDOWN_SIGNAL_H_
@@ -8,7 +8,7 @@
 
 namespace isoscope::base {
 
-// Blocks SIGTERM and SIGINT in this thread and in all that it starts later, and ignores SIGPIPE. A
+// Blocks the four signals in this thread and in all that it starts later, and ignores SIGPIPE. A
 // process makes one, at the top of main, before any other thread.
 class ShutdownSignal {
  public:
@@ -17,9 +17,9 @@ class ShutdownSignal {
   ShutdownSignal(const ShutdownSignal&) = delete;
   ShutdownSignal& operator=(const ShutdownSignal&) = delete;
 
-  // Waits up to `patience` for one of the two, and returns its name, "SIGTERM" or "SIGINT"; "" if
-  // none came. After one the default action holds again: a second signal ends the process at once.
-  // REQUIRES: called by the thread that made this, and not again after a signal came.
+  // Waits up to `patience` for one of the four, and returns its name, such as "SIGTERM"; "" if none
+  // came. After SIGTERM or SIGINT their default action holds again: a second one ends the process
+  // at once. REQUIRES: called by the thread that made this, and not again after one of these two.
   absl::string_view Wait(absl::Duration patience);
 };
 

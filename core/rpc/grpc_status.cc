@@ -4,6 +4,7 @@
 //   Status     1: code (int32), 2: message (string), 3: details (Any, repeated)
 //   Any        1: type_url (string), 2: value (bytes)
 //   RetryInfo  1: retry_delay (Duration)
+//   ErrorInfo  1: reason (string), 2: domain (string), 3: metadata (map: 1: key, 2: value)
 
 #include "core/rpc/grpc_status.h"
 
@@ -17,6 +18,7 @@
 #include "google/protobuf/duration.pb.h"
 #include "google/protobuf/unknown_field_set.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/retry_delay.h"
 #include "core/rpc/proto_convert.h"
 
@@ -35,18 +37,42 @@ constexpr int kTypeUrlField = 1;
 constexpr int kValueField = 2;
 constexpr int kRetryDelayField = 1;
 constexpr char kRetryInfoUrl[] = "type.googleapis.com/google.rpc.RetryInfo";
+constexpr int kReasonField = 1;
+constexpr int kDomainField = 2;
+constexpr int kMetadataField = 3;
+constexpr int kMapKeyField = 1;
+constexpr int kMapValueField = 2;
+constexpr char kErrorInfoUrl[] = "type.googleapis.com/google.rpc.ErrorInfo";
 
-std::string DetailsOf(const absl::Status& status, const std::string& message,
-                      absl::Duration delay) {
-  UnknownFieldSet retry_info;
-  *retry_info.AddLengthDelimited(kRetryDelayField) = ToProto(delay).SerializeAsString();
+// Adds a message as an Any.
+void AddDetail(const char* url, const UnknownFieldSet& message, UnknownFieldSet* details) {
   UnknownFieldSet detail;
-  *detail.AddLengthDelimited(kTypeUrlField) = kRetryInfoUrl;
-  retry_info.SerializeToString(detail.AddLengthDelimited(kValueField));
+  *detail.AddLengthDelimited(kTypeUrlField) = url;
+  message.SerializeToString(detail.AddLengthDelimited(kValueField));
+  detail.SerializeToString(details->AddLengthDelimited(kDetailsField));
+}
+
+void AddErrorInfo(base::ErrorReason reason, UnknownFieldSet* details) {
+  UnknownFieldSet entry;
+  *entry.AddLengthDelimited(kMapKeyField) = "transient";
+  *entry.AddLengthDelimited(kMapValueField) = base::IsTransient(reason) ? "true" : "false";
+  UnknownFieldSet error_info;
+  *error_info.AddLengthDelimited(kReasonField) = base::NameOf(reason);
+  *error_info.AddLengthDelimited(kDomainField) = kErrorDomain;
+  entry.SerializeToString(error_info.AddLengthDelimited(kMetadataField));
+  AddDetail(kErrorInfoUrl, error_info, details);
+}
+
+std::string DetailsOf(const absl::Status& status, const std::string& message) {
   UnknownFieldSet details;
   details.AddVarint(kCodeField, static_cast<std::uint64_t>(status.raw_code()));
   *details.AddLengthDelimited(kMessageField) = message.substr(0, kMaxDetailMessageBytes);
-  detail.SerializeToString(details.AddLengthDelimited(kDetailsField));
+  if (const std::optional<absl::Duration> delay = base::RetryDelayOf(status)) {
+    UnknownFieldSet retry_info;
+    *retry_info.AddLengthDelimited(kRetryDelayField) = ToProto(*delay).SerializeAsString();
+    AddDetail(kRetryInfoUrl, retry_info, &details);
+  }
+  AddErrorInfo(base::ReasonOf(status), &details);
   std::string bytes;
   details.SerializeToString(&bytes);
   return bytes;
@@ -79,10 +105,29 @@ std::optional<absl::Duration> DelayOfRetryInfo(const std::string& bytes) {
   return read >= absl::ZeroDuration() ? std::optional<absl::Duration>(read) : std::nullopt;
 }
 
-std::optional<absl::Duration> FindDelay(const std::string& details) {
+// None for the reasons of other services.
+std::optional<base::ErrorReason> ReasonOfErrorInfo(const std::string& bytes) {
+  UnknownFieldSet error_info;
+  if (!error_info.ParseFromString(bytes)) {
+    return std::nullopt;
+  }
+  const std::string* const reason = FindBytes(error_info, kReasonField);
+  const std::string* const domain = FindBytes(error_info, kDomainField);
+  return reason != nullptr && domain != nullptr && *domain == kErrorDomain
+             ? base::ErrorReasonFromName(*reason)
+             : std::nullopt;
+}
+
+struct Details {
+  std::optional<absl::Duration> delay;
+  std::optional<base::ErrorReason> reason;
+};
+
+Details ReadDetails(const std::string& details) {
+  Details read;
   UnknownFieldSet fields;
   if (details.empty() || !fields.ParseFromString(details)) {
-    return std::nullopt;
+    return read;
   }
   for (int i = 0; i < fields.field_count(); ++i) {
     const UnknownField& field = fields.field(i);
@@ -93,11 +138,16 @@ std::optional<absl::Duration> FindDelay(const std::string& details) {
     }
     const std::string* const url = FindBytes(detail, kTypeUrlField);
     const std::string* const value = FindBytes(detail, kValueField);
-    if (url != nullptr && *url == kRetryInfoUrl && value != nullptr) {
-      return DelayOfRetryInfo(*value);
+    if (url == nullptr || value == nullptr) {
+      continue;
+    }
+    if (*url == kRetryInfoUrl && !read.delay.has_value()) {
+      read.delay = DelayOfRetryInfo(*value);
+    } else if (*url == kErrorInfoUrl && !read.reason.has_value()) {
+      read.reason = ReasonOfErrorInfo(*value);
     }
   }
-  return std::nullopt;
+  return read;
 }
 
 }  // namespace
@@ -113,9 +163,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
   }
   // Both sides number the codes alike: google/rpc/code.proto.
   const auto code = static_cast<grpc::StatusCode>(status.raw_code());
-  const std::optional<absl::Duration> delay = base::RetryDelayOf(status);
-  return delay.has_value() ? grpc::Status(code, message, DetailsOf(status, message, *delay))
-                           : grpc::Status(code, message);
+  return {code, message, DetailsOf(status, message)};
 }
 
 absl::Status ToAbslStatus(const grpc::Status& status) {
@@ -133,8 +181,15 @@ absl::Status ToAbslStatus(const grpc::Status& status) {
     return absl::UnavailableError("the connection broke: Stream removed");
   }
   absl::Status converted(static_cast<absl::StatusCode>(number), status.error_message());
-  const std::optional<absl::Duration> delay = FindDelay(status.error_details());
-  return delay.has_value() ? base::WithRetryDelay(std::move(converted), *delay) : converted;
+  const Details details = ReadDetails(status.error_details());
+  if (details.delay.has_value()) {
+    converted = base::WithRetryDelay(std::move(converted), *details.delay);
+  }
+  // A reason that the code tells anyway would only lengthen what people read.
+  if (details.reason.has_value() && *details.reason != base::DefaultReasonOf(converted)) {
+    converted = base::WithReason(std::move(converted), *details.reason);
+  }
+  return converted;
 }
 
 }  // namespace isoscope::rpc

@@ -1,7 +1,8 @@
 // The only place where absl::Status becomes grpc::Status and back. Codes have the same numbers and
 // meanings on both sides; messages are kept. The time to wait of a refusal (base/retry_delay.h)
 // travels as google.rpc.RetryInfo in a google.rpc.Status, the metadata grpc-status-details-bin, as
-// other services of gRPC do it. Other details are not read.
+// other services of gRPC do it. So does the reason (base/error_reason.h), as google.rpc.ErrorInfo
+// with kErrorDomain and the metadata transient = true or false. Other details are not read.
 
 #ifndef ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
 #define ISOSCOPE_CORE_RPC_GRPC_STATUS_H_
@@ -14,6 +15,7 @@ namespace isoscope::rpc {
 // A message longer than kMaxStatusMessageBytes is cut: it travels in a header of limited size.
 grpc::Status ToGrpcStatus(const absl::Status& status);
 inline constexpr int kMaxStatusMessageBytes = 4096;
+inline constexpr char kErrorDomain[] = "isoscope";
 
 // A code that gRPC does not define becomes UNKNOWN. gRPC's own UNKNOWN "Stream removed", which says
 // that the connection broke, becomes UNAVAILABLE. Details that can't be read are left out.

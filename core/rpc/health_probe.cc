@@ -37,8 +37,8 @@ std::uint64_t StatusOf(grpc::ByteBuffer* response) {
 
 }  // namespace
 
-absl::Status ProbeHealth(const std::string& address, const Dialing& dialing,
-                         absl::Duration timeout) {
+absl::Status ProbeHealth(const std::string& address, const Dialing& dialing, absl::Duration timeout,
+                         Probe probe) {
   grpc::GenericStub stub(MakeFreshChannel(address, dialing));
   grpc::ClientContext context;
   context.set_deadline(absl::ToChronoTime(absl::Now() + timeout));
@@ -52,7 +52,11 @@ absl::Status ProbeHealth(const std::string& address, const Dialing& dialing,
                    done.Notify();
                  });
   done.WaitForNotification();
-  ISOSCOPE_RETURN_IF_ERROR(ToAbslStatus(status));
+  const absl::Status answered = ToAbslStatus(status);
+  if (probe == Probe::kLive && (answered.ok() || absl::IsNotFound(answered))) {
+    return absl::OkStatus();  // NOT_FOUND: its health service runs, and has no status yet
+  }
+  ISOSCOPE_RETURN_IF_ERROR(answered);
   const std::uint64_t serving = StatusOf(&response);
   return serving == kServing
              ? absl::OkStatus()

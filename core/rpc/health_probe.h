@@ -13,10 +13,14 @@
 
 namespace isoscope::rpc {
 
-// OK if the server says SERVING. UNAVAILABLE: it says anything else, or nobody answers; other
-// errors of the call.
-absl::Status ProbeHealth(const std::string& address, const Dialing& dialing,
-                         absl::Duration timeout);
+enum class Probe {
+  kReady,  // whether it takes calls of clients: SERVING
+  kLive,   // whether it answers at all
+};
+
+// OK if the server is so. UNAVAILABLE: it is not, or nobody answers; other errors of the call.
+absl::Status ProbeHealth(const std::string& address, const Dialing& dialing, absl::Duration timeout,
+                         Probe probe = Probe::kReady);
 
 // Where a server that listens on `listen_address` is reached from its own machine: "0.0.0.0:1" is
 // "127.0.0.1:1".

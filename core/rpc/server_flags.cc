@@ -1,5 +1,7 @@
 #include "core/rpc/server_flags.h"
 
+#include <algorithm>
+
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 
@@ -68,14 +70,32 @@ void AddServerFlags(cli::FlagSet* set, ServerFlags* flags, bool is_grpc_server, 
   set->AddChoice("--log-level", &flags->log_level, {"debug", "info", "warning", "error", "off"},
                  "Lines below it are dropped")
       .Environment("ISOSCOPE_LOG_LEVEL");
-  const auto parse_probe = [flags](absl::string_view address) {
-    flags->is_probe = true;
-    flags->probe_address = std::string(address);
-    return absl::OkStatus();
-  };
-  set->AddOptional("--probe", "[HOST:PORT]", parse_probe,
-                   "Ask the server there, by default the one on --listen, whether it serves; exit "
-                   "with 0 if it does, else with 1");
+  set->AddChoice("--log-format", &flags->log_format, {"text", "json"},
+                 "Log lines for people, or one JSON object a line")
+      .Environment("ISOSCOPE_LOG_FORMAT");
+  const auto parse_probe = [flags](absl::string_view text) { return ParseProbe(text, flags); };
+  set->AddOptional("--probe", "[ready|live][,HOST:PORT]", parse_probe,
+                   "Ask the server there, by default the one on --listen, whether it is ready for "
+                   "calls (default) or at least alive; exit with 0 if it is, else with 1");
+}
+
+absl::Status ParseProbe(absl::string_view text, ServerFlags* flags) {
+  flags->is_probe = true;
+  absl::string_view address = text;
+  const absl::string_view first = text.substr(0, text.find(','));
+  if (first == "ready" || first == "live") {
+    flags->probe = first == "live" ? Probe::kLive : Probe::kReady;
+    address.remove_prefix(std::min(first.size() + 1, text.size()));
+    if (address.empty() && first.size() < text.size()) {
+      return absl::InvalidArgumentError(absl::StrCat("'", text, "' has no HOST:PORT behind ','"));
+    }
+  }
+  if (!address.empty() && address.find(':') == absl::string_view::npos) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("'", text, "' is not ready, live, HOST:PORT, or one of the words,HOST:PORT"));
+  }
+  flags->probe_address = std::string(address);
+  return absl::OkStatus();
 }
 
 std::string BoundAddress(absl::string_view listen_address, int port) {

@@ -5,9 +5,11 @@
 
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/strings/string_view.h"
 
 #include "core/cli/flag_set.h"
+#include "core/rpc/health_probe.h"
 #include "core/rpc/transport.h"
 
 namespace isoscope::rpc {
@@ -17,10 +19,12 @@ struct ServerFlags {
   int max_concurrent_frames = 4;
   int max_queued_frames = 0;
   double drain_seconds = 30;
-  std::string log_level = "info";  // "debug", "info", "warning", "error" or "off"
+  std::string log_level = "info";   // "debug", "info", "warning", "error" or "off"
+  std::string log_format = "text";  // "text" or "json"
   TransportFlags transport = {};
   bool has_reflection = true;       // --reflection; programs without gRPC servers ignore it
   bool is_probe = false;            // --probe: ask a server whether it serves, and end
+  Probe probe = Probe::kReady;      // of --probe: what is asked
   std::string probe_address = {};   // of --probe; empty: listen_address
   std::string metrics_listen = {};  // --metrics-listen, "HOST:PORT" or a port; empty: no metrics
 };
@@ -33,6 +37,9 @@ void AddServerFlags(cli::FlagSet* set, ServerFlags* flags, bool is_grpc_server, 
 // Adds --tls-cert, --tls-key, --tls-ca and --insecure, for commands that are servers, too.
 // `has_server_name`: and --tls-server-name, for those that dial others.
 void AddTransportFlags(cli::FlagSet* set, TransportFlags* flags, bool has_server_name);
+
+// Reads the value of --probe: "", or "ready" or "live", or HOST:PORT, or "live,HOST:PORT".
+absl::Status ParseProbe(absl::string_view text, ServerFlags* flags);
 
 // Returns `listen_address` with the bound port instead of its own, for a log line.
 std::string BoundAddress(absl::string_view listen_address, int port);

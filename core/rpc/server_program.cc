@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
+#include "absl/time/clock.h"
 
 #include "core/base/log.h"
 #include "core/base/memory_info.h"
@@ -62,19 +63,37 @@ absl::Status ProbeServer(const ServerFlags& flags, const std::string& address) {
     // That server shows our own certificate, which need not have the address of this machine.
     dialing.server_name = FirstNameOf(flags.transport.certificate_file);
   }
-  return ProbeHealth(address, dialing, kProbeTimeout);
+  return ProbeHealth(address, dialing, kProbeTimeout, flags.probe);
 }
 
-int Probe(const ServerProgram& program, const ServerFlags& flags) {
+int RunProbe(const ServerProgram& program, const ServerFlags& flags) {
   const std::string address =
       flags.probe_address.empty() ? OwnAddress(flags.listen_address) : flags.probe_address;
   const absl::Status status =
       program.probe == nullptr ? ProbeServer(flags, address) : program.probe(flags, address);
   std::cout << address << ": "
-            << (status.ok() ? "serving"
+            << (status.ok() ? flags.probe == Probe::kLive ? "live" : "serving"
                             : base::Printable(absl::StrCat("not serving: ", status.message())))
             << std::endl;
   return status.ok() ? kDone : kFailed;
+}
+
+// Waits for the end, and changes the log's level meanwhile: SIGUSR1 shows debug lines, SIGUSR2 goes
+// back to --log-level.
+absl::string_view WaitForShutdown(const ServerFlags& flags, base::ShutdownSignal* shutdown_signal) {
+  base::RestWatch watch;
+  while (true) {
+    const absl::string_view signal = shutdown_signal->Wait(base::RestWatch::kInterval);
+    if (signal == "SIGUSR1" || signal == "SIGUSR2") {
+      const std::string level = signal == "SIGUSR1" ? "debug" : flags.log_level;
+      base::SetLogLevel(LogLevelFromName(level));
+      base::LogInfo("log_level", {{"now", level}, {"signal", signal}});
+    } else if (!signal.empty()) {
+      return signal;
+    } else if (watch.HasComeToRest(base::ProcessorTime())) {
+      base::ReturnFreedMemory();
+    }
+  }
 }
 
 absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
@@ -83,14 +102,11 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
   if (shut_down == nullptr) {
     return absl::OkStatus();
   }
-  base::RestWatch watch;
-  absl::string_view signal_name;
-  while ((signal_name = shutdown_signal->Wait(base::RestWatch::kInterval)).empty()) {
-    if (watch.HasComeToRest(base::ProcessorTime())) {
-      base::ReturnFreedMemory();
-    }
-  }
+  const absl::string_view signal_name = WaitForShutdown(flags, shutdown_signal);
   base::LogInfo("shutdown", {{"signal", signal_name}, {"drain_seconds", flags.drain_seconds}});
+  if (program.announce_drain != nullptr && signal_name == "SIGTERM") {
+    absl::SleepFor(program.announce_drain());
+  }
   shut_down(absl::Seconds(flags.drain_seconds));
   base::LogInfo(absl::StrCat(program.log_name, "_stopped"));
   return absl::OkStatus();
@@ -98,7 +114,8 @@ absl::Status Serve(const ServerProgram& program, const ServerFlags& flags,
 
 constexpr char kEnvironmentNote[] =
     "Every option can also be given as the environment variable named beside it.\n"
-    "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once.";
+    "SIGTERM and SIGINT end it after the frames in work; a second one ends it at once.\n"
+    "SIGUSR1 shows debug lines in the log, SIGUSR2 goes back to --log-level.";
 
 // Answers what builds and shells ask: --man-page, --completion SHELL. Unset if something else is
 // asked.
@@ -155,8 +172,9 @@ int ParseAndServe(const ServerProgram& program, int argc, char** argv) {
     return kDone;
   }
   base::SetLogLevel(LogLevelFromName(flags.log_level));
+  base::SetLogFormat(flags.log_format == "json" ? base::LogFormat::kJson : base::LogFormat::kText);
   if (flags.is_probe) {
-    return Probe(program, flags);
+    return RunProbe(program, flags);
   }
   const absl::Status usage = CheckUsage(program, flags);
   if (!usage.ok()) {

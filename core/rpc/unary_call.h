@@ -27,8 +27,9 @@
 
 namespace isoscope::rpc {
 
-// Is told how a call ended, and how long it took. May be empty.
-using OnCallEnd = std::function<void(const absl::Status& status, absl::Duration duration)>;
+// Is told how a call ended, how long it took, and which request it was. May be empty.
+using OnCallEnd = std::function<void(const absl::Status& status, absl::Duration duration,
+                                     const base::TraceContext& identity)>;
 
 // Refuses a request with a field that this program does not know (CheckKnownFields); else calls
 // `answer`, which fills the response and must be quick, and ends the call with its status.
@@ -37,13 +38,13 @@ inline grpc::ServerUnaryReactor* AnswerUnary(grpc::CallbackServerContext* contex
                                              absl::FunctionRef<absl::Status()> answer,
                                              const OnCallEnd& on_end = nullptr) {
   const absl::Time start = absl::Now();
-  AnswerTraceContext(context);
+  const base::TraceContext identity = AnswerTraceContext(context);
   absl::Status status = CheckKnownFields(request);
   if (status.ok()) {
     status = answer();
   }
   if (on_end != nullptr) {
-    on_end(status, absl::Now() - start);
+    on_end(status, absl::Now() - start, identity);
   }
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   reactor->Finish(ToGrpcStatus(status));
@@ -97,7 +98,7 @@ class UnaryTask final : public grpc::ServerUnaryReactor {
 
   void End(const absl::Status& status) {
     if (on_end_ != nullptr) {
-      on_end_(status, absl::Now() - start_);
+      on_end_(status, absl::Now() - start_, identity_);
     }
     Finish(ToGrpcStatus(status));
   }

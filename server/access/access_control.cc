@@ -10,6 +10,7 @@
 #include <openssl/crypto.h>
 #include <sys/stat.h>
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
@@ -74,11 +75,13 @@ absl::Status AccessGrant::TakeFrame(int spared, absl::Time now) {
     return absl::OkStatus();
   }
   const absl::Duration wait = frames_->TimeUntil(1 + spared);
-  return base::WithRetryDelay(
-      absl::ResourceExhaustedError(
-          absl::StrCat("token \"", token_.name, "\" may have ", token_.max_frames_per_second,
-                       " frames a second: retry in ", absl::ToInt64Milliseconds(wait), " ms")),
-      wait);
+  return base::WithReason(
+      base::WithRetryDelay(
+          absl::ResourceExhaustedError(
+              absl::StrCat("token \"", token_.name, "\" may have ", token_.max_frames_per_second,
+                           " frames a second: retry in ", absl::ToInt64Milliseconds(wait), " ms")),
+          wait),
+      base::ErrorReason::kRateLimited);
 }
 
 void AccessGrant::ReturnFrame() {
@@ -96,11 +99,13 @@ absl::Status AccessGrant::BeginUse(CallerUse use) {
     ++count;
     return absl::OkStatus();
   }
-  return base::WithRetryDelay(
-      absl::ResourceExhaustedError(absl::StrCat(
-          "token \"", token_.name, "\" may have ", limit.most, " ", limit.noun,
-          " at a time and has them: wait until one ends, or ask for a greater ", limit.member)),
-      kUseDelay);
+  return base::WithReason(
+      base::WithRetryDelay(
+          absl::ResourceExhaustedError(absl::StrCat(
+              "token \"", token_.name, "\" may have ", limit.most, " ", limit.noun,
+              " at a time and has them: wait until one ends, or ask for a greater ", limit.member)),
+          kUseDelay),
+      base::ErrorReason::kRateLimited);
 }
 
 void AccessGrant::EndUse(CallerUse use) {
@@ -114,12 +119,14 @@ absl::Status AccessGrant::CheckBytes(absl::Time now) {
     return absl::OkStatus();
   }
   const absl::Duration wait = std::max(bytes_->TimeUntil(1), absl::Milliseconds(1));
-  return base::WithRetryDelay(
-      absl::ResourceExhaustedError(
-          absl::StrCat("token \"", token_.name, "\" may have ", token_.max_bytes_per_second,
-                       " bytes a second and was sent more: retry in ",
-                       absl::ToInt64Milliseconds(wait), " ms, or ask for smaller pictures")),
-      wait);
+  return base::WithReason(
+      base::WithRetryDelay(
+          absl::ResourceExhaustedError(
+              absl::StrCat("token \"", token_.name, "\" may have ", token_.max_bytes_per_second,
+                           " bytes a second and was sent more: retry in ",
+                           absl::ToInt64Milliseconds(wait), " ms, or ask for smaller pictures")),
+          wait),
+      base::ErrorReason::kRateLimited);
 }
 
 void AccessGrant::CountBytes(std::size_t bytes, absl::Time now) {
@@ -318,6 +325,7 @@ void AccessControl::ReloadIfChanged() {
   file_ = state;
   const absl::Status status = Load();
   if (!status.ok()) {
+    failed_reloads_.Add();
     base::LogWarning("tokens_not_read", {{"status", status}, {"note", "the old ones stay"}});
   }
 }

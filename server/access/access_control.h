@@ -32,6 +32,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 
+#include "core/base/metrics.h"
 #include "core/base/mutex.h"
 #include "core/rpc/peer.h"
 #include "server/access/access_tokens.h"
@@ -188,6 +189,8 @@ class AccessControl {
   // For streams that are open for long: UNAUTHENTICATED once the token is gone from the file, or
   // has changed there.
   absl::Status CheckStillValid(const Caller& caller) ABSL_LOCKS_EXCLUDED(mutex_);
+  // How often the file had changed and was wrong.
+  [[nodiscard]] std::int64_t failed_reloads() const { return failed_reloads_.value(); }
 
  private:
   // Of a file, to see that it was replaced or written.
@@ -209,6 +212,7 @@ class AccessControl {
   void Watch() ABSL_LOCKS_EXCLUDED(mutex_);
 
   const AccessOptions options_;
+  base::Counter failed_reloads_;
   base::Mutex mutex_;
   base::CondVar changed_;  // tokens were withdrawn, or all stops
   bool is_stopping_ ABSL_GUARDED_BY(mutex_) = false;

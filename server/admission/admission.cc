@@ -7,9 +7,18 @@
 #include "absl/time/clock.h"
 
 #include "core/base/check.h"
+#include "core/base/error_reason.h"
 #include "core/base/retry_delay.h"
 
 namespace isoscope::server {
+namespace {
+
+absl::Status CoordinatorStops() {
+  return base::WithReason(absl::UnavailableError("the coordinator stops: try another, or later"),
+                          base::ErrorReason::kServerStops);
+}
+
+}  // namespace
 namespace {
 
 std::string Milliseconds(absl::Duration duration) {
@@ -38,7 +47,7 @@ Admission::~Admission() {
     while (!waiting_.empty()) {
       const Ticket ticket = waiting_.begin()->first;
       queue_.Leave(ticket);
-      EndWith(ticket, absl::UnavailableError("the coordinator stops: try another, or later"));
+      EndWith(ticket, CoordinatorStops());
     }
     joined_.SignalAll();
   }
@@ -92,7 +101,7 @@ void Admission::Schedule(Ticket ticket, absl::Time deadline, Work work) {
   waiting_[ticket] = {.work = std::move(work), .arrival = absl::Now()};
   if (is_stopping_) {
     queue_.Leave(ticket);
-    EndWith(ticket, absl::UnavailableError("the coordinator stops: try another, or later"));
+    EndWith(ticket, CoordinatorStops());
     return;
   }
   joined_.Signal();

@@ -97,9 +97,16 @@ void AgentRegistry::Run() {
       wanted_probe_ = std::max(wanted_probe_, started_probe_);
     }
     Probe(absl::Now());
-    base::MutexLock lock(&mutex_);
-    finished_probe_ = started_probe_;
-    changed_.SignalAll();
+    bool is_first = false;
+    {
+      base::MutexLock lock(&mutex_);
+      finished_probe_ = started_probe_;
+      is_first = finished_probe_ == 1;
+      changed_.SignalAll();
+    }
+    if (is_first && options_.on_first_probe != nullptr) {
+      options_.on_first_probe();
+    }
   }
 }
 
@@ -250,6 +257,9 @@ void AgentRegistry::LogMembers(const Members& before, const Members& after) cons
                                     {"shards", member.state.shards.size()},
                                     {"version", member.state.version},
                                     {"renderer", member.state.renderer}});
+    } else if (member.state.status.ok() && member.state.is_draining &&
+               !known->second.state.is_draining) {
+      base::LogInfo("agent_drains", {{"address", address}});
     } else if (!member.state.status.ok() && (was_ok || known == before.end())) {
       base::LogWarning(was_ok ? "agent_lost" : "agent_unreachable",
                        {{"address", address}, {"status", member.state.status}});
@@ -307,9 +317,6 @@ void AgentRegistry::AdoptMembers(Members members, absl::Time probe_begin) {
   }
   LogMembers(before->members, after->members);
   LogDatasets(before->datasets, after->datasets);
-  if (before->is_any_complete != after->is_any_complete && options_.on_readiness != nullptr) {
-    options_.on_readiness(after->is_any_complete);
-  }
 }
 
 std::int64_t AgentRegistry::RequestProbe() {

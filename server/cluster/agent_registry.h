@@ -49,8 +49,8 @@ struct AgentRegistryOptions {
   rpc::Dialing dialing = {};
   // Checks a target of a list (agent_list). An error refuses the whole list. Null: all are allowed.
   std::function<absl::Status(const std::string& target)> check_target;
-  // Called on the registry's thread when a first dataset is complete, or none is complete any more.
-  std::function<void(bool is_any_complete)> on_readiness;
+  // Called on the registry's thread, once, when all agents have answered or failed to.
+  std::function<void()> on_first_probe;
   // Tests replace these. The registry's thread calls both, and they may block. `cancellation` fires
   // when the registry is destroyed.
   std::function<absl::StatusOr<std::vector<std::string>>(const DnsName&)> resolve =

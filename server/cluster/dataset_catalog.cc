@@ -6,11 +6,13 @@
 #include <tuple>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/string_view.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/status_macros.h"
 #include "core/rpc/frame_convert.h"
 #include "core/rpc/proto_convert.h"
@@ -167,8 +169,12 @@ std::vector<ReplicaSet> ReplicaSetsOf(const Crew& crew) {
     const auto [entry, is_new] = set_of.emplace(owners, sets.size());
     if (is_new) {
       ReplicaSet set;
+      const bool all_drain = std::all_of(
+          owners.begin(), owners.end(), [](const AgentState* owner) { return owner->is_draining; });
       for (const AgentState* owner : owners) {
-        set.agents.push_back({owner->address, owner->channel});
+        if (all_drain || !owner->is_draining) {
+          set.agents.push_back({owner->address, owner->channel});
+        }
       }
       sets.push_back(std::move(set));
     }
@@ -235,6 +241,7 @@ DatasetState Complete(const std::string& name, const Draft& draft, absl::string_
 }  // namespace
 
 void AdoptAnswer(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* agent) {
+  agent->is_draining = false;
   if (!answer.ok()) {
     agent->status = std::move(answer).status();
     return;
@@ -256,6 +263,7 @@ void AdoptAnswer(absl::StatusOr<v1::DescribeShardsResponse> answer, AgentState* 
   }
   agent->picture_revision = *std::move(revision);
   agent->status = absl::OkStatus();
+  agent->is_draining = answer->is_draining();
   agent->shards.assign(answer->shards().begin(), answer->shards().end());
 }
 
@@ -270,7 +278,11 @@ std::map<std::string, DatasetState> DatasetsOf(const std::vector<AgentState>& ag
   const std::string unreachable = DescribeUnreachable(agents);
   std::map<std::string, DatasetState> datasets;
   for (const auto& [name, draft] : drafts) {
-    datasets.emplace(name, Complete(name, draft, unreachable));
+    DatasetState state = Complete(name, draft, unreachable);
+    if (!state.status.ok()) {
+      state.status = base::WithReason(state.status, base::ErrorReason::kDatasetIncomplete);
+    }
+    datasets.emplace(name, std::move(state));
   }
   return datasets;
 }
@@ -341,10 +353,24 @@ absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, Data
     return absl::NotFoundError(absl::StrCat("dataset \"", name, "\": ", known, suffix));
   }
   if (visible.empty()) {
-    return absl::FailedPreconditionError(absl::StrCat(known, suffix));
+    return base::WithReason(absl::FailedPreconditionError(absl::StrCat(known, suffix)),
+                            base::ErrorReason::kDatasetIncomplete);
   }
   return absl::InvalidArgumentError(
       absl::StrCat("dataset is empty: must name one of several; ", known));
+}
+
+absl::Status CheckDatasetId(const isoscope::v1::Dataset& dataset, absl::string_view expected) {
+  if (expected.empty() || expected == dataset.dataset_id()) {
+    return absl::OkStatus();
+  }
+  constexpr std::size_t kMaxIdBytes = 64;  // an id has 32
+  return base::WithReason(
+      absl::FailedPreconditionError(
+          absl::StrCat("dataset \"", dataset.name(), "\" has dataset_id ", dataset.dataset_id(),
+                       ", the request expects ", absl::CHexEscape(expected.substr(0, kMaxIdBytes)),
+                       ": the agents serve other contents under this name; ask GetDataset which")),
+      base::ErrorReason::kDatasetIdDiffers);
 }
 
 }  // namespace isoscope::server

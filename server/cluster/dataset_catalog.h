@@ -11,7 +11,8 @@
 // the one of most agents is taken, then the newest: while agents are updated one after the other,
 // frames go on with the old one until the new one is complete and has the majority.
 //
-// Replicas. Shards that the same agents serve make a set.
+// Replicas. Shards that the same agents serve make a set. An agent that drains is not in the set if
+// another one is: it ends the frames that it has, and gets no new ones.
 
 #ifndef ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_
 #define ISOSCOPE_SERVER_CLUSTER_DATASET_CATALOG_H_
@@ -25,6 +26,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include <grpcpp/channel.h>
 
 #include "core/frame/picture_revision.h"
@@ -46,6 +48,7 @@ struct AgentState {
   std::string renderer;
   frame::PictureRevision picture_revision;
   std::optional<isoscope::v1::AgentLoad> load;  // of its last answer; none from older versions
+  bool is_draining = false;                     // it is about to stop, and serves until then
   // The shards of its last answer, even if it does not answer any more.
   std::vector<isoscope::internal::v1::ShardDescription> shards;
 };
@@ -87,6 +90,10 @@ absl::StatusOr<const DatasetState*> FindDataset(const std::map<std::string, Data
                                                 const std::string& name,
                                                 const std::string& unreachable,
                                                 const Caller& caller = {});
+
+// FAILED_PRECONDITION with both ids if a request expects another dataset under this name.
+// `expected`: Dataset.dataset_id, or "": any.
+absl::Status CheckDatasetId(const isoscope::v1::Dataset& dataset, absl::string_view expected);
 
 }  // namespace isoscope::server
 

@@ -122,7 +122,7 @@ FrameCall::FrameCall(FrameRunner* runner, FrameOrigin origin,
 
 absl::Status FrameCall::Admit() {
   ISOSCOPE_ASSIGN_OR_RETURN(spec_, rpc::FrameSpecFromProto(request_));
-  return TakePlace();
+  return CountRefusal(TakePlace());
 }
 
 absl::Status FrameCall::AdmitPick(const v1::PickSurfaceRequest& pick) {
@@ -134,7 +134,14 @@ absl::Status FrameCall::AdmitPick(const v1::PickSurfaceRequest& pick) {
   pixels_ = std::move(converted.pixels);
   request_ = std::move(converted.request);
   spec_ = std::move(converted.frame);
-  return TakePlace();
+  return CountRefusal(TakePlace());
+}
+
+absl::Status FrameCall::CountRefusal(absl::Status status) const {
+  if (absl::IsResourceExhausted(status)) {
+    runner_->metrics()->CountRefused(caller_.name());
+  }
+  return status;
 }
 
 absl::Status FrameCall::TakePlace() {
@@ -194,6 +201,14 @@ void FrameCall::Cancel() {
   runner_->admission()->Leave(ticket_);
 }
 
+AuditRecord FrameCall::audit_record() const {
+  return {.caller = caller_.name(),
+          .certificate = origin_.certificate,
+          .peer = origin_.client,
+          .dataset = dataset_name_.empty() ? request_.dataset() : dataset_name_,
+          .dataset_id = dataset_id_};
+}
+
 void FrameCall::BeginWork() {
   on_board_->step()->store(FrameStep::kPreparing, std::memory_order_relaxed);
   runner_->metrics()->queue_wait.Observe(absl::Now() - start_);
@@ -218,12 +233,13 @@ void FrameCall::CountEnd(const absl::Status& status) const {
     metrics->refused_frames.Add();
     metrics->displaced_frames.Add();
     caller_.ReturnFrame();
+    metrics->CountRefused(caller_.name());
     return;
   }
   if (absl::IsDeadlineExceeded(turn_)) {
     metrics->expired_frames.Add();
   }
-  metrics->CountFrame(status, absl::Now() - start_);
+  metrics->CountFrame(status, absl::Now() - start_, is_moving_, caller_.name());
 }
 
 void FrameCall::CountSteps(const v1::RenderStatistics& statistics) const {
@@ -324,6 +340,7 @@ absl::Status FrameCall::TryRender(std::int64_t frame_number,
       runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_, caller_));
   find.End();
   dataset_name_ = target.dataset->dataset.name();
+  dataset_id_ = target.dataset->dataset.dataset_id();
   ISOSCOPE_RETURN_IF_ERROR(rpc::ResolveColorRanges(target.dataset->dataset, &request_, &spec_));
   *response->mutable_camera() = request_.camera();
   *response->mutable_extent() = rpc::ToProto(target.view.image_size());
@@ -531,6 +548,7 @@ absl::Status FrameCall::TryPick(std::int64_t frame_number, v1::PickSurfaceRespon
       const FrameTarget target,
       runner_->FindTarget(&request_, &spec_, origin_.request, cancellation_, caller_));
   dataset_name_ = target.dataset->dataset.name();
+  dataset_id_ = target.dataset->dataset.dataset_id();
   *response->mutable_camera() = request_.camera();
   spec_.sends_normals = true;
   ShowSurfacesOnCaps(&spec_, &request_);
@@ -621,13 +639,17 @@ void FrameCall::Log(std::int64_t frame_number, const absl::Status& status,
                    {"duration_ms", duration},
                    {"triangles", statistics.triangle_count()},
                    {"agents", statistics.agents_size()},
-                   {"network_bytes", statistics.network_bytes()}});
+                   {"network_bytes", statistics.network_bytes()},
+                   {"caller", caller_.name()},
+                   {"peer", origin_.client}});
   } else {
     base::LogWarning(pixels_.empty() ? "frame_failed" : "pick_failed",
                      {{"request", origin_.request.request_id()},
                       {"frame", frame_number},
                       {"dataset", request_.dataset()},
                       {"duration_ms", duration},
+                      {"caller", caller_.name()},
+                      {"peer", origin_.client},
                       {"status", status}});
   }
 }

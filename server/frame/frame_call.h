@@ -64,7 +64,8 @@ namespace isoscope::server {
 // Who asks for a frame.
 struct FrameOrigin {
   base::TraceContext request;
-  std::string client;  // as gRPC names the peer
+  std::string client;            // as gRPC names the peer
+  std::string certificate = {};  // name in the peer's certificate; empty without one
 };
 
 // The reactor of a call owns it, and the thread that renders shares it. Cancel is thread-safe, the
@@ -109,6 +110,9 @@ class FrameCall {
 
   [[nodiscard]] absl::Time start() const { return start_; }
   [[nodiscard]] FrameRunner* runner() const { return runner_; }
+  [[nodiscard]] const base::TraceContext& identity() const { return origin_.request; }
+  // Who asked for what. The dataset's id is known once Render or Pick has found it.
+  [[nodiscard]] AuditRecord audit_record() const;
 
   // Renders the frame into `response`. Blocks. Errors as IsosurfaceService says.
   absl::Status Render(isoscope::v1::RenderIsosurfaceResponse* response);
@@ -132,6 +136,8 @@ class FrameCall {
   absl::Status TakePlace();
   // Takes what the caller's token limits. Errors as Caller.
   absl::Status TakeShare();
+  // Returns `status`, once it is counted if it refuses the frame.
+  [[nodiscard]] absl::Status CountRefusal(absl::Status status) const;
   // Ends the wait for a thread.
   void BeginWork();
   // Counts a frame that ended, or that lost its place before its turn.
@@ -193,6 +199,7 @@ class FrameCall {
   base::TraceTime trace_zero_;
   std::vector<isoscope::v1::ProcessTrace> agent_traces_;
   std::string dataset_name_;
+  std::string dataset_id_;
   std::vector<FramePart> parts_;  // of the target, without those that were lost on the way
   image::FrameImage image_;
   image::FrameImage drawn_;   // if the picture is another one

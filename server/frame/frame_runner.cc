@@ -113,6 +113,7 @@ absl::StatusOr<FrameTarget> FrameRunner::FindTarget(isoscope::v1::RenderIsosurfa
                             options_.registry->FindComplete(request->dataset(), cancellation,
                                                             caller, request->allow_partial()));
   const DatasetState& dataset = *found;
+  ISOSCOPE_RETURN_IF_ERROR(CheckDatasetId(dataset.dataset, request->dataset_id()));
   ISOSCOPE_RETURN_IF_ERROR(CheckBackEnd(*spec, dataset));
   ISOSCOPE_ASSIGN_OR_RETURN(const volume::GridGeometry geometry,
                             rpc::GeometryFromProto(dataset.dataset.geometry(), "dataset.geometry"));
@@ -160,6 +161,7 @@ absl::StatusOr<FrameResult> FrameRunner::Run(const FrameIdentity& identity,
                                              std::vector<FramePart>* parts) {
   isoscope::v1::RenderIsosurfaceRequest of_agents = request;
   of_agents.clear_allow_partial();  // nothing to an agent
+  of_agents.clear_dataset_id();     // older agents refuse it
   while (true) {
     std::optional<std::size_t> lost_part;
     absl::StatusOr<FrameResult> result =
@@ -272,6 +274,7 @@ void FrameRunner::LearnFrom(const FrameIdentity& identity, const Attempts& attem
     metrics_.repeated_parts.Add(static_cast<std::int64_t>(outcome.failures.size()));
     for (const frame::AgentStatistics& agent : outcome.result.agents) {
       replicas_.NoteSuccess(agent.agent_address);
+      metrics_.CountPart(agent.agent_address, CoordinatorMetrics::PartOutcome::kDone);
     }
   }
   for (const AgentFailure& failure : outcome.failures) {
@@ -280,9 +283,11 @@ void FrameRunner::LearnFrom(const FrameIdentity& identity, const Attempts& attem
     } else {
       replicas_.NoteTrouble(failure.agent.address, now);
     }
+    metrics_.CountPart(failure.agent.address, CoordinatorMetrics::PartOutcome::kFailed);
   }
   for (const AgentIdentity& agent : outcome.outrun) {
     note_unanswered(agent.address);
+    metrics_.CountPart(agent.address, CoordinatorMetrics::PartOutcome::kOutrun);
     LogOutrun(*identity.request, identity.number, agent);
   }
 }
@@ -308,6 +313,15 @@ void FrameRunner::ReportFailures(const base::TraceContext& request, std::int64_t
     if (absl::IsUnavailable(failure.status) || absl::IsFailedPrecondition(failure.status)) {
       options_.registry->ReportFailure(failure.agent.address);
     }
+  }
+}
+
+void FrameRunner::EndRequest(RequestMethod method, const AuditRecord& record,
+                             const base::TraceContext& request, const absl::Status& status,
+                             absl::Duration duration) {
+  metrics_.CountRequest(method, status, duration);
+  if (options_.audit != nullptr) {
+    options_.audit->Write(NameOf(method), record, request.request_id(), status);
   }
 }
 

@@ -30,6 +30,7 @@
 #include "isoscope/internal/v1/partition_agent_service.pb.h"
 #include "isoscope/v1/isosurface_service.pb.h"
 #include "server/access/access_control.h"
+#include "server/access/audit_log.h"
 #include "server/admission/admission.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/admission/frame_board.h"
@@ -52,6 +53,7 @@ struct FrameRunnerOptions {
   std::size_t memory_limit_bytes = CoordinatorMemory::DefaultLimitBytes();
   // Those of the agents, if all of them share this process; else null.
   std::shared_ptr<image::PixelMailboxes> mailboxes = nullptr;
+  std::shared_ptr<AuditLog> audit = nullptr;  // null: none is kept
   // The runner takes memory for frames of this size at start. Not set: as frames come.
   std::optional<view::Viewport> expected_viewport = std::nullopt;
 };
@@ -136,6 +138,12 @@ class FrameRunner {
   void ReportQuery(const base::TraceContext& request, const QueryReport& report);
   // The turn of a query that one agent can answer.
   std::size_t NextTurn() { return next_turn_.fetch_add(1, std::memory_order_relaxed); }
+  // Counts a call that has ended, and writes its line of the audit log.
+  void EndRequest(RequestMethod method, const AuditRecord& record,
+                  const base::TraceContext& request, const absl::Status& status,
+                  absl::Duration duration);
+  // Null: none is kept.
+  [[nodiscard]] AuditLog* audit() const { return options_.audit.get(); }
 
   // The frames that have a place.
   [[nodiscard]] FrameBoard* board() { return &board_; }

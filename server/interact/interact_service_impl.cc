@@ -33,6 +33,7 @@
 #include "absl/time/clock.h"
 #include <grpcpp/alarm.h>
 
+#include "core/base/error_reason.h"
 #include "core/base/log.h"
 #include "core/base/memory_budget.h"
 #include "core/base/retry_delay.h"
@@ -79,6 +80,11 @@ absl::Status CheckState(const v1::ViewState& state, std::int64_t newest) {
   return absl::OkStatus();
 }
 
+absl::Status CoordinatorStops() {
+  return base::WithReason(absl::UnavailableError("the coordinator stops: connect again"),
+                          base::ErrorReason::kServerStops);
+}
+
 void SetDepthGrid(const DepthGrid& grid, v1::DepthGrid* proto) {
   proto->set_width(grid.width);
   proto->set_height(grid.height);
@@ -95,8 +101,11 @@ class InteractServiceImpl::InteractCall final
  public:
   InteractCall(InteractServiceImpl* service, grpc::CallbackServerContext* context)
       : service_(service),
-        origin_{.request = rpc::AnswerTraceContext(context), .client = context->peer()},
+        origin_{.request = rpc::AnswerTraceContext(context),
+                .client = context->peer(),
+                .certificate = rpc::PeerOf(*context).name},
         deadline_(rpc::DeadlineOf(*context)),
+        unsent_(&service->options_.runner->metrics()->unsent_bytes),
         timeout_(context) {}
 
   // Begins to read, or ends with the error of one of the two. REQUIRES: a shared_ptr owns the call.
@@ -141,6 +150,7 @@ class InteractServiceImpl::InteractCall final
     timeout_.Pause();
     const base::MutexLock lock(&mutex_);
     is_writing_ = false;
+    unsent_.Set(0);
     in_flight_memory_.reset();
     if (!ok) {
       EndLocked(absl::CancelledError("the client has gone"));
@@ -277,6 +287,7 @@ class InteractServiceImpl::InteractCall final
       admitted = frame->Admit();
     }
     if (!admitted.ok()) {
+      Audit(*frame, admitted);
       // The exact frame meets the same error, and tells it.
       bool is_told = start.is_exact || absl::IsInvalidArgument(admitted);
       if (absl::IsInvalidArgument(admitted)) {
@@ -335,6 +346,7 @@ class InteractServiceImpl::InteractCall final
     }
 
     const base::MutexLock lock(&mutex_);
+    Audit(*frame, status);
     frames_.erase(start.work);
     // A frame that was replaced is not missed. A moving one that fails is followed by an exact one
     // that does, too.
@@ -348,6 +360,24 @@ class InteractServiceImpl::InteractCall final
     }
     Proceed();
     FinishIfIdle();
+  }
+
+  // Writes a line of the audit log for the first frame of a dataset, and whenever what comes of the
+  // frames changes: dozens come a second.
+  void Audit(const FrameCall& frame, const absl::Status& status)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    AuditLog* const log = service_->options_.runner->audit();
+    if (log == nullptr || absl::IsCancelled(status)) {
+      return;
+    }
+    AuditRecord record = frame.audit_record();
+    if (audited_code_ == status.code() && record.dataset == audit_.dataset &&
+        record.dataset_id == audit_.dataset_id) {
+      return;
+    }
+    audit_ = std::move(record);
+    audited_code_ = status.code();
+    log->Write(NameOf(RequestMethod::kInteract), audit_, origin_.request.request_id(), status);
   }
 
   static void SetError(const absl::Status& status, v1::InteractResponse* message) {
@@ -400,6 +430,7 @@ class InteractServiceImpl::InteractCall final
       moving_frames_.insert(frame_count_);
       moving_frames_.erase(frame_count_ - 1000);
     }
+    unsent_.Set(static_cast<std::int64_t>(in_flight_.ByteSizeLong()));
     schedule_.OnSent(frame_count_, absl::Now(), is_of_exact_work);
     if (in_flight_.has_error()) {
       schedule_.OnShown(frame_count_, absl::Now());  // there is nothing to show
@@ -446,8 +477,11 @@ class InteractServiceImpl::InteractCall final
     if (end_.has_value() && frames_.empty() && !is_writing_ && !is_finished_) {
       is_finished_ = true;
       slot_.reset();  // before the client hears of the end, and opens another stream
-      service_->options_.runner->metrics()->CountRequest(RequestMethod::kInteract, *end_,
-                                                         absl::Now() - start_);
+      audit_.caller = caller_.name();
+      audit_.certificate = origin_.certificate;
+      audit_.peer = origin_.client;
+      service_->options_.runner->EndRequest(RequestMethod::kInteract, audit_, origin_.request,
+                                            *end_, absl::Now() - start_);
       Finish(rpc::ToGrpcStatus(*end_));
     }
   }
@@ -456,6 +490,7 @@ class InteractServiceImpl::InteractCall final
   const FrameOrigin origin_;  // of each frame of the stream
   const absl::Time deadline_;
   const absl::Time start_ = absl::Now();
+  base::GaugeShare unsent_;  // of the write under way
   rpc::WriteTimeout timeout_;
   Caller caller_;    // set by Start
   std::string key_;  // among callers; empty: not added
@@ -478,6 +513,8 @@ class InteractServiceImpl::InteractCall final
   absl::flat_hash_set<std::int64_t> moving_frames_ ABSL_GUARDED_BY(mutex_);  // not shown yet
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
   absl::Time alarm_time_ ABSL_GUARDED_BY(mutex_) = absl::InfiniteFuture();
+  AuditRecord audit_ ABSL_GUARDED_BY(mutex_);  // of the last line
+  std::optional<absl::StatusCode> audited_code_ ABSL_GUARDED_BY(mutex_);
   std::optional<absl::Status> end_ ABSL_GUARDED_BY(mutex_);
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
   std::shared_ptr<InteractCall> self_;  // reset by OnDone
@@ -507,7 +544,7 @@ void InteractServiceImpl::EndStreams() {
     }
   }
   for (const std::shared_ptr<InteractCall>& call : calls) {
-    call->End(absl::UnavailableError("the coordinator stops: connect again"));
+    call->End(CoordinatorStops());
   }
 }
 
@@ -517,7 +554,7 @@ absl::Status InteractServiceImpl::Add(const std::string& key,
   {
     const base::MutexLock lock(&mutex_);
     if (is_stopping_) {
-      return absl::UnavailableError("the coordinator stops: connect again");
+      return CoordinatorStops();
     }
     const auto own = calls_.find(key);
     const std::size_t own_count = own == calls_.end() ? 0 : own->second.size();

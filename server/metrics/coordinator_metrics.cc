@@ -9,6 +9,12 @@
 namespace isoscope::server {
 namespace {
 
+// By number.
+constexpr std::array<const char*, 10> kMethodNames = {
+    "RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface",
+    "Interact",         "ListDatasets",           "GetDataset",  "GetHistogram",
+    "GetCapabilities",  "GetClusterStatus"};
+
 using base::MetricFamily;
 using base::MetricLabels;
 using base::MetricSample;
@@ -32,6 +38,10 @@ MetricSample Value(const base::Counter& counter, const char* label = nullptr,
 MetricFamily Of(MetricFamily::Type type, const char* name, const char* help,
                 std::vector<MetricSample> samples) {
   return {.name = name, .help = help, .type = type, .samples = std::move(samples)};
+}
+
+absl::string_view NameOfCaller(absl::string_view caller) {
+  return caller.empty() ? "(no token)" : caller;
 }
 
 // "rendering occluders" -> "rendering_occluders".
@@ -62,7 +72,8 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
                           Value(metrics.refused_frames, "outcome", "refused")}));
   families->push_back(Of(Type::kHistogram, "isoscope_frame_duration_seconds",
                          "Time from the arrival of a frame or a pick to its end, waiting included.",
-                         {MetricSample::Of(metrics.frame_duration)}));
+                         {MetricSample::Of(metrics.frame_duration, {{"kind", "exact"}}),
+                          MetricSample::Of(metrics.moving_frame_duration, {{"kind", "moving"}})}));
   families->push_back(
       Of(Type::kHistogram, "isoscope_frame_step_duration_seconds",
          "Time of each step of frames that ended well.",
@@ -103,6 +114,9 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
   families->push_back(Of(Type::kGauge, "isoscope_export_memory_bytes",
                          "Memory that exports have reserved, of a share of their own.",
                          {Value(static_cast<double>(gauges.export_memory_bytes))}));
+  families->push_back(Of(Type::kGauge, "isoscope_unsent_bytes",
+                         "Bytes of answers that wait until their clients take them.",
+                         {Value(static_cast<double>(metrics.unsent_bytes.value()))}));
   families->push_back(Of(Type::kCounter, "isoscope_response_bytes_total",
                          "Bytes of pictures and planes of frames that ended well.",
                          {Value(metrics.response_bytes)}));
@@ -110,23 +124,36 @@ void AppendFrames(const CoordinatorMetrics& metrics, const CoordinatorGauges& ga
 
 }  // namespace
 
+const char* NameOf(RequestMethod method) { return kMethodNames[static_cast<std::size_t>(method)]; }
+
 CoordinatorMetrics::CoordinatorMetrics()
-    : requests_({"RenderIsosurface", "RenderIsosurfaceStream", "PickSurface", "ExportIsosurface",
-                 "Interact", "ListDatasets", "GetDataset", "GetHistogram", "GetCapabilities",
-                 "GetClusterStatus"}) {}
+    : requests_({kMethodNames.begin(), kMethodNames.end()}),
+      callers_("caller", {"done", "failed", "cancelled", "refused"}, kMaxCallers),
+      agents_("agent", {"done", "failed", "outrun"}, kMaxAgents) {}
 
 void CoordinatorMetrics::CountRequest(RequestMethod method, const absl::Status& status,
                                       absl::Duration duration) {
   requests_.Count(static_cast<std::size_t>(method), status.code(), duration);
 }
 
-void CoordinatorMetrics::CountFrame(const absl::Status& status, absl::Duration duration) {
+void CoordinatorMetrics::CountFrame(const absl::Status& status, absl::Duration duration,
+                                    bool is_moving, absl::string_view caller) {
   if (absl::IsCancelled(status)) {
     cancelled_frames.Add();
+    callers_.Add(NameOfCaller(caller), kCancelled);
     return;
   }
   (status.ok() ? done_frames : failed_frames).Add();
-  frame_duration.Observe(duration);
+  (is_moving ? moving_frame_duration : frame_duration).Observe(duration);
+  callers_.Add(NameOfCaller(caller), status.ok() ? kDone : kFailed);
+}
+
+void CoordinatorMetrics::CountRefused(absl::string_view caller) {
+  callers_.Add(NameOfCaller(caller), kRefused);
+}
+
+void CoordinatorMetrics::CountPart(absl::string_view agent_address, PartOutcome outcome) {
+  agents_.Add(agent_address, static_cast<std::size_t>(outcome));
 }
 
 absl::Status CoordinatorMetrics::CountRefusal(TokenLimit limit, absl::Status status) {
@@ -192,6 +219,24 @@ std::vector<MetricFamily> CoordinatorMetrics::Collect(const CoordinatorGauges& g
   families.push_back(Of(Type::kCounter, "isoscope_partial_frames_total",
                         "Frames without some shards, as their request allowed.",
                         {Value(partial_frames)}));
+  families.push_back(Of(Type::kCounter, "isoscope_caller_frames_total",
+                        "Frames and picks by caller, the name of its token, and outcome.",
+                        callers_.Samples()));
+  families.push_back(Of(Type::kCounter, "isoscope_agent_parts_total",
+                        "Parts of frames by agent and outcome.", agents_.Samples()));
+  families.push_back(Of(Type::kGauge, "isoscope_certificate_days_left",
+                        "Days until the own certificate expires; 0 if it can't be read, infinity "
+                        "without one.",
+                        {Value(gauges.certificate_days_left)}));
+  families.push_back(
+      Of(Type::kCounter, "isoscope_reload_failures_total",
+         "Files that were wrong, or could not be read, after a change; what was read before holds.",
+         {Value(static_cast<double>(gauges.token_failures), "file", "tokens"),
+          Value(static_cast<double>(gauges.certificate_failures), "file", "certificate")}));
+  families.push_back(Of(Type::kCounter, "isoscope_audit_lines_total",
+                        "Lines of the audit log, by result.",
+                        {Value(static_cast<double>(gauges.audit_lines), "result", "written"),
+                         Value(static_cast<double>(gauges.audit_failures), "result", "failed")}));
   std::vector<MetricSample> failures;
   for (std::size_t stage = 0; stage < kStageCount; ++stage) {
     for (std::size_t code = 0; code < kCodeCount; ++code) {

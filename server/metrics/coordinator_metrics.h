@@ -6,9 +6,11 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
 #include "core/base/metrics.h"
@@ -30,6 +32,8 @@ enum class RequestMethod {
   kGetClusterStatus,
 };
 
+// "RenderIsosurface".
+const char* NameOf(RequestMethod method);
 // Limits of a token (docs/security.md) that refuse calls.
 enum class TokenLimit { kFrameRate, kFrames, kStreams, kExports, kBytes };
 inline constexpr std::size_t kTokenLimitCount = 5;
@@ -53,18 +57,35 @@ struct CoordinatorGauges {
   std::size_t memory_limit_bytes = 0;
   std::size_t frame_memory_bytes = 0;   // reserved by frames
   std::size_t export_memory_bytes = 0;  // reserved by exports
+  double certificate_days_left = 0;
+  std::int64_t certificate_failures = 0;  // could not be read
+  std::int64_t token_failures = 0;        // the file was wrong after a change
+  std::int64_t audit_lines = 0;
+  std::int64_t audit_failures = 0;
 };
 
-// Updated while the coordinator works, by atomics alone. Thread-safe.
+// Updated while the coordinator works, by atomics and locks that nobody holds for long.
+// Thread-safe.
 struct CoordinatorMetrics {
+  // Callers and agents that have series of their own.
+  static constexpr std::size_t kMaxCallers = 32;
+  static constexpr std::size_t kMaxAgents = 64;
+
   CoordinatorMetrics();
 
   void CountRequest(RequestMethod method, const absl::Status& status, absl::Duration duration);
-  // Counts a frame or a pick that ended after it had waited for a thread.
-  void CountFrame(const absl::Status& status, absl::Duration duration);
+  // Counts a frame or a pick that ended after it had waited for a thread. A moving frame is one of
+  // a view. `caller`: name of the token; "" without one.
+  void CountFrame(const absl::Status& status, absl::Duration duration, bool is_moving,
+                  absl::string_view caller);
   // Counts a call if `status` refuses it. Returns `status`.
   absl::Status CountRefusal(TokenLimit limit, absl::Status status);
   void CountCut(CutReason reason) { cuts_[static_cast<std::size_t>(reason)].Add(); }
+  // Counts a frame that got no place, for its caller alone.
+  void CountRefused(absl::string_view caller);
+  enum class PartOutcome { kDone, kFailed, kOutrun };
+  // Counts a part of a frame on an agent.
+  void CountPart(absl::string_view agent_address, PartOutcome outcome);
   void CountAgentFailure(FrameStage stage, const absl::Status& status);
 
   base::Counter done_frames;
@@ -74,8 +95,9 @@ struct CoordinatorMetrics {
   base::Counter displaced_frames;  // of those, waited and made room for another client
   base::Counter expired_frames;    // of failed ones, whose deadline passed in the queue
   base::Counter rate_limited_frames;
-  base::Counter too_large_frames;  // for the memory limit
-  base::DurationHistogram frame_duration;
+  base::Counter too_large_frames;          // for the memory limit
+  base::DurationHistogram frame_duration;  // of exact frames and picks
+  base::DurationHistogram moving_frame_duration;
   base::DurationHistogram queue_wait;
   base::DurationHistogram memory_wait;
   base::DurationHistogram occluder_selection;
@@ -91,6 +113,7 @@ struct CoordinatorMetrics {
   base::Counter hedged_parts;    // also begun on a replica, because the agent was slow
   base::Counter outrun_parts;    // a replica was done first
   base::Counter partial_frames;
+  base::Gauge unsent_bytes;  // of answers that wait for their clients
 
   // Returns all of the above and `gauges`, with the metrics of the process.
   [[nodiscard]] std::vector<base::MetricFamily> Collect(const CoordinatorGauges& gauges) const;
@@ -99,9 +122,13 @@ struct CoordinatorMetrics {
   static constexpr std::size_t kStageCount = 5;
   static constexpr std::size_t kCodeCount = 17;
 
+  enum CallerOutcome : std::size_t { kDone, kFailed, kCancelled, kRefused };
+
   base::RequestMetrics requests_;
   std::array<base::Counter, kTokenLimitCount> token_refusals_;
   std::array<base::Counter, kCutReasonCount> cuts_;
+  base::CountersByName callers_;
+  base::CountersByName agents_;
   std::array<std::array<base::Counter, kCodeCount>, kStageCount> agent_failures_;
 };
 

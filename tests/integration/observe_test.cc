@@ -269,13 +269,17 @@ TEST_F(ObserveTest, FramesWithoutCullingWithLayersAndDrawnTwiceHaveTracesToo) {
 
 TEST_F(ObserveTest, ARequestIdIsInTheLogOfEveryProcessAndInTheAnswer) {
   StartCluster();
+  for (int i = 0; i < kShardCount; ++i) {
+    cluster_->agent(i).Signal(SIGUSR1);  // an agent's lines of frames come at debug
+    ISOSCOPE_ASSERT_OK(cluster_->agent(i).WaitForErrLine("log_level"));
+  }
   const Answer answer = Ask(cluster_->address(), SmallRequest(), kTraceparent);
   ISOSCOPE_ASSERT_OK(answer.status);
   EXPECT_EQ(answer.request_id, kTraceId);
   const std::string field = absl::StrCat("request=", kTraceId);
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string line,
                                 cluster_->coordinator().WaitForErrLine(field));
-  EXPECT_THAT(line, HasSubstr("frame_done"));
+  EXPECT_THAT(line, AllOf(HasSubstr("frame_done"), HasSubstr("caller="), HasSubstr("peer=ipv4:")));
   for (int i = 0; i < kShardCount; ++i) {
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string of_agent,
                                   cluster_->agent(i).WaitForErrLine(field));

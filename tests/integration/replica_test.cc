@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "gmock/gmock.h"
@@ -26,6 +27,7 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::kPatience;
+using ::testing::Not;
 using testing::Render;
 using testing::RunIsoscope;
 using testing::ServerProcess;
@@ -148,6 +150,48 @@ TEST_P(HeldReplicaTest, AnAgentThatHangsIsReplacedWithinTheDeadline) {
 INSTANTIATE_TEST_SUITE_P(Steps, HeldReplicaTest,
                          ::testing::Values("begin", "occluders", "visible_blocks"),
                          [](const auto& step) { return std::string(step.param); });
+
+// SIGTERM lets an agent announce that it drains: no part of a frame has to be repeated.
+TEST_F(ReplicaTest, WhileOneOfTwoReplicasIsDrainedNoFrameFailsOnAnyAgent) {
+  std::vector<ServerProcess> agents;
+  for (int i = 0; i < 2; ++i) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(agents.emplace_back(), testing::StartAgent({Shard(0), Shard(1)}));
+  }
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(
+      const ServerProcess coordinator,
+      testing::StartCoordinator({agents[0].address, agents[1].address}, {"--poll-seconds", "0.1"}));
+  std::atomic<bool> is_over{false};
+  std::atomic<int> frame_count{0};
+  std::vector<std::thread> clients;
+  for (int client = 0; client < 2; ++client) {
+    clients.emplace_back([&] {
+      while (!is_over) {
+        const RenderResponse response = Render(coordinator.address, LayeredRequest());
+        ISOSCOPE_EXPECT_OK(response);
+        EXPECT_TRUE(!response.ok() || response->png() == right_->png()) << "another picture";
+        ++frame_count;
+      }
+    });
+  }
+  const auto wait_for_frames = [&](int count) {
+    const int before = frame_count;
+    const absl::Time limit = absl::Now() + kPatience;
+    while (frame_count < before + count && absl::Now() < limit) {
+      absl::SleepFor(absl::Milliseconds(5));
+    }
+  };
+  wait_for_frames(4);
+  agents[0].process->Signal(SIGTERM);
+  ISOSCOPE_EXPECT_OK(coordinator.process->WaitForErrLine(
+      absl::StrCat("agent_drains address=", agents[0].address)));
+  ISOSCOPE_EXPECT_OK(agents[0].process->Wait(kPatience));
+  wait_for_frames(4);
+  is_over = true;
+  for (std::thread& client : clients) {
+    client.join();
+  }
+  EXPECT_THAT(coordinator.process->err(), Not(HasSubstr("agent_failed")));
+}
 
 TEST_F(ReplicaTest, AgentsAreReplacedOneAfterTheOtherUnderLoadAndNoFrameFails) {
   std::vector<ServerProcess> agents;

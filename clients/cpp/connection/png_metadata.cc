@@ -170,6 +170,7 @@ isoscope::v1::RenderIsosurfaceRequest DecidingPart(
   deciding.clear_output();
   deciding.clear_with_trace();
   deciding.clear_allow_partial();
+  deciding.clear_dataset_id();
   return deciding;
 }
 

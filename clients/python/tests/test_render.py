@@ -1,6 +1,7 @@
 """Pictures, planes, picks, meshes and histograms of a real server, beside what `isoscope` itself says."""
 
 import contextlib
+import dataclasses
 import json
 import pickle
 import subprocess
@@ -291,7 +292,7 @@ def test_messages_with_every_field_reach_the_server():
     assert fields - {"with_trace"} == {
         "dataset", "isovalue", "camera", "viewport", "culling", "base_color", "background_color", "ray_seed",
         "surfaces", "clip", "lights", "camera_fit", "region", "output", "ambient_occlusion", "silhouette", "samples",
-        "max_layers", "caps", "allow_partial",
+        "max_layers", "caps", "allow_partial", "dataset_id",
     }  # fmt: skip
 
 
@@ -323,3 +324,16 @@ def start(stack, program, event, *flags):
         if event in line:
             return line.split("address=")[1].split()[0]
     raise AssertionError(f"{program} ended")
+
+
+def test_a_dataset_whose_contents_have_changed_is_an_error_that_names_both(client):
+    dataset = client["shells"]
+    other = dataclasses.replace(dataset, id="f" * 32)
+    for call in (
+        lambda: other.render(127.5, size=32),
+        lambda: other.pick((1, 1), 127.5, size=32),
+        lambda: other.mesh(127.5),
+        lambda: other.histogram(),
+    ):
+        with pytest.raises(isoscope.errors.FailedPreconditionError, match=dataset.id + ".*" + "f" * 32):
+            call()

@@ -144,6 +144,23 @@ def test_wrong_arguments_are_named_before_anything_is_sent(look, words):
         _wire.frame_request(info(), isovalue, **look)
 
 
+def test_requests_name_the_contents_that_they_mean_if_the_server_knows_the_field():
+    limits = dict(version="1", max_viewport=1, max_concurrent_frames=1, max_queued_frames=1, max_message_bytes=1,
+                  max_frame_seconds=1.0)  # fmt: skip
+    for capabilities, expected in (
+        (None, ""),
+        (isoscope.Capabilities(**limits), ""),  # an older server refuses fields that it doesn't know
+        (isoscope.Capabilities(**limits, features=frozenset({"dataset_id"})), "0" * 32),
+    ):
+        for request in (
+            _wire.frame_request(info(), 1),
+            _wire.export_request(info(), 1, None, None),
+            _wire.histogram_request("v", 8, None),
+        ):
+            _wire.expect_dataset(request, info(), capabilities)
+            assert request.dataset_id == expected
+
+
 # ------------------------------------------------------------------------------------ PNG
 
 

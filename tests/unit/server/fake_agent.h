@@ -3,6 +3,7 @@
 #ifndef ISOSCOPE_TESTS_UNIT_SERVER_FAKE_AGENT_H_
 #define ISOSCOPE_TESTS_UNIT_SERVER_FAKE_AGENT_H_
 
+#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -38,6 +39,9 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
   void SetShards(std::vector<isoscope::internal::v1::ShardDescription> shards) {
     shards_ = std::move(shards);
   }
+
+  // Whether it says that it is about to stop.
+  std::atomic<bool> is_draining{false};
 
   // Set before Start.
   std::function<void()> on_describe = [] {};
@@ -81,6 +85,7 @@ class FakeAgent final : public isoscope::internal::v1::PartitionAgentService::Se
     response->mutable_picture_revision()->set_number(1);
     response->mutable_picture_revision()->set_back_end(
         isoscope::internal::v1::PictureRevision::BACK_END_CPU);
+    response->set_is_draining(is_draining.load());
     response->mutable_shards()->Assign(shards_.begin(), shards_.end());
     return Answer(*request, *response, grpc::Status::OK, context);
   }

@@ -575,6 +575,7 @@ TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) 
   wait_for_bytes(CoordinatorMemory::kExportAnswerBytes);
   absl::SleepFor(absl::Milliseconds(50));
   wait_for_bytes(CoordinatorMemory::kExportAnswerBytes);
+  EXPECT_GT(GaugeOf(coordinator_.get(), "isoscope_unsent_bytes"), 1e5);
   std::size_t bytes = 0;
   isoscope::v1::ExportIsosurfaceResponse chunk;
   while (reader->Read(&chunk)) {
@@ -583,6 +584,11 @@ TEST_F(IsosurfaceServiceTest, AnExportKeepsItsMemoryUntilASlowClientHasTheMesh) 
   EXPECT_THAT(rpc::ToAbslStatus(reader->Finish()), IsOk());
   EXPECT_EQ(bytes, kTriangles * 3 * sizeof(std::int64_t));
   wait_for_bytes(0);
+  const absl::Time end = absl::Now() + absl::Seconds(20);
+  while (GaugeOf(coordinator_.get(), "isoscope_unsent_bytes") != 0 && absl::Now() < end) {
+    absl::SleepFor(absl::Milliseconds(1));
+  }
+  EXPECT_EQ(GaugeOf(coordinator_.get(), "isoscope_unsent_bytes"), 0);
 }
 
 TEST_F(IsosurfaceServiceTest, AnExportGoesOnBehindTheLastBlockWhenAReplicaTakesOver) {

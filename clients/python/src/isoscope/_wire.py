@@ -479,7 +479,18 @@ def capabilities_from_proto(proto: cluster_pb.GetCapabilitiesResponse) -> Capabi
         max_message_bytes=proto.max_message_bytes,
         max_frame_seconds=proto.max_frame_seconds,
         gateway_address=proto.gateway_address,
+        features=frozenset(proto.features),
     )
+
+
+def expect_dataset(
+    request: pb.RenderIsosurfaceRequest | pb.ExportIsosurfaceRequest | datasets_pb.GetHistogramRequest,
+    dataset: DatasetInfo,
+    capabilities: Capabilities | None,
+) -> None:
+    """Lets a request fail if the name has other contents by now. Older servers refuse the field."""
+    if capabilities is not None and "dataset_id" in capabilities.features:
+        request.dataset_id = dataset.id
 
 
 def agents_from_proto(proto: cluster_pb.GetClusterStatusResponse) -> list[AgentState]:
@@ -493,6 +504,7 @@ def agents_from_proto(proto: cluster_pb.GetClusterStatusResponse) -> list[AgentS
             renderer=agent.renderer,
             picture_revision=agent.picture_revision,
             shards=tuple((shard.dataset, shard.shard_index, shard.block_count) for shard in agent.shards),
+            is_draining=agent.is_draining,
         )
         for agent in proto.agents
     ]

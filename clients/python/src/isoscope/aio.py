@@ -274,6 +274,7 @@ class Dataset(DatasetInfo):
         )  # fmt: skip
         _wire.set_output(request, format, quality, planes)
         request.allow_partial = bool(allow_partial)
+        _wire.expect_dataset(request, self, self._client._capabilities)
         parts = _wire.FrameParts()
         in_parts = pb.RenderIsosurfaceStreamRequest(request=request)
         await self._client._stream("RenderIsosurfaceStream", in_parts, timeout, parts.add)
@@ -300,7 +301,9 @@ class Dataset(DatasetInfo):
     ) -> PickedPoint | None | list[PickedPoint | None]:
         """Tells what pixels show: `isoscope.Dataset.pick` tells about the arguments."""
         several = pixels if isinstance(pixels, list) else [pixels]
-        request = _wire.pick_request(_blocking.pick_frame(self, isovalue, frame, look), several)
+        request = _wire.pick_request(
+            _blocking.pick_frame(self, self._client._capabilities, isovalue, frame, look), several
+        )
         response = await self._client._unary(rpc.IsosurfaceServiceStub, "PickSurface", request, timeout)
         points = _wire.picked_from_proto(response, several)
         return points if isinstance(pixels, list) else points[0]
@@ -315,6 +318,7 @@ class Dataset(DatasetInfo):
     ) -> Mesh:
         """Returns whole isosurfaces as one welded mesh: `isoscope.Dataset.mesh` tells about the arguments."""
         request = _wire.export_request(self, isovalue, surfaces, clip)
+        _wire.expect_dataset(request, self, self._client._capabilities)
         parts = _wire.MeshParts(request)
         await self._client._stream("ExportIsosurface", request, timeout, parts.add)
         return parts.mesh()
@@ -324,6 +328,7 @@ class Dataset(DatasetInfo):
     ) -> Histogram:
         """Counts the samples by value: `isoscope.Dataset.histogram` tells about the arguments."""
         request = _wire.histogram_request(self.name, bins, range)
+        _wire.expect_dataset(request, self, self._client._capabilities)
         return _wire.histogram_from_proto(
             await self._client._unary(datasets_rpc.DatasetServiceStub, "GetHistogram", request, timeout)
         )

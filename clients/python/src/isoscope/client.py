@@ -275,7 +275,10 @@ def raise_closed(error: ValueError, address: str) -> NoReturn:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Dataset(DatasetInfo):
-    """A volume on the server. Rendering, picking and meshes do not change it; all calls are idempotent."""
+    """A volume on the server. Rendering, picking and meshes do not change it; all calls are idempotent.
+
+    Its calls fail with FailedPreconditionError if the name has other contents by now: `refresh` gets them.
+    """
 
     _client: Client = field(compare=False)
 
@@ -358,6 +361,7 @@ class Dataset(DatasetInfo):
         )  # fmt: skip
         _wire.set_output(request, format, quality, planes)
         request.allow_partial = bool(allow_partial)
+        _wire.expect_dataset(request, self, self._client._capabilities)
         return self._client._render(request, timeout)
 
     @overload
@@ -395,7 +399,7 @@ class Dataset(DatasetInfo):
             For one pixel, its point, or None where the background shows; for a list, a list of these.
         """
         several = pixels if isinstance(pixels, list) else [pixels]
-        request = pick_frame(self, isovalue, frame, look)
+        request = pick_frame(self, self._client._capabilities, isovalue, frame, look)
         points = self._client._pick(request, several, timeout)
         return points if isinstance(pixels, list) else points[0]
 
@@ -418,6 +422,7 @@ class Dataset(DatasetInfo):
             timeout: deadline in seconds; default: the client's.
         """
         request = _wire.export_request(self, isovalue, surfaces, clip)
+        _wire.expect_dataset(request, self, self._client._capabilities)
         parts = _wire.MeshParts(request)
         self._client._stream("ExportIsosurface", request, timeout, parts.add)
         return parts.mesh()
@@ -433,6 +438,7 @@ class Dataset(DatasetInfo):
             timeout: deadline in seconds; default: the client's.
         """
         request = _wire.histogram_request(self.name, bins, range)
+        _wire.expect_dataset(request, self, self._client._capabilities)
         return _wire.histogram_from_proto(
             self._client._unary(datasets_rpc.DatasetServiceStub, "GetHistogram", request, timeout)
         )
@@ -474,7 +480,11 @@ class Dataset(DatasetInfo):
 
 
 def pick_frame(
-    dataset: DatasetInfo, isovalue: float | None, frame: Frame | None, look: dict[str, Any]
+    dataset: DatasetInfo,
+    capabilities: Capabilities | None,
+    isovalue: float | None,
+    frame: Frame | None,
+    look: dict[str, Any],
 ) -> pb.RenderIsosurfaceRequest:
     """Returns the frame that a pick is about."""
     if frame is None:
@@ -482,7 +492,9 @@ def pick_frame(
         unknown = [name for name in look if name not in known]
         if unknown:
             raise InvalidArgumentError(f"pick: unknown argument {unknown[0]!r}; expected {', '.join(known)}")
-        return _wire.frame_request(dataset, isovalue, **look)
+        request = _wire.frame_request(dataset, isovalue, **look)
+        _wire.expect_dataset(request, dataset, capabilities)
+        return request
     if isovalue is not None or look:
         given = "isovalue" if isovalue is not None else next(iter(look))
         raise InvalidArgumentError(f"pick: {given} can't be given with frame, which has it")

@@ -43,6 +43,7 @@ class Capabilities:
         max_message_bytes: largest message.
         max_frame_seconds: longest time of a frame.
         gateway_address: address of the web gateway, such as "https://host:8080/"; "" if there is none.
+        features: what the server can do beyond its first version, such as "dataset_id".
     """
 
     version: str
@@ -52,6 +53,7 @@ class Capabilities:
     max_message_bytes: int
     max_frame_seconds: float
     gateway_address: str = ""
+    features: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class AgentState:
         address: as the coordinator dials it.
         is_reachable: whether it answers; `message` says why not.
         message: "" if all is well.
+        is_draining: whether it is about to stop: it gets no new frames.
         version, renderer, picture_revision: for people.
         shards: (dataset name, shard index, number of blocks) of each shard that it serves.
     """
@@ -73,6 +76,7 @@ class AgentState:
     renderer: str
     picture_revision: str
     shards: tuple[tuple[str, int, int], ...]
+    is_draining: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,5 +44,17 @@ TEST(LogTest, LevelsBelowTheChosenOneAreDropped) {
   EXPECT_NE(text.find(" warning kept path={}\n"), std::string::npos) << text;
 }
 
+TEST(LogTest, JsonLinesHaveTheirFieldsAsStringsWhateverTheyHold) {
+  EXPECT_EQ(FormatLogJson("started", {}), R"("event":"started")");
+  EXPECT_EQ(FormatLogJson("e", {{"count", 7}, {"a", "say \"hi\"\\ \n\r\t"}}),
+            R"("event":"e","count":"7","a":"say \"hi\"\\ \n\r\t")");
+}
+
+TEST(LogTest, JsonStringsAreUtf8WithoutControlCharacters) {
+  EXPECT_EQ(JsonString("\x1b[2J"), "\"?[2J\"");
+  EXPECT_EQ(JsonString(absl::string_view("a\0b", 3)), "\"a?b\"");
+  EXPECT_EQ(JsonString("gr\xc3\xbc\xc3\x9f \xff\xc3"), "\"gr\xc3\xbc\xc3\x9f ??\"");
+}
+
 }  // namespace
 }  // namespace isoscope::base

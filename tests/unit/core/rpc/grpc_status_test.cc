@@ -2,9 +2,11 @@
 
 #include <string>
 
+#include "absl/strings/match.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "core/base/error_reason.h"
 #include "core/base/retry_delay.h"
 #include "tests/support/status_matchers.h"
 
@@ -69,12 +71,57 @@ std::string KnownDetails() {
 TEST(GrpcStatusTest, ATimeToWaitIsTheRetryInfoThatEveryoneReads) {
   const grpc::Status sent = ToGrpcStatus(
       base::WithRetryDelay(absl::ResourceExhaustedError("full"), absl::Milliseconds(1500)));
-  EXPECT_EQ(sent.error_details(), KnownDetails());
+  // The details that are known stand first, for clients that look no further.
+  EXPECT_TRUE(absl::StartsWith(sent.error_details(), KnownDetails()));
   EXPECT_EQ(base::RetryDelayOf(ToAbslStatus(sent)), absl::Milliseconds(1500));
 }
 
-TEST(GrpcStatusTest, ErrorsWithoutATimeToWaitHaveNoDetails) {
-  EXPECT_EQ(ToGrpcStatus(absl::ResourceExhaustedError("too large")).error_details(), "");
+// What google's libraries make of code 9, "no" and an ErrorInfo.
+TEST(GrpcStatusTest, AReasonIsTheErrorInfoThatEveryoneReads) {
+  const std::string error_info =
+      "\x0a\x12"
+      "DATASET_INCOMPLETE"
+      "\x12\x08"
+      "isoscope"
+      "\x1a\x11\x0a\x09"
+      "transient"
+      "\x12\x04"
+      "true";
+  const std::string url = "type.googleapis.com/google.rpc.ErrorInfo";
+  const std::string any = "\x0a\x28" + url + "\x12\x31" + error_info;
+  ASSERT_EQ(error_info.size(), 0x31u);
+  ASSERT_EQ(any.size(), 0x5du);
+  const grpc::Status sent = ToGrpcStatus(
+      base::WithReason(absl::FailedPreconditionError("no"), base::ErrorReason::kDatasetIncomplete));
+  EXPECT_EQ(sent.error_details(), "\x08\x09\x12\x02no\x1a\x5d" + any);
+  EXPECT_EQ(base::ReasonOf(ToAbslStatus(sent)), base::ErrorReason::kDatasetIncomplete);
+}
+
+TEST(GrpcStatusTest, EveryReasonAndItsTimeToWaitSurviveBothWays) {
+  for (int i = 0; i < base::kErrorReasonCount; ++i) {
+    const auto reason = static_cast<base::ErrorReason>(i);
+    const absl::Status status = base::WithReason(
+        base::WithRetryDelay(absl::ResourceExhaustedError("full"), absl::Seconds(2)), reason);
+    const absl::Status received = ToAbslStatus(ToGrpcStatus(status));
+    EXPECT_EQ(base::ReasonOf(received), reason);
+    EXPECT_EQ(base::RetryDelayOf(received), absl::Seconds(2));
+  }
+}
+
+TEST(GrpcStatusTest, ReasonsOfOtherServicesAreNotOurs) {
+  grpc::Status sent =
+      ToGrpcStatus(base::WithReason(absl::NotFoundError("x"), base::ErrorReason::kInternal));
+  std::string details = sent.error_details();
+  const std::size_t domain = details.rfind("isoscope");
+  ASSERT_NE(domain, std::string::npos);
+  details.replace(domain, 8, "somebody");
+  EXPECT_EQ(base::ReasonOf(ToAbslStatus({grpc::StatusCode::NOT_FOUND, "x", details})),
+            base::ErrorReason::kDatasetUnknown);
+}
+
+TEST(GrpcStatusTest, ErrorsWithoutATimeToWaitTellNone) {
+  EXPECT_EQ(base::RetryDelayOf(ToAbslStatus(ToGrpcStatus(absl::ResourceExhaustedError("large")))),
+            std::nullopt);
   EXPECT_EQ(base::RetryDelayOf(ToAbslStatus({grpc::RESOURCE_EXHAUSTED, "full"})), std::nullopt);
 }
 

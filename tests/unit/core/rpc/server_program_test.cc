@@ -12,6 +12,8 @@
 #include "absl/status/status.h"
 #include "gtest/gtest.h"
 
+#include "core/base/log.h"
+
 namespace isoscope::rpc {
 namespace {
 
@@ -95,6 +97,52 @@ TEST(ServerProgramTest, TheFirstSignalDrainsTheServer) {
               ExitedWithCode(0),
               "listens on localhost:1\n(.*\n)*.*shutdown signal=SIGTERM drain_seconds=2.5\n"
               "drains for 2.5s\n.*test_stopped\n$");
+}
+
+TEST(ServerProgramTest, TheLogLevelChangesWhileItRuns) {
+  const auto start = [](const ServerFlags& /*flags*/) -> absl::StatusOr<ServerShutdown> {
+    std::raise(SIGUSR1);
+    std::raise(SIGTERM);  // the lower number comes first, whatever was raised first
+    return [](absl::Duration /*grace*/) { base::LogDebug("seen_at_debug"); };
+  };
+  EXPECT_EXIT(RunAndExit({"--log-level", "warning"}, start), ExitedWithCode(0),
+              "log_level now=debug signal=SIGUSR1\n(.*\n)*.*debug seen_at_debug");
+  const auto start_and_back = [](const ServerFlags& /*flags*/) -> absl::StatusOr<ServerShutdown> {
+    std::raise(SIGUSR2);
+    std::raise(SIGTERM);
+    return [](absl::Duration /*grace*/) { base::LogDebug("seen_at_debug"); };
+  };
+  EXPECT_EXIT(RunAndExit({}, start_and_back), ExitedWithCode(0),
+              "log_level now=info signal=SIGUSR2\n.*shutdown[^\n]*\n.*test_stopped\n$");
+}
+
+TEST(ServerProgramTest, LogLinesAreJsonOnRequest) {
+  const auto start = [](const ServerFlags& /*flags*/) -> absl::StatusOr<ServerShutdown> {
+    std::raise(SIGTERM);
+    return [](absl::Duration /*grace*/) {};
+  };
+  EXPECT_EXIT(RunAndExit({"--log-format", "json"}, start), ExitedWithCode(0),
+              "^\\{\"time\":\"[0-9T:.-]+Z\",\"level\":\"info\",\"event\":\"shutdown\","
+              "\"signal\":\"SIGTERM\",\"drain_seconds\":\"30\"\\}\n");
+}
+
+TEST(ServerProgramTest, AProbeNamesWhatItAsksAndWhom) {
+  const auto parse = [](absl::string_view text) {
+    ServerFlags flags;
+    const absl::Status status = ParseProbe(text, &flags);
+    return status.ok()
+               ? std::string(flags.probe == Probe::kLive ? "live " : "ready ") + flags.probe_address
+               : std::string("wrong");
+  };
+  EXPECT_EQ(parse(""), "ready ");
+  EXPECT_EQ(parse("ready"), "ready ");
+  EXPECT_EQ(parse("live"), "live ");
+  EXPECT_EQ(parse("h:1"), "ready h:1");
+  EXPECT_EQ(parse("live,h:1"), "live h:1");
+  EXPECT_EQ(parse("ready,[::1]:7"), "ready [::1]:7");
+  EXPECT_EQ(parse("live,"), "wrong");
+  EXPECT_EQ(parse("lively"), "wrong");
+  EXPECT_EQ(parse("live,ready"), "wrong");
 }
 
 }  // namespace

@@ -31,16 +31,22 @@ std::map<std::string, double> ValuesOf(const std::vector<base::MetricFamily>& fa
 
 TEST(CoordinatorMetricsTest, FramesAreCountedByOutcomeAndCancelledOnesHaveNoDuration) {
   CoordinatorMetrics metrics;
-  metrics.CountFrame(absl::OkStatus(), absl::Seconds(1));
-  metrics.CountFrame(absl::UnavailableError(""), absl::Seconds(1));
-  metrics.CountFrame(absl::CancelledError(""), absl::Seconds(1));
+  metrics.CountFrame(absl::OkStatus(), absl::Seconds(1), false, "a");
+  metrics.CountFrame(absl::UnavailableError(""), absl::Seconds(1), false, "a");
+  metrics.CountFrame(absl::CancelledError(""), absl::Seconds(1), false, "a");
+  metrics.CountFrame(absl::OkStatus(), absl::Milliseconds(20), true, "");
+  metrics.CountRefused("a");
   metrics.refused_frames.Add();
   auto values = ValuesOf(metrics.Collect({}));
-  EXPECT_EQ(values["isoscope_frames_total outcome=done"], 1);
+  EXPECT_EQ(values["isoscope_frames_total outcome=done"], 2);
   EXPECT_EQ(values["isoscope_frames_total outcome=failed"], 1);
   EXPECT_EQ(values["isoscope_frames_total outcome=cancelled"], 1);
   EXPECT_EQ(values["isoscope_frames_total outcome=refused"], 1);
-  EXPECT_EQ(values["isoscope_frame_duration_seconds"], 2);
+  EXPECT_EQ(values["isoscope_frame_duration_seconds kind=exact"], 2);
+  EXPECT_EQ(values["isoscope_frame_duration_seconds kind=moving"], 1);
+  EXPECT_EQ(values["isoscope_caller_frames_total caller=a outcome=done"], 1);
+  EXPECT_EQ(values["isoscope_caller_frames_total caller=a outcome=refused"], 1);
+  EXPECT_EQ(values["isoscope_caller_frames_total caller=(no token) outcome=done"], 1);
 }
 
 TEST(CoordinatorMetricsTest, FramesThatWereNotDrawnAreCountedByReason) {
@@ -67,6 +73,16 @@ TEST(CoordinatorMetricsTest, FailuresOfAgentsAreCountedByStageAndCode) {
   EXPECT_EQ(values["isoscope_agent_failures_total stage=ended code=UNKNOWN"], 1);
 }
 
+TEST(CoordinatorMetricsTest, AgentsBeyondTheBoundAreOneSeries) {
+  CoordinatorMetrics metrics;
+  for (std::size_t i = 0; i < CoordinatorMetrics::kMaxAgents + 5; ++i) {
+    metrics.CountPart(absl::StrCat("10.0.0.", i, ":1"), CoordinatorMetrics::PartOutcome::kDone);
+  }
+  auto values = ValuesOf(metrics.Collect({}));
+  EXPECT_EQ(values["isoscope_agent_parts_total agent=10.0.0.0:1 outcome=done"], 1);
+  EXPECT_EQ(values["isoscope_agent_parts_total agent=(other) outcome=done"], 5);
+}
+
 TEST(CoordinatorMetricsTest, EveryMethodHasItsName) {
   CoordinatorMetrics metrics;
   metrics.CountRequest(RequestMethod::kRenderIsosurface, absl::OkStatus(), absl::Seconds(1));
@@ -91,7 +107,12 @@ TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
                                                        .complete_datasets = 2,
                                                        .incomplete_datasets = 8,
                                                        .memory_limit_bytes = 1 << 30,
-                                                       .frame_memory_bytes = 12345}));
+                                                       .frame_memory_bytes = 12345,
+                                                       .certificate_days_left = 6.5,
+                                                       .certificate_failures = 2,
+                                                       .token_failures = 1,
+                                                       .audit_lines = 10,
+                                                       .audit_failures = 3}));
   EXPECT_EQ(values["isoscope_admission_frames state=working"], 3);
   EXPECT_EQ(values["isoscope_admission_frames state=queued"], 7);
   EXPECT_EQ(values["isoscope_admission_limit_frames state=queued"], 32);
@@ -102,6 +123,10 @@ TEST(CoordinatorMetricsTest, GaugesAreThoseThatWereGiven) {
   EXPECT_EQ(values["isoscope_datasets state=incomplete"], 8);
   EXPECT_EQ(values["isoscope_memory_limit_bytes"], 1 << 30);
   EXPECT_EQ(values["isoscope_frame_memory_bytes"], 12345);
+  EXPECT_EQ(values["isoscope_certificate_days_left"], 6.5);
+  EXPECT_EQ(values["isoscope_reload_failures_total file=certificate"], 2);
+  EXPECT_EQ(values["isoscope_reload_failures_total file=tokens"], 1);
+  EXPECT_EQ(values["isoscope_audit_lines_total result=failed"], 3);
 }
 
 TEST(CoordinatorMetricsTest, NamesFollowTheConvention) {

@@ -1,0 +1,53 @@
+// Why a call failed, as programs read it: a reason finer than the code of a status, and whether the
+// same call may work later. core/rpc/grpc_status sends both as google.rpc.ErrorInfo;
+// docs/operations.md has the reasons in a table.
+
+#ifndef ISOSCOPE_CORE_BASE_ERROR_REASON_H_
+#define ISOSCOPE_CORE_BASE_ERROR_REASON_H_
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+
+namespace isoscope::base {
+
+enum class ErrorReason {
+  kDatasetUnknown,
+  kDatasetIncomplete,
+  kDatasetIdDiffers,
+  kInvalidField,
+  kTooBusy,
+  kRateLimited,
+  kTooLarge,
+  kAgentLost,
+  kServerStops,
+  kShardDamaged,
+  kDeadlinePassed,
+  kUnauthenticated,
+  kPermissionDenied,
+  kNotPossible,
+  kCancelled,
+  kUnimplemented,
+  kInternal,
+};
+inline constexpr int kErrorReasonCount = static_cast<int>(ErrorReason::kInternal) + 1;
+
+// "DATASET_UNKNOWN".
+const char* NameOf(ErrorReason reason);
+// None if there is no reason of that name.
+std::optional<ErrorReason> ErrorReasonFromName(absl::string_view name);
+// Whether the same call may work later, without a change of the request.
+bool IsTransient(ErrorReason reason);
+
+// Returns `status` with the reason as a payload. REQUIRES: it is an error.
+absl::Status WithReason(absl::Status status, ErrorReason reason);
+// The reason that was set; without one, that of the code. REQUIRES: `status` is an error.
+ErrorReason ReasonOf(const absl::Status& status);
+// The reason of an error without one: by its code, and by whether it tells a time to wait.
+ErrorReason DefaultReasonOf(const absl::Status& status);
+
+}  // namespace isoscope::base
+
+#endif  // ISOSCOPE_CORE_BASE_ERROR_REASON_H_

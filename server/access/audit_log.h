@@ -1,0 +1,77 @@
+// Who asked for which dataset, and what came of it: one JSON object a line for each call of a
+// public service, refused calls among them. docs/operations.md has the members.
+
+#ifndef ISOSCOPE_SERVER_ACCESS_AUDIT_LOG_H_
+#define ISOSCOPE_SERVER_ACCESS_AUDIT_LOG_H_
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include <sys/types.h>
+
+#include "core/base/metrics.h"
+#include "core/base/mutex.h"
+#include "core/rpc/peer.h"
+
+namespace isoscope::server {
+
+// One call, apart from how it ended.
+struct AuditRecord {
+  std::string caller = {};       // name of the token; empty without one, or if it is not known
+  std::string certificate = {};  // name in the certificate; empty without one
+  std::string peer = {};         // the connection as gRPC names it
+  std::string dataset = {};      // name that was asked for, or found
+  std::string dataset_id = {};   // of the dataset that was found; empty before that
+};
+
+// Fills in certificate and peer; `address`: the connection as gRPC names it.
+AuditRecord RecordOf(const rpc::Peer& peer, std::string address);
+
+// Returns the line of a call, with its line feed.
+std::string FormatAuditLine(absl::Time time, absl::string_view method, const AuditRecord& record,
+                            absl::string_view request_id, const absl::Status& status);
+
+// Thread-safe. A line is written before the caller has its answer, but not synced to the disk.
+class AuditLog {
+ public:
+  // path: a file to append to, made if it is not there, for owner and group only; "-": standard
+  // output. A file that was moved away is made anew, so logrotate needs no signal. Errors of
+  // opening.
+  static absl::StatusOr<std::unique_ptr<AuditLog>> Open(const std::string& path);
+  ~AuditLog();
+
+  AuditLog(const AuditLog&) = delete;
+  AuditLog& operator=(const AuditLog&) = delete;
+
+  // Writes a line. A line that can't be written is counted and logged; the call goes on.
+  void Write(absl::string_view method, const AuditRecord& record, absl::string_view request_id,
+             const absl::Status& status) ABSL_LOCKS_EXCLUDED(mutex_);
+
+  [[nodiscard]] std::int64_t written_lines() const { return written_lines_.value(); }
+  [[nodiscard]] std::int64_t failed_lines() const { return failed_lines_.value(); }
+
+ private:
+  explicit AuditLog(std::string path) : path_(std::move(path)) {}
+  absl::Status Reopen() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status WriteLine(absl::string_view line) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const std::string path_;
+  base::Counter written_lines_;
+  base::Counter failed_lines_;
+  base::Mutex mutex_;
+  int file_ ABSL_GUARDED_BY(mutex_) = -1;
+  dev_t device_ ABSL_GUARDED_BY(mutex_) = 0;
+  ino_t inode_ ABSL_GUARDED_BY(mutex_) = 0;
+  bool is_failing_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+}  // namespace isoscope::server
+
+#endif  // ISOSCOPE_SERVER_ACCESS_AUDIT_LOG_H_

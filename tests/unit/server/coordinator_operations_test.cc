@@ -1,0 +1,498 @@
+// What those who run a coordinator rely on: requests that name the contents that they expect,
+// features, pages, reasons of errors, readiness, agents that drain, and the audit log.
+
+#include <atomic>
+#include <fstream>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/synchronization/notification.h"
+#include "absl/time/clock.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <grpcpp/health_check_service_interface.h>
+
+#include "core/base/error_reason.h"
+#include "core/io/file.h"
+#include "core/rpc/grpc_status.h"
+#include "core/rpc/health_probe.h"
+#include "core/rpc/peer.h"
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/interact_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "server/access/access_tokens.h"
+#include "server/coordinator_server.h"
+#include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
+#include "tests/unit/server/fake_agent.h"
+
+namespace isoscope::server {
+namespace {
+
+namespace v1 = isoscope::v1;
+namespace internal = isoscope::internal::v1;
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using testing::FakeAgent;
+using ::testing::HasSubstr;
+using testing::IsOk;
+using testing::kSomeId;
+using testing::MakeShard;
+using testing::PlayEmptyFrame;
+using testing::StatusIs;
+
+constexpr char kOtherId[] = "fedcba9876543210fedcba9876543210";
+constexpr absl::Duration kLong = absl::Seconds(60);
+
+v1::RenderIsosurfaceRequest FrameRequest(const std::string& dataset_id) {
+  v1::RenderIsosurfaceRequest request;
+  request.set_dataset("head");
+  request.set_isovalue(100);
+  request.mutable_viewport()->set_width_px(32);
+  request.mutable_viewport()->set_height_px(16);
+  request.set_dataset_id(dataset_id);
+  return request;
+}
+
+// A coordinator in this process, and agents of a script.
+class CoordinatorOperationsTest : public ::testing::Test {
+ protected:
+  FakeAgent* AddAgent(std::vector<internal::ShardDescription> shards) {
+    agents_.push_back(std::make_unique<FakeAgent>(std::move(shards)));
+    FakeAgent* const agent = agents_.back().get();
+    agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      return PlayEmptyFrame(stream);
+    };
+    return agent;
+  }
+
+  void Start(bool waits = true) {
+    options_.poll_interval = absl::Milliseconds(20);
+    for (const std::unique_ptr<FakeAgent>& agent : agents_) {
+      agent->Start();
+      options_.agents.push_back({agent->address(), nullptr});
+    }
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(coordinator_, CoordinatorServer::Start(options_));
+    if (waits) {
+      ISOSCOPE_ASSERT_OK(coordinator_->WaitUntilReady(absl::Now() + kLong));
+    }
+    const auto channel = coordinator_->InProcessChannel();
+    frames_ = v1::IsosurfaceService::NewStub(channel);
+    interact_ = v1::InteractService::NewStub(channel);
+    datasets_ = v1::DatasetService::NewStub(channel);
+    cluster_ = v1::ClusterService::NewStub(channel);
+  }
+
+  absl::Status Render(const v1::RenderIsosurfaceRequest& request) {
+    grpc::ClientContext context;
+    v1::RenderIsosurfaceResponse response;
+    return rpc::ToAbslStatus(frames_->RenderIsosurface(&context, request, &response));
+  }
+  absl::Status Pick(const v1::RenderIsosurfaceRequest& frame) {
+    grpc::ClientContext context;
+    v1::PickSurfaceRequest request;
+    *request.mutable_frame() = frame;
+    request.add_pixels();
+    v1::PickSurfaceResponse response;
+    return rpc::ToAbslStatus(frames_->PickSurface(&context, request, &response));
+  }
+  // The error or the exact frame of one view.
+  v1::InteractResponse Interact(const v1::RenderIsosurfaceRequest& frame) {
+    grpc::ClientContext context;
+    const auto stream = interact_->Interact(&context);
+    v1::InteractRequest request;
+    request.mutable_view_state()->set_sequence_number(1);
+    request.mutable_view_state()->set_is_at_rest(true);
+    *request.mutable_view_state()->mutable_frame() = frame;
+    stream->Write(request);
+    v1::InteractResponse response;
+    while (stream->Read(&response) && !response.has_error() && !response.is_exact()) {
+    }
+    stream->WritesDone();
+    stream->Finish();
+    return response;
+  }
+  absl::Status Export(const std::string& dataset_id) {
+    grpc::ClientContext context;
+    v1::ExportIsosurfaceRequest request;
+    request.set_dataset("head");
+    request.set_isovalue(100);
+    request.set_dataset_id(dataset_id);
+    const auto stream = frames_->ExportIsosurface(&context, request);
+    v1::ExportIsosurfaceResponse response;
+    while (stream->Read(&response)) {
+    }
+    return rpc::ToAbslStatus(stream->Finish());
+  }
+  absl::Status Histogram(const std::string& dataset_id) {
+    grpc::ClientContext context;
+    v1::GetHistogramRequest request;
+    request.set_dataset("head");
+    request.set_dataset_id(dataset_id);
+    v1::GetHistogramResponse response;
+    return rpc::ToAbslStatus(datasets_->GetHistogram(&context, request, &response));
+  }
+  absl::StatusOr<v1::ListDatasetsResponse> List(int page_size, const std::string& token) {
+    grpc::ClientContext context;
+    v1::ListDatasetsRequest request;
+    request.set_page_size(page_size);
+    request.set_page_token(token);
+    v1::ListDatasetsResponse response;
+    const absl::Status status =
+        rpc::ToAbslStatus(datasets_->ListDatasets(&context, request, &response));
+    return status.ok() ? absl::StatusOr<v1::ListDatasetsResponse>(response) : status;
+  }
+  absl::StatusOr<v1::GetClusterStatusResponse> Status(int page_size = 0,
+                                                      const std::string& token = "") {
+    grpc::ClientContext context;
+    v1::GetClusterStatusRequest request;
+    request.set_page_size(page_size);
+    request.set_page_token(token);
+    v1::GetClusterStatusResponse response;
+    const absl::Status status =
+        rpc::ToAbslStatus(cluster_->GetClusterStatus(&context, request, &response));
+    return status.ok() ? absl::StatusOr<v1::GetClusterStatusResponse>(response) : status;
+  }
+
+  std::vector<std::unique_ptr<FakeAgent>> agents_;
+  CoordinatorServerOptions options_;
+  std::unique_ptr<CoordinatorServer> coordinator_;
+  std::unique_ptr<v1::IsosurfaceService::Stub> frames_;
+  std::unique_ptr<v1::InteractService::Stub> interact_;
+  std::unique_ptr<v1::DatasetService::Stub> datasets_;
+  std::unique_ptr<v1::ClusterService::Stub> cluster_;
+};
+
+std::vector<std::string> NamesOf(const v1::ListDatasetsResponse& response) {
+  std::vector<std::string> names;
+  for (const v1::Dataset& dataset : response.datasets()) {
+    names.push_back(dataset.name());
+  }
+  return names;
+}
+
+TEST_F(CoordinatorOperationsTest, ARequestForOtherContentsIsRefusedNamingBothIds) {
+  AddAgent({MakeShard("head", 0, 1)});
+  Start();
+  const auto is_refused = StatusIs(absl::StatusCode::kFailedPrecondition,
+                                   AllOf(HasSubstr(kSomeId), HasSubstr(kOtherId)));
+  const absl::Status refused = Render(FrameRequest(kOtherId));
+  EXPECT_THAT(refused, is_refused);
+  EXPECT_EQ(base::ReasonOf(refused), base::ErrorReason::kDatasetIdDiffers);
+  EXPECT_THAT(Pick(FrameRequest(kOtherId)), is_refused);
+  EXPECT_THAT(Export(kOtherId), is_refused);
+  EXPECT_THAT(Histogram(kOtherId), is_refused);
+  const v1::InteractResponse answer = Interact(FrameRequest(kOtherId));
+  EXPECT_EQ(answer.error().code(), static_cast<int>(absl::StatusCode::kFailedPrecondition));
+  EXPECT_THAT(answer.error().message(), AllOf(HasSubstr(kSomeId), HasSubstr(kOtherId)));
+}
+
+// The open finding of docs/lab/robustness.md: an agent alone with other contents under the name.
+TEST_F(CoordinatorOperationsTest, APartOfOtherContentsIsNoPartOfThoseExpected) {
+  AddAgent({MakeShard("head", 0, 2, kOtherId)});
+  Start(/*waits=*/false);
+  v1::RenderIsosurfaceRequest request = FrameRequest("");
+  request.set_allow_partial(true);
+  request.set_dataset_id(kSomeId);
+  EXPECT_THAT(Render(request),
+              StatusIs(absl::StatusCode::kFailedPrecondition, HasSubstr(kOtherId)));
+}
+
+TEST_F(CoordinatorOperationsTest, TheRightIdPassesAndNeverReachesAnAgent) {
+  std::string sent = "none";
+  AddAgent({MakeShard("head", 0, 1)})->on_frame = [&](grpc::ServerContext*,
+                                                      FakeAgent::FrameStream* stream) {
+    internal::RenderFrameRequest request;
+    stream->Read(&request);
+    sent = request.begin().request().dataset_id();
+    internal::RenderFrameResponse response;
+    response.mutable_frame_done();
+    stream->Write(response);
+    return grpc::Status::OK;
+  };
+  Start();
+  v1::RenderIsosurfaceRequest request = FrameRequest(kSomeId);
+  request.set_culling(v1::CULLING_NONE);
+  EXPECT_THAT(Render(request), IsOk());
+  EXPECT_EQ(sent, "");
+}
+
+TEST_F(CoordinatorOperationsTest, TheFeaturesAreExactlyTheseInOrder) {
+  AddAgent({MakeShard("head", 0, 1)});
+  Start();
+  grpc::ClientContext context;
+  v1::GetCapabilitiesResponse capabilities;
+  ASSERT_TRUE(cluster_->GetCapabilities(&context, {}, &capabilities).ok());
+  EXPECT_THAT(capabilities.features(),
+              ElementsAre("dataset_id", "draining_agents", "error_info", "pages"));
+}
+
+TEST_F(CoordinatorOperationsTest, PagesHaveEachDatasetOnceAndZeroIsAll) {
+  AddAgent({MakeShard("a", 0, 1), MakeShard("b", 0, 1, kOtherId), MakeShard("c", 0, 1)});
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, List(0, ""));
+  EXPECT_THAT(NamesOf(all), ElementsAre("a", "b", "c"));
+  EXPECT_EQ(all.next_page_token(), "");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, List(2, ""));
+  EXPECT_THAT(NamesOf(first), ElementsAre("a", "b"));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, List(2, first.next_page_token()));
+  EXPECT_THAT(NamesOf(second), ElementsAre("c"));
+  EXPECT_EQ(second.next_page_token(), "");
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto exact, List(3, ""));
+  EXPECT_EQ(exact.next_page_token(), "");
+}
+
+TEST_F(CoordinatorOperationsTest, DatasetsThatGoBetweenPagesShiftNothing) {
+  AddAgent({MakeShard("a", 0, 1)});
+  FakeAgent* const other = AddAgent({MakeShard("b", 0, 1, kOtherId), MakeShard("d", 0, 1)});
+  AddAgent({MakeShard("c", 0, 1)});
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, List(2, ""));
+  EXPECT_THAT(NamesOf(first), ElementsAre("a", "b"));
+  other->Stop();
+  const absl::Time limit = absl::Now() + kLong;
+  while (absl::Now() < limit) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto all, List(0, ""));
+    if (all.datasets_size() == 2) {
+      break;
+    }
+    absl::SleepFor(absl::Milliseconds(5));
+  }
+  // "b", at which the page ended, is gone.
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto second, List(2, first.next_page_token()));
+  EXPECT_THAT(NamesOf(second), ElementsAre("c"));
+  EXPECT_EQ(second.next_page_token(), "");
+}
+
+TEST_F(CoordinatorOperationsTest, PagesOfARestrictedCallerHaveNeitherHoleNorHiddenName) {
+  const testing::TempDir folder;
+  options_.token_file = folder.Sub("tokens.json");
+  options_.audit_log = folder.Sub("audit.log");
+  std::ofstream(options_.token_file)
+      << R"({"tokens": [{"name": "ward", "sha256": ")"
+      << absl::BytesToHexString(DigestOfToken("secret")) << R"(", "datasets": ["a", "c"]}]})";
+  AddAgent({MakeShard("a", 0, 1), MakeShard("b", 0, 1, kOtherId), MakeShard("c", 0, 1)});
+  Start();
+  std::vector<std::string> names;
+  std::string token;
+  do {
+    grpc::ClientContext context;
+    rpc::SendToken("secret", &context);
+    v1::ListDatasetsRequest request;
+    request.set_page_size(1);
+    request.set_page_token(token);
+    v1::ListDatasetsResponse response;
+    ISOSCOPE_ASSERT_OK(rpc::ToAbslStatus(datasets_->ListDatasets(&context, request, &response)));
+    ASSERT_EQ(response.datasets_size(), 1);
+    names.push_back(response.datasets(0).name());
+    token = response.next_page_token();
+  } while (!token.empty());
+  EXPECT_THAT(names, ElementsAre("a", "c"));
+  // Who shows nothing is refused, and leaves a line all the same.
+  EXPECT_THAT(List(0, ""), StatusIs(absl::StatusCode::kUnauthenticated));
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string text,
+                                io::ReadWholeFile(options_.audit_log, 1 << 20));
+  EXPECT_THAT(text, HasSubstr("\"caller\":\"ward\""));
+  EXPECT_THAT(text, HasSubstr("\"code\":\"UNAUTHENTICATED\""));
+}
+
+TEST_F(CoordinatorOperationsTest, AgentsHavePagesAndWrongTokensAreNamed) {
+  for (int i = 0; i < 3; ++i) {
+    AddAgent({MakeShard("head", i, 3)});
+  }
+  Start();
+  std::set<std::string> seen;
+  std::string token;
+  for (int page = 0; page < 3; ++page) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status(1, token));
+    ASSERT_EQ(status.agents_size(), 1);
+    EXPECT_TRUE(status.has_load());
+    seen.insert(status.agents(0).address());
+    token = status.next_page_token();
+    EXPECT_EQ(token.empty(), page == 2);
+  }
+  EXPECT_EQ(seen.size(), 3u);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto first, Status(1));
+  // A token of one list is none of another.
+  for (const std::string& wrong : {std::string("x"), std::string("!"), first.next_page_token()}) {
+    const absl::Status refused = List(1, wrong).status();
+    EXPECT_THAT(refused, StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("page_token")));
+    EXPECT_EQ(base::ReasonOf(refused), base::ErrorReason::kInvalidField);
+  }
+  EXPECT_THAT(List(-1, ""), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("page_size")));
+  EXPECT_THAT(Status(-1), StatusIs(absl::StatusCode::kInvalidArgument, HasSubstr("page_size")));
+}
+
+TEST_F(CoordinatorOperationsTest, ErrorsTellTheirReasonAndWhetherItPasses) {
+  FakeAgent* const agent = AddAgent({MakeShard("head", 0, 1)});
+  AddAgent({MakeShard("half", 0, 2, kOtherId)});
+  agent->on_frame = [](grpc::ServerContext*, FakeAgent::FrameStream*) {
+    return grpc::Status(grpc::StatusCode::DATA_LOSS, "block 7 is damaged");
+  };
+  Start();
+  const auto reason_of = [this](v1::RenderIsosurfaceRequest request, const std::string& dataset) {
+    request.set_dataset(dataset);
+    return base::ReasonOf(Render(request));
+  };
+  EXPECT_EQ(reason_of(FrameRequest(""), "head"), base::ErrorReason::kShardDamaged);
+  EXPECT_EQ(reason_of(FrameRequest(""), "foot"), base::ErrorReason::kDatasetUnknown);
+  EXPECT_EQ(reason_of(FrameRequest(""), "half"), base::ErrorReason::kDatasetIncomplete);
+  v1::RenderIsosurfaceRequest malformed = FrameRequest("");
+  malformed.mutable_viewport()->set_width_px(-1);
+  EXPECT_EQ(reason_of(malformed, "head"), base::ErrorReason::kInvalidField);
+  agents_[0]->Stop();
+  const base::ErrorReason lost = reason_of(FrameRequest(""), "head");
+  EXPECT_TRUE(lost == base::ErrorReason::kAgentLost ||
+              lost == base::ErrorReason::kDatasetIncomplete)
+      << base::NameOf(lost);
+  EXPECT_TRUE(base::IsTransient(lost));
+}
+
+TEST_F(CoordinatorOperationsTest, AnAgentThatDrainsGetsNoFramesIfAReplicaHasItsShards) {
+  std::atomic<int> drained_frames{0};
+  std::atomic<bool> is_drained{false};
+  for (int i = 0; i < 2; ++i) {
+    FakeAgent* const agent = AddAgent({MakeShard("head", 0, 1)});
+    agent->on_frame = [&, agent](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+      drained_frames += is_drained && agent->is_draining ? 1 : 0;
+      return PlayEmptyFrame(stream);
+    };
+  }
+  Start();
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_THAT(Render(FrameRequest("")), IsOk());
+  }
+  for (const std::unique_ptr<FakeAgent>& agent : agents_) {
+    agent->is_draining = true;
+    const absl::Time limit = absl::Now() + kLong;
+    while (absl::Now() < limit) {
+      ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
+      const auto drains = [&](const v1::AgentStatus& seen) {
+        return seen.is_draining() == (seen.address() == agent->address());
+      };
+      if (drains(status.agents(0)) && drains(status.agents(1))) {
+        break;
+      }
+      EXPECT_THAT(Render(FrameRequest("")), IsOk());
+    }
+    is_drained = true;
+    for (int i = 0; i < 10; ++i) {
+      EXPECT_THAT(Render(FrameRequest("")), IsOk());
+    }
+    EXPECT_EQ(drained_frames, 0);
+    is_drained = false;
+    agent->is_draining = false;
+  }
+}
+
+TEST_F(CoordinatorOperationsTest, AnAgentThatDrainsAloneServesToItsEnd) {
+  AddAgent({MakeShard("head", 0, 1)})->is_draining = true;
+  Start();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
+  EXPECT_TRUE(status.agents(0).is_draining());
+  EXPECT_THAT(Render(FrameRequest("")), IsOk());
+}
+
+// The lines of the audit log that a call has left.
+TEST_F(CoordinatorOperationsTest, EachCallLeavesAnAuditLineRefusedOnesToo) {
+  const testing::TempDir folder;
+  const std::string path = folder.Sub("audit.log");
+  options_.audit_log = path;
+  AddAgent({MakeShard("head", 0, 1)});
+  Start();
+  EXPECT_THAT(Render(FrameRequest(kSomeId)), IsOk());
+  EXPECT_FALSE(Render(FrameRequest(kOtherId)).ok());
+  v1::RenderIsosurfaceRequest malformed = FrameRequest("");
+  malformed.mutable_viewport()->set_width_px(-1);
+  EXPECT_FALSE(Render(malformed).ok());
+  EXPECT_FALSE(Pick(FrameRequest(kOtherId)).ok());
+  EXPECT_FALSE(Export(kOtherId).ok());
+  EXPECT_FALSE(Histogram(kOtherId).ok());
+  EXPECT_TRUE(Interact(FrameRequest("")).is_exact());
+  ISOSCOPE_EXPECT_OK(List(0, "").status());
+  coordinator_->Shutdown(kLong);  // the last lines are written
+  coordinator_.reset();
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string text, io::ReadWholeFile(path, 1 << 20));
+  const std::vector<std::string> lines = absl::StrSplit(text, '\n', absl::SkipEmpty());
+  const auto line_of = [&](const std::string& method, const std::string& code) {
+    std::vector<std::string> found;
+    for (const std::string& line : lines) {
+      if (absl::StrContains(line, absl::StrCat("\"method\":\"", method, "\"")) &&
+          absl::StrContains(line, absl::StrCat("\"code\":\"", code, "\""))) {
+        found.push_back(line);
+      }
+    }
+    return found.empty() ? std::string("no line\n") + text : found.front();
+  };
+  const std::string id = absl::StrCat("\"dataset\":\"head\",\"dataset_id\":\"", kSomeId, "\"");
+  EXPECT_THAT(line_of("RenderIsosurface", "OK"), HasSubstr(id));
+  EXPECT_THAT(line_of("RenderIsosurface", "FAILED_PRECONDITION"),
+              HasSubstr("\"reason\":\"DATASET_ID_DIFFERS\""));
+  EXPECT_THAT(line_of("RenderIsosurface", "INVALID_ARGUMENT"),
+              HasSubstr("\"dataset\":\"head\",\"dataset_id\":\"\""));
+  EXPECT_THAT(line_of("PickSurface", "FAILED_PRECONDITION"), HasSubstr("\"peer\":\"unknown\""));
+  EXPECT_THAT(line_of("ExportIsosurface", "FAILED_PRECONDITION"), HasSubstr(id));
+  EXPECT_THAT(line_of("GetHistogram", "FAILED_PRECONDITION"), HasSubstr(id));
+  EXPECT_THAT(line_of("Interact", "OK"), HasSubstr(id));
+  EXPECT_THAT(line_of("ListDatasets", "OK"), HasSubstr("\"request\":\""));
+}
+
+TEST_F(CoordinatorOperationsTest, AnAuditLogThatCannotBeOpenedStopsTheStart) {
+  options_.audit_log = "/nonexistent/audit.log";
+  options_.agents = {{"127.0.0.1:1", nullptr}};
+  EXPECT_THAT(CoordinatorServer::Start(options_).status(),
+              StatusIs(absl::StatusCode::kNotFound, HasSubstr("--audit-log")));
+}
+
+class ReadinessTest : public CoordinatorOperationsTest {
+ protected:
+  absl::Status Probe(rpc::Probe probe) const {
+    return rpc::ProbeHealth(absl::StrCat("127.0.0.1:", coordinator_->port()), {}, kLong, probe);
+  }
+};
+
+TEST_F(ReadinessTest, ItIsLiveAtOnceAndReadyOnceAllAgentsWereAsked) {
+  absl::Notification may_answer;
+  AddAgent({MakeShard("head", 0, 2)});  // one of two shards: never complete
+  AddAgent({})->on_describe = [&] { may_answer.WaitForNotification(); };
+  options_.listen_address = "127.0.0.1:0";
+  Start(/*waits=*/false);
+  EXPECT_THAT(Probe(rpc::Probe::kLive), IsOk());
+  EXPECT_THAT(Probe(rpc::Probe::kReady), StatusIs(absl::StatusCode::kUnavailable));
+  may_answer.Notify();
+  const absl::Time limit = absl::Now() + kLong;
+  while (!Probe(rpc::Probe::kReady).ok() && absl::Now() < limit) {
+    absl::SleepFor(absl::Milliseconds(5));
+  }
+  EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
+}
+
+TEST_F(ReadinessTest, ItStaysReadyWhenItsOnlyDatasetIsLost) {
+  AddAgent({MakeShard("head", 0, 1)});
+  options_.listen_address = "127.0.0.1:0";
+  Start();
+  EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
+  agents_[0]->Stop();
+  const absl::Time limit = absl::Now() + kLong;
+  while (absl::Now() < limit) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto status, Status());
+    if (status.agents(0).state() == v1::AgentStatus::STATE_UNREACHABLE) {
+      break;
+    }
+    absl::SleepFor(absl::Milliseconds(5));
+  }
+  EXPECT_THAT(Probe(rpc::Probe::kReady), IsOk());
+  coordinator_->Shutdown(absl::ZeroDuration());
+  EXPECT_FALSE(Probe(rpc::Probe::kReady).ok());
+}
+
+}  // namespace
+}  // namespace isoscope::server
