@@ -230,8 +230,13 @@ def test_wrong_addresses_are_errors_that_say_what_is_expected(address):
 def test_a_token_leaves_this_machine_only_encrypted():
     assert target("localhost:1", token="t").call_metadata() == (("authorization", "Bearer t"),)
     assert target("127.0.0.1:1", token="t").token == "t"
-    with pytest.raises(InvalidArgumentError, match="unencrypted"):
-        target("host:1", token="t")
+    assert target("[::1]:1", token="t").token == target("unix:/tmp/s", token="t").token == "t"
+    for address in (
+        "host:1", "10.0.0.1:1", "192.0.2.7", "0.0.0.0:1", "[2001:db8::1]:1", "2001:db8::1", "localhost.example.org:1",
+        "dns:///host:1", "ipv4:192.0.2.7:1",
+    ):  # fmt: skip
+        with pytest.raises(InvalidArgumentError, match="unencrypted"):
+            target(address, token="t")
     assert target("host:1", token="t", tls=True).tls
     assert not target("host:1", token="t", allow_insecure_token=True).tls
     assert "secret" not in repr(target("localhost", token="secret"))
