@@ -927,6 +927,19 @@ TEST(CpuRendererTest, APassIsFullOnceItKeepsMoreBytesThanItsLimit) {
   EXPECT_GT(full_count, 2);
 }
 
+TEST(CpuRendererTest, TiesCountForTheLimitOfWhatAPassKeeps) {
+  const Scene scene = EmptyScene();
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
+  const view::View view = MakeOrthographicView(scene, 400, 400, 4, {32, 32, 32});
+  const std::size_t meshes = low_mesh->size_bytes() + high_mesh->size_bytes();
+  const auto renderer = MakeCpuRenderer(meshes + 1000);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, SpecOf()));
+  ISOSCOPE_ASSERT_OK(pass->Add(low_mesh));
+  EXPECT_FALSE(pass->is_full());
+  ISOSCOPE_ASSERT_OK(pass->Add(high_mesh));
+  EXPECT_TRUE(pass->is_full()) << "thousands of pixels have two fragments of one depth";
+}
+
 TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
   const Scene scene = MakeBumpySphere(48, 8, 18, 1);
   const view::View view = MakeView(scene, 200, 200, 10, 10);

@@ -360,7 +360,7 @@ TEST(FootprintTest, AVertexZoomedInUntilFloatMovesItIsInsideItsRectangle) {
     camera.eye = camera.eye + (target - camera.target);
     camera.target = target;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, View::Make(camera, {kSide, kSide}, geometry));
-    const Footprint footprint = view.FootprintOf(corner - math::Vec3d{8, 8, 8}, corner);
+    const Footprint footprint = view.FootprintOf(corner - math::Vec3d{1, 1, 1}, corner);
     const math::Vec3f p{static_cast<float>(corner.x), static_cast<float>(corner.y),
                         static_cast<float>(corner.z)};
     const FloatVertex v = TransformInFloat(view, p, round % 2 == 0);
