@@ -32,7 +32,7 @@ using ::testing::HasSubstr;
 constexpr absl::Duration kAWhile = absl::Milliseconds(50);
 
 // Far longer than anything takes. A wrong rule then fails the test rather than hang it.
-constexpr absl::Duration kGiveUp = absl::Seconds(60);
+constexpr absl::Duration kGiveUp = absl::Seconds(20);
 
 // A budget whose clock stands still, and threads that wait for it. Nothing is slept through.
 class MemoryBudgetQueueTest : public ::testing::Test {
