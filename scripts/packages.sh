@@ -37,6 +37,13 @@ ISOSCOPE_TEST_PACKAGES=(libgtest-dev libgmock-dev libbenchmark-dev python3
 # missing are skipped, and say so.
 ISOSCOPE_BROWSER_PACKAGES=(nodejs node-typescript chromium chromium-driver python3-selenium)
 
+# What the tests compare our files with, some 50 packages, 30 MB to fetch; and clang for locks and libFuzzer.
+ISOSCOPE_REFERENCE_PACKAGES=(python3-vtk9 gnuplot-nox clang-14)
+
+# A real Prometheus and promtool. It is a service: where systemd runs, installing it would start it, so there
+# scripts/test.sh leaves that to you.
+ISOSCOPE_SERVICE_PACKAGES=(prometheus)
+
 # The MRI heads that the quick start and some tests use.
 ISOSCOPE_DEMO_PACKAGES=(mricron-data)
 

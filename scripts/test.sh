@@ -2,18 +2,21 @@
 # Installs what is missing, builds the programs and runs every test: programs, pictures, clients and benchmarks
 # as they are installed; unit tests under AddressSanitizer and UndefinedBehaviorSanitizer; both ways the tests that
 # are labelled `both` (other kernels, another malloc, hostile bytes); under ThreadSanitizer those that share data
-# between threads without gRPC. The last line says how it went.
+# between threads without gRPC. clang checks the lock annotations, and libFuzzer runs for a minute. The last lines say
+# what was skipped, and how it went.
 set -euo pipefail
 
 usage() {
   cat <<'USAGE'
 Usage: scripts/test.sh [--quick]
 
-  --quick     without sanitizers: every test once, in release
+  --quick     without sanitizers, clang and libFuzzer: every test once, in release
   -h, --help  this text
 
-ISOSCOPE_DATA_DIR       folder of real volumes that some tests use, if it is there
+ISOSCOPE_DATA_DIR       folder of real volumes that some tests use; if it is set, they must be there
 ISOSCOPE_BROWSER_TESTS  off: Chromium and Node are not installed; tests of the page run if they are there
+ISOSCOPE_REQUIRE        reasons, separated by commas, for which no test may be skipped (CONTRIBUTING.md lists them);
+                        default: all that this script installs
 USAGE
 }
 
@@ -37,6 +40,27 @@ export HOME="${HOME:-/tmp}"
 # One cache for all checkouts: what is compiled does not depend on where the tree lies.
 export CCACHE_BASEDIR="$PWD" CCACHE_NOHASHDIR=true
 jobs="$(nproc)"
+. scripts/packages.sh
+packages=("${ISOSCOPE_REFERENCE_PACKAGES[@]}")
+required=(head programs python openssl protoc shells vtk gnuplot clang)
+if [ ! -d /run/systemd/system ]; then
+  packages+=("${ISOSCOPE_SERVICE_PACKAGES[@]}")
+  required+=(prometheus)
+fi
+if [ "${ISOSCOPE_BROWSER_TESTS:-on}" != off ]; then
+  required+=(browser node)
+fi
+if [ -n "${ISOSCOPE_DATA_DIR:-}" ]; then
+  required+=(data)
+fi
+if [ -z "${ISOSCOPE_REQUIRE+set}" ]; then
+  ISOSCOPE_REQUIRE="$(IFS=, && echo "${required[*]}")"
+fi
+export ISOSCOPE_REQUIRE
+# Each skip is a line of this file: tests/support/skips.h.
+export ISOSCOPE_SKIPS="$PWD/build/skips.txt"
+mkdir -p build
+: >"$ISOSCOPE_SKIPS"
 summary=()
 status=0
 
@@ -84,6 +108,23 @@ tsan_tests() {
     TSAN_OPTIONS=halt_on_error=1 run_ctest build/tsan -R "^($(IFS='|' && echo "${targets[*]}"))\$"
 }
 
+lock_tests() {
+  python3 tools/check_locks.py build/release --jobs "$jobs"
+}
+
+fuzz_tests() {
+  bash scripts/fuzz.sh --short --jobs "$jobs"
+}
+
+# How many tests were skipped, by reason. A test that two stages skip counts twice.
+print_skips() {
+  local count
+  count="$(wc -l <"$ISOSCOPE_SKIPS")"
+  echo "test.sh: skipped: $count$(cut -f1 "$ISOSCOPE_SKIPS" | sort | uniq -c |
+    awk '{ printf "%s %d %s", NR == 1 ? ":" : ",", $1, $2 }'); required: ${ISOSCOPE_REQUIRE:-nothing}"
+}
+
+run_stage packages install_packages "${packages[@]}"
 if [ "$quick" = true ]; then
   run_stage build bash scripts/build.sh --with-tests
   [ "$status" -ne 0 ] || run_stage tests run_ctest build/release
@@ -91,6 +132,8 @@ else
   run_stage build bash scripts/build.sh --with-tests --target release_tests
   if [ "$status" -eq 0 ]; then
     run_stage tests release_tests
+    run_stage locks lock_tests
+    run_stage fuzz fuzz_tests
     export ASAN_OPTIONS="${ASAN_OPTIONS:-detect_stack_use_after_return=1}"
     export UBSAN_OPTIONS="${UBSAN_OPTIONS:-print_stacktrace=1}"
     run_stage asan+ubsan asan_tests
@@ -98,6 +141,7 @@ else
   fi
 fi
 
+print_skips
 result=passed
 [ "$status" -eq 0 ] || result=FAILED
 printf -v stages '%s, ' "${summary[@]}"

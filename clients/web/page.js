@@ -3,8 +3,8 @@
 // @ts-check
 
 import { Client, PATIENT_VIEWS, WORLD_VIEWS, basisOf, boxOfDataset, mount } from './isoscope-view.js';
-import { COLOR_MAPS, colorMapFromJson, colorMapToJson, quantityFromJson, quantityToJson, stateFromHash, stateToCommand,
-  stateToHash } from './view-state.js';
+import { COLOR_MAPS, colorMapFromJson, colorMapToJson, otherSideOf, quantityFromJson, quantityToJson, stateFromHash,
+  stateToCommand, stateToHash } from './view-state.js';
 import { COLOR_MAP_POINTS } from './color-maps.js';
 
 /** @typedef {import('./isoscope-view.js').FrameRequest} FrameRequest */
@@ -787,8 +787,7 @@ function drawClip() {
       make('span', { className: 'hint' }), make('input', { type: 'range', step: 'any', 'aria-label': `Place of plane ${i + 1}`,
         oninput: (/** @type {any} */ event) => setPlane(i, { offset: Number(event.target.valueAsNumber.toPrecision(6)) }, true) }),
       make('button', { className: 'small', title: 'Keep the other side', onclick: () => {
-        const { normal, offset = 0 } = shown.state.clip.halfSpaces[i];
-        setPlane(i, { normal: { x: -(normal.x ?? 0), y: -(normal.y ?? 0), z: -(normal.z ?? 0) }, offset: -offset }, false);
+        setPlane(i, otherSideOf(shown.state.clip.halfSpaces[i]), false);
       } }, 'Flip'),
       make('button', { className: 'remove', 'aria-label': `Remove plane ${i + 1}`, onclick: () => {
         const halfSpaces = shown.state.clip.halfSpaces.filter((/** @type {any} */ __, /** @type {number} */ k) => k !== i);

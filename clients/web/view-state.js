@@ -21,6 +21,14 @@ export const quantityFromJson = (json) => Object.keys(QUANTITIES).find((name) =>
 /** @param {string} name */
 export const quantityToJson = (name) => QUANTITIES[name];
 
+/**
+ * Returns the half-space on the other side of the same plane.
+ * @param {any} halfSpace
+ */
+export function otherSideOf({ normal, offset = 0 }) {
+  return { normal: { x: -(normal.x ?? 0), y: -(normal.y ?? 0), z: -(normal.z ?? 0) }, offset: -offset };
+}
+
 /** @param {any} v */
 const vec = (v) => `${v?.x ?? 0},${v?.y ?? 0},${v?.z ?? 0}`;
 /** @param {any} c */

@@ -23,6 +23,10 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests" / "support"))
+import skips  # noqa: E402
+
 HERE = pathlib.Path(__file__).resolve().parent
 PATIENCE_SECONDS = 120
 FRAMES = 3
@@ -168,8 +172,7 @@ def try_all(folder, programs, servers):
 def main():
     missing = [name for name in ("prometheus", "promtool") if shutil.which(name) is None]
     if missing:
-        print(f"skipped: {', '.join(missing)} not found; on Debian: apt-get install prometheus")
-        return 77
+        skips.skip_program("prometheus", f"{', '.join(missing)} not found; on Debian: apt-get install prometheus")
     programs = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else HERE.parents[1] / "build/release/bin").resolve()
     servers = {}
     with tempfile.TemporaryDirectory() as folder:

@@ -21,6 +21,10 @@ import sys
 import tempfile
 import unittest
 
+sys.dont_write_bytecode = True
+sys.path[:0] = [str(pathlib.Path(__file__).resolve().parent), str(pathlib.Path(__file__).resolve().parents[1] / "support")]
+import skips  # noqa: E402
+
 try:
     import yaml
 except ImportError:
@@ -28,11 +32,8 @@ except ImportError:
     debian = "/usr/bin/python3"
     if sys.executable != debian and os.path.exists(debian):
         os.execv(debian, [debian, *sys.argv])
-    print("skipped: no yaml for this Python (Debian: python3-yaml)")
-    sys.exit(77)
+    skips.skip_program("python", "no yaml for this Python (Debian: python3-yaml)")
 
-sys.dont_write_bytecode = True
-sys.path.insert(0, str(pathlib.Path(__file__).parent))
 import programs as program_help  # noqa: E402
 
 ROOT = program_help.ROOT
@@ -59,7 +60,7 @@ OWN_VARIABLES = {
 def need(*tools: str) -> None:
     for tool in tools:
         if shutil.which(tool) is None:
-            raise unittest.SkipTest(f"no {tool}")
+            skips.skip("deploy", f"no {tool}")
 
 
 def files(*patterns: str) -> list[pathlib.Path]:
@@ -496,7 +497,7 @@ class TestKubernetes(unittest.TestCase):
     def test_objects_have_the_types_of_kubernetes(self):
         folder = os.environ.get("ISOSCOPE_KUBERNETES_MODELS")
         if not folder:
-            self.skipTest("ISOSCOPE_KUBERNETES_MODELS is not set: see the head of this file")
+            skips.skip("kubernetes-models", "ISOSCOPE_KUBERNETES_MODELS is not set: see the head of this file")
         need("tsc", "node")
         modules = pathlib.Path(folder) / "node_modules"
         objects = [item for overlay in self.overlays.values() for item in overlay]

@@ -22,8 +22,9 @@ job_script="$root/deploy/slurm/isoscope.sbatch"
 scripts="$root/scripts"
 
 skip() {
-  echo "slurm_test.sh: skipped: $*"
-  exit 77
+  local code=0
+  python3 "$root/tests/support/skips.py" slurm "$*" || code=$?
+  exit "$code"
 }
 export PATH="$PATH:/usr/sbin:/sbin"
 for program in munged slurmctld slurmd sbatch srun squeue scancel scontrol; do

@@ -88,8 +88,9 @@ script="$(realpath "${BASH_SOURCE[0]}")"
 root="$(realpath "$(dirname "$script")/../..")"
 
 skip() {
-  echo "systemd_test.sh: skipped: $*"
-  exit 77
+  local code=0
+  python3 "$root/tests/support/skips.py" systemd "$*" || code=$?
+  exit "$code"
 }
 [ "$(id -u)" -eq 0 ] || skip "only root can start another systemd"
 [ -x /lib/systemd/systemd ] || skip "no systemd"

@@ -195,6 +195,10 @@ void SaveFailure(const std::string& name, const image::RgbaImage& actual,
                    "if the new picture is right: tools/regenerate_golden.sh, and look again";
 }
 
+// A run that writes pictures compares nothing, and so must not pass for a test.
+constexpr char kRegenerated[] =
+    "ISOSCOPE_REGENERATE_GOLDEN is set: pictures were written and none compared";
+
 void CheckScene(const Scene& scene, render::RendererKind kind) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const image::RgbaImage actual, Render(scene, kind));
   const std::string path = absl::StrCat(ISOSCOPE_GOLDEN_DIR, "/", scene.name, ".png");
@@ -203,6 +207,7 @@ void CheckScene(const Scene& scene, render::RendererKind kind) {
     if (kind == render::RendererKind::kEgl) {
       Replace(path, image::EncodePng(actual.width, actual.height, actual.pixels));
     }
+    ADD_FAILURE() << kRegenerated;
     return;
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::string png, io::ReadWholeFile(path, kMaxPngBytes));

@@ -19,6 +19,10 @@ import tempfile
 import time
 import unittest
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import skips  # noqa: E402
+
 FOLDER = pathlib.Path(sys.argv[1]).resolve()
 PROGRAM = pathlib.Path(sys.argv[2]).resolve()
 SERVERS = ["isoscope-agent", "isoscope-coordinator", "isoscope-gateway"]
@@ -63,7 +67,7 @@ LINES = [
 ]
 
 
-@unittest.skipUnless(shutil.which("bash"), "bash is not installed")
+@skips.skip_unless(shutil.which("bash"), "shells", "bash is not installed")
 class Bash(WithFolder):
     def complete(self, line):
         words = line.split(" ")
@@ -102,7 +106,7 @@ class Bash(WithFolder):
         self.assertEqual(result.stderr, "")
 
 
-@unittest.skipUnless(shutil.which("fish"), "fish is not installed")
+@skips.skip_unless(shutil.which("fish"), "shells", "fish is not installed")
 class Fish(WithFolder):
     def complete(self, line):
         script = FOLDER / "fish" / "vendor_completions.d" / f"{line.split(' ')[0]}.fish"
@@ -127,7 +131,7 @@ class Fish(WithFolder):
         self.assertNotIn("head.nii.gz", words)
 
 
-@unittest.skipUnless(shutil.which("zsh"), "zsh is not installed")
+@skips.skip_unless(shutil.which("zsh"), "shells", "zsh is not installed")
 class Zsh(WithFolder):
     """Zsh offers nothing without a terminal: keys are typed into one."""
 
@@ -188,7 +192,7 @@ class ManPages(unittest.TestCase):
             self.assertIn(f"{name}.1", names)
         return pages
 
-    @unittest.skipUnless(shutil.which("man"), "man is not installed")
+    @skips.skip_unless(shutil.which("man"), "shells", "man is not installed")
     def test_man_has_nothing_to_complain_of(self):
         environment = dict(os.environ, MANWIDTH="80", LC_ALL="C.UTF-8")
         for page in self.pages():
@@ -197,7 +201,7 @@ class ManPages(unittest.TestCase):
             self.assertEqual(result.stderr, "", page)
             self.assertIn("NAME", result.stdout)
 
-    @unittest.skipUnless(shutil.which("mandoc"), "mandoc is not installed")
+    @skips.skip_unless(shutil.which("mandoc"), "shells", "mandoc is not installed")
     def test_mandoc_has_nothing_to_complain_of(self):
         for page in self.pages():
             result = run(["mandoc", "-T", "lint", "-W", "warning", str(page)])

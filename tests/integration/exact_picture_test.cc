@@ -26,6 +26,7 @@
 #include "tests/support/memory_source.h"
 #include "tests/support/random_options.h"
 #include "tests/support/scenes.h"
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
@@ -252,6 +253,9 @@ class ExactPictureTest : public ::testing::TestWithParam<render::RendererKind> {
   inline static std::unique_ptr<DatasetDirectories> directories_;
 };
 
+// What holds of one back end.
+class CpuExactPictureTest : public ExactPictureTest {};
+
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfGeneratedFields) {
   CheckRandomViews(Gyroid(), kFieldViewCount, 1000);
   CheckRandomViews(Ties(), kFieldViewCount, 2000);
@@ -260,7 +264,7 @@ TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfGeneratedFields) {
 
 TEST_P(ExactPictureTest, CullingByDepthChangesNoPixelOfTheMriHead) {
   if (!std::filesystem::exists(kHeadPath)) {
-    GTEST_SKIP() << kHeadPath << " is absent: install Debian's mricron-data";
+    ISOSCOPE_SKIP("head", absl::StrCat(kHeadPath, " is absent: install Debian's mricron-data"));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<source::VolumeSource> source,
                                 source::OpenVolumeFile(kHeadPath));
@@ -698,10 +702,7 @@ TEST_P(ExactPictureTest, NeitherCullingNorAgentsShowInLightsAndColorMaps) {
 }
 
 // docs/numerics.md, the second promise.
-TEST_P(ExactPictureTest, BlocksDoNotShowInDepthAndColor) {
-  if (GetParam() == render::RendererKind::kEgl) {
-    GTEST_SKIP() << "OpenGL's ties go to the lower block";
-  }
+TEST_P(CpuExactPictureTest, BlocksDoNotShowInDepthAndColor) {
   std::int64_t moved_owner_count = 0;
   for (const auto& [volume, step] :
        {std::pair(Gyroid(), 15.0), std::pair(Ties(), 1.0), std::pair(SmoothRandom(), 0.2)}) {
@@ -734,16 +735,13 @@ TEST_P(ExactPictureTest, BlocksDoNotShowInDepthAndColor) {
 }
 
 // A request at which two triangles of different blocks have one depth and different colours.
-TEST_P(ExactPictureTest, AKnownTieDoesNotShowHowTheVolumeWasCut) {
-  if (GetParam() == render::RendererKind::kEgl) {
-    GTEST_SKIP() << "OpenGL's ties go to the lower block";
-  }
+TEST_P(CpuExactPictureTest, AKnownTieDoesNotShowHowTheVolumeWasCut) {
   const char* const data = std::getenv("ISOSCOPE_DATA_DIR");
   const std::filesystem::path path =
       std::filesystem::path(data != nullptr ? data : ISOSCOPE_DEFAULT_DATA_DIR).parent_path() /
       "reference/tie/field.nrrd";
   if (!std::filesystem::exists(path)) {
-    GTEST_SKIP() << path << " is absent";
+    ISOSCOPE_SKIP("data", absl::StrCat(path.string(), " is absent"));
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const std::unique_ptr<source::VolumeSource> source,
                                 source::OpenVolumeFile(path.string()));
@@ -781,6 +779,9 @@ INSTANTIATE_TEST_SUITE_P(BackEnds, ExactPictureTest,
                          [](const auto& back_end) {
                            return back_end.param == render::RendererKind::kEgl ? "Egl" : "Cpu";
                          });
+// OpenGL's ties go to the lower block.
+INSTANTIATE_TEST_SUITE_P(Cpu, CpuExactPictureTest, ::testing::Values(render::RendererKind::kCpu),
+                         [](const auto& /*back_end*/) { return "Cpu"; });
 
 }  // namespace
 }  // namespace isoscope

@@ -204,7 +204,8 @@ TEST_F(HeldFrameTest, SigtermLetsAnAgentFinishTheFrameInWork) {
 TEST_F(FaultTest, AgentThatHangsIsDeadlineExceededNamingItAndFramesAreRightAfterwards) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto cluster, ProcessCluster::Start(Dataset(), kShardCount));
   cluster->agent(1).Stop();
-  constexpr absl::Duration kDeadline = absl::Seconds(3);
+  // The other agent must have answered by then, on a machine under load, too.
+  constexpr absl::Duration kDeadline = absl::Seconds(10);
   const absl::Time start = absl::Now();
   EXPECT_THAT(Render(cluster->address(), SmallRequest(), kDeadline),
               StatusIs(absl::StatusCode::kDeadlineExceeded,
@@ -219,7 +220,7 @@ TEST_F(FaultTest, AgentThatHangsIsDeadlineExceededNamingItAndFramesAreRightAfter
 TEST_F(FaultTest, FrameLimitOfTheCoordinatorNamesTheAgentThatHangs) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(
       const auto cluster,
-      ProcessCluster::Start(Dataset(), kShardCount, {"--max-frame-seconds", "2"}));
+      ProcessCluster::Start(Dataset(), kShardCount, {"--max-frame-seconds", "10"}));
   cluster->agent(0).Stop();
   EXPECT_THAT(Render(cluster->address(), SmallRequest()),
               StatusIs(absl::StatusCode::kDeadlineExceeded,

@@ -12,8 +12,11 @@ import subprocess
 import sys
 import tempfile
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+import skips  # noqa: E402
+
 DEBIAN_PYTHON = "/usr/bin/python3"
-SKIPPED = 77
 
 try:
     import vtk
@@ -22,8 +25,7 @@ except ImportError:
     if os.path.exists(DEBIAN_PYTHON) and os.environ.get("ISOSCOPE_DEBIAN_PYTHON") is None:
         os.environ["ISOSCOPE_DEBIAN_PYTHON"] = "1"
         os.execv(DEBIAN_PYTHON, [DEBIAN_PYTHON] + sys.argv)
-    print("skipped: no VTK (python3-vtk9)")
-    sys.exit(SKIPPED)
+    skips.skip_program("vtk", "no VTK (Debian: python3-vtk9)")
 
 
 # The first surface is orange in all of them.

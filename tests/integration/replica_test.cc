@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
@@ -111,7 +112,7 @@ class HeldReplicaTest : public ReplicaTest, public ::testing::WithParamInterface
   testing::Process* HoldFrame(const RenderRequest& request, absl::Duration timeout) {
     frame_ = std::thread(
         [this, request, timeout] { response_ = Render(coordinator_.address, request, timeout); });
-    while (true) {
+    for (const absl::Time limit = absl::Now() + kPatience; absl::Now() < limit;) {
       for (std::size_t i = 0; i < 2; ++i) {
         if (absl::StrContains(holders_[i].process->err(), "holding")) {
           holders_[1 - i].process->Signal(SIGUSR1);
@@ -120,6 +121,8 @@ class HeldReplicaTest : public ReplicaTest, public ::testing::WithParamInterface
       }
       absl::SleepFor(absl::Milliseconds(5));
     }
+    ADD_FAILURE() << "no agent holds the frame";
+    return holders_[0].process.get();
   }
   const RenderResponse& Answer() {
     frame_.join();
@@ -215,11 +218,20 @@ TEST_F(ReplicaTest, AgentsAreReplacedOneAfterTheOtherUnderLoadAndNoFrameFails) {
   }
   const auto wait_for_frames = [&](int count) {
     const int before = frame_count;
-    while (frame_count < before + count) {
+    const absl::Time limit = absl::Now() + kPatience;
+    while (frame_count < before + count && absl::Now() < limit) {
       absl::SleepFor(absl::Milliseconds(5));
     }
+    EXPECT_GE(frame_count, before + count) << "frames do not go on";
   };
-  for (int round = 0; round < 8; ++round) {
+  const absl::Cleanup end_clients = [&] {
+    is_over = true;
+    for (std::thread& client : clients) {
+      client.join();
+    }
+    EXPECT_GE(frame_count, 64);
+  };
+  for (int round = 0; round < 8 && !HasFailure(); ++round) {
     wait_for_frames(4);
     ServerProcess& agent = agents[static_cast<std::size_t>(round % 4)];
     if (round % 2 == 0) {
@@ -232,15 +244,13 @@ TEST_F(ReplicaTest, AgentsAreReplacedOneAfterTheOtherUnderLoadAndNoFrameFails) {
     const std::string address = agent.address;
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(agent, testing::StartAgent({Shard(round % 4 / 2)}, address));
     // Its twin may go once the coordinator has seen it.
-    while (absl::StrContains(RunIsoscope({"info", "--server", coordinator.address}).out,
-                             "unreachable")) {
-    }
+    const absl::Time limit = absl::Now() + kPatience;
+    std::string info;
+    do {
+      info = RunIsoscope({"info", "--server", coordinator.address}).out;
+    } while (absl::StrContains(info, "unreachable") && absl::Now() < limit);
+    EXPECT_THAT(info, ::testing::Not(HasSubstr("unreachable")));
   }
-  is_over = true;
-  for (std::thread& client : clients) {
-    client.join();
-  }
-  EXPECT_GE(frame_count, 64);
 }
 
 class PartialFrameTest : public ReplicaTest {

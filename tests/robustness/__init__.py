@@ -17,6 +17,9 @@ run.py is the command, docs/lab/robustness.md says what it does and what it foun
 import os
 import sys
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "support"))
+import skips  # noqa: E402
+
 
 def try_another_python(error):
     """Called where gRPC can't be imported: goes on as $ISOSCOPE_PYTHON or Debian's python3, else ends with 77."""
@@ -25,5 +28,4 @@ def try_another_python(error):
         if os.path.exists(python) and os.path.realpath(python) not in tried:
             environment = {**os.environ, "ISOSCOPE_TRIED_PYTHONS": os.pathsep.join(tried)}
             os.execve(python, [python, *sys.argv], environment)
-    print(f"skipped: {error}; on Debian: apt-get install python3-grpcio python3-protobuf python3-numpy")
-    sys.exit(77)
+    skips.skip_program("python", f"{error}; on Debian: apt-get install python3-grpcio python3-protobuf python3-numpy")

@@ -171,11 +171,9 @@ def main(arguments=None):
         print("\n".join(map(str, faults)))
         return 0
     if not (options.bin / "isoscope-coordinator").is_file():
-        print(f"skipped: no programs in {options.bin}: build them, or name their folder with --bin")
-        return 77
+        robustness.skips.skip_program("programs", f"none in {options.bin}: build them, or name their folder with --bin")
     if not options.plaintext and not shutil.which("openssl"):
-        print("skipped: no openssl, which makes the certificates; on Debian: apt-get install openssl")
-        return 77
+        robustness.skips.skip_program("openssl", "it makes the certificates; on Debian: apt-get install openssl")
     if options.keep:
         options.keep.mkdir(parents=True)
     folder = options.keep or pathlib.Path(tempfile.mkdtemp(prefix="isoscope-robustness-"))

@@ -106,7 +106,8 @@ class HoldingAgent final : public v1::PartitionAgentService::Service {
   const v1::RenderFrameRequest::MessageCase held_;
 };
 
-int Main(const std::string& upstream, const std::string& held_name) {
+int Main(const std::string& upstream, const std::string& held_name,
+         const std::string& listen_address) {
   const google::protobuf::FieldDescriptor* held =
       v1::RenderFrameRequest::descriptor()->FindFieldByName(held_name);
   if (held == nullptr) {
@@ -118,7 +119,6 @@ int Main(const std::string& upstream, const std::string& held_name) {
   grpc::ServerBuilder builder;
   rpc::ConfigureServer(&builder);
   builder.RegisterService(&service);
-  const std::string listen_address = "127.0.0.1:0";
   auto running = rpc::StartServer(&builder, listen_address);
   if (!running.ok()) {
     std::cerr << running.status() << "\n";
@@ -133,9 +133,9 @@ int Main(const std::string& upstream, const std::string& held_name) {
 }  // namespace isoscope
 
 int main(int argc, char** argv) {
-  if (argc != 3) {
-    std::cerr << "usage: holding-agent UPSTREAM begin|occluders|visible_blocks\n";
+  if (argc != 4) {
+    std::cerr << "usage: holding-agent UPSTREAM begin|occluders|visible_blocks LISTEN\n";
     return 2;
   }
-  return isoscope::Main(argv[1], argv[2]);
+  return isoscope::Main(argv[1], argv[2], argv[3]);
 }

@@ -1,12 +1,19 @@
 #include "tests/support/process_cluster.h"
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <cstdint>
 #include <utility>
 
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/clock.h"
 #include <grpcpp/client_context.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 
 #include "core/base/cancellation.h"
 #include "core/base/status_macros.h"
@@ -38,6 +45,57 @@ TestVolume MakeVolume(const testing::Field& field, const math::Index3& dims, dou
 
 std::string Triple(const math::Vec3d& v) {
   return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z);
+}
+
+constexpr absl::string_view kLoopback = "127.0.0.1:";
+
+// A port of 127.0.0.1 that is bound, but not listened on: the kernel gives it to nobody who asks
+// for any port, and a server may still listen on it by its number (SO_REUSEADDR).
+class HeldPort {
+ public:
+  // `port` 0: any that is free. Null if it can't be had, as where somebody listens on it.
+  static std::shared_ptr<const HeldPort> Bind(int port) {
+    const int socket_fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    const int yes = 1;
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof(address);
+    if (socket_fd < 0 || setsockopt(socket_fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof(yes)) != 0 ||
+        bind(socket_fd, reinterpret_cast<const sockaddr*>(&address), size) != 0 ||
+        getsockname(socket_fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) {
+      close(socket_fd);
+      return nullptr;
+    }
+    return std::shared_ptr<const HeldPort>(new HeldPort(socket_fd, ntohs(address.sin_port)));
+  }
+  ~HeldPort() { close(socket_); }
+  HeldPort(const HeldPort&) = delete;
+  HeldPort& operator=(const HeldPort&) = delete;
+
+  [[nodiscard]] std::string address() const { return absl::StrCat(kLoopback, port_); }
+
+ private:
+  HeldPort(int socket_fd, int port) : socket_(socket_fd), port_(port) {}
+
+  const int socket_;
+  const int port_;
+};
+
+// Holds the port of "127.0.0.1:PORT", and names it in the address if it was 0. Null for other
+// addresses, and for a port that somebody listens on.
+std::shared_ptr<const HeldPort> HoldPortOf(std::string* address) {
+  int port = 0;
+  if (!absl::StartsWith(*address, kLoopback) ||
+      !absl::SimpleAtoi(absl::string_view(*address).substr(kLoopback.size()), &port)) {
+    return nullptr;
+  }
+  std::shared_ptr<const HeldPort> held = HeldPort::Bind(port);
+  if (held != nullptr) {
+    *address = held->address();
+  }
+  return held;
 }
 
 // Starts a server and takes its address from the line with `event`.
@@ -128,7 +186,9 @@ absl::StatusOr<std::unique_ptr<Process>> StartIsoscopeBench(
 absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directories,
                                          const std::string& listen_address,
                                          const std::vector<std::string>& flags) {
-  std::vector<std::string> argv{kAgent, "--listen", listen_address};
+  std::string address = listen_address;
+  std::shared_ptr<const void> held_port = HoldPortOf(&address);
+  std::vector<std::string> argv{kAgent, "--listen", address};
   if (std::find(flags.begin(), flags.end(), "--threads") == flags.end()) {
     Append({"--threads", "1"}, &argv);
   }
@@ -139,12 +199,20 @@ absl::StatusOr<ServerProcess> StartAgent(const std::vector<std::string>& directo
     Append({"--shard", directory}, &argv);
   }
   Append(flags, &argv);
-  return StartServer(argv, "agent_started");
+  ISOSCOPE_ASSIGN_OR_RETURN(ServerProcess server, StartServer(argv, "agent_started"));
+  server.held_port = std::move(held_port);
+  return server;
 }
 
 absl::StatusOr<ServerProcess> StartHoldingAgent(const std::string& upstream_address,
                                                 const std::string& hold) {
-  return StartServer({kHoldingAgent, upstream_address, hold}, "agent_started");
+  std::string address = absl::StrCat(kLoopback, 0);
+  std::shared_ptr<const void> held_port = HoldPortOf(&address);
+  ISOSCOPE_ASSIGN_OR_RETURN(
+      ServerProcess server,
+      StartServer({kHoldingAgent, upstream_address, hold, address}, "agent_started"));
+  server.held_port = std::move(held_port);
+  return server;
 }
 
 absl::StatusOr<ServerProcess> StartCoordinator(const std::vector<std::string>& agent_addresses,

@@ -61,6 +61,8 @@ absl::StatusOr<std::unique_ptr<Process>> StartIsoscopeBench(
 struct ServerProcess {
   std::unique_ptr<Process> process;
   std::string address;
+  // Keeps an agent's port for a successor: no other program gets it while this lives.
+  std::shared_ptr<const void> held_port = nullptr;
 };
 
 // isoscope-agent with the CPU back end and one thread, unless `flags` choose others; waits until it

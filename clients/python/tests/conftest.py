@@ -16,7 +16,10 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(PACKAGE / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]
 )
 
+sys.path.insert(1, str(ROOT / "tests" / "support"))
+
 import isoscope  # noqa: E402
+import skips  # noqa: E402
 
 
 def _programs():
@@ -29,7 +32,7 @@ def _programs():
 def programs():
     folder = _programs()
     if not (folder / "isoscope").is_file():
-        pytest.skip(f"no program {folder / 'isoscope'}: build it, or set ISOSCOPE_BIN")
+        skips.skip("programs", f"no program {folder / 'isoscope'}: build it, or set ISOSCOPE_BIN")
     os.environ["ISOSCOPE_BIN"] = str(folder)
     return folder
 

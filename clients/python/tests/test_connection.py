@@ -19,6 +19,7 @@ import pytest
 from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
+import skips
 from proxy import Proxy, make_certificates
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
@@ -173,7 +174,7 @@ def test_a_missing_or_wrong_token_is_unauthenticated_with_the_servers_sentence(c
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory):
     if shutil.which("openssl") is None:
-        pytest.skip("no program openssl to make certificates with")
+        skips.skip("openssl", "no program openssl to make certificates with")
     return make_certificates(tmp_path_factory.mktemp("certificates"))
 
 
@@ -364,7 +365,7 @@ def test_grpc_is_told_of_forks_unless_the_environment_says_otherwise():
 def secure_server(programs, folder, tmp_path_factory):
     """The service itself with TLS and a token file: its address and the folder of certificates."""
     if shutil.which("openssl") is None:
-        pytest.skip("no program openssl to make certificates with")
+        skips.skip("openssl", "no program openssl to make certificates with")
     tls = tmp_path_factory.mktemp("tls") / "tls"
     subprocess.run(["bash", str(ROOT / "scripts" / "make_certificates.sh"), str(tls)], check=True, capture_output=True)
     digest = hashlib.sha256(b"blind").hexdigest()

@@ -11,8 +11,7 @@ import time
 import urllib.error
 import urllib.request
 
-import pytest
-
+import skips
 from conftest import ROOT
 
 
@@ -61,7 +60,7 @@ def check_endpoint(command, cwd, port, dataset, environment=None):
 
 def test_the_python_back_end_serves_exact_pictures(client, dataset):
     if importlib.util.find_spec("aiohttp") is None:
-        pytest.skip("no aiohttp (python3-aiohttp)")
+        skips.skip("python", "no aiohttp (python3-aiohttp)")
     port = free_port()
     script = ROOT / "examples" / "python" / "picture_server.py"
     server = ["--server", client.address, "--token-file", client.token_file]
@@ -70,7 +69,7 @@ def test_the_python_back_end_serves_exact_pictures(client, dataset):
 
 def test_the_node_back_end_serves_exact_pictures(client, dataset, tmp_path):
     if shutil.which("npm") is None or shutil.which("node") is None:
-        pytest.skip("no node and npm")
+        skips.skip("node", "no node and npm")
     # A copy: npm writes beside package.json.
     folder = tmp_path / "examples" / "node"
     shutil.copytree(ROOT / "examples" / "node", folder, ignore=shutil.ignore_patterns("node_modules"))
@@ -79,9 +78,9 @@ def test_the_node_back_end_serves_exact_pictures(client, dataset, tmp_path):
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
     except subprocess.TimeoutExpired:
-        pytest.skip("npm install takes more than two minutes")
+        skips.skip("npm", "npm install takes more than two minutes")
     if done.returncode != 0:
-        pytest.skip(f"npm can't install here: {done.stderr.strip()[-200:]}")
+        skips.skip("npm", f"npm can't install here: {done.stderr.strip()[-200:]}")
     port = free_port()
     environment = {**os.environ, "ISOSCOPE_TOKEN": pathlib.Path(client.token_file).read_text()}
     check_endpoint(["node", "picture_server.js", client.address, str(port)], folder, port, dataset, environment)

@@ -5,6 +5,7 @@ import importlib.util
 
 import pytest
 
+import skips
 from conftest import PACKAGE
 
 NOTEBOOKS = sorted((PACKAGE / "examples").glob("*.ipynb"))
@@ -21,7 +22,7 @@ def pictures(notebook):
 def execute(programs, monkeypatch):
     for module in ("nbclient", "nbformat", "ipykernel"):
         if importlib.util.find_spec(module) is None:
-            pytest.skip(f"no {module} (python3-{module}) to execute notebooks with")
+            skips.skip("python", f"no {module} (python3-{module}) to execute notebooks with")
     monkeypatch.syspath_prepend(str(PACKAGE / "tools"))
     from run_notebooks import execute
 
@@ -46,7 +47,7 @@ def test_a_notebook_runs_and_shows_the_pictures_that_it_holds(execute, path):
 
 def test_the_html_of_a_notebook_holds_its_pictures():
     if importlib.util.find_spec("nbconvert") is None:
-        pytest.skip("no nbconvert (python3-nbconvert)")
+        skips.skip("python", "no nbconvert (python3-nbconvert)")
     import nbconvert
     import nbformat
 

@@ -8,8 +8,7 @@ import subprocess
 import sys
 import zipfile
 
-import pytest
-
+import skips
 from conftest import PACKAGE, ROOT
 
 
@@ -21,7 +20,7 @@ def version_of(program):
 
 def test_the_messages_are_those_of_the_protos(tmp_path):
     if version_of("protoc") != "libprotoc 3.21.12" or shutil.which("grpc_python_plugin") is None:
-        pytest.skip("needs protoc 3.21.12 and grpc_python_plugin (protobuf-compiler, protobuf-compiler-grpc)")
+        skips.skip("protoc", "needs protoc 3.21.12 and grpc_python_plugin (protobuf-compiler, protobuf-compiler-grpc)")
     subprocess.run([PACKAGE / "tools" / "regenerate_proto.sh", tmp_path], check=True)
     committed = PACKAGE / "src" / "isoscope" / "_proto"
     names = sorted(path.name for path in tmp_path.iterdir())
@@ -33,7 +32,7 @@ def test_the_messages_are_those_of_the_protos(tmp_path):
 
 def test_the_types_are_strict():
     if importlib.util.find_spec("mypy") is None:
-        pytest.skip("no mypy")
+        skips.skip("python", "no mypy")
     command = [sys.executable, "-m", "mypy", "--config-file", "pyproject.toml", "--cache-dir", "/dev/null"]
     done = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
@@ -75,7 +74,7 @@ def test_every_public_name_is_documented():
 def test_the_wheel_is_built_installed_and_imported(tmp_path):
     for module in ("setuptools", "wheel", "pip"):
         if importlib.util.find_spec(module) is None:
-            pytest.skip(f"no {module} (python3-{module}) to build a wheel with")
+            skips.skip("python", f"no {module} (python3-{module}) to build a wheel with")
     # A copy: building writes beside setup.py.
     source = tmp_path / "clients" / "python"
     shutil.copytree(PACKAGE, source, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build"))

@@ -8,10 +8,12 @@ import zlib
 import grpc
 import numpy as np
 import pytest
+from google.protobuf import any_pb2, duration_pb2
 
 import isoscope
 from isoscope import _png, _wire
 from isoscope._channel import make_target
+from isoscope._retry import told_delay
 from isoscope.errors import DataLossError, InvalidArgumentError, explain
 from isoscope.look import as_clip, parse_color
 
@@ -247,11 +249,45 @@ def test_wrong_addresses_are_errors_that_say_what_is_expected(address):
 def test_a_token_leaves_this_machine_only_encrypted():
     assert target("localhost:1", token="t").call_metadata() == (("authorization", "Bearer t"),)
     assert target("127.0.0.1:1", token="t").token == "t"
-    with pytest.raises(InvalidArgumentError, match="unencrypted"):
-        target("host:1", token="t")
+    assert target("[::1]:1", token="t").token == target("unix:/tmp/s", token="t").token == "t"
+    for address in (
+        "host:1", "10.0.0.1:1", "192.0.2.7", "0.0.0.0:1", "[2001:db8::1]:1", "2001:db8::1", "localhost.example.org:1",
+        "dns:///host:1", "ipv4:192.0.2.7:1",
+    ):  # fmt: skip
+        with pytest.raises(InvalidArgumentError, match="unencrypted"):
+            target(address, token="t")
     assert target("host:1", token="t", tls=True).tls
     assert not target("host:1", token="t", allow_insecure_token=True).tls
     assert "secret" not in repr(target("localhost", token="secret"))
+
+
+class Refusal:
+    """An error of gRPC with google.rpc.Status as its details, whose RetryInfo has these bytes."""
+
+    def __init__(self, info, code=grpc.StatusCode.RESOURCE_EXHAUSTED):
+        detail = any_pb2.Any(type_url="type.googleapis.com/google.rpc.RetryInfo", value=info).SerializeToString()
+        self.details = b"\x08\x08\x1a" + bytes([len(detail)]) + detail
+        self._code = code
+
+    def code(self):
+        return self._code
+
+    def trailing_metadata(self):
+        return (("grpc-status-details-bin", self.details),)
+
+
+def retry_info(**duration):
+    delay = duration_pb2.Duration(**duration).SerializeToString()
+    return b"\x0a" + bytes([len(delay)]) + delay
+
+
+def test_a_refusal_tells_its_delay_unless_it_is_damaged_negative_or_of_another_code():
+    assert told_delay(Refusal(retry_info(seconds=1, nanos=500_000_000))) == 1.5
+    assert told_delay(Refusal(retry_info(), grpc.StatusCode.UNAVAILABLE)) == 0
+    assert told_delay(Refusal(retry_info(seconds=1), grpc.StatusCode.INTERNAL)) is None
+    assert told_delay(Refusal(retry_info(seconds=-1))) is None  # nobody can sleep that long
+    # It says five bytes, and has the two of another number.
+    assert told_delay(Refusal(b"\x0a\x05\x08\x01")) is None
 
 
 def test_tls_arguments_fit_each_other():

@@ -13,6 +13,10 @@ import pathlib
 import subprocess
 import sys
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "support"))
+import skips  # noqa: E402
+
 TESTS = pathlib.Path(__file__).resolve().parents[3] / "clients" / "python" / "tests"
 NEEDED = "import grpc, google.protobuf, numpy, pytest, sys; assert sys.version_info >= (3, 10)"
 
@@ -28,11 +32,12 @@ def main() -> int:
             continue
         command = [python, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", TESTS, *arguments]
         return subprocess.run(command, env=environment).returncode
-    print(
-        "skipped: no Python >= 3.10 with grpc, protobuf, numpy and pytest (Debian: python3-grpcio python3-protobuf "
-        "python3-numpy python3-pytest); ISOSCOPE_PYTHON may name one"
+    skips.skip_program(
+        "python",
+        "none >= 3.10 with grpc, protobuf, numpy and pytest (Debian: python3-grpcio python3-protobuf "
+        "python3-numpy python3-pytest); ISOSCOPE_PYTHON may name one",
     )
-    return 77
+    return skips.SKIPPED
 
 
 if __name__ == "__main__":

@@ -24,6 +24,10 @@ import urllib.parse
 import urllib.request
 import zlib
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..', 'support'))
+import skips  # noqa: E402
+
 try:
     from selenium import webdriver
     from selenium.webdriver.chrome.options import Options
@@ -358,9 +362,12 @@ class ControlTest(PageTest):
         self.until('isoscope.view.isExact && isoscope.view.state.clip?.halfSpaces.length === 1')
         self.assertLess(self.share_of_equal(self.picture(), before), 0.999)
         normal = self.js('return isoscope.view.state.clip.halfSpaces[0].normal')
+        offset = self.js('return isoscope.view.state.clip.halfSpaces[0].offset')
+        self.assertNotEqual(0, offset)
         self.js('document.querySelector("#planes .small").click()')
         self.until('isoscope.view.isExact')
         self.assertEqual(-normal['z'], self.js('return isoscope.view.state.clip.halfSpaces[0].normal.z'))
+        self.assertEqual(-offset, self.js('return isoscope.view.state.clip.halfSpaces[0].offset'))
         self.js('document.querySelector("#planes .remove").click()')
         self.until('isoscope.view.isExact && !isoscope.view.state.clip')
 
@@ -610,7 +617,7 @@ class RealTest(PageTest):
     def setUpClass(cls):
         program = os.path.join(os.environ.get('ISOSCOPE_BIN', ''), 'isoscope')
         if not os.path.exists(program):
-            raise unittest.SkipTest('ISOSCOPE_BIN names no folder with isoscope')
+            skips.skip('programs', 'ISOSCOPE_BIN names no folder with isoscope')
         super().setUpClass()
         cls.program = program
         cls.folder = tempfile.mkdtemp(prefix='isoscope-page-')
@@ -804,6 +811,5 @@ class WidgetTest(PageTest):
 
 if __name__ == '__main__':
     if missing():
-        print('skipped: the page is tested in a browser, and these are missing: ' + ', '.join(missing()), file=sys.stderr)
-        sys.exit(77)
+        skips.skip_program('browser', 'the page is tested in one, and these are missing: ' + ', '.join(missing()))
     unittest.main(verbosity=2)

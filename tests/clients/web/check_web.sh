@@ -7,8 +7,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")"
 # require PROGRAM PACKAGE
 require() {
   if ! command -v "$1" >/dev/null; then
-    echo "skipped: $1 is missing; Debian has it in $2" >&2
-    exit 77
+    exec python3 ../../support/skips.py node "$1 is missing; Debian has it in $2"
   fi
 }
 

@@ -4,7 +4,7 @@ import { readFileSync } from 'node:fs';
 import { test } from 'node:test';
 
 import { COLOR_MAP_POINTS } from '../../../clients/web/color-maps.js';
-import { COLOR_MAPS, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
+import { COLOR_MAPS, otherSideOf, stateFromHash, stateToCommand, stateToHash } from '../../../clients/web/view-state.js';
 
 const FULL = {
   dataset: 'a name/with &=#%:, ünd',
@@ -31,6 +31,14 @@ test('a state with everything in it comes back from its hash, bit for bit', () =
   const { state, problems } = stateFromHash(`#${stateToHash(FULL)}`);
   assert.deepEqual(problems, []);
   assert.deepEqual(state, FULL);
+});
+
+test('the other side of a plane has the same plane: offset and normal change their signs', () => {
+  const flipped = otherSideOf({ normal: { x: 1, z: -0.5 }, offset: 12.5 });
+  assert.equal(JSON.stringify(flipped), JSON.stringify({ normal: { x: -1, y: 0, z: 0.5 }, offset: -12.5 }));
+  const again = otherSideOf(flipped);
+  assert.equal(JSON.stringify(again), JSON.stringify({ normal: { x: 1, y: 0, z: -0.5 }, offset: 12.5 }));
+  assert.equal(otherSideOf({ normal: { y: 1 } }).offset, -0);
 });
 
 test('a parallel camera, a fitted view and an empty state come back', () => {

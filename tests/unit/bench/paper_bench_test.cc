@@ -21,6 +21,7 @@
 #include "core/render/renderer_factory.h"
 #include "core/source/volume_source.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
@@ -352,7 +353,7 @@ TEST(BenchPaperPlotsTest, GnuplotTakesEveryScript) {
   cli::Interrupt interrupt;
   const absl::Status status = DrawPlots(folder.path(), scripts, &interrupt);
   if (absl::IsNotFound(status)) {
-    GTEST_SKIP() << status.message();
+    ISOSCOPE_SKIP("gnuplot", std::string(status.message()));
   }
   ASSERT_THAT(status, testing::IsOk());
   // SmallResult has two numbers of agents.
@@ -374,7 +375,7 @@ TEST(BenchPaperPlotsTest, AScriptThatGnuplotRefusesIsNamed) {
   cli::Interrupt interrupt;
   const absl::Status status = DrawPlots(folder.path(), {{"bad.gp", ""}}, &interrupt);
   if (absl::IsNotFound(status)) {
-    GTEST_SKIP() << status.message();
+    ISOSCOPE_SKIP("gnuplot", std::string(status.message()));
   }
   EXPECT_THAT(status, StatusIs(absl::StatusCode::kInternal));
   EXPECT_THAT(std::string(status.message()), HasSubstr("bad.gp"));

@@ -4,12 +4,14 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <span>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/synchronization/notification.h"
 #include "absl/time/clock.h"
 #include "gtest/gtest.h"
 #include <grpcpp/client_context.h>
@@ -555,6 +557,55 @@ TEST_F(PartitionAgentServiceTest, CancelledFrameEndsAndMakesRoom) {
     }
     AwaitRoomForAFrame();
   }
+}
+
+// Draws nothing: a pass ends when its frame is cancelled.
+class HangingRenderer final : public render::Renderer {
+ public:
+  absl::StatusOr<std::unique_ptr<render::RenderPass>> BeginPass(
+      const view::View& /*view*/, const volume::BlockLayout& /*layout*/,
+      const frame::FrameSpec& /*spec*/) override {
+    return std::make_unique<Pass>(this);
+  }
+  [[nodiscard]] frame::PictureRevision picture_revision() const override { return {}; }
+  [[nodiscard]] std::string description() const override { return "hangs"; }
+
+  absl::Notification begun;
+  absl::Notification cancelled;
+
+ private:
+  class Pass final : public render::RenderPass {
+   public:
+    explicit Pass(HangingRenderer* renderer) : renderer_(*renderer) {}
+    absl::Status Add(std::span<const render::MeshToDraw> /*meshes*/) override {
+      return absl::OkStatus();
+    }
+    absl::StatusOr<image::FrameImage> Finish(const base::Cancellation& cancellation) override {
+      const base::Cancellation::Callback on_cancel(cancellation,
+                                                   [this] { renderer_.cancelled.Notify(); });
+      renderer_.begun.Notify();
+      // Guards against a hang.
+      renderer_.cancelled.WaitForNotificationWithTimeout(absl::Seconds(30));
+      return absl::CancelledError("as told");
+    }
+
+   private:
+    HangingRenderer& renderer_;
+  };
+};
+
+TEST_F(PartitionAgentServiceTest, AFrameThatFailsStopsItsStepWhichWouldComputeForNobody) {
+  const auto renderer = std::make_shared<HangingRenderer>();
+  renderer_ = renderer;
+  Start(dataset_, 1, 0);
+  FrameCall call(stub_.get());
+  ASSERT_TRUE(call.Send(Begin(frame::Culling::kNone)));
+  ASSERT_TRUE(renderer->begun.WaitForNotificationWithTimeout(absl::Seconds(20)));
+  ASSERT_TRUE(call.SendOccluders({}));  // nobody asked for it
+  const grpc::Status status = call.Finish();
+  EXPECT_EQ(CodeOf(status), "INVALID_ARGUMENT");
+  EXPECT_THAT(status.error_message(), HasSubstr("no message was expected"));
+  EXPECT_TRUE(renderer->cancelled.WaitForNotificationWithTimeout(absl::Seconds(20)));
 }
 
 TEST_F(PartitionAgentServiceTest, MoreFramesThanAllowedAreRefused) {

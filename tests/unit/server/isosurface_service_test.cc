@@ -9,6 +9,9 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/synchronization/notification.h"
 #include "absl/time/clock.h"
@@ -22,9 +25,12 @@
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
 #include "proto/message_checksum.h"
+#include "server/access/access_tokens.h"
 #include "server/admission/coordinator_memory.h"
 #include "server/coordinator_server.h"
+#include "tests/support/certificates.h"
 #include "tests/support/status_matchers.h"
+#include "tests/support/temp_dir.h"
 #include "tests/unit/server/fake_agent.h"
 
 namespace isoscope::server {
@@ -802,6 +808,45 @@ TEST_F(IsosurfaceServiceTest, TheStatusOfTheClusterHasTheFramesInWorkAndWhatCame
   EXPECT_EQ(after.frames_size(), 0);
   EXPECT_EQ(after.load().done_frame_count(), 1);
   EXPECT_EQ(after.load().failed_frame_count(), 0);
+}
+
+TEST_F(IsosurfaceServiceTest, FramesOfDatasetsThatACallerMayNotSeeAreNotInItsStatus) {
+  const testing::TempDir folder;
+  options_.token_file = folder.Sub("tokens.json");
+  const auto entry = [](const std::string& name, const std::string& dataset) {
+    return absl::StrFormat(R"({"name": "%s", "sha256": "%s", "datasets": ["%s"]})", name,
+                           absl::BytesToHexString(DigestOfToken(name)), dataset);
+  };
+  testing::ReplaceFile(
+      options_.token_file,
+      absl::StrFormat(R"({"tokens": [%s, %s]})", entry("alice", "head"), entry("bob", "other")));
+  absl::Notification begun;
+  absl::Notification go_on;
+  second_.on_frame = [&](grpc::ServerContext*, FakeAgent::FrameStream* stream) {
+    begun.Notify();
+    go_on.WaitForNotification();
+    return PlayEmptyFrame(stream);
+  };
+  StartCluster();
+  const auto cluster = isoscope::v1::ClusterService::NewStub(channel_);
+  const auto frames_seen_by = [&](const std::string& token) {
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", absl::StrCat("Bearer ", token));
+    isoscope::v1::GetClusterStatusResponse response;
+    EXPECT_TRUE(cluster->GetClusterStatus(&context, {}, &response).ok());
+    return response.frames_size();
+  };
+  std::thread client([&] {
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", "Bearer alice");
+    isoscope::v1::RenderIsosurfaceResponse response;
+    EXPECT_THAT(rpc::ToAbslStatus(stub_->RenderIsosurface(&context, Request(), &response)), IsOk());
+  });
+  EXPECT_TRUE(begun.WaitForNotificationWithTimeout(absl::Seconds(20)));
+  EXPECT_EQ(frames_seen_by("alice"), 1);
+  EXPECT_EQ(frames_seen_by("bob"), 0);
+  go_on.Notify();
+  client.join();
 }
 
 TEST_F(IsosurfaceServiceTest, AFrameIsTracedOfAgentsThatTellNoTimesAndAPickIsRefused) {

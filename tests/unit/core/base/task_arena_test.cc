@@ -12,6 +12,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include "core/base/mutex.h"
+#include "tests/support/skips.h"
 
 namespace isoscope::base {
 namespace {
@@ -64,7 +65,7 @@ TEST(TaskArenaTest, MoreThreadsThanCpusAllWork) {
 TEST(TaskArenaTest, AsManyThreadsAsCpusHaveACpuEach) {
   const std::set<int> allowed = CpusOfThisThread();
   if (allowed.size() < 2) {
-    GTEST_SKIP() << "one CPU: nothing to share out";
+    ISOSCOPE_SKIP("cpus", "one CPU: nothing to share out");
   }
   const std::shared_ptr<tbb::task_arena> arena = MakeTaskArena();
   const std::map<int, std::set<int>> cpus_by_slot = CpusBySlot(arena.get());

@@ -27,6 +27,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 constexpr std::size_t kHeaderSize = 56;
+constexpr std::size_t kPixelCountOffset = 28;
 constexpr std::size_t kFrameSizeOffset = 48;
 
 // Noise: each pixel covered with this probability, anything in it. The worst case for the codec.
@@ -258,6 +259,18 @@ std::string PutTogether(Parts parts) {
   return Sealed(parts.header + frame + parts.rest);
 }
 
+std::uint32_t StatedPixelCount(const std::string& band) {
+  return base::LoadLittleEndian<std::uint32_t>(band.data() + kPixelCountOffset);
+}
+
+std::uint32_t CoveredCount(const image::FrameImage& image) {
+  std::uint32_t count = 0;
+  for (const std::uint64_t key : image.keys) {
+    count += image::OwnerOf(key) != image::kNoOwner ? 1U : 0U;
+  }
+  return count;
+}
+
 TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
   std::vector<image::FrameImage> images{MakeNoise(21, 19, 0.2, 8), MakeNoise(21, 19, 1.0, 8),
                                         MakeSmooth(40, 35), MakeNoise(40, 33, 1.0, 9)};
@@ -271,6 +284,8 @@ TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
     const auto try_band = [&](const std::string& damaged) {
       const absl::Status status = DecodePixelsInto(damaged, kOrder, kSurfaces, &into);
       if (status.ok()) {
+        // A pixel outside would be missing here, also where no sanitizer looks.
+        EXPECT_EQ(CoveredCount(into), StatedPixelCount(damaged));
         into = empty;
         return true;
       }
@@ -314,6 +329,29 @@ TEST(PixelCodecTest, DamageBehindAValidChecksumNeverReadsOrWritesOutside) {
       }
       try_band(PutTogether(damaged));
     }
+  }
+}
+
+// All counts, labels and extra bits stay right: only the check of the masks can refuse it.
+TEST(PixelCodecTest, CoverageOutsideTheImageIsRefused) {
+  image::FrameImage image(21, 19);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      image.Set(x, y, image::FragmentKey(0.5F, 3), {1, 2, 3, 255});
+    }
+  }
+  const Parts parts = TakeApart(EncodePixels(image)[0]);
+  // Two rows of tiles, a word each, and then the masks: tile 3 has 5 x 3 pixels in the image.
+  constexpr std::size_t kLastMask = 2 * 8 + 3 * 32;
+  ASSERT_EQ(parts.side.substr(kLastMask, 8), std::string("\x1f\0\x1f\0\x1f\0\0\0", 8));
+  for (const std::string& mask : {std::string("\x1f\0\x1f\0\x0f\0\x01\0", 8),   // a row below
+                                  std::string("\x1f\0\x1f\0\x2f\0\0\0", 8)}) {  // a column right
+    Parts moved = parts;
+    moved.side.replace(kLastMask, 8, mask);
+    image::FrameImage into(21, 19);
+    EXPECT_THAT(DecodePixelsInto(PutTogether(moved), kOrder, kSurfaces, &into),
+                StatusIs(absl::StatusCode::kDataLoss, HasSubstr("outside the image")));
+    EXPECT_EQ(into, image::FrameImage(21, 19));
   }
 }
 

@@ -15,6 +15,7 @@
 #include "tests/support/block_cutter.h"
 #include "tests/support/mesh_metrics.h"
 #include "tests/support/nrrd_file.h"
+#include "tests/support/skips.h"
 
 namespace isoscope::extract {
 namespace {
@@ -31,8 +32,8 @@ TEST_P(VtkReferenceTest, VertexAndTriangleCountsAreEqualAndAreaIsClose) {
   const std::string volume_path = DataDir() + "/" + GetParam() + ".nrrd";
   const std::string reference_path = DataDir() + "/../reference/vtk_isosurfaces.json";
   if (!io::PathExists(volume_path) || !io::PathExists(reference_path)) {
-    GTEST_SKIP() << "no " << volume_path << " or " << reference_path
-                 << "; set ISOSCOPE_DATA_DIR to compare with real volumes";
+    ISOSCOPE_SKIP("data", "no " + volume_path + " or " + reference_path +
+                              "; set ISOSCOPE_DATA_DIR to compare with real volumes");
   }
   const std::optional<testing::NrrdFile> file = testing::ReadNrrd(volume_path);
   ASSERT_TRUE(file.has_value()) << volume_path;

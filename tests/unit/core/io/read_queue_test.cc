@@ -22,6 +22,7 @@
 #include "core/base/mutex.h"
 #include "core/base/random.h"
 #include "tests/support/fault_file.h"
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 
@@ -119,7 +120,7 @@ class ReadQueueTest : public ::testing::TestWithParam<ReadBackend> {
  protected:
   void SetUp() override {
     if (GetParam() == ReadBackend::kIoUring && !IoUringIsAvailable()) {
-      GTEST_SKIP() << "this kernel, or the rules of this container, refuse io_uring";
+      ISOSCOPE_SKIP("io_uring", "this kernel, or the rules of this container, refuse it");
     }
     options_.backend = GetParam();
     bytes_.resize(1'000'000);
@@ -461,7 +462,7 @@ TEST_P(ReadQueueTest, EmptyListIsDoneAtOnce) {
 
 TEST(IoUringReadQueueTest, ReadsThatWouldNeverEndAreCancelled) {
   if (!IoUringIsAvailable()) {
-    GTEST_SKIP() << "this kernel, or the rules of this container, refuse io_uring";
+    ISOSCOPE_SKIP("io_uring", "this kernel, or the rules of this container, refuse it");
   }
   int ends[2] = {};
   ASSERT_EQ(pipe2(ends, O_CLOEXEC), 0);

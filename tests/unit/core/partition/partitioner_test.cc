@@ -24,6 +24,7 @@
 #include "core/store/shard_format.h"
 #include "core/store/shard_reader.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/temp_dir.h"
@@ -446,7 +447,7 @@ TEST_F(PartitionerTest, RealVolumesMatchWhatTheirReadMeSays) {
   for (const auto& real : volumes) {
     const std::string path = absl::StrCat(DataDirectory(), "/", real.name, ".nrrd");
     if (!io::PathExists(path)) {
-      GTEST_SKIP() << path << " is absent; set ISOSCOPE_DATA_DIR";
+      ISOSCOPE_SKIP("data", path + " is absent; set ISOSCOPE_DATA_DIR");
     }
     ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, source::OpenVolumeFile(path));
     EXPECT_EQ(source->geometry().sample_dims, real.dims);

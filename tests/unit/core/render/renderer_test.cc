@@ -901,6 +901,45 @@ TEST(CpuRendererTest, PassesThatFillUpInOneArenaEndWithTheirPictures) {
   }
 }
 
+// Pictures are the same whatever the limit: only is_full tells that it holds.
+TEST(CpuRendererTest, APassIsFullOnceItKeepsMoreBytesThanItsLimit) {
+  const Scene scene = MakeBumpySphere(48, 8, 18, 1);
+  const view::View view = MakeView(scene, 200, 200, 10, 10);
+  constexpr std::size_t kLimit = 20000;
+  const auto renderer = MakeCpuRenderer(kLimit);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, SpecOf()));
+  std::size_t kept = 0;
+  int full_count = 0;
+  for (const MeshPtr& mesh : scene.meshes) {
+    ISOSCOPE_ASSERT_OK(pass->Add(mesh));
+    kept += mesh->size_bytes();
+    ASSERT_LT(mesh->size_bytes(), kLimit);
+    if (kept > kLimit) {
+      ASSERT_TRUE(pass->is_full()) << kept;
+    }
+    if (pass->is_full()) {
+      EXPECT_GT(kept, kLimit / 2) << "ties are counted, too, but are few";
+      ISOSCOPE_ASSERT_OK(pass->Shade(base::Cancellation()));
+      kept = 0;
+      ++full_count;
+    }
+  }
+  EXPECT_GT(full_count, 2);
+}
+
+TEST(CpuRendererTest, TiesCountForTheLimitOfWhatAPassKeeps) {
+  const Scene scene = EmptyScene();
+  const auto [low_mesh, high_mesh] = MakeTiedTriangles(scene);
+  const view::View view = MakeOrthographicView(scene, 400, 400, 4, {32, 32, 32});
+  const std::size_t meshes = low_mesh->size_bytes() + high_mesh->size_bytes();
+  const auto renderer = MakeCpuRenderer(meshes + 1000);
+  ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto pass, renderer->BeginPass(view, scene.layout, SpecOf()));
+  ISOSCOPE_ASSERT_OK(pass->Add(low_mesh));
+  EXPECT_FALSE(pass->is_full());
+  ISOSCOPE_ASSERT_OK(pass->Add(high_mesh));
+  EXPECT_TRUE(pass->is_full()) << "thousands of pixels have two fragments of one depth";
+}
+
 TEST(CpuRendererTest, RunningOutOfTriangleNumbersDoesNotShow) {
   const Scene scene = MakeBumpySphere(48, 8, 18, 1);
   const view::View view = MakeView(scene, 200, 200, 10, 10);

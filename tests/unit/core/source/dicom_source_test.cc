@@ -16,6 +16,7 @@
 #include <sys/wait.h>
 
 #include "tests/support/dicom_file.h"
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
@@ -213,7 +214,7 @@ TEST_F(DicomSourceTest, LibrarysProcessThatIsKilledBetweenSlicesIsReplaced) {
   WriteSeries();
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(dir_.path()));
   if (Children().empty()) {
-    GTEST_SKIP() << "the kernel does not list children (CONFIG_PROC_CHILDREN)";
+    ISOSCOPE_SKIP("proc_children", "the kernel does not list children (CONFIG_PROC_CHILDREN)");
   }
   std::string read(samples_.size(), '?');
   for (std::int64_t z = 0; z < 5; ++z) {

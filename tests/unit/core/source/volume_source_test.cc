@@ -19,6 +19,7 @@
 
 #include "core/base/coding.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/skips.h"
 #include "tests/support/status_matchers.h"
 #include "tests/support/temp_dir.h"
 #include "tests/support/volume_files.h"
@@ -718,7 +719,7 @@ TEST_F(VolumeSourceTest, MemorySourceGivesItsSamples) {
 TEST(MricronTest, HeadOfDebianIsReadAsItkReadsIt) {
   const std::string path = "/usr/share/mricron/templates/ch2.nii.gz";
   if (testing::ReadFile(path).empty()) {
-    GTEST_SKIP() << path << " is absent (Debian package mricron-data)";
+    ISOSCOPE_SKIP("head", path + " is absent: install Debian's mricron-data");
   }
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const auto source, OpenVolumeFile(path));
   EXPECT_EQ(source->geometry().sample_dims, (math::Index3{181, 217, 181}));

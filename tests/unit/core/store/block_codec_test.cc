@@ -1,5 +1,7 @@
 #include "core/store/block_codec.h"
 
+#include <zstd.h>
+
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -142,6 +144,16 @@ TEST(BlockCodecTest, DamageIsDataLossOrOtherSamplesAndNeverMore) {
           << size;
     }
   }
+}
+
+// The writer keeps such a block raw. So a reader's bound on what it reads holds.
+TEST(BlockCodecTest, AnEncodingThatIsNoSmallerThanItsBlockIsDataLoss) {
+  const std::string noise = NoiseSamples(1328);
+  std::string larger(ZSTD_compressBound(noise.size()), '\0');
+  larger.resize(ZSTD_compress(larger.data(), larger.size(), noise.data(), noise.size(), 1));
+  ASSERT_GE(larger.size(), noise.size());
+  EXPECT_THAT(Decode(BlockEncoding::kZstd, volume::ScalarType::kUint8, larger, noise.size()),
+              StatusIs(absl::StatusCode::kDataLoss, ::testing::_));
 }
 
 TEST(BlockCodecTest, NamesGoBothWays) {

@@ -338,6 +338,70 @@ TEST(FootprintTest, NoPointOfABoxIsDrawnOutsideItsRectangle) {
   EXPECT_GT(boxes_seen, 2000);
 }
 
+// Where a pixel is a small part of a cell, the error of float32's clip coordinates is more than all
+// other bounds together.
+TEST(FootprintTest, AVertexZoomedInUntilFloatMovesItIsInsideItsRectangle) {
+  Random random(11);
+  int moved_count = 0;
+  constexpr int kSide = 1000;
+  for (int round = 0; round < 3000; ++round) {
+    volume::GridGeometry geometry;
+    geometry.sample_dims = {700, 700, 700};
+    Camera camera = MakeDefaultCamera(geometry.Bounds());
+    camera.projection = Projection::kOrthographic;
+    camera.view_height = random.Uniform(0.6, 1.2);
+    // The corner lies as far left of a pixel's centre as the other bounds reach, and a bit.
+    const int column = 300 + random.Index(400);
+    const double corner_px = column + 0.5 - kSnapErrorPx - 0.002;
+    const math::Vec3d corner{500.0 + random.Index(190), 500.0 + random.Index(190),
+                             500.0 + random.Index(190)};
+    const math::Vec3d target =
+        corner - math::Vec3d{(corner_px - kSide / 2) * camera.view_height / kSide, 0, 0};
+    camera.eye = camera.eye + (target - camera.target);
+    camera.target = target;
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, View::Make(camera, {kSide, kSide}, geometry));
+    const Footprint footprint = view.FootprintOf(corner - math::Vec3d{1, 1, 1}, corner);
+    const math::Vec3f p{static_cast<float>(corner.x), static_cast<float>(corner.y),
+                        static_cast<float>(corner.z)};
+    const FloatVertex v = TransformInFloat(view, p, round % 2 == 0);
+    const double vertex_px = (static_cast<double>(v.x) * 0.5 + 0.5) * kSide + kSnapErrorPx;
+    const int end = static_cast<int>(std::floor(vertex_px - 0.5)) + 1;
+    moved_count += end > column ? 1 : 0;
+    ASSERT_GE(footprint.rect.end_x, end) << "round " << round;
+  }
+  EXPECT_GT(moved_count, 100) << "float32 must move vertices here";
+}
+
+// The occlusion test compares depths for equality: half a unit in the last place too far hides a
+// block that shows.
+TEST(FootprintTest, TheNearestDepthIsNeverBehindTheNearestCorner) {
+  Random random(12);
+  int rounded_count = 0;
+  for (int round = 0; round < 300; ++round) {
+    ISOSCOPE_ASSERT_OK_AND_ASSIGN(const View view, RandomView(200, &random));
+    for (int b = 0; b < 10; ++b) {
+      const math::Vec3d low = random.Point({0, 0, 0}, MaxIndex(view.geometry()));
+      const math::Vec3d high = low + math::Vec3d{8, 8, 8};
+      const Footprint footprint = view.FootprintOf(low, high);
+      if (footprint.rect.empty() || footprint.nearest_depth == 0) {
+        continue;
+      }
+      double nearest = 1;
+      for (int i = 0; i < 8; ++i) {
+        const math::Vec4d clip =
+            view.clip_from_index() * math::Vec4d{(i & 1) != 0 ? high.x : low.x,
+                                                 (i & 2) != 0 ? high.y : low.y,
+                                                 (i & 4) != 0 ? high.z : low.z, 1};
+        nearest = std::min(nearest, clip.z / clip.w * 0.5 + 0.5);
+      }
+      // Double's own rounding is 2^-50 or so, float's 2^-25.
+      ASSERT_LE(footprint.nearest_depth, nearest + 1e-12);
+      rounded_count += static_cast<double>(static_cast<float>(nearest)) > nearest + 1e-12 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(rounded_count, 100) << "the nearest float must be the wrong one here";
+}
+
 // Agents, renderers and the coordinator take one or the other: they must agree to the bit.
 TEST(FootprintTest, ManyAtATimeAreThoseOneByOneOnEveryInstructionSet) {
   const absl::Cleanup restore = [] { hwy::SetSupportedTargetsForTest(0); };

@@ -68,6 +68,35 @@ TEST(OpenPixelsTest, EveryListComesBack) {
   }
 }
 
+// docs/format/wire.md: sender and receiver derive the shapes, so both must count to the same 32.
+TEST(OpenPixelsTest, AMaskHasThe32ColumnsAndRowsOfTheWireFormat) {
+  struct Case {
+    view::PixelRect rect;
+    int shift;
+    int columns;
+    int rows;
+  };
+  for (const Case& c : std::vector<Case>{{{0, 0, 32, 32}, 0, 32, 32},
+                                         {{5, 7, 37, 8}, 0, 32, 1},
+                                         {{0, 0, 33, 1}, 1, 17, 1},
+                                         {{1, 0, 64, 3}, 1, 32, 2},
+                                         {{1, 0, 65, 3}, 2, 17, 1},
+                                         {{0, 96, 4, 608}, 4, 1, 32}}) {
+    const image::PixelMask mask = ClosedMaskOf(c.rect);
+    EXPECT_EQ(mask.shift, c.shift) << c.rect.end_x;
+    EXPECT_EQ(mask.columns, c.columns) << c.rect.end_x;
+    EXPECT_EQ(mask.rows, c.rows) << c.rect.end_x;
+  }
+  // 25 x 2 cells: 50 bits, which are 7 bytes, stored as they are.
+  const view::PixelRect rect{3, 0, 28, 2};
+  image::PixelMask mask = ClosedMaskOf(rect);
+  ASSERT_EQ(mask.words.size(), 1U);
+  mask.words[0] = 0x2'0000'0300'0001;
+  const std::string bytes = EncodeOpenPixels({&mask, 1});
+  ASSERT_EQ(bytes.size(), kHeaderSize + 7);
+  EXPECT_EQ(bytes.substr(kHeaderSize), std::string("\x01\0\0\x03\0\0\x02", 7));
+}
+
 TEST(OpenPixelsTest, CostsABitACellAtMostAndLittleWhereCellsAgree) {
   const auto rects = RandomRects(1000, 1, 30);
   std::size_t bits = 0;

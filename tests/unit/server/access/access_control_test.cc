@@ -298,7 +298,11 @@ TEST_F(AccessControlTest, AChangedFileCountsSoonAndOpenStreamsNotice) {
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller old, access->Identify(WithToken("old")));
   ISOSCOPE_ASSERT_OK_AND_ASSIGN(const Caller kept, access->Identify(WithToken("kept")));
   Write({Entry("kept", "head"), Entry("new", "*")});
-  absl::SleepFor(AccessControl::kReloadInterval + absl::Milliseconds(50));
+  // Guards against a hang; it takes a kReloadInterval.
+  const absl::Time limit = absl::Now() + absl::Seconds(60);
+  while (access->CheckStillValid(old).ok() && absl::Now() < limit) {
+    absl::SleepFor(absl::Milliseconds(20));
+  }
   EXPECT_THAT(access->CheckStillValid(old),
               StatusIs(absl::StatusCode::kUnauthenticated, HasSubstr("withdrawn")));
   EXPECT_THAT(access->CheckStillValid(kept), IsOk());

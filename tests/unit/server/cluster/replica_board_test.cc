@@ -53,6 +53,22 @@ std::vector<std::string> ReplicasOf(const FramePart& part) {
 
 const absl::Time kNow = absl::FromUnixSeconds(1'000'000);
 
+// Sets of one shard each have no share to keep: only their ranks spread them.
+TEST(ReplicaBoardTest, EachShardRanksItsAgentsAnew) {
+  const ReplicaBoard board;
+  std::vector<ReplicaSet> sets;
+  for (int shard = 0; shard < 60; ++shard) {
+    sets.push_back(SetOf({shard}, {"a", "b", "c"}));
+  }
+  std::map<std::string, int> shards_of;
+  for (const auto& [shard, worker] : WorkersOf(board.Choose(sets, "key", kNow))) {
+    ++shards_of[worker];
+  }
+  for (const char* const agent : {"a", "b", "c"}) {
+    EXPECT_GE(shards_of[agent], 10) << agent;
+  }
+}
+
 TEST(ReplicaBoardTest, AgentsWithoutReplicasWorkOnAllOfTheirShards) {
   const ReplicaBoard board;
   const auto parts = board.Choose({SetOf({1, 3}, {"a"}), SetOf({0, 2}, {"b"})}, "key", kNow);

@@ -64,6 +64,17 @@ TEST(SurfaceCutterTest, ATriangleWithOneCornerInsideKeepsASmallOne) {
   EXPECT_THAT(cut.edge_keys, ElementsAre(1, -1, -2));
 }
 
+TEST(SurfaceCutterTest, NormalsBetweenThoseOfTwoCornersHaveLengthOne) {
+  mesh::BlockMesh block = Triangle({math::Vec3f{8, 0, 4}, {0, 0, 4}, {0, 8, 4}});
+  block.normals = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  const mesh::BlockMesh cut = CutOne(block, RightOf(6));
+  ASSERT_EQ(cut.normals.size(), 3U);
+  for (const math::Vec3f& normal : cut.normals) {
+    EXPECT_NEAR(std::hypot(normal.x, normal.y, normal.z), 1, 1e-6);
+  }
+  EXPECT_NEAR(cut.normals[1].x, 0.75 / std::hypot(0.75, 0.25), 1e-6);
+}
+
 TEST(SurfaceCutterTest, ATriangleWithTwoCornersInsideBecomesTwo) {
   const mesh::BlockMesh cut =
       CutOne(Triangle({math::Vec3f{0, 0, 4}, {8, 0, 4}, {8, 8, 4}}), RightOf(4));

@@ -28,6 +28,24 @@ int ShowFrames(RateControl* rate, double begin_s, double seconds, const DelayMs&
   return change_count;
 }
 
+// A connection that was bad for an hour is tried anew within kMaxHold.
+TEST(QualityLadderTest, TheWaitForAFinerStepIsBounded) {
+  QualityLadder ladder(3);
+  absl::Time now = absl::FromUnixSeconds(1'000'000);
+  ladder.StartAt(1);
+  ladder.OnLoad(9, 9, now);
+  for (int round = 0; round < 20; ++round) {
+    // A finer step, which has to be taken back at once.
+    now += QualityLadder::kMaxHold + absl::Seconds(1);
+    const std::size_t coarse = ladder.step();
+    ladder.OnLoad(0.1, 0.1, now);
+    ASSERT_EQ(ladder.step(), coarse - 1) << "round " << round;
+    now += absl::Milliseconds(300);
+    ladder.OnLoad(9, 9, now);
+    ASSERT_EQ(ladder.step(), coarse) << "round " << round;
+  }
+}
+
 TEST(RateControlTest, AFastConnectionKeepsTheFinestFrames) {
   RateControl rate;
   EXPECT_EQ(ShowFrames(&rate, 0, 30, [](const MovingQuality&) { return 3.0; }), 1)

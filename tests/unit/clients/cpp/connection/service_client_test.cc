@@ -1,5 +1,6 @@
 #include "clients/cpp/connection/service_client.h"
 
+#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -11,6 +12,8 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include "core/base/retry_delay.h"
+#include "core/rpc/grpc_status.h"
 #include "isoscope/v1/cluster_service.grpc.pb.h"
 #include "isoscope/v1/dataset_service.grpc.pb.h"
 #include "isoscope/v1/isosurface_service.grpc.pb.h"
@@ -86,10 +89,19 @@ class HangingSurfaces final : public v1::IsosurfaceService::Service {
     for (int i = 0; i < chunk_count; ++i) {
       writer->Write({});
     }
-    return hangs ? Hang(context) : grpc::Status::OK;
+    ++export_count;
+    if (hangs) {
+      return Hang(context);
+    }
+    return refusals_left-- > 0
+               ? rpc::ToGrpcStatus(base::WithRetryDelay(
+                     absl::UnavailableError("an agent is restarting"), absl::Milliseconds(1)))
+               : grpc::Status::OK;
   }
 
   int chunk_count = 0;
+  std::atomic<int> export_count{0};
+  std::atomic<int> refusals_left{0};
   bool hangs = true;
 };
 
@@ -152,6 +164,26 @@ TEST_F(ServiceClientTest, AnExportWhoseChunksComeIsReadToItsEnd) {
                                         }),
               IsOk());
   EXPECT_EQ(seen, 5);
+}
+
+// What was visited can't be taken back: a mesh would have its first chunks twice.
+TEST_F(ServiceClientTest, AnExportThatBreaksIsTriedAgainOnlyBeforeItsFirstChunk) {
+  surfaces_.hangs = false;
+  surfaces_.refusals_left = 1;
+  int seen = 0;
+  const auto count = [&](const v1::ExportIsosurfaceResponse&) {
+    ++seen;
+    return absl::OkStatus();
+  };
+  EXPECT_THAT(client_->ExportIsosurface({}, absl::Seconds(60), count), IsOk());
+  EXPECT_EQ(surfaces_.export_count, 2);
+  surfaces_.export_count = 0;
+  surfaces_.refusals_left = 1;
+  surfaces_.chunk_count = 2;
+  EXPECT_THAT(client_->ExportIsosurface({}, absl::Seconds(60), count),
+              StatusIs(absl::StatusCode::kUnavailable, HasSubstr("restarting")));
+  EXPECT_EQ(surfaces_.export_count, 1);
+  EXPECT_EQ(seen, 2);
 }
 
 TEST_F(ServiceClientTest, AnInterruptEndsACallThatWouldTakeLong) {

@@ -1,0 +1,193 @@
+// The HTTP interface in front of a coordinator of a script: what of its answers reaches users and
+// caches.
+
+#include "web-gateway/api.h"
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/synchronization/notification.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+
+#include "isoscope/v1/cluster_service.grpc.pb.h"
+#include "isoscope/v1/dataset_service.grpc.pb.h"
+#include "isoscope/v1/isosurface_service.grpc.pb.h"
+#include "tests/support/status_matchers.h"
+
+namespace isoscope::gateway {
+namespace {
+
+namespace v1 = isoscope::v1;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class Cluster final : public v1::ClusterService::Service {
+ public:
+  grpc::Status GetClusterStatus(grpc::ServerContext* /*context*/,
+                                const v1::GetClusterStatusRequest* /*request*/,
+                                v1::GetClusterStatusResponse* response) override {
+    *response = status;
+    return grpc::Status::OK;
+  }
+
+  v1::GetClusterStatusResponse status;
+};
+
+class Datasets final : public v1::DatasetService::Service {
+ public:
+  grpc::Status ListDatasets(grpc::ServerContext* /*context*/,
+                            const v1::ListDatasetsRequest* /*request*/,
+                            v1::ListDatasetsResponse* response) override {
+    v1::Dataset& dataset = *response->add_datasets();
+    dataset.set_name("head");
+    dataset.set_dataset_id(dataset_id);
+    v1::GridGeometry& geometry = *dataset.mutable_geometry();
+    geometry.mutable_sample_dims()->set_x(9);
+    geometry.mutable_sample_dims()->set_y(9);
+    geometry.mutable_sample_dims()->set_z(9);
+    geometry.mutable_spacing()->set_x(1);
+    geometry.mutable_spacing()->set_y(1);
+    geometry.mutable_spacing()->set_z(1);
+    return grpc::Status::OK;
+  }
+
+  std::string dataset_id = "0123";
+};
+
+class Surfaces final : public v1::IsosurfaceService::Service {
+ public:
+  grpc::Status RenderIsosurfaceStream(
+      grpc::ServerContext* /*context*/, const v1::RenderIsosurfaceStreamRequest* /*request*/,
+      grpc::ServerWriter<v1::RenderIsosurfaceStreamResponse>* writer) override {
+    ++picture_count;
+    v1::RenderIsosurfaceStreamResponse message;
+    message.mutable_part()->set_png("a picture");
+    writer->Write(message);
+    return grpc::Status::OK;
+  }
+
+  int picture_count = 0;
+};
+
+class ApiTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    v1::AgentStatus& agent = *cluster_.status.add_agents();
+    agent.set_address("10.0.0.7:50052");
+    agent.set_state(v1::AgentStatus::STATE_REACHABLE);
+    agent.set_picture_revision("cpu 1");
+    agent.add_shards()->set_dataset_id("0123");
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&cluster_);
+    builder.RegisterService(&datasets_);
+    builder.RegisterService(&surfaces_);
+    server_ = builder.BuildAndStart();
+    client_ = std::make_unique<CoordinatorClient>(
+        CoordinatorClientOptions{.channel = server_->InProcessChannel({})});
+    api_ = std::make_unique<Api>(ApiOptions{.max_pictures = 2}, client_.get());
+  }
+
+  HttpResponse Get(const std::string& target, const std::string& if_none_match = "",
+                   const std::string& token = "") {
+    HttpRequest request;
+    request.target = *ParseTarget(target);
+    request.if_none_match = if_none_match;
+    request.token = token;
+    HttpResponse response;
+    absl::Notification answered;
+    api_->Answer(std::move(request), std::make_shared<RequestScope>(), [&](HttpResponse answer) {
+      response = std::move(answer);
+      answered.Notify();
+    });
+    answered.WaitForNotification();
+    return response;
+  }
+
+  Cluster cluster_;
+  Datasets datasets_;
+  Surfaces surfaces_;
+  std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<CoordinatorClient> client_;
+  std::unique_ptr<Api> api_;
+};
+
+TEST_F(ApiTest, TheStatusTellsUsersNothingOfOtherUsersFrames) {
+  v1::FrameInWork& frame = *cluster_.status.add_frames();
+  frame.set_dataset("head");
+  frame.set_client("ipv4:192.0.2.99:4711");
+  const HttpResponse response = Get("/v1/status");
+  EXPECT_EQ(response.status, 200);
+  EXPECT_THAT(response.body, HasSubstr("10.0.0.7"));
+  EXPECT_THAT(response.body, Not(HasSubstr("192.0.2.99")));
+  EXPECT_THAT(response.body, Not(HasSubstr("frames")));
+}
+
+TEST_F(ApiTest, ACachedPictureIsGoodUntilItsRequestItsDataOrTheAgentsPixelsChange) {
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  const HttpResponse first = Get(target);
+  ASSERT_EQ(first.status, 200) << first.body;
+  EXPECT_EQ(first.body, "a picture");
+  const std::string etag = first.Header("ETag");
+  EXPECT_EQ(Get(target, etag).status, 304);
+  EXPECT_EQ(surfaces_.picture_count, 1);
+  EXPECT_EQ(Get("/v1/datasets/head/render?isovalue=2&width=8&height=8", etag).status, 200);
+  // Another driver, or a later version: other pixels of the same request.
+  cluster_.status.mutable_agents(0)->set_picture_revision("cpu 2");
+  const HttpResponse other = Get(target, etag);
+  EXPECT_EQ(other.status, 200);
+  EXPECT_NE(other.Header("ETag"), etag);
+  cluster_.status.mutable_agents(0)->set_picture_revision("cpu 1");
+  EXPECT_EQ(Get(target, etag).status, 304);
+  datasets_.dataset_id = "4567";
+  cluster_.status.mutable_agents(0)->mutable_shards(0)->set_dataset_id("4567");
+  EXPECT_EQ(Get(target, etag).status, 200);
+}
+
+// An agent that is gone, or that serves another dataset, draws none of its pixels.
+TEST_F(ApiTest, ThePictureRevisionIsOfAnAgentThatAnswersAndHasTheDataset) {
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  const std::string etag = Get(target).Header("ETag");
+  v1::AgentStatus gone = cluster_.status.agents(0);
+  gone.set_state(v1::AgentStatus::STATE_UNREACHABLE);
+  gone.set_picture_revision("egl of long ago");
+  v1::AgentStatus other = cluster_.status.agents(0);
+  other.mutable_shards(0)->set_dataset_id("89ab");
+  other.set_picture_revision("egl of another dataset");
+  const v1::AgentStatus agent = cluster_.status.agents(0);
+  cluster_.status.clear_agents();
+  for (const v1::AgentStatus& one : {gone, other, agent}) {
+    *cluster_.status.add_agents() = one;
+  }
+  EXPECT_EQ(Get(target).Header("ETag"), etag);
+}
+
+TEST_F(ApiTest, NoSharedCacheKeepsWhatATokenWasShownFor) {
+  const std::string target = "/v1/datasets/head/render?isovalue=1&width=8&height=8";
+  EXPECT_EQ(Get(target).Header("Cache-Control"), "public, no-cache");
+  EXPECT_EQ(Get(target, "", "secret").Header("Cache-Control"), "private, no-cache");
+  EXPECT_EQ(Get("/v1/datasets/0123/render?isovalue=1&width=8&height=8").Header("Cache-Control"),
+            "public, max-age=31536000, immutable");
+}
+
+TEST_F(ApiTest, PlacesForPicturesComeBackHoweverTheyEnd) {
+  for (const char* const target :
+       {"/v1/datasets/head/render?isovalue=1&width=8&height=8",
+        "/v1/datasets/none/render?isovalue=1", "/v1/datasets/head/render?isovalue=x"}) {
+    EXPECT_NE(Get(target).status, 429);
+    // The answer comes shortly before its place is free.
+    const absl::Time limit = absl::Now() + absl::Seconds(20);
+    while (api_->pictures_in_work() > 0 && absl::Now() < limit) {
+      absl::SleepFor(absl::Milliseconds(1));
+    }
+    ASSERT_EQ(api_->pictures_in_work(), 0) << target;
+  }
+}
+
+}  // namespace
+}  // namespace isoscope::gateway
