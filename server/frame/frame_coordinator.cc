@@ -983,8 +983,13 @@ class Frame {
     if (part.attempts.size() == 1) {
       return error;
     }
-    return {error.code(), absl::StrCat(error.message(), " (the last of ", part.attempts.size(),
-                                       " agents that serve it)")};
+    absl::Status of_last(error.code(),
+                         absl::StrCat(error.message(), " (the last of ", part.attempts.size(),
+                                      " agents that serve it)"));
+    error.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) {
+      of_last.SetPayload(url, payload);  // when to retry
+    });
+    return of_last;
   }
 
   void NoteFailure(AttemptId id, FrameStage stage, absl::Status status) {

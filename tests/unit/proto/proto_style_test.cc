@@ -200,7 +200,8 @@ TEST_F(ProtoStyleTest, FieldsCarryUnitsInTheirNames) {
     // What is not a number has no unit.
     const bool is_bytes = field->type() == FieldDescriptor::TYPE_BYTES;
     for (const char* abbreviated : {"_ms", "_sec", "_secs", "_deg", "_pixels", "_size", "_kb"}) {
-      EXPECT_FALSE(!is_bytes && absl::EndsWith(name, abbreviated))
+      // "page_size" is what lists with pages call it everywhere.
+      EXPECT_FALSE(!is_bytes && name != "page_size" && absl::EndsWith(name, abbreviated))
           << field->full_name() << ": use _duration, _degrees, _px or _bytes";
     }
     const bool is_duration = field->type() == FieldDescriptor::TYPE_MESSAGE &&

@@ -28,6 +28,7 @@
 #include "core/base/memory_budget.h"
 #include "core/base/mutex.h"
 #include "core/base/random.h"
+#include "core/base/retry_delay.h"
 #include "core/base/status_macros.h"
 #include "core/composite/depth_composite.h"
 #include "core/composite/pixel_codec.h"
@@ -1080,6 +1081,15 @@ TEST_F(ReplicaTest, WhenTheLastReplicaFailsTheFrameEndsWithItsErrorAndSaysHowMan
   EXPECT_EQ(failures_.size(), 2u);
   EXPECT_EQ(lost_part_, 1u);
   EXPECT_TRUE(AgentOfName("agent-0").is_cancelled());
+}
+
+TEST_F(ReplicaTest, WhenAllReplicasAreBusyTheErrorStillTellsWhenToRetry) {
+  const Script busy = [](Agent&) {
+    return base::WithRetryDelay(absl::ResourceExhaustedError("too many frames"), absl::Seconds(3));
+  };
+  const absl::Status error = RunWith({busy, busy, busy}).status();
+  EXPECT_THAT(error, StatusIs(absl::StatusCode::kResourceExhausted, HasSubstr("the last of 3")));
+  EXPECT_EQ(base::RetryDelayOf(error), absl::Seconds(3));
 }
 
 TEST_F(ReplicaTest, AnAgentThatIsLostAfterItsLastWordHasDoneItsPart) {
