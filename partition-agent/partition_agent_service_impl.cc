@@ -70,6 +70,8 @@ namespace {
 
 namespace v1 = isoscope::internal::v1;
 
+// Steps of a frame that run on the executor.
+constexpr int kStepCount = 3;
 // If this many bytes of pixels or surface wait for the network, the worker waits too.
 constexpr std::size_t kMaxQueuedBytes = 8 * base::kMiB;
 // A message has at most this many bytes of bands, or one band.
@@ -698,13 +700,14 @@ PartitionAgentServiceImpl::PartitionAgentServiceImpl(const PartitionAgentService
       mailboxes_(options.mailboxes),
       max_frames_(options.max_concurrent_frames + options.max_queued_frames),
       description_(Describe(options.shards, *options.renderer)),
-      // Refused frames never get here, so the step of each frame fits.
+      // Refused frames never get here, so the steps of each frame fit: a step has sent its answer,
+      // and the next one may be scheduled, before its task has ended.
       frame_executor_(options.frame_executor != nullptr
                           ? options.frame_executor
                           : std::make_shared<base::Executor>(
                                 static_cast<std::size_t>(options.max_concurrent_frames),
                                 static_cast<std::size_t>(max_frames_)),
-                      static_cast<std::size_t>(max_frames_)),
+                      static_cast<std::size_t>(kStepCount) * static_cast<std::size_t>(max_frames_)),
       extraction_executor_(kMaxConcurrentExtractions, kMaxQueuedExtractions),
       query_executor_(kMaxConcurrentQueries, kMaxQueuedQueries) {
   rpc::PrepareKnownFields(v1::RenderFrameRequest());

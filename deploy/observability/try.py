@@ -152,7 +152,7 @@ def try_all(folder, programs, servers):
     prometheus.wait_for('sum(up{job=~"isoscope-.*"})', lambda v: v == 4)
     prometheus.wait_for("count(isoscope_build_info)", lambda v: v == 4)
     prometheus.wait_for('isoscope_frames_total{outcome="done"}', lambda v: v == FRAMES)
-    prometheus.wait_for("isoscope_frame_duration_seconds_count", lambda v: v == FRAMES)
+    prometheus.wait_for("sum(isoscope_frame_duration_seconds_count)", lambda v: v == FRAMES)
     prometheus.wait_for('sum(isoscope_agent_frames_total{outcome="done"})', lambda v: v == 2 * FRAMES)
     prometheus.wait_for("sum(isoscope_agent_triangles_total)", lambda v: v > 0)
     prometheus.wait_for('sum(isoscope_cache_lookups_total{cache="meshes", result="hit"})', lambda v: v > 0)

@@ -180,10 +180,18 @@ class EventQueue {
       if (has_lost_one_) {
         return base::NoMemory("an agent's message");
       }
+      ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());  // what has come stays, for TakeAll
       events.swap(events_);
       has_urgent_one_ = false;
     }
-    ISOSCOPE_RETURN_IF_ERROR(cancellation.Check());
+    return events;
+  }
+
+  // Returns the events that have come and nobody has waited for.
+  std::deque<Event> TakeAll() ABSL_LOCKS_EXCLUDED(mutex_) {
+    std::deque<Event> events;
+    const base::MutexLock lock(&mutex_);
+    events.swap(events_);
     return events;
   }
 
@@ -1006,6 +1014,14 @@ class Frame {
 
   // Returns the error of a passed deadline. The frame waits for the parts at the earliest stage.
   absl::Status DeadlineError() {
+    // What had come before the frame could go on has been answered.
+    for (const Event& event : queue_.TakeAll()) {
+      Attempt& attempt = AttemptOf(event.from);
+      if (attempt.is_live && event.ended_stage == attempt.stage) {
+        attempt.stage = static_cast<FrameStage>(static_cast<int>(attempt.stage) + 1);
+        SetStage(std::max(parts_[event.from.part].stage, attempt.stage), &parts_[event.from.part]);
+      }
+    }
     FrameStage slowest = FrameStage::kEnded;
     for (const Part& part : parts_) {
       slowest = std::min(slowest, part.stage);

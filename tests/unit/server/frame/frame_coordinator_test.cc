@@ -890,6 +890,17 @@ TEST_F(FrameCoordinatorTest, DeadlineNamesEveryAgentIfNoneAnswered) {
   EXPECT_TRUE(agents_[1]->is_cancelled());
 }
 
+TEST_F(FrameCoordinatorTest, DeadlineDoesNotNameAgentsWhoseAnswersHadCome) {
+  const Script answers = [](Agent& self) {
+    self.coordinator().OnRayHits({1}, {});
+    return self.AwaitCancel();
+  };
+  cancellation_ = std::make_unique<base::Cancellation>(absl::Now() + absl::Milliseconds(300));
+  EXPECT_THAT(Run(frame::Culling::kDepth, {answers, Wait(), answers}),
+              StatusIs(absl::StatusCode::kDeadlineExceeded,
+                       EndsWith("not answered: agent agent-1 (shard 1)")));
+}
+
 TEST_F(FrameCoordinatorTest, DeadlineNamesOnlyTheAgentsOfTheSlowestStage) {
   // An agent's own deadline fires once the others have answered: no clock decides.
   std::atomic<int> answered{0};
